@@ -1,0 +1,1 @@
+"""How the surface scatters: Schlick's Fresnel, GGX with visible-normal sampling, the neural term."""

@@ -1,0 +1,1 @@
+"""What is unknown about the object: density, normals and materials in a box."""

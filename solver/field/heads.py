@@ -1,0 +1,49 @@
+"""Material heads: albedo, roughness and F0 from the features of a point (paper §3.2)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import nn
+
+MIN_ALPHA = 0.001
+
+
+class Materials(NamedTuple):
+    """Surface parameters of N points."""
+
+    albedo: torch.Tensor  # [N, 3] linear Rec.709, diffuse reflectance
+    alpha: torch.Tensor  # [N] GGX α = roughness²
+    f0: torch.Tensor  # [N, 3] linear Rec.709, reflectance at normal incidence
+
+
+class MaterialHeads(nn.Module):
+    """One linear layer a quantity on the features, each through a sigmoid.
+
+    Args:
+        features: length of a feature vector.
+        albedo, roughness, f0: values at the start (roughness is Blender's r = √α).
+    """
+
+    def __init__(self, features: int, albedo: float, roughness: float, f0: float):
+        super().__init__()
+        self.albedo = self._layer(features, 3, albedo)
+        self.roughness = self._layer(features, 1, roughness)
+        self.f0 = self._layer(features, 3, f0)
+
+    @staticmethod
+    def _layer(features: int, outputs: int, value: float) -> nn.Linear:
+        layer = nn.Linear(features, outputs)
+        nn.init.xavier_uniform_(layer.weight)
+        nn.init.constant_(layer.bias, float(torch.logit(torch.tensor(value))))
+        return layer
+
+    def forward(self, features: torch.Tensor) -> Materials:
+        """Materials of features [N, F]."""
+        roughness = torch.sigmoid(self.roughness(features))[:, 0]
+        return Materials(
+            albedo=torch.sigmoid(self.albedo(features)),
+            alpha=(roughness * roughness).clamp(min=MIN_ALPHA),
+            f0=torch.sigmoid(self.f0(features)),
+        )

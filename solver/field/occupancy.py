@@ -1,0 +1,52 @@
+"""Where there is anything: the occupancy grid that lets rays skip empty space."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+import torch.nn.functional as F
+
+from .field import MicrofacetField
+
+
+class Occupancy:
+    """A boolean grid [K, K, K] over the field's box and the extinction behind it.
+
+    A cell is occupied if any of its eight corners is denser than a threshold, or a neighbour is:
+    one cell of dilation lets a surface move between refreshes, so geometry that was rejected once
+    can come back.
+    """
+
+    def __init__(self, cells: int, device: torch.device | str = "cpu"):
+        self.occupied = torch.ones(cells, cells, cells, dtype=torch.bool, device=device)
+        self.extinction = torch.zeros(cells, cells, cells, device=device)
+
+    @property
+    def cells(self) -> int:
+        return self.occupied.shape[0]
+
+    @torch.no_grad()
+    def refresh(self, field: MicrofacetField, min_alpha: float, step: float, dilation: int) -> None:
+        """Re-evaluate the density at all cell corners.
+
+        Args:
+            min_alpha: opacity of one `step` (world units) from which a corner counts as occupied.
+            dilation: cells by which the occupied set grows.
+        """
+        cells, device = self.cells, self.occupied.device
+        ticks = torch.linspace(0, 1, cells + 1, device=device)
+        sigma = torch.empty(cells + 1, cells + 1, cells + 1, device=device)
+        for i in range(cells + 1):
+            y, z = torch.meshgrid(ticks, ticks, indexing="ij")
+            points = torch.stack([ticks[i].expand_as(y), y, z], dim=-1).reshape(-1, 3)
+            sigma[i] = field.extinction(field.raw_density(points)).view(cells + 1, cells + 1)
+        corners = sigma[None, None]
+        highest = F.max_pool3d(corners, 2, stride=1)[0, 0]
+        occupied = (highest > -math.log1p(-min_alpha) / step).float()
+        if dilation:
+            occupied = F.max_pool3d(
+                occupied[None, None], 2 * dilation + 1, stride=1, padding=dilation
+            )[0, 0]
+        self.occupied = occupied > 0
+        self.extinction = F.avg_pool3d(corners, 2, stride=1)[0, 0].contiguous()

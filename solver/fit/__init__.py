@@ -1,0 +1,1 @@
+"""The optimisation: from photos to a microfacet field and its light."""

@@ -1,0 +1,177 @@
+"""Presets: a reconstruction's settings as data, a documented field each.
+
+`--set section.field=value` changes one; a section is one of the dataclasses below.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+from dataclasses import dataclass
+
+from ..asset.settings import AssetSettings
+from ..render.scene import RenderSettings
+
+
+class SettingsError(ValueError):
+    """A setting that does not exist or does not fit; the message names it and the way out."""
+
+
+@dataclass(frozen=True)
+class FieldSettings:
+    """The field's size and start."""
+
+    sizes: tuple[int, ...] = (96, 128, 160)
+    """grid nodes per axis, coarse to fine"""
+    size_starts: tuple[float, ...] = (0.0, 0.25, 0.5)
+    """fractions of the fit at which each size begins"""
+    density_components: int = 16
+    """VM components of the density per plane–line pair"""
+    feature_components: int = 24
+    """VM components of the features per pair"""
+    feature_size: int = 24
+    """length of a feature vector"""
+    box_margin: float = 0.08
+    """empty margin around the object's hull, as a share of the box"""
+    occupancy_cells: int = 128
+    """cells per axis of the occupancy grid"""
+    occupancy_min_alpha: float = 0.005
+    """opacity of a step from which a cell counts as occupied"""
+    hull_cells: int = 128
+    """cells per axis of the visual hull"""
+    hull_steps: int = 250
+    """optimisation steps that bring the density to the visual hull"""
+    hull_slope: float = 100.0
+    """raw density gained per world unit of depth at the hull, times the box's half size"""
+
+
+@dataclass(frozen=True)
+class LightSettings:
+    """The environment map."""
+
+    heights: tuple[int, ...] = (64, 128, 256)
+    """rows of the map, coarse to fine, at the fractions of `field.size_starts`"""
+    initial: float = 0.5
+    """radiance of every texel at the start"""
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """The optimisation."""
+
+    steps: int = 2500
+    """optimiser steps"""
+    rays: int = 1024
+    """primary rays a step"""
+    learning_rate_grid: float = 0.02
+    """of planes and lines"""
+    learning_rate_network: float = 3e-3
+    """of the feature basis, the heads and g"""
+    learning_rate_light: float = 0.03
+    """of the environment map's logarithm"""
+    final_learning_rate: float = 0.05
+    """all rates at the end, as a share of their start"""
+    warm_up: int = 50
+    """steps over which the rates rise from a tenth, at the start and after each upsampling"""
+    mask_weight: float = 0.5
+    """of (opacity − alpha)², where photos have alpha"""
+    orientation_weight: float = 0.1
+    """of Σ w·max(0, n·d)²: visible normals face the camera"""
+    opacity_weight: float = 6e-4
+    """of the opacity itself: discourages floaters"""
+    roughness_weight: float = 0.0
+    """of α"""
+    neural_start: float = 1.0
+    """share of the neural term g at the start; 0 switches it off"""
+    neural_fade: tuple[float, float] = (0.4, 0.65)
+    """fractions of the fit between which g is blended out, so that Cycles can show what is baked"""
+    preview_every: float = 20.0
+    """seconds between pictures of the current state"""
+    checkpoint_every: float = 30.0
+    """seconds between checkpoints"""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All settings of a reconstruction."""
+
+    field: FieldSettings = dataclasses.field(default_factory=FieldSettings)
+    light: LightSettings = dataclasses.field(default_factory=LightSettings)
+    render: RenderSettings = dataclasses.field(default_factory=RenderSettings)
+    fit: FitSettings = dataclasses.field(default_factory=FitSettings)
+    asset: AssetSettings = dataclasses.field(default_factory=AssetSettings)
+
+
+DRAFT = Settings()
+
+STANDARD = Settings(
+    field=FieldSettings(sizes=(128, 192, 256), size_starts=(0.0, 0.2, 0.4)),
+    render=RenderSettings(secondary_rays=32, retraced_rays=2048, secondary_bounce_rays=4),
+    fit=FitSettings(steps=8000, rays=2048),
+    asset=AssetSettings(),
+)
+
+PRESETS: dict[str, Settings] = {"draft": DRAFT, "standard": STANDARD}
+
+
+def settings_for(preset: str, overrides: dict[str, object] | None = None) -> Settings:
+    """The preset's settings with `section.field` overrides (texts are converted).
+
+    Raises:
+        SettingsError: unknown preset, section or field, or a value of the wrong type.
+    """
+    if preset not in PRESETS:
+        raise SettingsError(f"There is no preset '{preset}'; choose one of {', '.join(PRESETS)}.")
+    settings = PRESETS[preset]
+    for key, value in (overrides or {}).items():
+        settings = _override(settings, key, value)
+    return settings
+
+
+def _override(settings: Settings, key: str, value: object) -> Settings:
+    section_name, _, name = key.partition(".")
+    sections = {f.name for f in dataclasses.fields(settings)}
+    if section_name not in sections:
+        raise SettingsError(
+            f"Setting '{key}': there is no section '{section_name}'; sections are "
+            f"{', '.join(sorted(sections))}."
+        )
+    section = getattr(settings, section_name)
+    types = typing.get_type_hints(type(section))
+    names = [f.name for f in dataclasses.fields(section)]
+    if name not in names:
+        raise SettingsError(
+            f"Setting '{key}': section '{section_name}' has no '{name}'; it has {', '.join(names)}."
+        )
+    try:
+        converted = _convert(value, types[name])
+    except (TypeError, ValueError):
+        raise SettingsError(
+            f"Setting '{key}': '{value}' is not a valid {_type_name(types[name])}."
+        ) from None
+    return dataclasses.replace(
+        settings, **{section_name: dataclasses.replace(section, **{name: converted})}
+    )
+
+
+def _convert(value: object, wanted: object) -> object:
+    if typing.get_origin(wanted) is tuple:
+        item = typing.get_args(wanted)[0]
+        parts = value.split(",") if isinstance(value, str) else list(value)
+        return tuple(_convert(part, item) for part in parts)
+    if wanted is bool:
+        text = str(value).lower()
+        if text in ("1", "true", "yes", "on"):
+            return True
+        if text in ("0", "false", "no", "off"):
+            return False
+        raise ValueError(value)
+    return wanted(value)
+
+
+def _type_name(wanted: object) -> str:
+    if typing.get_origin(wanted) is tuple:
+        return f"list of {_type_name(typing.get_args(wanted)[0])}s"
+    return {int: "whole number", float: "number", bool: "yes or no", str: "text"}.get(
+        wanted, str(wanted)
+    )

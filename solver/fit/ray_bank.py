@@ -1,0 +1,108 @@
+"""All pixels of a capture as rays with their targets, drawn in batches."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from ..capture.camera import Camera
+from ..capture.photos import Photo
+from ..render.tonemap import linear_to_srgb
+
+
+class RayBatch(NamedTuple):
+    """Rays of B pixels and what the photos show there."""
+
+    origins: torch.Tensor  # [B, 3] world
+    directions: torch.Tensor  # [B, 3] world, unit
+    colour: torch.Tensor  # [B, 3] sRGB-encoded, straight (not premultiplied)
+    alpha: torch.Tensor  # [B] coverage; 1 where the photo has none
+    clipped: torch.Tensor  # [B, 3] true where the photo is saturated
+
+
+class RayBank:
+    """Pixels of all photos: directions in camera axes are stored once per lens, colours in half.
+
+    Args:
+        cameras, photos: matching lists.
+        candidates: per photo, a boolean [H, W] of the pixels worth drawing, or None for all.
+    """
+
+    BACKGROUND_SHARE = 0.05
+
+    def __init__(self, cameras: list[Camera], photos: list[Photo], device="cpu"):
+        self.device = device
+        lenses: dict[tuple, int] = {}
+        directions, first_direction, self.first_pixel = [], [], [0]
+        stored = 0
+        lens_start: list[int] = []
+        colours, alphas = [], []
+        for camera, photo in zip(cameras, photos, strict=True):
+            key = _lens_key(camera)
+            if key not in lenses:
+                lenses[key] = stored
+                directions.append(_camera_space_directions(camera))
+                stored += camera.width * camera.height
+            lens_start.append(lenses[key])
+            premultiplied = torch.from_numpy(photo.pixels).reshape(-1, 4)
+            alpha = premultiplied[:, 3]
+            straight = premultiplied[:, :3] / alpha.clamp(min=1e-4)[:, None]
+            colours.append(linear_to_srgb(straight).half())
+            alphas.append(alpha.half())
+            self.first_pixel.append(self.first_pixel[-1] + camera.width * camera.height)
+        self.directions = torch.cat(directions).to(device)
+        self.colour = torch.cat(colours).to(device)
+        self.alpha = torch.cat(alphas).to(device)
+        self.is_hdr = torch.tensor([photo.is_hdr for photo in photos], device=device)
+        matrices = np.stack([camera.camera_to_world for camera in cameras])
+        self.rotation = torch.from_numpy(matrices[:, :3, :3]).float().to(device)
+        self.position = torch.from_numpy(matrices[:, :3, 3]).float().to(device)
+        self.boundaries = torch.tensor(self.first_pixel, device=device)
+        self.lens_start = torch.tensor(lens_start, device=device)
+        self.likely = None
+
+    def __len__(self) -> int:
+        return self.first_pixel[-1]
+
+    def rays(self, pixel: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Origins, unit directions [B, 3] and photo indices of global pixel indices [B]."""
+        photo = torch.searchsorted(self.boundaries, pixel, right=True) - 1
+        local = self.lens_start[photo] + pixel - self.boundaries[photo]
+        direction = torch.einsum("nij,nj->ni", self.rotation[photo], self.directions[local])
+        return self.position[photo], direction, photo
+
+    def batch(self, pixel: torch.Tensor) -> RayBatch:
+        """Rays and targets of global pixel indices [B]."""
+        origins, directions, photo = self.rays(pixel)
+        colour = self.colour[pixel].float()
+        clipped = (colour >= 0.998) & ~self.is_hdr[photo][:, None]
+        return RayBatch(origins, directions, colour, self.alpha[pixel].float(), clipped)
+
+    def restrict(self, likely: torch.Tensor) -> None:
+        """Draw mostly from the pixels in `likely` [P] bool (rays that can meet the object)."""
+        self.likely = likely.nonzero()[:, 0]
+
+    def draw(self, count: int, generator: torch.Generator) -> torch.Tensor:
+        """Random global pixel indices [count]."""
+        if self.likely is None or len(self.likely) == 0:
+            return torch.randint(len(self), (count,), generator=generator).to(self.device)
+        background = int(count * self.BACKGROUND_SHARE)
+        chosen = torch.randint(len(self.likely), (count - background,), generator=generator)
+        anywhere = torch.randint(len(self), (background,), generator=generator)
+        return torch.cat([self.likely[chosen.to(self.device)], anywhere.to(self.device)])
+
+
+def _lens_key(camera: Camera) -> tuple:
+    return (
+        camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy,
+        camera.lens, tuple(camera.distortion),
+    )  # fmt: skip
+
+
+def _camera_space_directions(camera: Camera) -> torch.Tensor:
+    """Unit directions [H·W, 3] of the pixel centres in camera axes."""
+    row, column = np.mgrid[0 : camera.height, 0 : camera.width]
+    _, directions = camera.rays(column.ravel() + 0.5, row.ravel() + 0.5)
+    return torch.from_numpy(directions @ camera.camera_to_world[:3, :3]).float()

@@ -1,0 +1,26 @@
+"""Which of two equal paths a computation takes: the fused CPU kernel or the plain torch twin."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
+import torch
+
+_state = {"fused": True}
+
+
+def fast(tensor: torch.Tensor) -> bool:
+    """True where the fused kernels apply: 32-bit tensors on the CPU, unless `plain_torch` is active."""
+    return _state["fused"] and tensor.device.type == "cpu" and tensor.dtype == torch.float32
+
+
+@contextlib.contextmanager
+def plain_torch() -> Iterator[None]:
+    """Within this block every computation takes the plain torch twin (tests and benchmarks)."""
+    before = _state["fused"]
+    _state["fused"] = False
+    try:
+        yield
+    finally:
+        _state["fused"] = before

@@ -1,0 +1,108 @@
+"""Walking rays and compositing along them, on the fastest path at hand.
+
+Rays are given in box units (see `march_numba`); distances and steps are in world units.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+
+from . import march_numba, march_torch
+from .backend import fast
+
+
+class Segments(NamedTuple):
+    """Samples of R rays in flat form: those of ray r are `offsets[r]:offsets[r + 1]`."""
+
+    distance: torch.Tensor  # [S] world units
+    ray: torch.Tensor  # [S] long
+    offsets: torch.Tensor  # [R + 1] long
+
+
+def march(
+    origins: torch.Tensor, directions: torch.Tensor, start: torch.Tensor, jitter: torch.Tensor,
+    step: float, occupancy: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor,
+    shift: float, scale: float, min_transmittance: float = 1e-3, min_alpha: float = 0.0,
+) -> Segments:  # fmt: skip
+    """Sample rays [R, 3] where `occupancy` [K, K, K] is set, up to the first opaque point.
+
+    Args:
+        start: [R] distance before which nothing is sampled.
+        jitter: [R] offset of the samples in steps, in [0, 1).
+        planes, lines: density factors (`vm_torch`), used for the early stop; no gradient.
+        shift, scale: σ = scale · softplus(raw + shift) per world unit.
+    """
+    planes, lines = planes.detach(), lines.detach()
+    shortest = float(directions.abs().amax(-1).min()) if len(directions) else 1.0
+    capacity = max(4, math.ceil(math.sqrt(3.0) / max(shortest * step, 1e-9) / 1.0) + 2)
+    capacity = min(capacity, 4096)
+    if not fast(planes):
+        return Segments(*march_torch.march(
+            origins, directions, start, jitter, step, occupancy, planes, lines, shift, scale,
+            min_transmittance, min_alpha, capacity,
+        ))  # fmt: skip
+    rays = origins.shape[0]
+    distance = torch.empty(rays, capacity)
+    counts = torch.empty(rays, dtype=torch.long)
+    march_numba.march(
+        origins.contiguous().numpy(), directions.contiguous().numpy(), start.numpy(),
+        jitter.numpy(), step, occupancy.numpy(), planes.contiguous().numpy(),
+        lines.contiguous().numpy(), shift, scale, min_transmittance, min_alpha,
+        distance.numpy(), counts.numpy(),
+    )  # fmt: skip
+    offsets = torch.cat([counts.new_zeros(1), counts.cumsum(0)])
+    flat = torch.empty(int(offsets[-1]))
+    ray = torch.empty(len(flat), dtype=torch.long)
+    march_numba.compact(
+        distance.numpy(), counts.numpy(), offsets.numpy(), flat.numpy(), ray.numpy()
+    )
+    return Segments(flat, ray, offsets)
+
+
+def grid_transmittance(
+    origins: torch.Tensor, directions: torch.Tensor, start: torch.Tensor, step: float,
+    optical_depth: torch.Tensor,
+) -> torch.Tensor:  # fmt: skip
+    """Transmittance [R] through a coarse grid of optical depths per step; no gradient."""
+    if not fast(optical_depth):
+        return march_torch.grid_transmittance(origins, directions, start, step, optical_depth)
+    out = torch.empty(origins.shape[0])
+    march_numba.grid_transmittance(
+        origins.contiguous().numpy(), directions.contiguous().numpy(), start.contiguous().numpy(),
+        step, optical_depth.numpy(), out.numpy(),
+    )  # fmt: skip
+    return out
+
+
+class _Composite(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, optical_depth, offsets):
+        weights = torch.empty_like(optical_depth)
+        transmittance = torch.empty(len(offsets) - 1)
+        march_numba.composite(
+            optical_depth.numpy(), offsets.numpy(), weights.numpy(), transmittance.numpy()
+        )
+        ctx.save_for_backward(offsets, weights, transmittance)
+        return weights, transmittance
+
+    @staticmethod
+    def backward(ctx, g_weights, g_transmittance):
+        offsets, weights, transmittance = ctx.saved_tensors
+        out = torch.empty_like(weights)
+        march_numba.composite_backward(
+            offsets.numpy(), weights.numpy(), transmittance.numpy(),
+            g_weights.contiguous().numpy(), g_transmittance.contiguous().numpy(), out.numpy(),
+        )  # fmt: skip
+        return out, None
+
+
+def composite(
+    optical_depth: torch.Tensor, offsets: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Volume rendering weights w_i = T_i (1 − exp(−σ_i δ_i)) [S] and what passes each ray [R]."""
+    if fast(optical_depth):
+        return _Composite.apply(optical_depth.contiguous(), offsets)
+    return march_torch.composite(optical_depth, offsets)

@@ -1,0 +1,137 @@
+"""Fused CPU kernels that walk rays through the field; `march_torch` is their plain twin.
+
+Positions are in box units: the region of interest is [0, 1]^3 (`field.box`), so the directions are
+not unit vectors there; `t` stays in world units because origin and direction scale together.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from .vm_numba import raw_density
+
+
+@numba.njit(inline="always")
+def box_span(ox, oy, oz, dx, dy, dz):
+    """Entry and exit distance of a ray through [0, 1]^3 (slab test); entry > exit if it misses."""
+    near = np.float32(-1e30)
+    far = np.float32(1e30)
+    for axis in range(3):
+        o = ox if axis == 0 else (oy if axis == 1 else oz)
+        d = dx if axis == 0 else (dy if axis == 1 else dz)
+        if abs(d) < 1e-12:
+            if o < 0.0 or o > 1.0:
+                return np.float32(1.0), np.float32(0.0)
+        else:
+            t0 = (np.float32(0.0) - o) / d
+            t1 = (np.float32(1.0) - o) / d
+            near = max(near, min(t0, t1))
+            far = min(far, max(t0, t1))
+    return near, far
+
+
+@numba.njit(inline="always", fastmath=True)
+def extinction(raw, shift, scale):
+    """σ = scale · softplus(raw + shift), per world unit."""
+    x = raw + shift
+    return scale * (x if x > 20.0 else math.log1p(math.exp(x)))
+
+
+@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+def march(
+    origins, directions, start, jitter, step, occupancy, planes, lines, shift, scale,
+    min_transmittance, min_alpha, distance, counts,
+):  # fmt: skip
+    """Sample distances [R, capacity] of every ray in occupied space until it is opaque.
+
+    Samples lie at t = entry + (i + jitter)·step. Unoccupied ones, and ones more transparent than
+    `min_alpha`, are left out; the walk ends below `min_transmittance`.
+    """
+    cells = occupancy.shape[0]
+    nodes = planes.shape[1] - 1
+    capacity = distance.shape[1]
+    for r in numba.prange(origins.shape[0]):
+        ox, oy, oz = origins[r, 0], origins[r, 1], origins[r, 2]
+        dx, dy, dz = directions[r, 0], directions[r, 1], directions[r, 2]
+        near, far = box_span(ox, oy, oz, dx, dy, dz)
+        near = max(near, start[r])
+        count = 0
+        transmittance = 1.0
+        t = near + jitter[r] * step
+        while t < far and count < capacity:
+            x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
+            i = min(max(int(x * cells), 0), cells - 1)
+            j = min(max(int(y * cells), 0), cells - 1)
+            k = min(max(int(z * cells), 0), cells - 1)
+            if occupancy[i, j, k]:
+                sigma = extinction(
+                    raw_density(x * nodes, y * nodes, z * nodes, planes, lines), shift, scale
+                )
+                keep = math.exp(-sigma * step)
+                if 1.0 - keep >= min_alpha:
+                    distance[r, count] = t
+                    count += 1
+                    transmittance *= keep
+                    if transmittance < min_transmittance:
+                        break
+            t += step
+        counts[r] = count
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def compact(distance, counts, offsets, flat, ray):
+    """Copy the rows' leading entries into flat segments."""
+    for r in numba.prange(counts.shape[0]):
+        first = offsets[r]
+        for i in range(counts[r]):
+            flat[first + i] = distance[r, i]
+            ray[first + i] = r
+
+
+@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+def grid_transmittance(origins, directions, start, step, optical_depth, out):
+    """Transmittance [R] of rays through a grid of extinctions, nearest cell, until nearly opaque.
+
+    `optical_depth` [K, K, K] is the extinction of a cell times `step`.
+    """
+    cells = optical_depth.shape[0]
+    for r in numba.prange(origins.shape[0]):
+        ox, oy, oz = origins[r, 0], origins[r, 1], origins[r, 2]
+        dx, dy, dz = directions[r, 0], directions[r, 1], directions[r, 2]
+        near, far = box_span(ox, oy, oz, dx, dy, dz)
+        t = max(near, start[r])
+        depth = np.float32(0.0)
+        while t < far and depth < 7.0:
+            i = min(max(int((ox + t * dx) * cells), 0), cells - 1)
+            j = min(max(int((oy + t * dy) * cells), 0), cells - 1)
+            k = min(max(int((oz + t * dz) * cells), 0), cells - 1)
+            depth += optical_depth[i, j, k]
+            t += step
+        out[r] = math.exp(-depth)
+
+
+@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+def composite(optical_depth, offsets, weights, transmittance):
+    """Weights T_i (1 − exp(−τ_i)) of flat segments and the transmittance left behind each ray."""
+    for r in numba.prange(offsets.shape[0] - 1):
+        passing = np.float32(1.0)
+        for i in range(offsets[r], offsets[r + 1]):
+            keep = np.float32(math.exp(-optical_depth[i]))
+            weights[i] = passing * (np.float32(1.0) - keep)
+            passing *= keep
+        transmittance[r] = passing
+
+
+@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+def composite_backward(offsets, weights, transmittance, g_weights, g_transmittance, out):
+    """Adjoint of `composite`: dw_i/dτ_i = T_{i+1}, dw_j/dτ_i = −w_j for j > i, dT/dτ_i = −T."""
+    for r in numba.prange(offsets.shape[0] - 1):
+        behind = g_transmittance[r] * transmittance[r]
+        passing = transmittance[r]
+        for i in range(offsets[r + 1] - 1, offsets[r] - 1, -1):
+            out[i] = g_weights[i] * passing - behind
+            behind += g_weights[i] * weights[i]
+            passing += weights[i]

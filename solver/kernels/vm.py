@@ -1,0 +1,93 @@
+"""Differentiable VM lookups: `vm_sum`, `vm_products`, `vm_gradient`, on the fastest path at hand.
+
+Shapes and layout are those of `vm_torch`. Gradients flow to the factors only, never to positions.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from . import vm_numba, vm_torch
+from .backend import fast
+
+_NO_STRIDE, _UNIT_STRIDE = 0, 1
+
+
+class _Products(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, points, planes, lines):
+        ctx.save_for_backward(points, planes, lines)
+        out = torch.empty(points.shape[0], 3 * planes.shape[3])
+        vm_numba.vm_products(points.numpy(), planes.numpy(), lines.numpy(), out.numpy())
+        return out
+
+    @staticmethod
+    def backward(ctx, cotangent):
+        return None, *_products_backward(*ctx.saved_tensors, cotangent, _UNIT_STRIDE)
+
+
+class _Sum(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, points, planes, lines):
+        ctx.save_for_backward(points, planes, lines)
+        out = torch.empty(points.shape[0])
+        vm_numba.vm_sum(points.numpy(), planes.numpy(), lines.numpy(), out.numpy())
+        return out
+
+    @staticmethod
+    def backward(ctx, cotangent):
+        return None, *_products_backward(*ctx.saved_tensors, cotangent[:, None], _NO_STRIDE)
+
+
+class _Gradient(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, points, planes, lines):
+        ctx.save_for_backward(points, planes, lines)
+        out = torch.empty(points.shape[0], 3)
+        vm_numba.vm_gradient(points.numpy(), planes.numpy(), lines.numpy(), out.numpy())
+        return out
+
+    @staticmethod
+    def backward(ctx, cotangent):
+        points, planes, lines = ctx.saved_tensors
+        grad_planes, grad_lines = torch.zeros_like(planes), torch.zeros_like(lines)
+        vm_numba.vm_gradient_backward(
+            points.numpy(), planes.numpy(), lines.numpy(), cotangent.contiguous().numpy(),
+            grad_planes.numpy(), grad_lines.numpy(),
+        )  # fmt: skip
+        return None, grad_planes, grad_lines
+
+
+def _products_backward(points, planes, lines, cotangent, stride):
+    grad_planes, grad_lines = torch.zeros_like(planes), torch.zeros_like(lines)
+    vm_numba.vm_products_backward(
+        points.numpy(), planes.numpy(), lines.numpy(), np.ascontiguousarray(cotangent.numpy()),
+        stride, grad_planes.numpy(), grad_lines.numpy(),
+    )  # fmt: skip
+    return grad_planes, grad_lines
+
+
+def _contiguous(*tensors: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    return tuple(tensor.contiguous() for tensor in tensors)
+
+
+def vm_products(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor) -> torch.Tensor:
+    """All 3·C products at points [N, 3] in grid units → [N, 3·C]."""
+    if fast(planes):
+        return _Products.apply(points.detach().contiguous(), *_contiguous(planes, lines))
+    return vm_torch.vm_products(points.detach(), planes, lines)
+
+
+def vm_sum(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor) -> torch.Tensor:
+    """The sum of all products at points [N, 3] in grid units → [N]."""
+    if fast(planes):
+        return _Sum.apply(points.detach().contiguous(), *_contiguous(planes, lines))
+    return vm_torch.vm_sum(points.detach(), planes, lines)
+
+
+def vm_gradient(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor) -> torch.Tensor:
+    """Gradient per grid unit of the smoothed sum at points [N, 3] → [N, 3]; see `vm_torch`."""
+    if fast(planes):
+        return _Gradient.apply(points.detach().contiguous(), *_contiguous(planes, lines))
+    return vm_torch.vm_gradient(points.detach(), planes, lines)

@@ -1,0 +1,69 @@
+"""Plain torch twin of the vector–matrix (VM) tensor lookups in `vm_numba`.
+
+A VM tensor holds three pairs of a plane and a line: planes (x, y), (x, z), (y, z) with lines z, y, x
+(Chen et al., TensoRF, ECCV 2022). Layout, channels last: planes [3, G, G, C], the first grid index
+runs along the pair's first axis; lines [3, G, C]. Positions are in grid units, [0, G-1] per axis,
+and are clamped to the grid; they carry no gradient.
+"""
+
+from __future__ import annotations
+
+import torch
+
+PLANE_AXES = ((0, 1), (0, 2), (1, 2))
+LINE_AXES = (2, 1, 0)
+
+
+def _cell(coordinate: torch.Tensor, size: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Lower index and fraction of a linear interpolation on `size` nodes."""
+    coordinate = coordinate.clamp(0, size - 1)
+    lower = coordinate.floor().clamp(max=size - 2).long()
+    return lower, coordinate - lower
+
+
+def interpolate_plane(plane: torch.Tensor, a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+    """Bilinear lookup of a plane [G, G, ...] at positions a, b [N] → [N, ...]."""
+    i, u = _cell(a, plane.shape[0])
+    j, v = _cell(b, plane.shape[1])
+    shape = (-1,) + (1,) * (plane.dim() - 2)
+    u, v = u.view(shape).to(plane.dtype), v.view(shape).to(plane.dtype)
+    near = plane[i, j] * (1 - v) + plane[i, j + 1] * v
+    far = plane[i + 1, j] * (1 - v) + plane[i + 1, j + 1] * v
+    return near * (1 - u) + far * u
+
+
+def interpolate_line(line: torch.Tensor, c: torch.Tensor) -> torch.Tensor:
+    """Linear lookup of a line [G, ...] at positions c [N] → [N, ...]."""
+    k, w = _cell(c, line.shape[0])
+    w = w.view((-1,) + (1,) * (line.dim() - 1)).to(line.dtype)
+    return line[k] * (1 - w) + line[k + 1] * w
+
+
+def vm_products(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor) -> torch.Tensor:
+    """The 3·C products plane × line at points [N, 3] → [N, 3·C]."""
+    parts = []
+    for k, ((a, b), c) in enumerate(zip(PLANE_AXES, LINE_AXES, strict=True)):
+        plane = interpolate_plane(planes[k], points[:, a], points[:, b])
+        parts.append(plane * interpolate_line(lines[k], points[:, c]))
+    return torch.cat(parts, dim=-1)
+
+
+def vm_sum(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor) -> torch.Tensor:
+    """The sum of all products at points [N, 3] → [N] (the raw density s of TensoRF)."""
+    return vm_products(points, planes, lines).sum(-1)
+
+
+def vm_gradient(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor) -> torch.Tensor:
+    """Gradient, per grid unit, of a smoothed VM sum at points [N, 3] → [N, 3].
+
+    planes [3, G, G, 3, C] hold the smoothed plane and its derivatives along the first and second
+    axis; lines [3, G, 2, C] the smoothed line and its derivative (see `field.smoothing`).
+    """
+    gradient = [torch.zeros_like(points[:, 0], dtype=planes.dtype) for _ in range(3)]
+    for k, ((a, b), c) in enumerate(zip(PLANE_AXES, LINE_AXES, strict=True)):
+        plane = interpolate_plane(planes[k], points[:, a], points[:, b])
+        line = interpolate_line(lines[k], points[:, c])
+        gradient[a] = gradient[a] + (plane[:, 1] * line[:, 0]).sum(-1)
+        gradient[b] = gradient[b] + (plane[:, 2] * line[:, 0]).sum(-1)
+        gradient[c] = gradient[c] + (plane[:, 0] * line[:, 1]).sum(-1)
+    return torch.stack(gradient, dim=-1)

@@ -1,0 +1,1 @@
+"""The unknown light: an HDR environment map, its filtered lookups and its irradiance."""

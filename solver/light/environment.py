@@ -1,0 +1,160 @@
+"""The far-field environment light: radiance exp(x) on an equirectangular map (paper §3.3, App. A).
+
+Directions and texels follow Blender's equirectangular convention, which the whole solver shares:
+u = ½ − atan2(y, x)/2π, v = acos(z)/π; column = u·W, row = v·H, row 0 at +Z.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import nn
+
+from ..kernels.integral import rectangle_mean
+from .spherical_harmonics import sh_basis
+
+_COSINE_LOBE = (math.pi, 2 * math.pi / 3, math.pi / 4)  # Ramamoorthi & Hanrahan 2001, l = 0, 1, 2
+
+
+class LightTables(NamedTuple):
+    """What the lookups of one optimisation step share, built once a step."""
+
+    table: torch.Tensor  # [3, H+1, W+1] double: prefix sums of radiance × solid angle
+    irradiance: torch.Tensor  # [9, 3]: SH coefficients of the irradiance
+
+
+def equirect_coordinates(directions: torch.Tensor, height: int, width: int) -> torch.Tensor:
+    """Continuous (column, row) [N, 2] in texels of unit directions [N, 3]."""
+    x, y, z = directions.unbind(-1)
+    # atan2 has no gradient on the polar axis: move such directions off it by far less than a texel.
+    x = torch.where((x.abs() < 1e-7) & (y.abs() < 1e-7), torch.full_like(x, 1e-7), x)
+    u = 0.5 - torch.atan2(y, x) / (2 * math.pi)
+    v = torch.acos(z.clamp(-1 + 1e-7, 1 - 1e-7)) / math.pi
+    return torch.stack([u * width, v * height], dim=-1)
+
+
+def equirect_directions(height: int, width: int, device=None) -> torch.Tensor:
+    """Unit directions [H, W, 3] of the texel centres."""
+    row = (torch.arange(height, device=device, dtype=torch.float64) + 0.5) * (math.pi / height)
+    column = (torch.arange(width, device=device, dtype=torch.float64) + 0.5) / width
+    phi = (0.5 - column) * (2 * math.pi)
+    theta, phi = torch.meshgrid(row, phi, indexing="ij")
+    sine = theta.sin()
+    return torch.stack([sine * phi.cos(), sine * phi.sin(), theta.cos()], dim=-1)
+
+
+class EnvironmentMap(nn.Module):
+    """An environment map with trainable log-radiance.
+
+    Args:
+        height: rows; the map is twice as wide.
+        initial: radiance of every texel at the start, linear Rec.709.
+    """
+
+    MAX_LOG_RADIANCE = 20.0
+
+    def __init__(self, height: int, initial: float = 0.5):
+        super().__init__()
+        self.log_radiance = nn.Parameter(torch.full((3, height, 2 * height), math.log(initial)))
+        self._build_constants(height)
+
+    def _build_constants(self, height: int) -> None:
+        width = 2 * height
+        device = self.log_radiance.device
+        edges = torch.cos(torch.arange(height + 1, dtype=torch.float64) * math.pi / height)
+        texel = (edges[:-1] - edges[1:]) * (2 * math.pi / width)
+        rows = torch.cat([torch.zeros(1, dtype=torch.float64), texel.cumsum(0)])
+        basis = sh_basis(equirect_directions(height, width), 2)
+        lobe = torch.tensor([_COSINE_LOBE[0]] + [_COSINE_LOBE[1]] * 3 + [_COSINE_LOBE[2]] * 5)
+        weights = basis * texel[:, None, None] * lobe.double()
+        self.register_buffer("texel_solid_angle", texel.to(device), persistent=False)
+        self.register_buffer("row_prefix", rows.to(device), persistent=False)
+        self.register_buffer(
+            "irradiance_weights", weights.reshape(-1, 9).float().to(device), persistent=False
+        )
+
+    @classmethod
+    def from_radiance(cls, radiance: torch.Tensor) -> EnvironmentMap:
+        """A map that holds given radiance [H, 2H, 3], linear Rec.709, Blender's equirect.
+
+        Zeros become 1e-6, since the parameter is a logarithm.
+        """
+        height, width = radiance.shape[:2]
+        if width != 2 * height:
+            raise ValueError(
+                f"an environment map must be twice as wide as high, this one is {width}×{height}"
+            )
+        environment = cls(height)
+        with torch.no_grad():
+            environment.log_radiance.copy_(radiance.permute(2, 0, 1).float().clamp(1e-6).log())
+        return environment
+
+    @property
+    def height(self) -> int:
+        return self.log_radiance.shape[1]
+
+    @property
+    def width(self) -> int:
+        return self.log_radiance.shape[2]
+
+    def radiance(self) -> torch.Tensor:
+        """Radiance [3, H, W], linear Rec.709."""
+        return self.log_radiance.clamp(max=self.MAX_LOG_RADIANCE).exp()
+
+    def tables(self) -> LightTables:
+        """Summed-area table and irradiance of the current map; rebuild after every step.
+
+        The table is in double precision: with a sun in the map, float differences of its entries
+        turn negative far from the sun.
+        """
+        radiance = self.radiance()
+        weighted = radiance.double() * self.texel_solid_angle[:, None]
+        table = torch.zeros(
+            3, self.height + 1, self.width + 1, dtype=torch.float64, device=weighted.device
+        )
+        table[:, 1:, 1:] = weighted.cumsum(1).cumsum(2)
+        irradiance = (radiance.reshape(3, -1) @ self.irradiance_weights).T
+        return LightTables(table, irradiance)
+
+    def lookup(
+        self, tables: LightTables, directions: torch.Tensor, solid_angle: torch.Tensor
+    ) -> torch.Tensor:
+        """Mean radiance [N, 3] over a square of `solid_angle` [N] sr around directions [N, 3].
+
+        The square is one of latitude and longitude: height √(area·sinθ), width √(area/sinθ) in
+        texels (paper Appendix A with the rectangle's size put right: a sample stands for the solid
+        angle 1/(N·p)). It is never smaller than a texel, so a lookup is at least bilinear.
+        """
+        centre = equirect_coordinates(directions, self.height, self.width)
+        size = self.footprint(centre.detach()[:, 1], solid_angle.detach())
+        return rectangle_mean(tables.table, self.row_prefix, centre, size)
+
+    def footprint(self, row: torch.Tensor, solid_angle: torch.Tensor) -> torch.Tensor:
+        """(columns, rows) [N, 2] of a square of the given solid angle [N] at continuous rows [N]."""
+        sine = torch.sin(row * (math.pi / self.height)).clamp(min=1e-4)
+        side = solid_angle.clamp(0, 4 * math.pi).sqrt()
+        rows = side * (self.height / math.pi)
+        columns = side / sine * (self.width / (2 * math.pi))
+        return torch.stack(
+            [columns.clamp(1.0, float(self.width)), rows.clamp(1.0, 0.5 * self.height)], dim=-1
+        )
+
+    def resized(self, height: int) -> EnvironmentMap:
+        """The same light on a map of another height (coarse to fine)."""
+        log_radiance = nn.functional.interpolate(
+            self.log_radiance.detach()[None], size=(height, 2 * height), mode="bilinear"
+        )[0]
+        other = EnvironmentMap(height)
+        with torch.no_grad():
+            other.log_radiance.copy_(log_radiance)
+        return other.to(self.log_radiance.device)
+
+
+def irradiance(tables: LightTables, normals: torch.Tensor) -> torch.Tensor:
+    """Irradiance [N, 3] of surfaces with unit normals [N, 3], unoccluded, by degree-2 SH.
+
+    Ramamoorthi & Hanrahan, "An Efficient Representation for Irradiance Environment Maps", 2001.
+    """
+    return (sh_basis(normals, 2) @ tables.irradiance).clamp(min=0)
