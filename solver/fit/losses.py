@@ -27,7 +27,7 @@ def photometric(buffers: RayBuffers, batch: RayBatch) -> torch.Tensor:
 
 
 def total_loss(
-    buffers: RayBuffers, batch: RayBatch, settings: FitSettings, use_masks: bool
+    buffers: RayBuffers, batch: RayBatch, settings: FitSettings, use_masks: bool, fraction: float
 ) -> tuple[torch.Tensor, dict[str, float]]:
     """The weighted sum of all terms, and the terms that are worth showing."""
     image = photometric(buffers, batch)
@@ -35,6 +35,8 @@ def total_loss(
     loss = loss + settings.orientation_weight * buffers.backfacing.mean()
     if use_masks:
         loss = loss + settings.mask_weight * (buffers.opacity - batch.alpha).square().mean()
-    if settings.roughness_weight:
-        loss = loss + settings.roughness_weight * buffers.alpha.mean()
+    if buffers.bending is not None:
+        fade = settings.smoothness_end**fraction
+        loss = loss + fade * settings.bending_weight * buffers.bending.mean()
+        loss = loss + fade * settings.unevenness_weight * buffers.unevenness.mean()
     return loss, {"image": float(image.detach())}

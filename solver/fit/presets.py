@@ -79,8 +79,14 @@ class FitSettings:
     """of Σ w·max(0, n·d)²: visible normals face the camera"""
     opacity_weight: float = 6e-4
     """of the opacity itself: discourages floaters"""
-    roughness_weight: float = 0.0
-    """of α"""
+    bending_weight: float = 0.02
+    """of 1 − n·n' with the normal n' close by, at the start; fades as `smoothness_end`"""
+    unevenness_weight: float = 0.002
+    """of the difference to the materials close by, likewise"""
+    smoothness_end: float = 0.2
+    """what remains of both smoothness weights at the end"""
+    neighbour_distance: float = 1.5
+    """how far away "close by" is, voxels"""
     neural_start: float = 1.0
     """share of the neural term g at the start; 0 switches it off"""
     neural_fade: tuple[float, float] = (0.4, 0.65)

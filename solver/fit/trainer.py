@@ -66,7 +66,8 @@ class Trainer:
         fit = self.settings.fit
         first, last = fit.neural_fade
         kept = 1 - min(max((fraction - first) / max(last - first, 1e-6), 0), 1)
-        return dataclasses.replace(self.settings.render, neural=fit.neural_start * kept)
+        return dataclasses.replace(self.settings.render, neural=fit.neural_start * kept,
+            neighbour_distance=fit.neighbour_distance)
 
     def _learning_rate_factor(self, fraction: float) -> float:
         fit = self.settings.fit
@@ -87,7 +88,7 @@ class Trainer:
             self.scene, StepTables.of(self.scene), self.render_settings(fraction), self.random,
             batch.origins, batch.directions, jitter=True,
         )  # fmt: skip
-        loss, terms = total_loss(buffers, batch, self.settings.fit, self.use_masks)
+        loss, terms = total_loss(buffers, batch, self.settings.fit, self.use_masks, fraction)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
         self.optimiser.step()

@@ -25,6 +25,8 @@ class RayBuffers:
     backfacing: torch.Tensor  # [R] Σ w·max(0, n·d)² (orientation loss, Ref-NeRF eq. 11)
     distance: torch.Tensor  # [R] mean distance, premultiplied, no gradient
     samples: int  # density samples taken
+    bending: torch.Tensor | None = None  # [R] Σ w·(1 − n·n'), n' the normal close by
+    unevenness: torch.Tensor | None = None  # [R] Σ w·|materials − materials close by|
 
 
 def render_rays(
@@ -64,6 +66,10 @@ def render_rays(
     materials = shading.materials
     with torch.no_grad():
         distance = torch.zeros_like(near).index_add(0, ray, weights * segments.distance)
+    bending = unevenness = None
+    if settings.neighbour_distance > 0:
+        away_normal, difference = _neighbours(scene, tables, settings, random, box_points[kept], shading)
+        bending, unevenness = gather(away_normal), gather(difference)
     return RayBuffers(
         radiance=gather(shading.radiance),
         opacity=1 - transmittance,
@@ -74,7 +80,27 @@ def render_rays(
         backfacing=gather(away.clamp(min=0) ** 2),
         distance=distance,
         samples=len(ray),
+        bending=bending,
+        unevenness=unevenness,
     )
+
+
+def _neighbours(scene, tables, settings, random, box_points, shading):
+    """How much normals and materials [S] differ from those at a random point close by."""
+    field = scene.field
+    spread = settings.neighbour_distance / (field.size - 1)
+    offset = (random.uniform(len(box_points), 3) - 0.5) * (2 * 3**0.5 * spread)
+    near = (box_points.detach() + offset).clamp(0, 1)
+    bend = 1 - (field.normals(near, tables.normal_factors) * shading.normals).sum(-1)
+    other = field.materials(field.features(near))
+    here = shading.materials
+    difference = (
+        (other.albedo - here.albedo).abs().mean(-1)
+        + (other.alpha.sqrt() - here.alpha.sqrt()).abs()
+        + (other.f0 - here.f0).abs().mean(-1)
+    )
+    return bend, difference
+
 
 
 def _sample(scene, settings, box_origins, box_directions, start, offset, step_voxels):

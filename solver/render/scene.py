@@ -48,6 +48,8 @@ class RenderSettings:
     """1: the BRDF has the full neural term g; 0: g = 1; between: g blended towards 1"""
     visibility: bool = True
     """non-retraced secondary rays see the environment through the occupancy grid's extinction"""
+    neighbour_distance: float = 0.0
+    """standard deviation, voxels, of the points close by that smoothness terms look at; 0: none"""
     light_masking: bool = True
     """weight G2/G1 of a visible-normal sample is applied (the paper leaves it to g)"""
 

@@ -27,8 +27,9 @@ SELF_SHADOW_VOXELS = 2.0
 class Shading(NamedTuple):
     """Shaded samples: radiance [S, 3] and what it was made of."""
 
-    radiance: torch.Tensor
-    normals: torch.Tensor
+    radiance: torch.Tensor  # [S, 3] linear Rec.709
+    normals: torch.Tensor  # [S, 3] world, unit, outward
+    features: torch.Tensor  # [S, F]
     materials: Materials
 
 
@@ -162,7 +163,7 @@ def shade(
     counts = allocate_rays(weights.detach(), rays, random.uniform(len(weights)))
     secondary = scatter(toward, view, materials, features, counts, scene, settings, random)
     if len(secondary.sample) == 0:
-        return Shading(radiance, normals, materials)
+        return Shading(radiance, normals, features, materials)
     incident = scene.environment.lookup(tables.light, secondary.direction, secondary.solid_angle)
     # A sample that was lucky to get its one ray stands for the others like it.
     share = (1 / expected.clamp(max=1).clamp(min=1e-6))[secondary.sample] / counts[secondary.sample]
@@ -183,4 +184,4 @@ def shade(
                 )
                 incident = incident.index_add(0, chosen, bounced / probability[:, None])
     radiance = radiance.index_add(0, secondary.sample, throughput * incident)
-    return Shading(radiance, normals, materials)
+    return Shading(radiance, normals, features, materials)

@@ -1,0 +1,1 @@
+"""The job folder: the only thing Blender and the solver share. Standard library alone."""

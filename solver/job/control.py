@@ -1,0 +1,83 @@
+"""What a running job hears: cancel on stdin or by file, and the end of its parent."""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+import sys
+import threading
+import time
+from pathlib import Path
+
+
+class Control:
+    """Watches stdin and the `cancel` file from a thread.
+
+    A line {"cmd": "cancel"} (or just `cancel`) asks the job to stop with a checkpoint. The end of a
+    stdin that was open at the start means that the parent is gone. A stdin that is a terminal, a
+    file, or at its end from the beginning is no parent: the job runs detached.
+
+    Args:
+        cancel_path: the job's `cancel` file.
+    """
+
+    INTERVAL = 0.25
+    ENDED_AT_START = 0.05  # seconds
+
+    def __init__(self, cancel_path: Path):
+        self.cancelled = False
+        self.parent_gone = False
+        self._cancel_path = cancel_path
+        self._stop = threading.Event()
+
+    def start(self) -> None:
+        """Start watching."""
+        threading.Thread(target=self._watch_file, daemon=True).start()
+        if _stdin_is_pipe():
+            threading.Thread(target=self._watch_stdin, daemon=True).start()
+
+    def stop(self) -> None:
+        """Stop watching the file."""
+        self._stop.set()
+
+    @property
+    def should_stop(self) -> bool:
+        """True once the job should write its checkpoint and end."""
+        return self.cancelled or self.parent_gone
+
+    def _watch_file(self) -> None:
+        while not self._stop.wait(self.INTERVAL):
+            if self._cancel_path.exists():
+                self.cancelled = True
+
+    def _watch_stdin(self) -> None:
+        opened = time.monotonic()
+        heard = False
+        while True:
+            # os.read on the descriptor: a buffered reader would hold a lock at interpreter exit.
+            data = os.read(sys.stdin.fileno(), 4096)
+            if not data:
+                self.parent_gone = heard or time.monotonic() - opened > self.ENDED_AT_START
+                return
+            heard = True
+            for line in data.decode("utf-8", "replace").splitlines():
+                self.cancelled = self.cancelled or _is_cancel(line)
+
+
+def _is_cancel(line: str) -> bool:
+    if line.strip().lower() == "cancel":
+        return True
+    try:
+        message = json.loads(line)
+    except ValueError:
+        return False
+    return isinstance(message, dict) and message.get("cmd") == "cancel"
+
+
+def _stdin_is_pipe() -> bool:
+    try:
+        mode = os.fstat(sys.stdin.fileno()).st_mode
+    except (AttributeError, OSError, ValueError):
+        return False
+    return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode)

@@ -1,0 +1,90 @@
+"""Events: one JSON object a line, appended to `events.jsonl` and sent to the parent process."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TextIO
+
+EVENT_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened. `kind` is 'log' for a line that was no event."""
+
+    kind: str
+    time: float = 0.0
+    data: dict[str, Any] = field(default_factory=dict)
+
+
+class EventStream:
+    """Writes events; safe from several threads; a parent that hung up does not stop the job.
+
+    Args:
+        path: the job's `events.jsonl`.
+        stream: where the parent listens, or None.
+    """
+
+    def __init__(self, path: Path, stream: TextIO | None = None):
+        self._file = path.open("a", encoding="utf-8")
+        self._stream = stream
+        self._lock = threading.Lock()
+
+    def emit(self, kind: str, **data: Any) -> None:
+        """Write an event. Data are numbers, strings, and file names relative to the job."""
+        entry = {"v": EVENT_VERSION, "t": round(time.time(), 3), "ev": kind, **data}
+        line = json.dumps(entry, ensure_ascii=False, allow_nan=False) + "\n"
+        with self._lock:
+            self._file.write(line)
+            self._file.flush()
+            if self._stream is not None:
+                try:
+                    self._stream.write(line)
+                    self._stream.flush()
+                except (OSError, ValueError):
+                    self._stream = None
+
+    def close(self) -> None:
+        """Close the file."""
+        with self._lock:
+            self._file.close()
+
+
+def take_stdout_for_events() -> TextIO:
+    """Reserve file descriptor 1 for events and send every other print to stderr.
+
+    Call before libraries are imported that might print.
+    """
+    sys.stdout.flush()
+    stream = os.fdopen(os.dup(1), "w", encoding="utf-8", newline="\n")
+    os.dup2(2, 1)
+    return stream
+
+
+def parse_event(line: str) -> Event:
+    """An event of a line; a line that is none becomes a 'log' event, never an error."""
+    try:
+        entry = json.loads(line)
+        kind, when = entry.pop("ev"), float(entry.pop("t", 0.0))
+        return Event(str(kind), when, entry)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return Event("log", 0.0, {"text": line.rstrip("\n")})
+
+
+def read_events(path: Path, offset: int = 0) -> tuple[list[Event], int]:
+    """Complete lines of an event file from byte `offset` on, and the offset after them."""
+    try:
+        with path.open("rb") as file:
+            file.seek(offset)
+            data = file.read()
+    except OSError:
+        return [], offset
+    end = data.rfind(b"\n") + 1
+    lines = data[:end].decode("utf-8", "replace").splitlines()
+    return [parse_event(line) for line in lines if line.strip()], offset + end

@@ -1,0 +1,162 @@
+"""A reconstruction is a folder: what was asked, what happened, what came out.
+
+    JOB/job.json  events.jsonl  status.json  log.txt  cancel  checkpoint/  preview/  result/
+
+`docs/job-folder.md` describes every file.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+SCHEMA_VERSION = 1
+
+
+class JobError(ValueError):
+    """A job folder that cannot be used; one sentence with the way out."""
+
+
+@dataclass
+class JobRequest:
+    """What was asked of the solver (`job.json`).
+
+    Attributes:
+        capture: absolute path of the capture's folder or camera file.
+        region: world box {"min": [3], "max": [3]} that holds the object, or None to find it.
+        overrides: settings by `section.field`.
+        time_limit: seconds of wall time, asset included, or None.
+    """
+
+    capture: str
+    preset: str = "draft"
+    device: str = "auto"
+    seed: int = 0
+    time_limit: float | None = None
+    region: dict[str, list[float]] | None = None
+    overrides: dict[str, Any] = field(default_factory=dict)
+    code_version: str = ""
+    schema_version: int = SCHEMA_VERSION
+
+    @classmethod
+    def from_json(cls, content: Any, file: Path) -> JobRequest:
+        """Parse `job.json`'s content.
+
+        Raises:
+            JobError: fields missing or of a newer schema.
+        """
+        if not isinstance(content, dict) or "capture" not in content:
+            raise JobError(f"{file}: this is no job request (no 'capture'); start a new job.")
+        if content.get("schema_version", 1) > SCHEMA_VERSION:
+            raise JobError(f"{file}: the job was made by a newer version; update the solver.")
+        known = {f.name for f in dataclasses.fields(cls)}
+        return cls(**{key: value for key, value in content.items() if key in known})
+
+
+class JobFolder:
+    """Paths and state of a job folder."""
+
+    def __init__(self, root: Path | str):
+        self.root = Path(root).absolute()
+        self.request_path = self.root / "job.json"
+        self.events_path = self.root / "events.jsonl"
+        self.status_path = self.root / "status.json"
+        self.log_path = self.root / "log.txt"
+        self.cancel_path = self.root / "cancel"
+        self.checkpoint_dir = self.root / "checkpoint"
+        self.preview_dir = self.root / "preview"
+        self.result_dir = self.root / "result"
+        self.manifest_path = self.result_dir / "manifest.json"
+
+    @classmethod
+    def create(cls, root: Path | str, request: JobRequest) -> JobFolder:
+        """A new job in a new or empty folder.
+
+        Raises:
+            JobError: the folder holds something already; nothing in it is touched.
+        """
+        job = cls(root)
+        if job.root.exists() and not job.root.is_dir():
+            raise JobError(f"{job.root}: this is a file; give a folder for the job.")
+        if job.request_path.exists():
+            state = "finished" if job.is_complete() else "unfinished"
+            raise JobError(
+                f"{job.root}: there is a{'n' if state[0] == 'u' else ''} {state} job in this folder; "
+                "continue it with --resume or give another folder."
+            )
+        if job.root.is_dir() and any(entry.name != "capture" for entry in job.root.iterdir()):
+            raise JobError(
+                f"{job.root}: the folder is not empty and holds no job; give a new folder."
+            )
+        job.root.mkdir(parents=True, exist_ok=True)
+        write_json_atomic(job.request_path, dataclasses.asdict(request))
+        return job
+
+    @classmethod
+    def open(cls, root: Path | str) -> JobFolder:
+        """An existing job.
+
+        Raises:
+            JobError: there is none.
+        """
+        job = cls(root)
+        if not job.request_path.is_file():
+            raise JobError(f"{job.root}: there is no job in this folder (no job.json).")
+        return job
+
+    @property
+    def request(self) -> JobRequest:
+        """What was asked."""
+        try:
+            content = json.loads(self.request_path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise JobError(f"{self.request_path}: it cannot be read ({error}).") from error
+        return JobRequest.from_json(content, self.request_path)
+
+    def is_complete(self) -> bool:
+        """True if the result is: its manifest is written last."""
+        return self.manifest_path.is_file()
+
+    def has_checkpoint(self) -> bool:
+        """True if there is a state to resume from."""
+        return (self.checkpoint_dir / "state.json").is_file()
+
+    def manifest(self) -> dict[str, Any]:
+        """The result's manifest.
+
+        Raises:
+            JobError: there is no complete result.
+        """
+        try:
+            return json.loads(self.manifest_path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise JobError(f"{self.root}: the job has no complete result yet; resume it.") from error
+
+    def write_manifest(self, content: dict[str, Any]) -> None:
+        """Declare the result complete."""
+        write_json_atomic(self.manifest_path, {"schema_version": SCHEMA_VERSION, **content})
+
+
+def write_json_atomic(path: Path, content: Any) -> None:
+    """Write JSON beside the target, then rename: readers see the old or the new, never half."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    part.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    replace_file(part, path)
+
+
+def replace_file(source: Path, target: Path) -> None:
+    """`os.replace`, patient with Windows, where a virus scanner may hold the target for a moment."""
+    for attempt in range(20):
+        try:
+            os.replace(source, target)
+            return
+        except PermissionError:
+            if attempt == 19:
+                raise
+            time.sleep(0.05)

@@ -1,0 +1,80 @@
+"""The heartbeat: `status.json` says who works on a job and how far along it is."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+from .folder import write_json_atomic
+
+STATES = (
+    "new", "preparing", "running", "paused", "finishing", "done", "cancelled", "failed", "lost",
+)  # fmt: skip
+
+
+class Heartbeat:
+    """Writes `status.json`, at most once a second unless the state changes."""
+
+    INTERVAL = 1.0
+
+    def __init__(self, path: Path):
+        self._path = path
+        self._last = 0.0
+        self._state = ""
+        self._identity = {"pid": os.getpid(), "started": process_start_time(os.getpid())}
+
+    def update(
+        self, state: str, step: int = 0, steps: int = 0, seconds_left: float | None = None
+    ) -> None:
+        """Say that the job is alive and in `state`."""
+        now = time.monotonic()
+        if state == self._state and now - self._last < self.INTERVAL:
+            return
+        self._last, self._state = now, state
+        write_json_atomic(
+            self._path,
+            {
+                **self._identity, "time": time.time(), "state": state, "step": step,
+                "steps": steps, "seconds_left": seconds_left,
+            },
+        )  # fmt: skip
+
+
+def read_status(path: Path) -> dict[str, Any]:
+    """The last status; {} if there is none."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+
+
+def process_start_time(pid: int) -> float | None:
+    """When a process started (clock ticks since boot on Linux); None where that is not known.
+
+    Together with the pid it names a process for good: pids are used again.
+    """
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return float(fields[19])
+    except (OSError, IndexError, ValueError):
+        return None
+
+
+def process_is_alive(status: dict[str, Any], patience: float = 30.0) -> bool:
+    """True if the process of a status still runs.
+
+    Where processes cannot be told apart by start time, a heartbeat younger than `patience` seconds
+    counts as life.
+    """
+    pid = status.get("pid")
+    if not isinstance(pid, int) or status.get("state") in ("done", "cancelled", "failed"):
+        return False
+    started = process_start_time(pid)
+    if started is not None:
+        return started == status.get("started")
+    if Path("/proc/self").exists():
+        return False
+    return time.time() - float(status.get("time", 0)) < patience
