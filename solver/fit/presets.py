@@ -11,10 +11,7 @@ from dataclasses import dataclass
 
 from ..asset.settings import AssetSettings
 from ..render.scene import RenderSettings
-
-
-class SettingsError(ValueError):
-    """A setting that does not exist or does not fit; the message names it and the way out."""
+from .errors import SettingsError
 
 
 @dataclass(frozen=True)

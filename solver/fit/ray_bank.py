@@ -62,6 +62,8 @@ class RayBank:
         self.boundaries = torch.tensor(self.first_pixel, device=device)
         self.lens_start = torch.tensor(lens_start, device=device)
         self.likely = None
+        self.preview_camera, self.preview_photo = cameras[0], photos[0].pixels
+        self.pixel_solid_angle = float(np.median([1 / (c.fx * c.fy) for c in cameras]))
 
     def __len__(self) -> int:
         return self.first_pixel[-1]

@@ -22,15 +22,18 @@ class Trainer:
         scene: what is fitted, changed in place.
         bank: the photos' pixels.
         use_masks: the photos have alpha that says what is object.
+        background: what stands behind the object in the photos: 'white' (also for photos with
+            alpha, which are laid over white) or 'environment'.
     """
 
     OCCUPANCY_EVERY = 50
 
     def __init__(
-        self, scene: Scene, bank: RayBank, settings: Settings, seed: int, use_masks: bool
-    ):
-        self.scene, self.bank, self.settings = scene, bank, settings
-        self.use_masks = use_masks
+        self, scene: Scene, bank: RayBank, settings: Settings, seed: int, use_masks: bool,
+        background: str = "white",
+    ):  # fmt: skip
+        self.scene, self.bank, self.settings, self.seed = scene, bank, settings, seed
+        self.use_masks, self.background = use_masks, background
         self.random = SobolRotations(seed, scene.field.centre.device)
         self.generator = torch.Generator().manual_seed(seed)
         self.step = 0
@@ -84,11 +87,18 @@ class Trainer:
         if self.step % self.OCCUPANCY_EVERY == 0:
             self.refresh_occupancy()
         batch = self.bank.batch(self.bank.draw(self.settings.fit.rays, self.generator))
+        tables = StepTables.of(self.scene)
         buffers = render_rays(
-            self.scene, StepTables.of(self.scene), self.render_settings(fraction), self.random,
+            self.scene, tables, self.render_settings(fraction), self.random,
             batch.origins, batch.directions, jitter=True,
         )  # fmt: skip
-        loss, terms = total_loss(buffers, batch, self.settings.fit, self.use_masks, fraction)
+        behind = None
+        if self.background == "environment":
+            pixel = batch.origins.new_full((len(batch.origins),), self.bank.pixel_solid_angle)
+            behind = self.scene.environment.lookup(tables.light, batch.directions, pixel)
+        loss, terms = total_loss(
+            buffers, batch, self.settings.fit, self.use_masks, fraction, behind
+        )
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
         self.optimiser.step()

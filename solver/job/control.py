@@ -15,7 +15,9 @@ class Control:
     """Watches stdin and the `cancel` file from a thread.
 
     A line {"cmd": "cancel"} (or just `cancel`) asks the job to stop with a checkpoint. The end of a
-    stdin that was open at the start means that the parent is gone. A stdin that is a terminal, a
+    stdin that was open at the start means that the parent is gone: the job has `GRACE` seconds for a
+    checkpoint, then the process ends wherever it is (files are renamed into place, so none is half
+    written). A stdin that is a terminal, a
     file, or at its end from the beginning is no parent: the job runs detached.
 
     Args:
@@ -24,6 +26,8 @@ class Control:
 
     INTERVAL = 0.25
     ENDED_AT_START = 0.05  # seconds
+    GRACE = 1.5  # seconds
+    EXIT_CODE = 3
 
     def __init__(self, cancel_path: Path):
         self.cancelled = False
@@ -59,6 +63,9 @@ class Control:
             data = os.read(sys.stdin.fileno(), 4096)
             if not data:
                 self.parent_gone = heard or time.monotonic() - opened > self.ENDED_AT_START
+                if self.parent_gone:
+                    time.sleep(self.GRACE)
+                    os._exit(self.EXIT_CODE)
                 return
             heard = True
             for line in data.decode("utf-8", "replace").splitlines():

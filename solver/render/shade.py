@@ -130,6 +130,9 @@ def choose_retraced(
     if budget <= 0 or total <= 0:
         empty = torch.zeros(0, dtype=torch.long, device=scores.device)
         return empty, scores.new_zeros(0)
+    candidates = (scores > 0).nonzero()[:, 0]
+    if len(candidates) <= budget:
+        return candidates, torch.ones_like(scores[candidates])
     probability = (scores * (budget / total)).clamp(max=1)
     running = (probability.double().cumsum(0) + u).floor()
     chosen = torch.diff(running, prepend=running.new_zeros(1)) > 0

@@ -1,0 +1,1 @@
+"""What leaves: a mesh with textures, the light, and a report."""

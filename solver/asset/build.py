@@ -1,0 +1,77 @@
+"""From a fitted field to the files of the asset."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .bake import fill_texture, gather
+from .files import write_exr, write_ply, write_texture
+from .gltf import write_glb
+from .settings import AssetSettings
+from .surface import SurfaceField, extract_surface
+from .tangent import encode_normals, texel_frames
+from .unwrap import rasterise, unwrap
+
+
+def build_asset(
+    field: SurfaceField, environment: np.ndarray, surface_points: np.ndarray, folder: Path,
+    settings: AssetSettings, progress: Callable[[float, str], None],
+) -> dict[str, Any]:  # fmt: skip
+    """Write mesh.ply, textures, environment.exr and asset.glb; returns their part of the manifest.
+
+    Args:
+        environment: [H, W, 3] linear Rec.709 radiance, Blender's equirect convention.
+        surface_points: [M, 3] world points where rays have lost half their light.
+
+    Raises:
+        EmptySurfaceError: the field has no surface.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    progress(0.0, "marching cubes")
+    mesh = extract_surface(field, surface_points, settings)
+    progress(0.25, "smooth normals")
+    vertices = np.asarray(mesh.vertices, dtype=np.float32)
+    at_vertices = gather(field, vertices, np.asarray(mesh.vertex_normals, np.float32), settings)
+    progress(0.3, "UV unwrap")
+    unwrapped = unwrap(mesh, at_vertices.normals, settings.texture_size)
+    texels = rasterise(unwrapped, settings.texture_size)
+    progress(0.5, "baking")
+    points = texels.interpolate(unwrapped, unwrapped.positions)
+    outward = texels.interpolate(unwrapped, unwrapped.normals)
+    outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
+    samples = gather(
+        field, points, outward, settings, lambda done: progress(0.5 + 0.35 * done, "baking")
+    )
+    progress(0.85, "writing files")
+
+    def texture(values: np.ndarray) -> np.ndarray:
+        return fill_texture(settings.texture_size, texels.row, texels.column, values)
+
+    f0_scale = float(max(samples.f0.max(), 1e-3))
+    albedo, f0 = texture(samples.albedo), texture(samples.f0 / f0_scale)
+    roughness = texture(np.sqrt(samples.alpha)[:, None])
+    normal = texture(encode_normals(samples.normals, texel_frames(unwrapped, texels)))
+    write_ply(folder / "mesh.ply", unwrapped)
+    write_texture(folder / "albedo.png", albedo, srgb=True)
+    write_texture(folder / "f0.png", f0, srgb=True)
+    write_texture(folder / "roughness.png", roughness, srgb=False)
+    write_texture(folder / "normal.png", normal, srgb=False)
+    write_exr(folder / "environment.exr", {"RGB": environment})
+    progress(0.95, "writing files")
+    write_glb(folder / "asset.glb", unwrapped, albedo, roughness, f0, f0_scale, normal)
+    return {
+        "mesh": "mesh.ply",
+        "textures": {
+            "albedo": {"file": "albedo.png", "colour_space": "sRGB"},
+            "f0": {"file": "f0.png", "colour_space": "sRGB", "scale": f0_scale},
+            "roughness": {"file": "roughness.png", "colour_space": "Non-Color"},
+            "normal": {"file": "normal.png", "colour_space": "Non-Color", "space": "tangent"},
+        },
+        "environment": {"file": "environment.exr", "colour_space": "Linear Rec.709"},
+        "glb": "asset.glb",
+        "triangles": len(unwrapped.faces),
+    }

@@ -1,0 +1,63 @@
+"""The asset's files: mesh.ply, textures, environment.exr."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+from PIL import Image
+
+from ..capture.photos import linear_to_srgb
+from ..job.folder import replace_file
+from .unwrap import UnwrappedMesh
+
+# Rec.709 primaries and D65, so that no reader needs to guess what the numbers mean.
+REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+
+
+def write_ply(path: Path, mesh: UnwrappedMesh) -> None:
+    """Binary PLY with positions, normals and UVs (`s`, `t`) per vertex."""
+    vertex = np.concatenate([mesh.positions, mesh.normals, mesh.uvs], axis=1).astype("<f4")
+    face = np.empty(len(mesh.faces), dtype=[("count", "u1"), ("vertices", "<i4", 3)])
+    face["count"], face["vertices"] = 3, mesh.faces
+    properties = "".join(f"property float {name}\n" for name in "x y z nx ny nz s t".split())
+    header = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertex)}\n{properties}"
+        f"element face {len(face)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    part = path.with_name(path.name + ".part")
+    part.write_bytes(header.encode("ascii") + vertex.tobytes() + face.tobytes())
+    replace_file(part, path)
+
+
+def write_texture(path: Path, values: np.ndarray, srgb: bool) -> np.ndarray:
+    """Write values [S, S, C] in [0, 1] as an 8-bit PNG, sRGB-encoded or plain; returns the bytes."""
+    encoded = linear_to_srgb(values) if srgb else values
+    pixels = (np.clip(encoded, 0, 1) * 255 + 0.5).astype(np.uint8)
+    picture = Image.fromarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels)
+    part = path.with_name(path.stem + ".part.png")
+    picture.save(part)
+    replace_file(part, path)
+    return pixels
+
+
+def write_exr(path: Path, channels: dict[str, np.ndarray], half: bool = False) -> None:
+    """Write an OpenEXR file of linear Rec.709 or plain data; channels are named arrays.
+
+    Values beyond what half floats hold are clipped to them.
+    """
+    kind = np.float16 if half else np.float32
+    largest = np.finfo(kind).max
+    data = {
+        name: np.ascontiguousarray(np.clip(values, -largest, largest).astype(kind))
+        for name, values in channels.items()
+    }
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage,
+        "chromaticities": REC709_CHROMATICITIES,
+    }  # fmt: skip
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(path.stem + ".part.exr")
+    OpenEXR.File(header, data).write(str(part))
+    replace_file(part, path)

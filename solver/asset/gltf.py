@@ -1,0 +1,117 @@
+"""asset.glb: the mesh with textures as glTF 2.0, F0 through KHR_materials_specular.
+
+glTF has Y up; the export turns the object by −90° about X. The base colour is pre-multiplied by
+(1 − F0)/(1 − max F0), since glTF attenuates diffuse light by the largest channel of F0 alone.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from .. import __version__
+from ..capture.photos import linear_to_srgb
+from ..job.folder import replace_file
+from .unwrap import UnwrappedMesh
+
+DIELECTRIC_F0 = 0.04  # of glTF's default index of refraction, 1.5
+_FLOAT, _UNSIGNED_INT = 5126, 5125
+_ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
+
+
+def portable_base_colour(albedo: np.ndarray, f0: np.ndarray) -> np.ndarray:
+    """Albedo [..., 3] that makes up for attenuation by the largest channel of F0; at most 1."""
+    largest = f0.max(-1, keepdims=True)
+    return np.minimum(albedo * (1 - f0) / np.maximum(1 - largest, 1e-3), 1.0)
+
+
+def write_glb(
+    path: Path, mesh: UnwrappedMesh, albedo: np.ndarray, roughness: np.ndarray, f0: np.ndarray,
+    f0_scale: float, normal: np.ndarray,
+) -> None:  # fmt: skip
+    """Write the mesh with textures [S, S, C] (linear; `f0` divided by `f0_scale`; normals coded)."""
+    binary = bytearray()
+    views: list[dict[str, Any]] = []
+
+    def add(data: bytes, target: int | None = None) -> int:
+        binary.extend(b"\0" * (-len(binary) % 4))
+        views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(data)})
+        if target is not None:
+            views[-1]["target"] = target
+        binary.extend(data)
+        return len(views) - 1
+
+    turn = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], dtype=np.float32)
+    positions = (mesh.positions @ turn.T).astype("<f4")
+    normals = (mesh.normals @ turn.T).astype("<f4")
+    uvs = mesh.uvs.astype("<f4") * np.float32([1, -1]) + np.float32([0, 1])
+    arrays = [
+        (positions, "VEC3", {"min": positions.min(0).tolist(), "max": positions.max(0).tolist()}),
+        (normals, "VEC3", {}),
+        (uvs.astype("<f4"), "VEC2", {}),
+    ]
+    accessors = [
+        {"bufferView": add(array.tobytes(), _ARRAY_BUFFER), "componentType": _FLOAT,
+         "count": len(array), "type": kind, **extra}
+        for array, kind, extra in arrays
+    ]  # fmt: skip
+    indices = mesh.faces.astype("<u4").ravel()
+    accessors.append(
+        {"bufferView": add(indices.tobytes(), _ELEMENT_BUFFER), "componentType": _UNSIGNED_INT,
+         "count": len(indices), "type": "SCALAR"}
+    )  # fmt: skip
+    zeros = np.zeros_like(roughness)
+    base = linear_to_srgb(portable_base_colour(albedo, f0 * f0_scale))
+    images = [
+        base, np.concatenate([zeros, roughness, zeros], -1), normal, linear_to_srgb(f0),
+    ]  # fmt: skip
+    image_entries = [{"bufferView": add(_png(image)), "mimeType": "image/png"} for image in images]
+    binary.extend(b"\0" * (-len(binary) % 4))
+    factor = f0_scale / DIELECTRIC_F0
+    material = {
+        "name": "Neural Microfacet Field",
+        "pbrMetallicRoughness": {
+            "baseColorTexture": {"index": 0}, "metallicRoughnessTexture": {"index": 1},
+            "metallicFactor": 0.0, "roughnessFactor": 1.0,
+        },
+        "normalTexture": {"index": 2},
+        "extensions": {
+            "KHR_materials_specular": {
+                "specularColorFactor": [factor] * 3, "specularColorTexture": {"index": 3},
+            }
+        },
+    }  # fmt: skip
+    document = {
+        "asset": {"version": "2.0", "generator": f"Neural Microfacet Fields {__version__}"},
+        "extensionsUsed": ["KHR_materials_specular"],
+        "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0, "name": "Object"}],
+        "meshes": [{"primitives": [{
+            "attributes": {"POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2},
+            "indices": 3, "material": 0,
+        }]}],
+        "materials": [material],
+        "textures": [{"source": i, "sampler": 0} for i in range(len(images))],
+        "samplers": [{}], "images": image_entries,
+        "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": len(binary)}],
+    }  # fmt: skip
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    total = 12 + 8 + len(text) + 8 + len(binary)
+    part = path.with_name(path.name + ".part")
+    with part.open("wb") as file:
+        file.write(struct.pack("<4sII", b"glTF", 2, total))
+        file.write(struct.pack("<I4s", len(text), b"JSON") + text)
+        file.write(struct.pack("<I4s", len(binary), b"BIN\0") + binary)
+    replace_file(part, path)
+
+
+def _png(values: np.ndarray) -> bytes:
+    stream = io.BytesIO()
+    Image.fromarray((np.clip(values, 0, 1) * 255 + 0.5).astype(np.uint8)).save(stream, "PNG")
+    return stream.getvalue()

@@ -1,0 +1,23 @@
+"""Settings of the asset."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class AssetSettings:
+    """Mesh and textures."""
+
+    cells: int = 192
+    """cells per axis of the marching cubes grid"""
+    triangles: int = 40_000
+    """triangles after decimation"""
+    texture_size: int = 1024
+    """texels per edge of each texture"""
+    floater_share: float = 0.01
+    """connected parts with less than this share of the largest part's area are dropped"""
+    march_voxels: float = 3.0
+    """length of the walk along the normal through which a texel gathers materials, voxels"""
+    march_samples: int = 7
+    """samples of that walk"""

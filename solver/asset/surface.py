@@ -1,0 +1,111 @@
+"""The surface of a density field: marching cubes, clean-up, decimation."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import fast_simplification
+import numpy as np
+import skimage.measure
+import trimesh
+
+from .errors import EmptySurfaceError
+from .settings import AssetSettings
+
+POINTS_PER_CALL = 1 << 18
+
+
+class SurfaceField(Protocol):
+    """What the asset needs of a field. World units, linear Rec.709."""
+
+    region: np.ndarray  # [2, 3] world box
+    voxel: float
+
+    def density(self, points: np.ndarray) -> np.ndarray:
+        """Extinction [N] per world unit at points [N, 3] float32."""
+
+    def normals(self, points: np.ndarray) -> np.ndarray:
+        """Unit outward normals [N, 3]."""
+
+    def materials(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Albedo [N, 3], GGX α [N], F0 [N, 3]."""
+
+
+def extract_surface(
+    field: SurfaceField, surface_points: np.ndarray, settings: AssetSettings
+) -> trimesh.Trimesh:
+    """The decimated surface mesh in world coordinates, normals outward.
+
+    The density level is the median at `surface_points` [M, 3], where rays have lost half their
+    light: there the mesh stands where the photos see the surface.
+
+    Raises:
+        EmptySurfaceError: nothing is there.
+    """
+    if len(surface_points) == 0:
+        raise EmptySurfaceError(
+            "The fit found no opaque surface; check the masks, the region and the cameras."
+        )
+    level = float(np.median(field.density(surface_points.astype(np.float32))))
+    mesh = marching_cubes(field, settings.cells, level)
+    mesh = drop_floaters(mesh, settings.floater_share)
+    return decimate(mesh, settings.triangles)
+
+
+def marching_cubes(field: SurfaceField, cells: int, level: float) -> trimesh.Trimesh:
+    """Isosurface of the density at `level` in the field's region (Lewiner et al. 2003).
+
+    Runs on log-density: density rises by orders of magnitude within a voxel, and linear
+    interpolation between grid nodes places the surface well only where the values are even.
+    """
+    low, high = field.region.astype(np.float64)
+    # One layer of empty nodes all round closes surfaces that touch the region's border.
+    ticks = [np.linspace(low[a], high[a], cells + 1, dtype=np.float32) for a in range(3)]
+    density = np.empty((cells + 1,) * 3, dtype=np.float32)
+    layers = max(1, POINTS_PER_CALL // (cells + 1) ** 2)
+    for first in range(0, cells + 1, layers):
+        x = ticks[0][first : first + layers]
+        points = np.stack(np.meshgrid(x, ticks[1], ticks[2], indexing="ij"), axis=-1)
+        density[first : first + layers] = field.density(points.reshape(-1, 3)).reshape(
+            len(x), cells + 1, cells + 1
+        )
+    if not (density > level).any():
+        raise EmptySurfaceError(
+            "The fit found no opaque surface; check the masks, the region and the cameras."
+        )
+    floor = 1e-3 * level
+    values = np.log(np.maximum(np.pad(density, 1), floor))
+    vertices, faces, _, _ = skimage.measure.marching_cubes(values, np.log(level))
+    vertices = low + (vertices - 1) * ((high - low) / cells)
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    mesh.merge_vertices()
+    if mesh.volume < 0:
+        mesh.invert()
+    return mesh
+
+
+def drop_floaters(mesh: trimesh.Trimesh, share: float) -> trimesh.Trimesh:
+    """Keep connected parts with at least `share` of the largest part's area, facing outward.
+
+    Parts whose volume is negative are the inner walls of hollow bodies; nobody sees them.
+    """
+    parts = mesh.split(only_watertight=False)
+    if len(parts) <= 1:
+        return mesh
+    largest = max(part.area for part in parts)
+    kept = [part for part in parts if part.area >= share * largest and part.volume > 0]
+    return trimesh.util.concatenate(kept) if kept else mesh
+
+
+def decimate(mesh: trimesh.Trimesh, triangles: int) -> trimesh.Trimesh:
+    """Quadric decimation to about `triangles` (Garland & Heckbert 1997)."""
+    if len(mesh.faces) <= triangles:
+        return mesh
+    vertices, faces = fast_simplification.simplify(
+        np.asarray(mesh.vertices, dtype=np.float32), np.asarray(mesh.faces, dtype=np.int32),
+        target_count=triangles,
+    )  # fmt: skip
+    simple = trimesh.Trimesh(vertices, faces, process=False)
+    simple.update_faces(simple.nondegenerate_faces())
+    simple.remove_unreferenced_vertices()
+    return simple

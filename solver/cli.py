@@ -1,0 +1,202 @@
+"""The command line: reconstruct, run, render, evaluate, export, doctor.
+
+Exit codes: 0 done, 2 bad input, 3 cancelled, 4 out of memory, 1 anything else.
+"""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import sys
+from pathlib import Path
+
+from . import __version__
+from .asset.errors import EmptySurfaceError
+from .capture.errors import CaptureError
+from .fit.errors import SettingsError
+from .job.control import Control
+from .job.events import EventStream, take_stdout_for_events
+from .job.folder import JobError, JobFolder, JobRequest
+from .job.status import Heartbeat, process_is_alive, read_status
+
+DONE, FAILED, BAD_INPUT, CANCELLED, OUT_OF_MEMORY = 0, 1, 2, 3, 4
+KNOWN_FAILURES = (EmptySurfaceError,)
+_DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a command; returns the exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        return options.run(options)
+    except Exception as error:
+        code, message = explain(error)
+        if code == FAILED and not isinstance(error, KNOWN_FAILURES):
+            raise
+        print(message, file=sys.stderr)
+        return code
+
+
+def explain(error: Exception) -> tuple[int, str]:
+    """Exit code and one sentence for an error; FAILED for one that nobody foresaw."""
+    if isinstance(error, (CaptureError, JobError, SettingsError)):
+        return BAD_INPUT, str(error)
+    text = str(error).lower()
+    if isinstance(error, MemoryError) or "out of memory" in text or "can't allocate" in text:
+        return OUT_OF_MEMORY, "Out of memory: choose the draft preset or smaller photos."
+    if isinstance(error, OSError) and error.errno in _DISK_ERRORS:
+        where = error.filename or "the job folder"
+        return BAD_INPUT, f"{where}: writing failed ({error.strerror}); free space or move the job."
+    if "no space left" in text or "i/o error" in text:
+        return BAD_INPUT, f"The job folder cannot be written ({error}); free space or move the job."
+    if isinstance(error, KNOWN_FAILURES):
+        return FAILED, str(error)
+    return FAILED, f"{type(error).__name__}: {error}"
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m solver", description=__doc__.splitlines()[0])
+    parser.add_argument("--version", action="version", version=__version__)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    new = commands.add_parser("reconstruct", help="photos and cameras to mesh, textures and light")
+    new.add_argument("capture", type=Path, help="folder or camera file")
+    new.add_argument("--out", type=Path, required=True, metavar="JOB", help="job folder, new")
+    new.add_argument("--preset", default="draft", help="draft or standard")
+    new.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda", "mps"))
+    new.add_argument("--seed", type=int, default=0)
+    new.add_argument("--time-limit", type=_positive, metavar="SECONDS", help="asset included")
+    new.add_argument("--resume", action="store_true", help="continue the job in JOB")
+    new.add_argument("--set", action="append", default=[], metavar="section.field=value", dest="sets")
+    new.set_defaults(run=_reconstruct)
+
+    run = commands.add_parser("run", help="run or resume a job folder (how Blender starts it)")
+    run.add_argument("job", type=Path)
+    run.add_argument("--events", action="store_true", help="events on stdout, no bar")
+    run.set_defaults(run=_run)
+
+    render = commands.add_parser("render", help="render cameras of a finished job")
+    render.add_argument("job", type=Path)
+    render.add_argument("--cameras", type=Path, required=True, help="camera file")
+    render.add_argument("--out", type=Path, required=True)
+    render.add_argument("--environment", type=Path, help="another light, equirect EXR")
+    render.add_argument("--rays", type=int, default=64, help="secondary rays a pixel")
+    render.set_defaults(run=_render)
+
+    evaluate = commands.add_parser("evaluate", help="compare renders with held-out photos")
+    evaluate.add_argument("job", type=Path)
+    evaluate.add_argument("--cameras", type=Path, required=True, help="camera file with photos")
+    evaluate.add_argument("--out", type=Path, help="metrics.json")
+    evaluate.set_defaults(run=_evaluate)
+
+    export = commands.add_parser("export", help="copy a job's asset files")
+    export.add_argument("job", type=Path)
+    export.add_argument("--out", type=Path, required=True)
+    export.set_defaults(run=_export)
+
+    doctor = commands.add_parser("doctor", help="what this machine can do")
+    doctor.set_defaults(run=_doctor)
+    return parser
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError("must be a positive number of seconds")
+    return value
+
+
+def _reconstruct(options: argparse.Namespace) -> int:
+    from .capture.read import read_capture
+    from .fit.presets import settings_for
+
+    if options.resume and (options.out / "job.json").exists():
+        return _run_job(JobFolder.open(options.out), events=False)
+    overrides = {}
+    for text in options.sets:
+        key, separator, value = text.partition("=")
+        if not separator:
+            raise JobError(f"--set {text}: write it as section.field=value.")
+        overrides[key] = value
+    settings_for(options.preset, overrides)
+    read_capture(options.capture)  # bad input is refused before a folder is made
+    request = JobRequest(
+        capture=str(options.capture.absolute()), preset=options.preset, device=options.device,
+        seed=options.seed, time_limit=options.time_limit, overrides=overrides,
+        code_version=__version__,
+    )  # fmt: skip
+    return _run_job(JobFolder.create(options.out, request), events=False)
+
+
+def _run(options: argparse.Namespace) -> int:
+    return _run_job(JobFolder.open(options.job), events=options.events)
+
+
+def _run_job(job: JobFolder, events: bool) -> int:
+    """Run a job with its heartbeat, events and log; the last line on stdout is the manifest."""
+    if process_is_alive(read_status(job.status_path)):
+        raise JobError(f"{job.root}: another process works on this job; cancel it first.")
+    job.cancel_path.unlink(missing_ok=True)
+    stream = take_stdout_for_events() if events else None
+    control = Control(job.cancel_path)
+    control.start()
+    out = EventStream(job.events_path, stream)
+    heartbeat = Heartbeat(job.status_path)
+    out.emit("hello", version=__version__)
+    heartbeat.update("preparing")
+
+    from .fit.progress import Progress
+    from .fit.reconstruct import Cancelled, run_job
+
+    progress = Progress(out, heartbeat, bar=not events and sys.stderr.isatty())
+    try:
+        manifest = run_job(job, progress, control)
+        code = DONE
+        out.emit("result", file="result/manifest.json")
+    except (Cancelled, KeyboardInterrupt):
+        code = CANCELLED
+    except Exception as error:
+        code, message = explain(error)
+        out.emit("error", code=code, message=message)
+        heartbeat.update("failed")
+        out.emit("bye", exit_code=code)
+        progress.close()
+        raise
+    progress.close()
+    heartbeat.update("done" if code == DONE else "cancelled")
+    out.emit("bye", exit_code=code)
+    if code == CANCELLED:
+        print(f"Cancelled; continue with --resume ({job.root}).", file=sys.stderr)
+    elif not events:
+        print(manifest)
+    return code
+
+
+def _render(options: argparse.Namespace) -> int:
+    from .fit.render_job import render_job
+
+    render_job(
+        JobFolder.open(options.job), options.cameras, options.out, options.environment, options.rays
+    )
+    return DONE
+
+
+def _evaluate(options: argparse.Namespace) -> int:
+    from .fit.render_job import evaluate_job
+
+    evaluate_job(JobFolder.open(options.job), options.cameras, options.out)
+    return DONE
+
+
+def _export(options: argparse.Namespace) -> int:
+    from .asset.export import export_result
+
+    print(export_result(JobFolder.open(options.job), options.out))
+    return DONE
+
+
+def _doctor(options: argparse.Namespace) -> int:
+    from .doctor import report
+
+    print(report())
+    return DONE

@@ -1,0 +1,43 @@
+"""What this machine can do: a report a person can paste into a question."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import shutil
+
+from . import __version__
+
+PACKAGES = (
+    "torch", "numpy", "numba", "scipy", "OpenEXR", "xatlas", "trimesh", "scikit-image",
+    "fast-simplification", "pillow", "imageio", "safetensors", "tqdm",
+)  # fmt: skip
+
+
+def report() -> str:
+    """Versions, devices, memory and disk as lines of text."""
+    import torch
+
+    lines = [
+        f"Neural Microfacet Fields {__version__}",
+        f"Python {platform.python_version()}, {platform.platform()}",
+        f"Cores {os.cpu_count()}, torch threads {torch.get_num_threads()}",
+    ]
+    for name in PACKAGES:
+        try:
+            lines.append(f"{name} {importlib.metadata.version(name)}")
+        except importlib.metadata.PackageNotFoundError:
+            lines.append(f"{name} MISSING: run Set up solver again")
+    if torch.cuda.is_available():
+        free, total = torch.cuda.mem_get_info()
+        lines.append(
+            f"CUDA {torch.version.cuda}: {torch.cuda.get_device_name()}, "
+            f"{free / 2**30:.1f} of {total / 2**30:.1f} GiB free"
+        )
+    else:
+        lines.append("CUDA not available: the CPU is used")
+    if torch.backends.mps.is_available():
+        lines.append("MPS available (--device mps)")
+    lines.append(f"Free disk {shutil.disk_usage(os.getcwd()).free / 2**30:.0f} GiB")
+    return "\n".join(lines)

@@ -1,0 +1,128 @@
+"""Checkpoints: the complete state as safetensors and JSON, written beside and renamed. No pickle."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+from pathlib import Path
+
+import torch
+from safetensors.torch import load_file, save_file
+
+from ..brdf.neural import NeuralTerm
+from ..field.field import MicrofacetField
+from ..job.folder import JobError, replace_file, write_json_atomic
+from ..light.environment import EnvironmentMap
+from ..render.scene import Scene
+from .presets import Settings
+from .trainer import Trainer
+
+TENSORS, STATE = "scene.safetensors", "state.json"
+
+
+def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) -> None:
+    """Write the trainer's state; a reader finds the old or the new checkpoint, never a mixture.
+
+    Args:
+        seconds: wall time the fit has taken so far. done: the fit is over.
+    """
+    scene, settings = trainer.scene, trainer.settings
+    tensors = {f"scene.{key}": value for key, value in scene.state_dict().items()}
+    tensors["generator.pixels"] = trainer.generator.get_state()
+    tensors["generator.rays"] = trainer.random.generator.get_state()
+    tensors["occupancy"] = scene.occupancy.occupied
+    tensors["extinction"] = scene.occupancy.extinction
+    for index, state in trainer.optimiser.state_dict()["state"].items():
+        for key, value in state.items():
+            tensors[f"optimiser.{index}.{key}"] = torch.as_tensor(value)
+    state = {
+        "step": trainer.step, "level": trainer.level, "steps_at_level": trainer.steps_at_level,
+        "seconds": seconds, "done": done, "seed": trainer.seed, "use_masks": trainer.use_masks,
+        "background": trainer.background,
+        "field": {
+            "size": scene.field.size, "half_size": scene.field.half_size,
+            "density_components": settings.field.density_components,
+            "feature_components": settings.field.feature_components,
+            "feature_size": settings.field.feature_size,
+            "occupancy_cells": scene.occupancy.cells,
+        },
+        "environment_height": scene.environment.height,
+        "settings": dataclasses.asdict(settings),
+    }  # fmt: skip
+    part = folder.with_name(folder.name + ".part")
+    shutil.rmtree(part, ignore_errors=True)
+    part.mkdir(parents=True)
+    save_file({k: v.detach().contiguous().cpu() for k, v in tensors.items()}, part / TENSORS)
+    write_json_atomic(part / STATE, state)
+    old = folder.with_name(folder.name + ".old")
+    shutil.rmtree(old, ignore_errors=True)
+    if folder.exists():
+        replace_file(folder, old)
+    replace_file(part, folder)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def read_state(folder: Path) -> dict | None:
+    """The checkpoint's JSON; None if there is no checkpoint. Repairs an interrupted renaming."""
+    old = folder.with_name(folder.name + ".old")
+    if not (folder / STATE).is_file() and (old / STATE).is_file():
+        shutil.rmtree(folder, ignore_errors=True)
+        replace_file(old, folder)
+    path = folder / STATE
+    return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
+
+
+def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str, torch.Tensor]]:
+    """The scene of a checkpoint, its JSON state and all its tensors.
+
+    Raises:
+        JobError: there is no checkpoint.
+    """
+    state = read_state(folder)
+    if state is None:
+        raise JobError(f"{folder}: there is no checkpoint; run the reconstruction first.")
+    tensors = load_file(folder / TENSORS, device=device)
+    shape = state["field"]
+    field = MicrofacetField(
+        tensors["scene.field.centre"], shape["half_size"], shape["size"],
+        shape["density_components"], shape["feature_components"], shape["feature_size"],
+    )  # fmt: skip
+    scene = Scene(
+        field, EnvironmentMap(state["environment_height"]), NeuralTerm(shape["feature_size"]),
+        shape["occupancy_cells"],
+    ).to(device)  # fmt: skip
+    scene.load_state_dict(
+        {k.removeprefix("scene."): v for k, v in tensors.items() if k.startswith("scene.")}
+    )
+    scene.occupancy.occupied = tensors["occupancy"]
+    scene.occupancy.extinction = tensors["extinction"]
+    return scene, state, tensors
+
+
+def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> None:
+    """Bring a trainer made with the checkpoint's scene to the checkpoint's state."""
+    trainer.step, trainer.level = state["step"], state["level"]
+    trainer.generator.set_state(tensors["generator.pixels"].cpu())
+    trainer.random.generator.set_state(tensors["generator.rays"].cpu())
+    saved = trainer.optimiser.state_dict()
+    saved["state"] = {}
+    for key, value in tensors.items():
+        if key.startswith("optimiser."):
+            _, index, name = key.split(".")
+            saved["state"].setdefault(int(index), {})[name] = value
+    trainer.optimiser.load_state_dict(saved)
+    trainer.steps_at_level = state["steps_at_level"]
+
+
+def settings_of(state: dict) -> Settings:
+    """The settings a checkpoint was made with."""
+    sections = {f.name: f.default_factory for f in dataclasses.fields(Settings)}
+    loaded = {}
+    for name, section in sections.items():
+        values = state["settings"][name]
+        known = {f.name for f in dataclasses.fields(section)}
+        loaded[name] = section(
+            **{k: tuple(v) if isinstance(v, list) else v for k, v in values.items() if k in known}
+        )
+    return Settings(**loaded)

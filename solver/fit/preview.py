@@ -1,0 +1,69 @@
+"""Pictures of the current state: a photo beside its render and normals, and the environment."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from ..capture.camera import Camera
+from ..capture.photos import linear_to_srgb
+from ..job.folder import replace_file
+from ..render.image import RenderedView, image_settings, render_view
+from ..render.scene import StepTables
+from .trainer import Trainer
+
+PREVIEW_WIDTH = 200
+
+
+def display(view: RenderedView) -> np.ndarray:
+    """sRGB pixels [H, W, 3] in [0, 1] of a view over white."""
+    return over_white(np.concatenate([view.radiance, view.opacity[..., None]], axis=-1))
+
+
+def over_white(premultiplied: np.ndarray) -> np.ndarray:
+    """sRGB pixels [H, W, 3] in [0, 1] of linear premultiplied RGBA [H, W, 4] over white."""
+    alpha = np.clip(premultiplied[..., 3:], 0, 1)
+    straight = premultiplied[..., :3] / np.maximum(alpha, 1e-4)
+    return np.clip(linear_to_srgb(straight), 0, 1) * alpha + (1 - alpha)
+
+
+def tone_mapped(radiance: np.ndarray) -> np.ndarray:
+    """An HDR map [H, W, 3] as a displayable picture (Reinhard, then sRGB)."""
+    return np.clip(linear_to_srgb(1.4 * radiance / (1 + radiance)), 0, 1)
+
+
+def smaller(camera: Camera, width: int) -> Camera:
+    """The camera with an image of about `width` pixels, if it is wider than that."""
+    factor = min(1.0, width / camera.width)
+    return dataclasses.replace(
+        camera, width=max(1, round(camera.width * factor)),
+        height=max(1, round(camera.height * factor)), fx=camera.fx * factor, fy=camera.fy * factor,
+        cx=camera.cx * factor, cy=camera.cy * factor,
+    )  # fmt: skip
+
+
+def save_png(pixels: np.ndarray, path: Path) -> None:
+    """Write pixels [H, W, 3] in [0, 1] as 8-bit PNG, renamed into place."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(path.stem + ".part.png")
+    Image.fromarray((np.clip(pixels, 0, 1) * 255 + 0.5).astype(np.uint8)).save(part)
+    replace_file(part, path)
+
+
+def write_previews(trainer: Trainer, folder: Path) -> None:
+    """Write `render.png` (photo | render | normals) and `environment.png`."""
+    scene, bank = trainer.scene, trainer.bank
+    camera, photo = bank.preview_camera, bank.preview_photo
+    settings = image_settings(trainer.settings.render, secondary_rays=16)
+    view = render_view(scene, StepTables.of(scene), settings, smaller(camera, PREVIEW_WIDTH))
+    picture = Image.fromarray((over_white(photo) * 255).astype(np.uint8))
+    size = (view.opacity.shape[1], view.opacity.shape[0])
+    reference = np.asarray(picture.resize(size, Image.Resampling.BOX)).astype(np.float32) / 255
+    normals = view.normal * 0.5 + 0.5
+    normals = normals * view.opacity[..., None] + (1 - view.opacity[..., None])
+    save_png(np.concatenate([reference, display(view), normals], axis=1), folder / "render.png")
+    radiance = scene.environment.radiance().detach().permute(1, 2, 0).cpu().numpy()
+    save_png(tone_mapped(radiance), folder / "environment.png")

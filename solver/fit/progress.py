@@ -1,0 +1,108 @@
+"""Progress of a job: to a terminal as a bar, to the job folder and a parent process as events."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+from tqdm import tqdm
+
+from ..job.events import EventStream
+from ..job.status import Heartbeat
+
+# Shares of the whole run, for one bar over all stages (draft on two cores).
+_SHARES = {
+    "photos": 0.01, "compile": 0.05, "geometry": 0.05, "fit": 0.74, "asset": 0.09, "report": 0.06,
+}  # fmt: skip
+
+
+class Progress:
+    """Tells whoever listens how far a job is.
+
+    Args:
+        events, heartbeat: the job's.
+        bar: show a bar on stderr.
+    """
+
+    EVENT_INTERVAL = 0.2
+
+    def __init__(self, events: EventStream, heartbeat: Heartbeat, bar: bool):
+        self._events, self._heartbeat = events, heartbeat
+        self._bar = None
+        if bar:
+            form = "{desc:<34} {percentage:3.0f}% |{bar:30}| {elapsed}, {postfix}"
+            self._bar = tqdm(total=1000, file=sys.stderr, bar_format=form, dynamic_ncols=True)
+        self._stage = ""
+        self._last_event = 0.0
+        self._text = ""
+
+    def stage(self, name: str, text: str = "") -> None:
+        """A new stage begins."""
+        self._stage = name
+        names = list(_SHARES)
+        self._events.emit("stage", name=name, index=names.index(name), count=len(names))
+        state = {"fit": "running", "asset": "finishing", "report": "finishing"}.get(name, "preparing")
+        self._heartbeat.update(state)
+        self.fraction(0.0, text or name)
+
+    def fraction(self, done: float, text: str = "") -> None:
+        """How much of the stage is done."""
+        self._text = text or self._text
+        self._show(self._text, done, "")
+        self._emit(done, 0, 0, None)
+
+    def fit(self, step: int, steps: int, done: float, left: float | None, psnr: float) -> None:
+        """State of the optimisation: `left` seconds of it remain."""
+        note = f"{_clock(left)} left" if left is not None else "estimating"
+        self._show(f"fit: step {step}, {psnr:.1f} dB", done, note)
+        if self._emit(done, step, steps, left):
+            self._events.emit("metric", name="psnr", value=round(psnr, 3), step=step)
+        self._heartbeat.update("running", step, steps, left)
+
+    def warning(self, text: str) -> None:
+        """Something the person should know."""
+        self._events.emit("warning", text=text)
+        if self._bar is not None:
+            self._bar.write(f"Warning: {text}.", file=sys.stderr)
+
+    def preview(self, file: str) -> None:
+        """A picture was written."""
+        self._events.emit("preview", file=file)
+
+    def checkpoint(self, step: int) -> None:
+        """A state to resume from was written."""
+        self._events.emit("checkpoint", step=step)
+
+    def close(self) -> None:
+        """Remove the bar."""
+        if self._bar is not None:
+            self._bar.close()
+
+    def _emit(self, done: float, step: int, steps: int, left: float | None) -> bool:
+        now = time.monotonic()
+        if now - self._last_event < self.EVENT_INTERVAL and done < 1:
+            return False
+        self._last_event = now
+        self._events.emit(
+            "progress", stage=self._stage, text=self._text if self._stage != "fit" else "fit",
+            step=step, steps=steps, fraction=round(done, 4), overall=round(self._overall(done), 4),
+            seconds_left=None if left is None else round(left, 1),
+        )  # fmt: skip
+        return True
+
+    def _overall(self, done: float) -> float:
+        names = list(_SHARES)
+        before = sum(_SHARES[name] for name in names[: names.index(self._stage)])
+        return before + _SHARES[self._stage] * min(max(done, 0.0), 1.0)
+
+    def _show(self, text: str, done: float, note: str) -> None:
+        if self._bar is not None:
+            self._bar.set_description_str(text, refresh=False)
+            self._bar.set_postfix_str(note, refresh=False)
+            self._bar.n = int(1000 * self._overall(done))
+            self._bar.update(0)
+            self._bar.refresh() if done >= 1 else None
+
+
+def _clock(seconds: float) -> str:
+    return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"

@@ -1,0 +1,184 @@
+"""A whole job: photos → start → fit → asset → report, resumable at every point."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from .. import __version__
+from ..asset.build import build_asset
+from ..asset.from_scene import SceneSurface, environment_image, visible_surface_points
+from ..capture.photos import load_photos
+from ..capture.read import read_capture
+from ..job.control import Control
+from ..job.folder import JobFolder
+from ..kernels.backend import fast
+from ..kernels.warm_up import compile_kernels
+from . import checkpoint
+from .errors import SettingsError
+from .presets import settings_for
+from .preview import write_previews
+from .progress import Progress
+from .report import write_job_report
+from .start import new_trainer, trainer_for
+from .trainer import Trainer
+
+STAGES = ("photos", "compile", "geometry", "fit", "asset", "report")
+ASSET_SECONDS = 45.0  # set aside within a time limit
+
+
+class Cancelled(Exception):
+    """The job was asked to stop; its checkpoint is written."""
+
+
+def run_job(job: JobFolder, progress: Progress, control: Control) -> Path:
+    """Run or resume a job to its manifest.
+
+    Raises:
+        CaptureError, JobError, SettingsError: bad input.
+        Cancelled: asked to stop.
+    """
+    started = time.monotonic()
+    request = job.request
+    settings = settings_for(request.preset, request.overrides)
+    device = choose_device(request.device)
+    progress.stage("photos")
+    capture = read_capture(request.capture)
+    for warning in capture.warnings:
+        progress.warning(warning)
+    photos = load_photos(capture, lambda done, count: progress.fraction(done / count))
+
+    progress.stage("compile", "compiling kernels (once on this machine)")
+    if fast(torch.empty(0, device=device)):
+        compile_kernels()
+    _stop_if_asked(control)
+
+    progress.stage("geometry", "visual hull")
+    state = checkpoint.read_state(job.checkpoint_dir)
+    if state is not None:
+        settings = checkpoint.settings_of(state)
+        scene, state, tensors = checkpoint.load_scene(job.checkpoint_dir, device)
+        trainer = trainer_for(scene, capture, photos, settings, request.seed)
+        checkpoint.restore(trainer, state, tensors)
+    else:
+        region = request.region and np.array([request.region["min"], request.region["max"]])
+        trainer = new_trainer(
+            capture, photos, settings, request.seed, region, device, progress.fraction
+        )
+    _stop_if_asked(control)
+
+    progress.stage("fit")
+    limit = None
+    if request.time_limit is not None:
+        # At least a tenth of a short limit goes to the fit: a worse picture, not a broken one.
+        used = time.monotonic() - started
+        limit = max(request.time_limit - used - ASSET_SECONDS, 0.1 * request.time_limit)
+    if not (state and state["done"]):
+        fit(trainer, job, progress, control, limit, state["seconds"] if state else 0.0)
+
+    progress.stage("asset", "mesh and textures")
+    scene = trainer.scene
+    points = visible_surface_points(scene, settings.render, list(capture.cameras))
+    parts = build_asset(
+        SceneSurface(scene), environment_image(scene), points, job.result_dir, settings.asset,
+        lambda fraction, text: progress.fraction(fraction, text),
+    )  # fmt: skip
+    _stop_if_asked(control)
+
+    progress.stage("report", "report")
+    numbers = {
+        "seconds": round(time.monotonic() - started, 1), "steps": trainer.step,
+        "photos": len(photos), "triangles": parts.pop("triangles"),
+    }  # fmt: skip
+    report = write_job_report(job, scene, settings, capture, photos, numbers, progress.fraction)
+    half, centre = scene.field.half_size, scene.field.centre.cpu().numpy()
+    job.write_manifest(
+        {
+            **parts, "report": report, "bounces": 2,
+            "region": {"min": (centre - half).tolist(), "max": (centre + half).tolist()},
+            "preset": request.preset, "seed": request.seed, "code_version": __version__,
+        }
+    )  # fmt: skip
+    return job.manifest_path
+
+
+def fit(
+    trainer: Trainer, job: JobFolder, progress: Progress, control: Control,
+    limit: float | None, seconds_before: float,
+) -> None:  # fmt: skip
+    """Optimise to the end of the schedule, with previews and checkpoints on the way.
+
+    Args:
+        limit: seconds of wall time for this fit, or None to count steps.
+        seconds_before: time a resumed fit took already.
+
+    Raises:
+        Cancelled: asked to stop; a checkpoint is written first.
+    """
+    settings = trainer.settings
+    started = time.monotonic()
+    last_preview = last_checkpoint = started
+    steps = settings.fit.steps
+    smooth_psnr = None
+    begun = trainer.step / steps if limit is None else 0.0
+    while True:
+        now = time.monotonic()
+        elapsed = now - started
+        done = trainer.step / steps
+        if limit is not None:
+            # A fraction of wall time; never slower than the preset's own number of steps.
+            done = max(done, elapsed / limit)
+        if done >= 1:
+            break
+        terms = trainer.advance(done)
+        smooth = terms["psnr"] if smooth_psnr is None else 0.95 * smooth_psnr + 0.05 * terms["psnr"]
+        smooth_psnr = smooth
+        left = elapsed / max(done - begun, 1e-3) * (1 - done) if elapsed > 2 else None
+        progress.fit(trainer.step, steps, done, left, smooth_psnr)
+        if control.should_stop:
+            checkpoint.save_checkpoint(
+                trainer, job.checkpoint_dir, seconds_before + elapsed, done=False
+            )
+            progress.checkpoint(trainer.step)
+            raise Cancelled
+        if now - last_preview > settings.fit.preview_every:
+            write_previews(trainer, job.preview_dir)
+            progress.preview("preview/render.png")
+            last_preview = time.monotonic()
+        if now - last_checkpoint > settings.fit.checkpoint_every:
+            checkpoint.save_checkpoint(
+                trainer, job.checkpoint_dir, seconds_before + elapsed, done=False
+            )
+            progress.checkpoint(trainer.step)
+            last_checkpoint = time.monotonic()
+    trainer.refresh_occupancy()
+    elapsed = time.monotonic() - started
+    checkpoint.save_checkpoint(trainer, job.checkpoint_dir, seconds_before + elapsed, done=True)
+    progress.checkpoint(trainer.step)
+    write_previews(trainer, job.preview_dir)
+    progress.preview("preview/render.png")
+
+
+def choose_device(name: str) -> str:
+    """The torch device for 'auto', 'cpu', 'cuda' or 'mps'.
+
+    Raises:
+        SettingsError: the device is not there.
+    """
+    available = {"cpu": True, "cuda": torch.cuda.is_available()}
+    available["mps"] = torch.backends.mps.is_available()
+    if name == "auto":
+        return "cuda" if available["cuda"] else "cpu"
+    if not available.get(name, False):
+        there = ", ".join(key for key, value in available.items() if value)
+        raise SettingsError(f"--device {name}: this machine has no such device; choose {there}.")
+    return name
+
+
+def _stop_if_asked(control: Control) -> None:
+    if control.should_stop:
+        raise Cancelled
+

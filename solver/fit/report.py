@@ -1,0 +1,75 @@
+"""report.json and report.html of a job: photos beside the solver's own renders, and numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..capture.capture import Capture
+from ..capture.errors import CaptureError
+from ..capture.photos import Photo, load_photos
+from ..capture.read import has_split, read_capture
+from ..job.folder import JobFolder, write_json_atomic
+from ..metrics.image import psnr, ssim
+from ..render.image import image_settings, render_view
+from ..render.scene import Scene, StepTables
+from ..report import Row, write_report
+from .presets import Settings
+from .preview import display, over_white, save_png, tone_mapped
+
+VIEWS = 4
+
+
+def write_job_report(
+    job: JobFolder, scene: Scene, settings: Settings, capture: Capture, photos: list[Photo],
+    numbers: dict[str, float], progress: Callable[[float], None],
+) -> dict[str, str]:  # fmt: skip
+    """Write the report; held-out views if the capture has a test split, else some of the photos."""
+    held_out = False
+    cameras, images = list(capture.cameras), photos
+    if has_split(job.request.capture, "test"):
+        try:
+            test = read_capture(job.request.capture, "test")
+            cameras, images, held_out = list(test.cameras), load_photos(test), True
+        except CaptureError:
+            # A broken test split must not cost the person a finished reconstruction.
+            held_out = False
+    chosen = np.linspace(0, len(cameras) - 1, min(VIEWS, len(cameras))).astype(int)
+    render_settings = image_settings(settings.render)
+    tables = StepTables.of(scene)
+    rows, scores = [], []
+    folder = job.result_dir / "report"
+    for done, index in enumerate(chosen):
+        camera, photo = cameras[index], images[index]
+        view = render_view(scene, tables, render_settings, camera)
+        truth, prediction = over_white(photo.pixels), display(view)
+        score = psnr(prediction, truth)
+        scores.append((score, ssim(prediction, truth)))
+        pictures = {
+            "photo": truth, "render": prediction, "difference ×4": np.abs(prediction - truth) * 4,
+            "normals": view.normal * 0.5 + 0.5,
+        }  # fmt: skip
+        files = []
+        for name, pixels in pictures.items():
+            file = folder / f"{camera.name}_{name.split()[0]}.png"
+            save_png(pixels, file)
+            files.append((name, f"report/{file.name}"))
+        rows.append(Row(f"{camera.name}: {score:.1f} dB", files))
+        progress((done + 1) / len(chosen))
+    radiance = scene.environment.radiance().detach().permute(1, 2, 0).cpu().numpy()
+    save_png(tone_mapped(radiance), folder / "environment.png")
+    rows.append(Row("Recovered light", [("environment", "report/environment.png")]))
+    kind = "held-out views" if held_out else "training photos"
+    numbers = {
+        **numbers,
+        f"PSNR, dB (mean of {len(chosen)} {kind})": round(float(np.mean([s[0] for s in scores])), 2),
+        f"SSIM (mean of {len(chosen)} {kind})": round(float(np.mean([s[1] for s in scores])), 4),
+    }
+    write_json_atomic(job.result_dir / "report.json", numbers)
+    write_report(
+        job.result_dir / "report.html", "Reconstruction",
+        f"Photos beside the solver's own renders of the field ({kind}), without the neural term: "
+        "what Cycles can show.", rows, numbers,
+    )  # fmt: skip
+    return {"json": "report.json", "html": "report.html"}

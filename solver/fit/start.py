@@ -1,0 +1,122 @@
+"""The start of a fit: the box, the first density and the first light, from photos and cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.ndimage
+import torch
+
+from ..brdf.neural import NeuralTerm
+from ..capture.capture import Capture
+from ..capture.errors import CaptureError
+from ..capture.photos import Photo
+from ..field.field import MicrofacetField
+from ..light.environment import EnvironmentMap
+from ..render.scene import Scene
+from .presets import Settings
+from .ray_bank import RayBank
+from .trainer import Trainer
+from .visual_hull import bounding_box, carve, signed_distance, start_from_hull
+
+COARSE_HULL_CELLS = 96
+LIKELY_MARGIN = 9  # pixels around the object from which rays are drawn as often as from it
+
+
+@dataclass(frozen=True)
+class Region:
+    """A cube in world space."""
+
+    centre: np.ndarray
+    half_size: float
+
+    @property
+    def box(self) -> np.ndarray:
+        """[2, 3] min and max."""
+        return np.stack([self.centre - self.half_size, self.centre + self.half_size])
+
+
+def new_trainer(
+    capture: Capture, photos: list[Photo], settings: Settings, seed: int,
+    region: np.ndarray | None, device: str, progress: Callable[[float], None],
+) -> Trainer:  # fmt: skip
+    """A trainer at its start.
+
+    With masks (alpha) the density starts as the photos' visual hull in a box around it; without,
+    as a thin fog in the region the cameras look at.
+
+    Args:
+        region: [2, 3] world box given by the person, or None.
+
+    Raises:
+        CaptureError: the photos' masks have nothing in common.
+    """
+    torch.manual_seed(seed)
+    cameras = list(capture.cameras)
+    use_masks = all(photo.has_alpha for photo in photos)
+    box = capture.region if region is None else np.asarray(region, dtype=np.float64)
+    if use_masks:
+        cube = _object_cube(capture, photos, box, settings.field.box_margin)
+    else:
+        cube = Region(box.mean(0), float((box[1] - box[0]).max() / 2))
+    progress(0.2)
+    shape = settings.field
+    field = MicrofacetField(
+        torch.tensor(cube.centre), cube.half_size, shape.sizes[0], shape.density_components,
+        shape.feature_components, shape.feature_size,
+    )  # fmt: skip
+    if use_masks:
+        hull = carve(cameras, photos, cube.box, shape.hull_cells)
+        distance = torch.from_numpy(signed_distance(hull)) * (2 * cube.half_size / hull.shape[0])
+        start_from_hull(
+            field, distance, shape.hull_slope / cube.half_size, -12.0, 12.0, shape.hull_steps, seed,
+            lambda step, steps: progress(0.3 + 0.7 * step / steps),
+        )  # fmt: skip
+    scene = Scene(
+        field, EnvironmentMap(settings.light.heights[0], settings.light.initial),
+        NeuralTerm(shape.feature_size), shape.occupancy_cells,
+    ).to(device)  # fmt: skip
+    return trainer_for(scene, capture, photos, settings, seed)
+
+
+def trainer_for(
+    scene: Scene, capture: Capture, photos: list[Photo], settings: Settings, seed: int
+) -> Trainer:
+    """A trainer of a given scene on a capture's photos."""
+    use_masks = all(photo.has_alpha for photo in photos)
+    bank = RayBank(list(capture.cameras), photos, scene.field.centre.device)
+    if use_masks:
+        likely = [
+            scipy.ndimage.maximum_filter(photo.pixels[..., 3] > 0.01, LIKELY_MARGIN).ravel()
+            for photo in photos
+        ]
+        bank.restrict(torch.from_numpy(np.concatenate(likely)))
+    return Trainer(scene, bank, settings, seed, use_masks, background_of(photos))
+
+
+def background_of(photos: list[Photo]) -> str:
+    """'white' if photos have alpha or stand before plain white, else 'environment'."""
+    if all(photo.has_alpha for photo in photos):
+        return "white"
+    borders = [
+        np.concatenate([p.pixels[0], p.pixels[-1], p.pixels[:, 0], p.pixels[:, -1]])[:, :3]
+        for p in photos
+    ]
+    white = [float((border > 0.97).all(-1).mean()) for border in borders]
+    return "white" if np.median(white) > 0.8 else "environment"
+
+
+def _object_cube(
+    capture: Capture, photos: list[Photo], box: np.ndarray, margin: float
+) -> Region:
+    """The cube around the visual hull within `box`."""
+    hull = carve(list(capture.cameras), photos, box, COARSE_HULL_CELLS)
+    if not hull.any():
+        raise CaptureError(
+            capture.source, "alpha", "no point in the region lies inside the masks of all photos",
+            "check that masks and cameras belong together, or enlarge the region",
+        )  # fmt: skip
+    tight = bounding_box(hull, box)
+    return Region(tight.mean(0), float((tight[1] - tight[0]).max() / 2 * (1 + 2 * margin)))

@@ -1,0 +1,35 @@
+"""Compile the fused kernels before the clock of a fit starts; numba keeps them on disk."""
+
+from __future__ import annotations
+
+import torch
+
+from .integral import rectangle_mean
+from .march import composite, grid_transmittance, march
+from .vm import vm_gradient, vm_products, vm_sum
+
+
+def compile_kernels() -> None:
+    """Run every kernel once, forwards and backwards, on a handful of numbers."""
+    points = torch.rand(4, 3)
+
+    def leaf(*shape: int) -> torch.Tensor:
+        return torch.rand(*shape, requires_grad=True)
+
+    planes, lines = leaf(3, 4, 4, 8), leaf(3, 4, 8)
+    vm_sum(points, planes, lines).sum().backward()
+    vm_products(points, planes, lines).sum().backward()
+    vm_gradient(points, leaf(3, 4, 4, 3, 8), leaf(3, 4, 2, 8)).sum().backward()
+    directions = torch.nn.functional.normalize(points - 0.4, dim=-1)
+    occupied = torch.ones(4, 4, 4, dtype=torch.bool)
+    segments = march(
+        points, directions, torch.zeros(4), torch.zeros(4), 0.1, occupied, planes, lines, -4.0, 25.0
+    )
+    depth = torch.rand(len(segments.ray), requires_grad=True)
+    weights, transmittance = composite(depth, segments.offsets)
+    (weights.sum() + transmittance.sum()).backward()
+    grid_transmittance(points, directions, torch.zeros(4), 0.1, torch.rand(4, 4, 4))
+    table = torch.rand(3, 5, 9, dtype=torch.float64, requires_grad=True)
+    centre = leaf(4, 2)
+    rows = torch.linspace(0, 1, 5, dtype=torch.float64)
+    rectangle_mean(table, rows, centre, torch.ones(4, 2)).sum().backward()
