@@ -1,0 +1,1 @@
+"""The Blender side: registration, preferences, panel, jobs and what they do to a scene."""

@@ -1,0 +1,168 @@
+"""Reconstruct without a window: `blender -c nmf`, `samples/reconstruct.py`, and the plain function.
+
+    reconstruct CAPTURE OUT.blend [--preset draft|standard] [--device auto|cpu|cuda|mps] [--seed 0]
+                [--time-limit SECONDS] [--set section.field=value …] [--job FOLDER] [--resume]
+                [--overwrite]
+
+Exit codes are the solver's: 0 done, 2 bad input, 3 cancelled, 4 out of memory, 1 anything else.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import bpy
+
+from ..solver.capture.errors import CaptureError
+from ..solver.job.events import Event
+from ..solver.job.folder import JobError, JobFolder
+from . import preferences
+from .jobs.create import create_job, new_job_root
+from .jobs.process import run_blocking, start_job
+from .runtime import RuntimeMissing, bootstrap_script, clean_environment, solver_python
+from .scene.cameras import photo_of
+from .scene.capture_collection import import_capture
+from .scene.install import InstalledAsset, install_result
+from .scene.match_solver import match_resolution, match_solver
+
+DONE, FAILED, BAD_INPUT, CANCELLED = 0, 1, 2, 3
+
+
+class SolverFailed(RuntimeError):
+    """The solver ended without a result; `code` is its exit code."""
+
+    def __init__(self, code: int, message: str):
+        super().__init__(message)
+        self.code = code
+
+
+def main(arguments: list[str]) -> int:
+    """Run a command line (without the program's name); returns the exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        reconstruct_to_file(options)
+    except (CaptureError, JobError, RuntimeMissing) as error:
+        print(error, file=sys.stderr)
+        return BAD_INPUT
+    except SolverFailed as error:
+        print(error, file=sys.stderr)
+        return error.code
+    except OSError as error:
+        print(f"{error.filename or options.out}: {error.strerror}.", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print("Cancelled.", file=sys.stderr)
+        return CANCELLED
+    print(options.out)
+    return DONE
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="nmf", description=__doc__.splitlines()[0])
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    command = commands.add_parser("reconstruct", help="photos and cameras to a .blend")
+    command.add_argument("capture", type=Path, help="folder or camera file")
+    command.add_argument("out", type=Path, metavar="OUT.blend")
+    command.add_argument("--preset", default="draft")
+    command.add_argument("--device", default="auto")
+    command.add_argument("--seed", type=int, default=0)
+    command.add_argument("--time-limit", type=float)
+    command.add_argument("--set", action="append", default=[], dest="sets", metavar="section.field=value")
+    command.add_argument("--job", type=Path, help="job folder; default: beside OUT.blend")
+    command.add_argument("--resume", action="store_true", help="continue the job in the job folder")
+    command.add_argument("--overwrite", action="store_true", help="replace OUT.blend")
+    return parser
+
+
+def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
+    """Import, reconstruct, install, match the solver's settings, pack and save.
+
+    Raises:
+        CaptureError, JobError, RuntimeMissing, SolverFailed.
+    """
+    out = options.out.absolute()
+    if out.exists() and not options.overwrite:
+        raise JobError(f"{out}: it exists already; give another name or --overwrite.")
+    if any("=" not in text for text in options.sets):
+        raise JobError("--set: write settings as section.field=value.")
+    python = solver_python(preferences.chosen_python())
+    out.parent.mkdir(parents=True, exist_ok=True)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    collection = import_capture(bpy.context, options.capture.absolute())
+    root = options.job.absolute() if options.job else out.with_suffix("").with_name(out.stem + "_job")
+    if options.resume and (root / "job.json").exists():
+        job = JobFolder.open(root)
+    else:
+        root = root if options.job else new_job_root(root.name, root.parent)
+        job = create_job(
+            collection, root, preset=options.preset, device=options.device, seed=options.seed,
+            time_limit=options.time_limit,
+            overrides=dict(text.split("=", 1) for text in options.sets),
+        )  # fmt: skip
+    if not job.is_complete():
+        run_solver(python, job, ProgressLines())
+    asset = install_result(bpy.context, job.root, collection)
+    match_solver(bpy.context.scene, asset.manifest["bounces"])
+    match_capture_resolution(collection)
+    bpy.ops.file.pack_all()
+    bpy.ops.wm.save_as_mainfile(filepath=str(out), compress=True)
+    return asset
+
+
+def run_solver(python: Path, job: JobFolder, on_event) -> None:
+    """Run the solver on a job and wait.
+
+    Raises:
+        SolverFailed: it ended without a result.
+    """
+    messages: list[str] = []
+
+    def listen(event: Event) -> None:
+        if event.kind == "error":
+            messages.append(str(event.data.get("message", "")))
+        on_event(event)
+
+    process = start_job(python, bootstrap_script(), job, clean_environment())
+    try:
+        code = run_blocking(process, listen)
+    except KeyboardInterrupt:
+        process.close()
+        process.popen.wait(10)
+        raise
+    if code != 0:
+        reason = " ".join(messages) or f"The solver ended with code {code}.\n{process.log_tail()}"
+        raise SolverFailed(code if code > 0 else FAILED, reason)
+
+
+def match_capture_resolution(collection: bpy.types.Collection) -> None:
+    """Render at the size of the capture's first photo."""
+
+
+    item = next(i for i in collection.all_objects if i.type == "CAMERA")
+    width, height = photo_of(item).size
+    match_resolution(bpy.context.scene, width, height)
+    bpy.context.scene.camera = item
+
+
+class ProgressLines:
+    """Prints a line whenever a stage begins or a twentieth of it is done."""
+
+    def __init__(self) -> None:
+        self._shown = ""
+
+    def __call__(self, event: Event) -> None:
+        data = event.data
+        if event.kind == "warning":
+            print(f"Warning: {data.get('text')}.", file=sys.stderr, flush=True)
+        if event.kind != "progress":
+            return
+        left = data.get("seconds_left")
+        share = int(20 * data.get("fraction", 0)) * 5
+        line = f"{data.get('stage')}: {data.get('text')}, {share} %"
+        if line == self._shown:
+            return
+        self._shown = line
+        note = "" if left is None else f", {int(left) // 60}:{int(left) % 60:02d} left"
+        print(line + note, file=sys.stderr, flush=True)

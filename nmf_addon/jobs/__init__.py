@@ -1,0 +1,1 @@
+"""Jobs: a solver process per job, watched without blocking Blender."""

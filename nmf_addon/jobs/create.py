@@ -1,0 +1,47 @@
+"""New job folders."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import bpy
+
+from ...solver import __version__
+from ...solver.job.folder import JobFolder, JobRequest
+from ..names import user_folder
+from ..scene.capture_collection import region_of, write_capture
+
+
+def jobs_folder() -> Path:
+    """Where new jobs go: beside the saved .blend, else in the extension's own folder."""
+    if bpy.data.filepath:
+        return Path(bpy.path.abspath("//nmf_jobs"))
+    return user_folder("jobs")
+
+
+def new_job_root(name: str, parent: Path | None = None) -> Path:
+    """A folder that does not exist yet, named after a capture."""
+    parent = jobs_folder() if parent is None else parent
+    stem = re.sub(r"[^\w.\-]+", "_", name).strip("._") or "job"
+    root, number = parent / stem, 2
+    while root.exists():
+        root, number = parent / f"{stem}_{number}", number + 1
+    return root
+
+
+def create_job(collection: bpy.types.Collection, root: Path, **settings) -> JobFolder:
+    """Write a job folder for a capture collection: its cameras, region and settings.
+
+    Args:
+        settings: fields of `JobRequest`.
+
+    Raises:
+        CaptureError, JobError: nothing to reconstruct, or the folder is in use.
+    """
+    root.mkdir(parents=True, exist_ok=True)
+    cameras = write_capture(collection, root / "capture")
+    request = JobRequest(
+        capture=str(cameras), region=region_of(collection), code_version=__version__, **settings
+    )
+    return JobFolder.create(root, request)

@@ -1,0 +1,62 @@
+"""What the panel remembers, per scene."""
+
+from __future__ import annotations
+
+import bpy
+
+
+class NMF_scene(bpy.types.PropertyGroup):
+    """Choices for the next reconstruction."""
+
+    capture: bpy.props.PointerProperty(
+        name="Capture",
+        description="Collection of cameras with photos to reconstruct from",
+        type=bpy.types.Collection,
+    )
+    preset: bpy.props.EnumProperty(
+        name="Preset",
+        items=(
+            ("draft", "Draft", "Minutes on any computer: did the capture work?"),
+            ("standard", "Standard", "The best quality per minute; long without a graphics card"),
+        ),
+        default="draft",
+        description="How much time goes into quality",
+    )
+    device: bpy.props.EnumProperty(
+        name="Device",
+        items=(
+            ("auto", "Automatic", "A graphics card if the solver can use it, else the processor"),
+            ("cpu", "CPU", "The processor"),
+            ("cuda", "CUDA", "An NVIDIA graphics card"),
+            ("mps", "Metal", "An Apple graphics chip"),
+        ),
+        default="auto",
+        description="What the solver runs on",
+    )
+    use_time_limit: bpy.props.BoolProperty(
+        name="Time Limit", description="Plan the reconstruction to end within a given time"
+    )
+    time_limit: bpy.props.FloatProperty(
+        name="Minutes",
+        description="Wall time for the whole reconstruction",
+        default=10.0, min=1.0, soft_max=120.0,
+    )  # fmt: skip
+    seed: bpy.props.IntProperty(
+        name="Seed", description="Number that fixes all random choices", min=0
+    )
+    job: bpy.props.StringProperty(
+        name="Job", description="Folder of the last job", subtype="DIR_PATH"
+    )
+
+
+classes = (NMF_scene,)
+
+
+def register() -> None:
+    """Attach the group to scenes."""
+    bpy.types.Scene.nmf = bpy.props.PointerProperty(type=NMF_scene)
+
+
+def unregister() -> None:
+    """Detach it."""
+    del bpy.types.Scene.nmf

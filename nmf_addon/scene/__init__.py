@@ -1,0 +1,1 @@
+"""What a reconstruction is in Blender's terms: cameras, box, object, material, World."""

@@ -1,0 +1,93 @@
+"""Solver cameras to Blender cameras and back. Both have OpenGL axes, so poses carry over as they are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ...solver.capture.camera import Camera
+from ...solver.capture.errors import CaptureError
+
+SENSOR_WIDTH = 36.0  # mm; only its ratio to the focal length matters
+LENS, DISTORTION, ASPECT, MASK = "nmf_lens", "nmf_distortion", "nmf_fy_over_fx", "nmf_mask"
+
+
+def add_camera(camera: Camera, image: bpy.types.Image | None) -> bpy.types.Object:
+    """A camera object with the photo as background; linked to nothing yet."""
+    data = bpy.data.cameras.new(camera.name)
+    data.sensor_fit = "HORIZONTAL"
+    data.sensor_width = SENSOR_WIDTH
+    data.lens = camera.fx * SENSOR_WIDTH / camera.width
+    data.shift_x = (0.5 * camera.width - camera.cx) / camera.width
+    data.shift_y = (camera.cy - 0.5 * camera.height) / camera.width * camera.fx / camera.fy
+    data.display_size = 0.2
+    if image is not None:
+        data.show_background_images = True
+        background = data.background_images.new()
+        background.image = image
+        background.alpha = 1.0
+        background.display_depth = "BACK"
+        background.frame_method = "FIT"
+    data[LENS] = camera.lens
+    data[DISTORTION] = list(camera.distortion) or [0.0]
+    data[ASPECT] = camera.fy / camera.fx
+    if camera.mask_path is not None:
+        data[MASK] = str(camera.mask_path)
+    item = bpy.data.objects.new(camera.name, data)
+    item.matrix_world = Matrix(camera.camera_to_world.tolist())
+    return item
+
+
+def photo_of(item: bpy.types.Object) -> bpy.types.Image | None:
+    """The background image of a camera object."""
+    for background in item.data.background_images:
+        if background.image is not None:
+            return background.image
+    return None
+
+
+def to_solver(item: bpy.types.Object, to_capture: Matrix) -> Camera:
+    """The solver's camera of a camera object with a photo.
+
+    Works for cameras of any origin (other importers, trackers, Alembic): intrinsics are read from
+    the camera's data, distortion from properties that our own import leaves.
+
+    Args:
+        to_capture: world to capture space.
+
+    Raises:
+        CaptureError: no photo, or the photo cannot be loaded.
+    """
+    image = photo_of(item)
+    if image is None:
+        raise CaptureError(
+            item.name, "background image", "the camera has no photo", "add it as background image"
+        )
+    path = Path(bpy.path.abspath(image.filepath))
+    width, height = image.size
+    if not path.is_file() or width == 0:
+        raise CaptureError(
+            path, f"photo of {item.name}", "the photo does not exist", "relink the background image"
+        )
+    data = item.data
+    across = width if _fits_width(data, width, height) else height
+    sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
+    fx = data.lens * across / sensor
+    aspect = float(data.get(ASPECT, 1.0))
+    pose = np.array((to_capture @ item.matrix_world).normalized())
+    lens = str(data.get(LENS, "pinhole"))
+    mask = data.get(MASK)
+    return Camera(
+        name=item.name, image_path=path, camera_to_world=pose, width=width, height=height,
+        fx=fx, fy=fx * aspect, cx=0.5 * width - data.shift_x * across,
+        cy=0.5 * height + data.shift_y * across * aspect,
+        lens=lens, distortion=tuple(data.get(DISTORTION, ())) if lens != "pinhole" else (),
+        mask_path=Path(mask) if mask else None,
+    )  # fmt: skip
+
+
+def _fits_width(data: bpy.types.Camera, width: int, height: int) -> bool:
+    return data.sensor_fit == "HORIZONTAL" or (data.sensor_fit == "AUTO" and width >= height)

@@ -1,0 +1,139 @@
+"""A capture in the scene: a collection of cameras under one empty, with a region box.
+
+The empty carries the similarity transform (up, scale, origin) from capture space to the world; the
+collection is the truth the solver is started from.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ...solver.capture.capture import Capture, region_seen_by
+from ...solver.capture.errors import CaptureError
+from ...solver.capture.read import camera_file, read_capture
+from ...solver.capture.transforms import write_transforms
+from .cameras import add_camera, photo_of, to_solver
+
+SOURCE, ROOT, REGION = "nmf_source", "nmf_root", "nmf_region"
+
+
+def import_capture(context: bpy.types.Context, path: Path) -> bpy.types.Collection:
+    """Read cameras and show them with their photos. Nothing changes if reading fails.
+
+    Raises:
+        CaptureError: with file, field and remedy.
+    """
+    capture = read_capture(path)
+    collection = bpy.data.collections.new(_capture_name(capture))
+    collection[SOURCE] = str(camera_file(path).absolute())
+    context.scene.collection.children.link(collection)
+    root = bpy.data.objects.new(f"{collection.name} Transform", None)
+    root[ROOT] = True
+    root.empty_display_type = "ARROWS"
+    collection.objects.link(root)
+    for camera in capture.cameras:
+        image = bpy.data.images.load(str(camera.image_path), check_existing=True)
+        item = add_camera(camera, image)
+        item.parent = root
+        collection.objects.link(item)
+    first = next(item for item in collection.objects if item.type == "CAMERA")
+    if context.scene.camera is None:
+        context.scene.camera = first
+    return collection
+
+
+def warnings_of(path: Path) -> tuple[str, ...]:
+    """What `read_capture` had to say about a file that was imported."""
+    return read_capture(path).warnings
+
+
+def capture_collections(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
+    """Collections of the scene that hold at least one camera with a photo."""
+    return [c for c in scene.collection.children_recursive if _photo_cameras(c)]
+
+
+def active_capture(context: bpy.types.Context) -> bpy.types.Collection | None:
+    """The capture chosen in the panel, else the active collection, else the first capture."""
+    chosen = context.scene.nmf.capture
+    if chosen is not None and _photo_cameras(chosen):
+        return chosen
+    active = context.collection
+    if active is not None and _photo_cameras(active):
+        return active
+    return next(iter(capture_collections(context.scene)), None)
+
+
+def root_of(collection: bpy.types.Collection) -> bpy.types.Object | None:
+    """The empty with the capture's similarity transform; None for foreign cameras."""
+    return next((item for item in collection.all_objects if item.get(ROOT)), None)
+
+
+def to_capture_space(collection: bpy.types.Collection) -> Matrix:
+    """World to capture space."""
+    root = root_of(collection)
+    return root.matrix_world.inverted() if root is not None else Matrix.Identity(4)
+
+
+def write_capture(collection: bpy.types.Collection, folder: Path) -> Path:
+    """Write the collection's cameras for the solver; returns the camera file.
+
+    Raises:
+        CaptureError: no cameras, or photos missing.
+    """
+    bpy.context.view_layer.update()
+    items = _photo_cameras(collection)
+    if not items:
+        raise CaptureError(
+            collection.name, "cameras", "the collection holds no camera with a photo",
+            "import a capture or add photos as background images",
+        )  # fmt: skip
+    matrix = to_capture_space(collection)
+    path = folder / "transforms_train.json"
+    write_transforms(path, [to_solver(item, matrix) for item in items])
+    return path
+
+
+def add_region_box(context: bpy.types.Context, collection: bpy.types.Collection) -> bpy.types.Object:
+    """A box empty around what the cameras look at, for the person to move and scale."""
+    existing = region_box(collection)
+    if existing is not None:
+        return existing
+    matrix = to_capture_space(collection)
+    low, high = region_seen_by([to_solver(item, matrix) for item in _photo_cameras(collection)])
+    box = bpy.data.objects.new(f"{collection.name} Region", None)
+    box[REGION] = True
+    box.empty_display_type, box.empty_display_size = "CUBE", 1.0
+    box.location, box.scale = (low + high) / 2, (high - low) / 2
+    box.parent = root_of(collection)
+    collection.objects.link(box)
+    return box
+
+
+def region_box(collection: bpy.types.Collection) -> bpy.types.Object | None:
+    """The collection's region box."""
+    return next((item for item in collection.all_objects if item.get(REGION)), None)
+
+
+def region_of(collection: bpy.types.Collection) -> dict[str, list[float]] | None:
+    """The region box in capture space as {"min": …, "max": …}; None if there is none."""
+    box = region_box(collection)
+    if box is None:
+        return None
+    bpy.context.view_layer.update()
+    matrix = np.array(to_capture_space(collection) @ box.matrix_world)
+    size = box.empty_display_size
+    corners = np.array(np.meshgrid(*[(-size, size)] * 3)).reshape(3, -1)
+    points = matrix[:3, :3] @ corners + matrix[:3, 3:]
+    return {"min": points.min(1).tolist(), "max": points.max(1).tolist()}
+
+
+def _photo_cameras(collection: bpy.types.Collection) -> list[bpy.types.Object]:
+    return [i for i in collection.all_objects if i.type == "CAMERA" and photo_of(i) is not None]
+
+
+def _capture_name(capture: Capture) -> str:
+    return f"Capture {capture.source.parent.name}"

@@ -1,0 +1,108 @@
+"""A finished job into the scene: object, material, World."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...solver.job.folder import JobError, JobFolder
+from .capture_collection import root_of
+from .material import build_material
+from .world import build_world
+
+JOB = "nmf_job"
+
+
+@dataclass(frozen=True)
+class InstalledAsset:
+    """What an installation added."""
+
+    object: bpy.types.Object
+    material: bpy.types.Material
+    world: bpy.types.World
+    manifest: dict
+
+
+def install_result(
+    context: bpy.types.Context, job_root: Path, collection: bpy.types.Collection | None = None
+) -> InstalledAsset:
+    """Add the asset of a job to the scene and light it by the recovered World.
+
+    Args:
+        collection: the capture it belongs to; the object is placed under its transform.
+
+    Raises:
+        JobError: no complete result, or one of its files is missing or damaged; nothing is added.
+    """
+    job = JobFolder(job_root)
+    manifest = job.manifest()
+    folder = job.result_dir
+    try:
+        files = [manifest["mesh"], manifest["environment"]["file"]]
+        files += [entry["file"] for entry in manifest["textures"].values()]
+    except (KeyError, TypeError, AttributeError) as error:
+        raise JobError(f"{job.manifest_path}: it is incomplete ({error}); run the job again.") from error
+    missing = [name for name in files if not (folder / name).is_file()]
+    if missing:
+        raise JobError(f"{folder}: {missing[0]} is missing; copy the whole job folder.")
+    positions, normals, uvs, faces = read_ply(folder / manifest["mesh"])
+    name = job.root.name
+    mesh = build_mesh(name, positions, normals, uvs, faces)
+    material = build_material(name, folder, manifest["textures"])
+    mesh.materials.append(material)
+    item = bpy.data.objects.new(name, mesh)
+    item[JOB] = str(job.root)
+    (collection or context.scene.collection).objects.link(item)
+    if collection is not None:
+        item.parent = root_of(collection)
+    world = build_world(f"{name} light", folder / manifest["environment"]["file"])
+    if context.scene.world is not None:
+        context.scene.world.use_fake_user = True
+    context.scene.world = world
+    for other in context.view_layer.objects.selected:
+        other.select_set(False)
+    if item.name in context.view_layer.objects:
+        item.select_set(True)
+        context.view_layer.objects.active = item
+    return InstalledAsset(item, material, world, manifest)
+
+
+def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Positions, normals [V, 3], UVs [V, 2] and triangles [F, 3] of the solver's mesh.ply.
+
+    Raises:
+        JobError: the file is cut off or of another layout.
+    """
+    data = path.read_bytes()
+    header, marker, body = data.partition(b"end_header\n")
+    words = [line.split() for line in header.decode("ascii", "replace").splitlines()]
+    counts = {w[1]: int(w[2]) for w in words if len(w) == 3 and w[0] == "element"}
+    names = [w[2] for w in words if len(w) == 3 and w[0] == "property"]
+    vertices, triangles = counts.get("vertex", 0), counts.get("face", 0)
+    if not marker or names != "x y z nx ny nz s t".split() or len(body) != vertices * 32 + triangles * 13:
+        raise JobError(f"{path}: the mesh is damaged or not of this solver; run the job again.")
+    vertex = np.frombuffer(body, "<f4", vertices * 8).reshape(-1, 8)
+    face = np.frombuffer(body, [("n", "u1"), ("v", "<i4", 3)], triangles, vertices * 32)["v"]
+    return vertex[:, :3], vertex[:, 3:6], vertex[:, 6:], np.ascontiguousarray(face)
+
+
+def build_mesh(name, positions, normals, uvs, faces) -> bpy.types.Mesh:
+    """A connected mesh: vertices doubled for UV seams are welded, the seams live in the UV map."""
+    unique, welded = np.unique(positions, axis=0, return_inverse=True)
+    corners = faces.ravel()
+    mesh = bpy.data.meshes.new(name)
+    mesh.vertices.add(len(unique))
+    mesh.vertices.foreach_set("co", unique.ravel())
+    mesh.loops.add(len(corners))
+    mesh.loops.foreach_set("vertex_index", welded.ravel()[corners].astype(np.int32))
+    mesh.polygons.add(len(faces))
+    mesh.polygons.foreach_set("loop_start", np.arange(0, len(corners), 3, dtype=np.int32))
+    mesh.polygons.foreach_set("use_smooth", np.ones(len(faces), dtype=bool))
+    layer = mesh.uv_layers.new(name="UVMap")
+    layer.data.foreach_set("uv", np.ascontiguousarray(uvs[corners]).ravel())
+    mesh.update(calc_edges=True)
+    mesh.normals_split_custom_set(normals[corners])
+    return mesh

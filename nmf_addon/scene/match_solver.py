@@ -1,0 +1,32 @@
+""""Match solver": render settings under which Cycles shows what the solver optimised."""
+
+from __future__ import annotations
+
+import bpy
+
+BLACKMAN_HARRIS_WIDTH = 1.5  # pixels
+
+
+def match_solver(scene: bpy.types.Scene, bounces: int = 2) -> None:
+    """Cycles without clamping, blurred glossies or a view transform; the solver's bounces."""
+    scene.render.engine = "CYCLES"
+    cycles = scene.cycles
+    cycles.max_bounces = max(bounces - 1, 0)
+    cycles.diffuse_bounces = cycles.glossy_bounces = cycles.max_bounces
+    cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
+    cycles.blur_glossy = 0.0
+    cycles.caustics_reflective = True
+    cycles.pixel_filter_type = "BLACKMAN_HARRIS"
+    cycles.filter_width = BLACKMAN_HARRIS_WIDTH
+    scene.render.film_transparent = True
+    view = scene.view_settings
+    view.view_transform, view.look = "Standard", "None"
+    view.exposure, view.gamma = 0.0, 1.0
+    scene.render.dither_intensity = 0.0
+
+
+def match_resolution(scene: bpy.types.Scene, width: int, height: int, aspect: float = 1.0) -> None:
+    """Render at a photo's size; `aspect` is fy/fx."""
+    scene.render.resolution_x, scene.render.resolution_y = width, height
+    scene.render.resolution_percentage = 100
+    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = max(1.0, aspect), max(1.0, 1 / aspect)

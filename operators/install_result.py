@@ -1,0 +1,43 @@
+"""Install a finished job."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ..nmf_addon.scene.capture_collection import active_capture
+from ..nmf_addon.scene.install import install_result
+from ..solver.job.folder import JobError
+
+
+class NMF_OT_install_result(bpy.types.Operator):
+    """Add the object of a finished job to the scene, under its recovered light"""
+
+    bl_idname = "nmf.install_result"
+    bl_label = "Install Result"
+    bl_options = {"REGISTER", "UNDO"}
+
+    job: bpy.props.StringProperty(
+        name="Job", description="Folder of the finished job", subtype="DIR_PATH"
+    )
+    directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the folder, starting at the last job."""
+        self.directory = context.scene.nmf.job
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Install."""
+        folder = Path(bpy.path.abspath(self.job or self.directory))
+        try:
+            install_result(context, folder, active_capture(context))
+        except (JobError, RuntimeError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+classes = (NMF_OT_install_result,)

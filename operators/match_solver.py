@@ -1,0 +1,28 @@
+"""Render settings of the solver."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..nmf_addon.scene.match_solver import match_solver
+
+
+class NMF_OT_match_solver(bpy.types.Operator):
+    """Set Cycles and the view transform so that renders compare with the photos"""
+
+    bl_idname = "nmf.match_solver"
+    bl_label = "Match Solver"
+    bl_options = {"REGISTER", "UNDO"}
+
+    bounces: bpy.props.IntProperty(
+        name="Bounces", description="Reflections between surfaces, as the solver traces", default=2,
+        min=1,
+    )  # fmt: skip
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Change the scene's settings."""
+        match_solver(context.scene, self.bounces)
+        return {"FINISHED"}
+
+
+classes = (NMF_OT_match_solver,)

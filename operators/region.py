@@ -1,0 +1,34 @@
+"""The region box."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..nmf_addon.scene.capture_collection import active_capture, add_region_box
+from ..solver.capture.errors import CaptureError
+
+
+class NMF_OT_add_region_box(bpy.types.Operator):
+    """Add a box that says where the object is; move and scale it"""
+
+    bl_idname = "nmf.add_region_box"
+    bl_label = "Add Region Box"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """With a capture."""
+        cls.poll_message_set("Import a capture first")
+        return active_capture(context) is not None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Add the box."""
+        try:
+            add_region_box(context, active_capture(context))
+        except CaptureError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+classes = (NMF_OT_add_region_box,)

@@ -1,0 +1,32 @@
+"""Relight the scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+from bpy_extras.io_utils import ImportHelper
+
+from ..nmf_addon.scene.world import relight
+
+
+class NMF_OT_relight_hdri(ImportHelper, bpy.types.Operator):
+    """Light the scene by another HDRI; the recovered light stays in the file as a World"""
+
+    bl_idname = "nmf.relight_hdri"
+    bl_label = "Relight with HDRI"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filter_glob: bpy.props.StringProperty(default="*.exr;*.hdr", options={"HIDDEN"})
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Relight."""
+        try:
+            relight(context.scene, Path(bpy.path.abspath(self.filepath)))
+        except RuntimeError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+classes = (NMF_OT_relight_hdri,)
