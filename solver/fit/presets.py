@@ -18,7 +18,7 @@ from .errors import SettingsError
 class FieldSettings:
     """The field's size and start."""
 
-    sizes: tuple[int, ...] = (96, 128, 160)
+    sizes: tuple[int, ...] = (64, 96, 128)
     """grid nodes per axis, coarse to fine"""
     size_starts: tuple[float, ...] = (0.0, 0.25, 0.5)
     """fractions of the fit at which each size begins"""
@@ -56,7 +56,7 @@ class LightSettings:
 class FitSettings:
     """The optimisation."""
 
-    steps: int = 2500
+    steps: int = 2000
     """optimiser steps"""
     rays: int = 1024
     """primary rays a step"""
