@@ -18,21 +18,21 @@ from .unwrap import rasterise, unwrap
 
 
 def build_asset(
-    field: SurfaceField, environment: np.ndarray, surface_points: np.ndarray, folder: Path,
+    field: SurfaceField, environment: np.ndarray, level: float, folder: Path,
     settings: AssetSettings, progress: Callable[[float, str], None],
 ) -> dict[str, Any]:  # fmt: skip
     """Write mesh.ply, textures, environment.exr and asset.glb; returns their part of the manifest.
 
     Args:
         environment: [H, W, 3] linear Rec.709 radiance, Blender's equirect convention.
-        surface_points: [M, 3] world points where rays have lost half their light.
+        level: extinction per world unit at which the surface stands (`from_scene.surface_level`).
 
     Raises:
         EmptySurfaceError: the field has no surface.
     """
     folder.mkdir(parents=True, exist_ok=True)
     progress(0.0, "marching cubes")
-    mesh = extract_surface(field, surface_points, settings)
+    mesh = extract_surface(field, level, settings)
     progress(0.25, "smooth normals")
     vertices = np.asarray(mesh.vertices, dtype=np.float32)
     at_vertices = gather(field, vertices, np.asarray(mesh.vertex_normals, np.float32), settings)

@@ -6,10 +6,12 @@ import numpy as np
 import torch
 
 from ..capture.camera import Camera
-from ..render.image import surface_points
+from ..render.image import ray_peaks
 from ..render.scene import RenderSettings, Scene
+from .errors import EmptySurfaceError
 
-MAX_RAYS = 60_000
+MAX_RAYS = 400_000
+MIN_BORDER_RAYS = 50
 
 
 class SceneSurface:
@@ -51,21 +53,36 @@ def environment_image(scene: Scene) -> np.ndarray:
     return np.ascontiguousarray(radiance.cpu().numpy(), dtype=np.float32)
 
 
-def visible_surface_points(
-    scene: Scene, settings: RenderSettings, cameras: list[Camera]
-) -> np.ndarray:
-    """World points [M, 3] at half transmittance along rays spread over all photos."""
+def surface_level(scene: Scene, settings: RenderSettings, cameras: list[Camera]) -> float:
+    """The extinction at which the isosurface has the silhouettes the photos see.
+
+    A ray meets the isosurface of level σ if its highest extinction exceeds σ. So the level at which
+    as many rays meet the mesh as are more than half opaque is the typical peak of the rays that are
+    half opaque.
+
+    Raises:
+        EmptySurfaceError: no ray meets anything opaque.
+    """
     pixels = sum(camera.width * camera.height for camera in cameras)
-    stride = max(1, int(np.sqrt(pixels / (4 * MAX_RAYS))))
-    found = []
+    stride = max(1, int(np.sqrt(pixels / MAX_RAYS)))
+    device = scene.field.centre.device
+    opacities, peaks = [], []
     for camera in cameras:
         row, column = np.mgrid[0 : camera.height : stride, 0 : camera.width : stride]
         origins, directions = camera.rays(column.ravel() + 0.5, row.ravel() + 0.5)
-        device = scene.field.centre.device
-        found.append(
-            surface_points(
-                scene, settings, torch.from_numpy(origins).float().to(device),
-                torch.from_numpy(directions).float().to(device),
-            )
+        opacity, peak = ray_peaks(
+            scene, settings, torch.from_numpy(origins).float().to(device),
+            torch.from_numpy(directions).float().to(device),
         )  # fmt: skip
-    return np.concatenate(found)
+        opacities.append(opacity)
+        peaks.append(peak)
+    opacity, peak = np.concatenate(opacities), np.concatenate(peaks)
+    if not (opacity > 0.5).any():
+        raise EmptySurfaceError(
+            "The fit found no opaque surface; check the masks, the region and the cameras."
+        )
+    border = (opacity > 0.3) & (opacity < 0.7)
+    if border.sum() < MIN_BORDER_RAYS:
+        # The object fills every photo: any level between empty and solid will do.
+        return float(0.2 * np.median(peak[opacity > 0.9]))
+    return float(np.median(peak[border]))

@@ -31,22 +31,12 @@ class SurfaceField(Protocol):
         """Albedo [N, 3], GGX α [N], F0 [N, 3]."""
 
 
-def extract_surface(
-    field: SurfaceField, surface_points: np.ndarray, settings: AssetSettings
-) -> trimesh.Trimesh:
-    """The decimated surface mesh in world coordinates, normals outward.
-
-    The density level is the median at `surface_points` [M, 3], where rays have lost half their
-    light: there the mesh stands where the photos see the surface.
+def extract_surface(field: SurfaceField, level: float, settings: AssetSettings) -> trimesh.Trimesh:
+    """The decimated isosurface of extinction `level` in world coordinates, normals outward.
 
     Raises:
         EmptySurfaceError: nothing is there.
     """
-    if len(surface_points) == 0:
-        raise EmptySurfaceError(
-            "The fit found no opaque surface; check the masks, the region and the cameras."
-        )
-    level = float(np.median(field.density(surface_points.astype(np.float32))))
     mesh = marching_cubes(field, settings.cells, level)
     mesh = drop_floaters(mesh, settings.floater_share)
     return decimate(mesh, settings.triangles)

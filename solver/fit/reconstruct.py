@@ -10,7 +10,7 @@ import torch
 
 from .. import __version__
 from ..asset.build import build_asset
-from ..asset.from_scene import SceneSurface, environment_image, visible_surface_points
+from ..asset.from_scene import SceneSurface, environment_image, surface_level
 from ..capture.photos import load_photos
 from ..capture.read import read_capture
 from ..job.control import Control
@@ -81,9 +81,9 @@ def run_job(job: JobFolder, progress: Progress, control: Control) -> Path:
 
     progress.stage("asset", "mesh and textures")
     scene = trainer.scene
-    points = visible_surface_points(scene, settings.render, list(capture.cameras))
+    level = surface_level(scene, settings.render, list(capture.cameras))
     parts = build_asset(
-        SceneSurface(scene), environment_image(scene), points, job.result_dir, settings.asset,
+        SceneSurface(scene), environment_image(scene), level, job.result_dir, settings.asset,
         lambda fraction, text: progress.fraction(fraction, text),
     )  # fmt: skip
     _stop_if_asked(control)

@@ -84,8 +84,10 @@ def render_view(
 
 
 @torch.no_grad()
-def surface_points(scene: Scene, settings: RenderSettings, origins, directions) -> np.ndarray:
-    """World points [M, 3] where rays have lost half their light (rays that do are kept)."""
+def ray_peaks(
+    scene: Scene, settings: RenderSettings, origins: torch.Tensor, directions: torch.Tensor
+) -> tuple[np.ndarray, np.ndarray]:
+    """Opacity [R] and highest extinction [R] of world rays [R, 3]."""
     field = scene.field
     box_origins, box_directions = field.to_box(origins), field.directions_to_box(directions)
     count = len(origins)
@@ -96,10 +98,7 @@ def surface_points(scene: Scene, settings: RenderSettings, origins, directions) 
         field.density_shift, field.density_scale, 1e-3,
     )  # fmt: skip
     box_points = box_origins[segments.ray] + segments.distance[:, None] * box_directions[segments.ray]
-    depth = field.extinction(field.raw_density(box_points)) * step
-    weights, _ = composite(depth, segments.offsets)
-    running = torch.cat([weights.new_zeros(1, dtype=torch.float64), weights.double().cumsum(0)])
-    passed = running[1:] - running[segments.offsets[:-1]][segments.ray]
-    first = (passed >= 0.5) & (passed - weights.double() < 0.5)
-    ray = segments.ray[first]
-    return (origins[ray] + segments.distance[first][:, None] * directions[ray]).cpu().numpy()
+    sigma = field.extinction(field.raw_density(box_points))
+    _, transmittance = composite(sigma * step, segments.offsets)
+    peak = origins.new_zeros(count).scatter_reduce(0, segments.ray, sigma, "amax")
+    return (1 - transmittance).cpu().numpy(), peak.cpu().numpy()
