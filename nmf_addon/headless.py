@@ -69,7 +69,9 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--device", default="auto")
     command.add_argument("--seed", type=int, default=0)
     command.add_argument("--time-limit", type=float)
-    command.add_argument("--set", action="append", default=[], dest="sets", metavar="section.field=value")
+    command.add_argument(
+        "--set", action="append", default=[], dest="sets", metavar="section.field=value"
+    )
     command.add_argument("--job", type=Path, help="job folder; default: beside OUT.blend")
     command.add_argument("--resume", action="store_true", help="continue the job in the job folder")
     command.add_argument("--overwrite", action="store_true", help="replace OUT.blend")
@@ -91,7 +93,9 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
     out.parent.mkdir(parents=True, exist_ok=True)
     bpy.ops.wm.read_factory_settings(use_empty=True)
     collection = import_capture(bpy.context, options.capture.absolute())
-    root = options.job.absolute() if options.job else out.with_suffix("").with_name(out.stem + "_job")
+    root = (
+        options.job.absolute() if options.job else out.with_suffix("").with_name(out.stem + "_job")
+    )
     if options.resume and (root / "job.json").exists():
         job = JobFolder.open(root)
     else:
@@ -138,7 +142,6 @@ def run_solver(python: Path, job: JobFolder, on_event) -> None:
 
 def match_capture_resolution(collection: bpy.types.Collection) -> None:
     """Render at the size of the capture's first photo."""
-
 
     item = next(i for i in collection.all_objects if i.type == "CAMERA")
     width, height = photo_of(item).size

@@ -7,8 +7,8 @@ import bpy
 from . import preferences, thumbnails
 from .jobs.monitor import monitor
 from .runtime import RuntimeMissing, solver_python
-from .scene.capture_collection import active_capture, region_box
 from .scene.cameras import photo_of
+from .scene.capture_collection import active_capture, region_box
 
 
 class Sidebar:
@@ -36,7 +36,9 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
             column.label(text="a transforms.json of any tool.")
             return
         layout.prop(context.scene.nmf, "capture", text="", placeholder=collection.name)
-        cameras = sum(i.type == "CAMERA" and photo_of(i) is not None for i in collection.all_objects)
+        cameras = sum(
+            i.type == "CAMERA" and photo_of(i) is not None for i in collection.all_objects
+        )
         layout.label(text=f"{cameras} cameras with photos", icon="CAMERA_DATA")
         if region_box(collection) is None:
             layout.operator("nmf.add_region_box", icon="CUBE")

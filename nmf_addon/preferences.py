@@ -39,7 +39,9 @@ class NMF_preferences(bpy.types.AddonPreferences):
             layout.label(text=str(error), icon="ERROR")
         record = runtime_record()
         if record:
-            layout.label(text=f"Built with Python {record.get('python')}, torch {record.get('torch')}")
+            layout.label(
+                text=f"Built with Python {record.get('python')}, torch {record.get('torch')}"
+            )
         layout.label(text=f"Built in {managed_runtime()} (about 2 GB, removed with the extension)")
         row = layout.row()
         if state.running:

@@ -32,7 +32,10 @@ def register() -> None:
     global _command
     for cls in _classes:
         # Loaded from a checkout there is no add-on for the preferences to belong to.
-        if cls is preferences.NMF_preferences and BASE_PACKAGE not in bpy.context.preferences.addons:
+        if (
+            cls is preferences.NMF_preferences
+            and BASE_PACKAGE not in bpy.context.preferences.addons
+        ):
             continue
         bpy.utils.register_class(cls)
     for module in _hooks:

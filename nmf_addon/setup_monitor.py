@@ -1,4 +1,4 @@
-""""Set up solver": builds the private environment in a background process, watched by a timer.
+""" "Set up solver": builds the private environment in a background process, watched by a timer.
 
 The build script is `setup_runtime.py`, run by a Python outside Blender's process.
 """

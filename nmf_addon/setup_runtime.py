@@ -36,7 +36,7 @@ def main() -> int:
     parser.add_argument("--wheelhouse", type=Path)
     parser.add_argument("--pip-arguments", default="")
     options = parser.parse_args()
-    if sys.version_info < (3, 11):
+    if sys.version_info < (3, 11):  # noqa: UP036  (whatever Python the person chose)
         print("The solver needs Python 3.11 or newer.")
         return 1
     folder = options.folder

@@ -51,7 +51,9 @@ class NMF_FH_transforms(bpy.types.FileHandler):
 
 def draw_menu(self, context: bpy.types.Context) -> None:
     """Entry of File › Import."""
-    self.layout.operator(NMF_OT_import_capture.bl_idname, text="Capture for Microfacet Field (.json)")
+    self.layout.operator(
+        NMF_OT_import_capture.bl_idname, text="Capture for Microfacet Field (.json)"
+    )
 
 
 classes = (NMF_OT_import_capture, NMF_FH_transforms)

@@ -25,7 +25,9 @@ class NMF_OT_setup_solver(bpy.types.Operator):
         own = preferences.preferences()
         wheelhouse = bpy.path.abspath(own.wheelhouse) if own is not None and own.wheelhouse else ""
         if not wheelhouse and not bpy.app.online_access:
-            self.report({"ERROR"}, "Online access is off: allow it in Preferences › System › Network")
+            self.report(
+                {"ERROR"}, "Online access is off: allow it in Preferences › System › Network"
+            )
             return {"CANCELLED"}
         start_setup(wheelhouse, own.pip_arguments if own is not None else "")
         return {"FINISHED"}

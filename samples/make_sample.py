@@ -5,7 +5,7 @@
 needs the `bpy` wheel, which brings the light too: Blender's own studio HDRIs (Poly Haven, CC0),
 box-filtered to 512 × 256. Everything else is made here, CC0. Layout and camera conventions are
 those of NeRF-synthetic (`transforms_*.json`, camera_angle_x, OpenGL camera axes, +Z up); beside
-each held-out view stands its truth: linear radiance, normals, albedo, roughness.
+each held-out view stands its truth: linear radiance, normals, albedo, roughness (README.md).
 """
 
 from __future__ import annotations
@@ -82,7 +82,9 @@ def paint(mesh: bpy.types.Mesh) -> None:
     albedo, roughness = blend(albedo, CREAM, collar), blend(roughness, 0.20, collar)
     beak = edge(x - 0.76) * edge(z - 0.15)
     albedo, roughness = blend(albedo, ORANGE, beak), blend(roughness, 0.25, beak)
-    eye_distance = np.minimum(*(np.hypot(np.hypot(x - 0.66, y - s * 0.24), z - 0.50) for s in (-1, 1)))
+    eye_distance = np.minimum(
+        *(np.hypot(np.hypot(x - 0.66, y - s * 0.24), z - 0.50) for s in (-1, 1))
+    )
     eyes = edge(0.075 - eye_distance, 0.02)
     albedo, roughness = blend(albedo, DARK, eyes), blend(roughness, 0.08, eyes)
     colour = np.concatenate([albedo, np.ones_like(roughness)], axis=1).astype(np.float32)
@@ -139,9 +141,7 @@ def make_light(name: str, path: Path) -> None:
     pixels = pixels[: 256 * rows, : 512 * columns].reshape(256, rows, 512, columns, 3).mean((1, 3))
     weight = np.sin((np.arange(256) + 0.5) * math.pi / 256)[:, None]
     luminance = (pixels @ (0.2126, 0.7152, 0.0722) * weight).sum() / (weight.sum() * 512)
-    pixels = (pixels * (0.7 / luminance)).astype(np.float16)
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    OpenEXR.File(header, {"RGB": pixels}).write(str(path))
+    write_exr(path, pixels * (0.7 / luminance))
 
 
 def use_light(path: Path) -> None:
@@ -180,7 +180,9 @@ def poses(count: int, offset: float) -> list[np.ndarray]:
     for i in range(count):
         z = 0.9 - 1.8 * (i + offset) / count
         phi = golden * (i + 17 * offset)
-        back = np.array([math.sqrt(1 - z * z) * math.cos(phi), math.sqrt(1 - z * z) * math.sin(phi), z])
+        back = np.array(
+            [math.sqrt(1 - z * z) * math.cos(phi), math.sqrt(1 - z * z) * math.sin(phi), z]
+        )
         right = np.cross((0, 0, 1), back)
         right /= np.linalg.norm(right)
         matrix = np.eye(4)
@@ -189,18 +191,35 @@ def poses(count: int, offset: float) -> list[np.ndarray]:
     return matrices
 
 
-def render(matrix: np.ndarray, path: Path, kind: str, samples: int) -> None:
-    """Render one view as 'PNG' (sRGB, straight alpha) or 'OPEN_EXR' (linear, premultiplied)."""
+def render(
+    matrix: np.ndarray, samples: int, png: Path | None = None, exr: Path | None = None
+) -> None:
+    """Render one view to `png` (sRGB, straight alpha) and `exr` (linear, premultiplied, half)."""
     scene = bpy.context.scene
     scene.camera.matrix_world = matrix.T.tolist()
     scene.cycles.samples = samples
-    image = scene.render.image_settings
-    image.file_format, image.color_mode = kind, "RGBA"
-    image.color_depth = "8" if kind == "PNG" else "16"
-    if kind == "OPEN_EXR":
-        image.exr_codec = "ZIP"
-    scene.render.filepath = str(path)
-    bpy.ops.render.render(write_still=True)
+    bpy.ops.render.render()
+    image, result = scene.render.image_settings, bpy.data.images["Render Result"]
+    for path, kind, depth in ((png, "PNG", "8"), (exr, "OPEN_EXR", "16")):
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            image.file_format, image.color_mode, image.color_depth = kind, "RGBA", depth
+            result.save_render(str(path))
+
+
+def decode_normals(path: Path) -> None:
+    """Turn a picture of (n + 1)/2 with alpha into unit normals, zero off the object."""
+    pixels = OpenEXR.File(str(path)).channels()["RGBA"].pixels.astype(np.float64)
+    normals = 2 * pixels[..., :3] - pixels[..., 3:]
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    on_object = (length > 1e-3) & (pixels[..., 3:] > 0)
+    write_exr(path, np.where(on_object, normals / np.maximum(length, 1e-9), 0.0))
+
+
+def write_exr(path: Path, pixels: np.ndarray) -> None:
+    """Write [H, W, 3] as half floats."""
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"RGB": np.ascontiguousarray(pixels, np.float16)}).write(str(path))
 
 
 def write_transforms(path: Path, folder: str, matrices: list[np.ndarray]) -> None:
@@ -226,21 +245,26 @@ def main(out: Path) -> None:
     write_transforms(out / "transforms_test.json", "test", test)
     use_light(out / "env.exr")
     for i, matrix in enumerate(train):
-        render(matrix, out / "train" / f"r_{i}.png", "PNG", LIGHT_SAMPLES)
+        render(matrix, LIGHT_SAMPLES, out / "train" / f"r_{i}.png")
         print(f"photo {i + 1} of {TRAIN_VIEWS}", file=sys.stderr, flush=True)
     for i, matrix in enumerate(test):
-        render(matrix, out / "test" / f"r_{i}.png", "PNG", LIGHT_SAMPLES)
+        stem = out / "test" / f"r_{i}"
+        render(matrix, LIGHT_SAMPLES, stem.with_suffix(".png"), exr=Path(f"{stem}_hdr.exr"))
     for name in RELIGHTS:
         use_light(out / f"relight_{name}.exr")
         for i in range(0, TEST_VIEWS, 3):
-            render(test[i], out / f"relight_{name}" / f"r_{i}.png", "PNG", LIGHT_SAMPLES)
+            stem = out / f"relight_{name}" / f"r_{i}"
+            render(test[i], LIGHT_SAMPLES, stem.with_suffix(".png"), exr=Path(f"{stem}_hdr.exr"))
     bpy.context.scene.cycles.use_denoising = False
     bpy.context.scene.view_settings.view_transform = "Raw"
     bpy.context.scene.world = None
     for kind in ("normal", "albedo", "roughness"):
         duck.data.materials[0] = truth_material(kind)
         for i, matrix in enumerate(test):
-            render(matrix, out / "test" / f"r_{i}_{kind}.exr", "OPEN_EXR", TRUTH_SAMPLES)
+            path = out / "test" / f"r_{i}_{kind}.exr"
+            render(matrix, TRUTH_SAMPLES, exr=path)
+            if kind == "normal":
+                decode_normals(path)
 
 
 if __name__ == "__main__":

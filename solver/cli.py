@@ -67,7 +67,9 @@ def _parser() -> argparse.ArgumentParser:
     new.add_argument("--seed", type=int, default=0)
     new.add_argument("--time-limit", type=_positive, metavar="SECONDS", help="asset included")
     new.add_argument("--resume", action="store_true", help="continue the job in JOB")
-    new.add_argument("--set", action="append", default=[], metavar="section.field=value", dest="sets")
+    new.add_argument(
+        "--set", action="append", default=[], metavar="section.field=value", dest="sets"
+    )
     new.set_defaults(run=_reconstruct)
 
     run = commands.add_parser("run", help="run or resume a job folder (how Blender starts it)")

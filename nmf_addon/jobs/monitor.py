@@ -72,7 +72,9 @@ class Monitor:
 
     def _install(self) -> None:
         """Install the result by its operator, so that one Undo takes it back."""
-        window = bpy.context.window_manager.windows[0] if bpy.context.window_manager.windows else None
+        window = (
+            bpy.context.window_manager.windows[0] if bpy.context.window_manager.windows else None
+        )
         try:
             if window is None:
                 return

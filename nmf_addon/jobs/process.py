@@ -34,7 +34,9 @@ class JobProcess:
         self._log = job.log_path.open("ab")
         extra: dict = {"start_new_session": True}
         if os.name == "nt":
-            extra = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
+            extra = {
+                "creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW
+            }
         self.popen = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log,
             cwd=job.root, env=environment, **extra,
@@ -110,9 +112,21 @@ class JobProcess:
         return "\n".join(text.splitlines()[-LOG_LINES:])
 
 
-def start_job(python: Path, bootstrap: Path, job: JobFolder, environment: dict[str, str]) -> JobProcess:
+def start_job(
+    python: Path, bootstrap: Path, job: JobFolder, environment: dict[str, str]
+) -> JobProcess:
     """Start the solver on a job folder (new or to be resumed)."""
-    command = [str(python), "-I", "-u", "-X", "utf8", str(bootstrap), "run", str(job.root), "--events"]
+    command = [
+        str(python),
+        "-I",
+        "-u",
+        "-X",
+        "utf8",
+        str(bootstrap),
+        "run",
+        str(job.root),
+        "--events",
+    ]
     return JobProcess(command, job, environment)
 
 

@@ -97,7 +97,9 @@ def write_capture(collection: bpy.types.Collection, folder: Path) -> Path:
     return path
 
 
-def add_region_box(context: bpy.types.Context, collection: bpy.types.Collection) -> bpy.types.Object:
+def add_region_box(
+    context: bpy.types.Context, collection: bpy.types.Collection
+) -> bpy.types.Object:
     """A box empty around what the cameras look at, for the person to move and scale."""
     existing = region_box(collection)
     if existing is not None:

@@ -44,7 +44,9 @@ def install_result(
         files = [manifest["mesh"], manifest["environment"]["file"]]
         files += [entry["file"] for entry in manifest["textures"].values()]
     except (KeyError, TypeError, AttributeError) as error:
-        raise JobError(f"{job.manifest_path}: it is incomplete ({error}); run the job again.") from error
+        raise JobError(
+            f"{job.manifest_path}: it is incomplete ({error}); run the job again."
+        ) from error
     missing = [name for name in files if not (folder / name).is_file()]
     if missing:
         raise JobError(f"{folder}: {missing[0]} is missing; copy the whole job folder.")
@@ -82,7 +84,11 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray
     counts = {w[1]: int(w[2]) for w in words if len(w) == 3 and w[0] == "element"}
     names = [w[2] for w in words if len(w) == 3 and w[0] == "property"]
     vertices, triangles = counts.get("vertex", 0), counts.get("face", 0)
-    if not marker or names != "x y z nx ny nz s t".split() or len(body) != vertices * 32 + triangles * 13:
+    if (
+        not marker
+        or names != "x y z nx ny nz s t".split()
+        or len(body) != vertices * 32 + triangles * 13
+    ):
         raise JobError(f"{path}: the mesh is damaged or not of this solver; run the job again.")
     vertex = np.frombuffer(body, "<f4", vertices * 8).reshape(-1, 8)
     face = np.frombuffer(body, [("n", "u1"), ("v", "<i4", 3)], triangles, vertices * 32)["v"]

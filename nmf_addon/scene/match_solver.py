@@ -1,4 +1,4 @@
-""""Match solver": render settings under which Cycles shows what the solver optimised."""
+""" "Match solver": render settings under which Cycles shows what the solver optimised."""
 
 from __future__ import annotations
 
@@ -29,4 +29,7 @@ def match_resolution(scene: bpy.types.Scene, width: int, height: int, aspect: fl
     """Render at a photo's size; `aspect` is fy/fx."""
     scene.render.resolution_x, scene.render.resolution_y = width, height
     scene.render.resolution_percentage = 100
-    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = max(1.0, aspect), max(1.0, 1 / aspect)
+    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = (
+        max(1.0, aspect),
+        max(1.0, 1 / aspect),
+    )

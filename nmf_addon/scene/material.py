@@ -91,7 +91,10 @@ def surface_group() -> bpy.types.NodeTree:
 
 def _angular_share(group: bpy.types.NodeTree, normal: bpy.types.NodeSocket):
     """1 − s(n·v) = 1 − 0.0005 − 0.0271·(1 − n·v)^2.65."""
-    geometry, dot = group.nodes.new("ShaderNodeNewGeometry"), group.nodes.new("ShaderNodeVectorMath")
+    geometry, dot = (
+        group.nodes.new("ShaderNodeNewGeometry"),
+        group.nodes.new("ShaderNodeVectorMath"),
+    )
     dot.operation = "DOT_PRODUCT"
     group.links.new(geometry.outputs["Incoming"], dot.inputs[0])
     group.links.new(normal, dot.inputs[1])
@@ -179,4 +182,3 @@ def _output(tree, target: str, surface, location) -> bpy.types.Node:
     node.target, node.location = target, location
     tree.links.new(surface, node.inputs["Surface"])
     return node
-

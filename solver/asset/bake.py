@@ -50,7 +50,9 @@ def gather(
         n = field.normals(flat)
 
         def mean(values, weight=weight):
-            return np.einsum("nk,nk...->n...", weight, values.reshape(*weight.shape, *values.shape[1:]))
+            return np.einsum(
+                "nk,nk...->n...", weight, values.reshape(*weight.shape, *values.shape[1:])
+            )
 
         albedo[part], alpha[part], f0[part] = mean(a), mean(r), mean(f)
         direction = mean(n)
@@ -64,9 +66,7 @@ def gather(
     return SurfaceSamples(albedo, alpha, f0, gathered)
 
 
-def fill_texture(
-    size: int, row: np.ndarray, column: np.ndarray, values: np.ndarray
-) -> np.ndarray:
+def fill_texture(size: int, row: np.ndarray, column: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Texture [S, S, C] of texel values [T, C]; empty texels copy the nearest covered one.
 
     Without that dilation, filtering at chart borders would mix in whatever lies between charts.

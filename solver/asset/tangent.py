@@ -54,7 +54,9 @@ def texel_frames(mesh: UnwrappedMesh, texels: Texels) -> np.ndarray:
 def encode_normals(normals: np.ndarray, frames: np.ndarray) -> np.ndarray:
     """Tangent-space normals [T, 3] as colours in [0, 1] (+Y up) of world normals [T, 3]."""
     # The frame is not orthonormal: decoding multiplies by it, so encoding must invert it.
-    local = np.linalg.solve(np.swapaxes(frames, 1, 2).astype(np.float64), normals[..., None])[..., 0]
+    local = np.linalg.solve(np.swapaxes(frames, 1, 2).astype(np.float64), normals[..., None])[
+        ..., 0
+    ]
     local /= np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-12)
     return local * 0.5 + 0.5
 

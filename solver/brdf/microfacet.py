@@ -33,9 +33,7 @@ def fresnel_schlick(f0: torch.Tensor, cosine: torch.Tensor) -> torch.Tensor:
     return f0 + (1 - f0) * m5[..., None]
 
 
-def sample_visible_normal(
-    view: torch.Tensor, alpha: torch.Tensor, u: torch.Tensor
-) -> torch.Tensor:
+def sample_visible_normal(view: torch.Tensor, alpha: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
     """Half vectors [N, 3] distributed as the GGX normals visible from local `view` [N, 3].
 
     Heitz, "Sampling the GGX Distribution of Visible Normals", JCGT 7(4), 2018. alpha [N],
@@ -97,5 +95,7 @@ def visible_normal_pdf(
     visible-normal density (Heitz 2018, eq. 17).
     """
     return (
-        ggx_distribution(half_z, alpha) * masking(view_z, alpha) / (4 * view_z.abs().clamp(min=1e-4))
+        ggx_distribution(half_z, alpha)
+        * masking(view_z, alpha)
+        / (4 * view_z.abs().clamp(min=1e-4))
     )

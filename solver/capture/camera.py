@@ -65,7 +65,9 @@ class Camera:
 
         Depth is the distance along the optical axis; where it is not positive the pixel is NaN.
         """
-        local = (np.asarray(points, dtype=np.float64) - self.position) @ self.camera_to_world[:3, :3]
+        local = (np.asarray(points, dtype=np.float64) - self.position) @ self.camera_to_world[
+            :3, :3
+        ]
         depth = -local[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):
             x = np.where(depth > 0, local[:, 0] / depth, np.nan)
@@ -94,7 +96,9 @@ class Camera:
         t2 = theta * theta
         return theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
 
-    def _undistort(self, xd: np.ndarray, yd: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _undistort(
+        self, xd: np.ndarray, yd: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Direction (x right, y down, z forward) whose distorted image is (xd, yd), by Newton."""
         if self.lens == "opencv" and any(self.distortion):
             x, y = xd.copy(), yd.copy()

@@ -182,7 +182,9 @@ def _number(path: Path, where: str, values: dict, key: str) -> float | None:
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise CaptureError(path, f"{where}.{key}", f"'{value}' is not a number", "correct the value")
+        raise CaptureError(
+            path, f"{where}.{key}", f"'{value}' is not a number", "correct the value"
+        )
     return float(value)
 
 

@@ -33,7 +33,11 @@ def photometric(
 
 
 def total_loss(
-    buffers: RayBuffers, batch: RayBatch, settings: FitSettings, use_masks: bool, fraction: float,
+    buffers: RayBuffers,
+    batch: RayBatch,
+    settings: FitSettings,
+    use_masks: bool,
+    fraction: float,
     behind: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, dict[str, float]]:
     """The weighted sum of all terms, and the terms that are worth showing.

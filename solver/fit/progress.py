@@ -41,7 +41,9 @@ class Progress:
         self._stage = name
         names = list(_SHARES)
         self._events.emit("stage", name=name, index=names.index(name), count=len(names))
-        state = {"fit": "running", "asset": "finishing", "report": "finishing"}.get(name, "preparing")
+        state = {"fit": "running", "asset": "finishing", "report": "finishing"}.get(
+            name, "preparing"
+        )
         self._heartbeat.update(state)
         self.fraction(0.0, text or name)
 

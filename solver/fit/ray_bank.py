@@ -35,7 +35,7 @@ class RayBank:
     def __init__(self, cameras: list[Camera], photos: list[Photo], device="cpu"):
         self.device = device
         lenses: dict[tuple, int] = {}
-        directions, first_direction, self.first_pixel = [], [], [0]
+        directions, self.first_pixel = [], [0]
         stored = 0
         lens_start: list[int] = []
         colours, alphas = [], []

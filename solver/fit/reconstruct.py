@@ -181,4 +181,3 @@ def choose_device(name: str) -> str:
 def _stop_if_asked(control: Control) -> None:
     if control.should_stop:
         raise Cancelled
-

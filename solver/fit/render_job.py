@@ -105,4 +105,3 @@ def evaluate_job(job: JobFolder, cameras: Path, out: Path | None) -> dict:
 def _true_normals(values: np.ndarray) -> np.ndarray:
     """Normals of an EXR: as they are, or coded as (n + 1)/2 (then nothing is negative)."""
     return values if (values < -1e-3).any() else values * 2 - 1
-

@@ -63,7 +63,9 @@ def write_job_report(
     kind = "held-out views" if held_out else "training photos"
     numbers = {
         **numbers,
-        f"PSNR, dB (mean of {len(chosen)} {kind})": round(float(np.mean([s[0] for s in scores])), 2),
+        f"PSNR, dB (mean of {len(chosen)} {kind})": round(
+            float(np.mean([s[0] for s in scores])), 2
+        ),
         f"SSIM (mean of {len(chosen)} {kind})": round(float(np.mean([s[1] for s in scores])), 4),
     }
     write_json_atomic(job.result_dir / "report.json", numbers)

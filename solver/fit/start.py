@@ -108,9 +108,7 @@ def background_of(photos: list[Photo]) -> str:
     return "white" if np.median(white) > 0.8 else "environment"
 
 
-def _object_cube(
-    capture: Capture, photos: list[Photo], box: np.ndarray, margin: float
-) -> Region:
+def _object_cube(capture: Capture, photos: list[Photo], box: np.ndarray, margin: float) -> Region:
     """The cube around the visual hull within `box`."""
     hull = carve(list(capture.cameras), photos, box, COARSE_HULL_CELLS)
     if not hull.any():

@@ -48,7 +48,11 @@ class Trainer:
         grids = [
             field.density_planes, field.density_lines, field.feature_planes, field.feature_lines
         ]  # fmt: skip
-        networks = [*field.basis.parameters(), *field.heads.parameters(), *scene.neural.parameters()]
+        networks = [
+            *field.basis.parameters(),
+            *field.heads.parameters(),
+            *scene.neural.parameters(),
+        ]
         groups = [
             {"params": grids, "base": fit.learning_rate_grid},
             {"params": networks, "base": fit.learning_rate_network},
@@ -69,8 +73,11 @@ class Trainer:
         fit = self.settings.fit
         first, last = fit.neural_fade
         kept = 1 - min(max((fraction - first) / max(last - first, 1e-6), 0), 1)
-        return dataclasses.replace(self.settings.render, neural=fit.neural_start * kept,
-            neighbour_distance=fit.neighbour_distance)
+        return dataclasses.replace(
+            self.settings.render,
+            neural=fit.neural_start * kept,
+            neighbour_distance=fit.neighbour_distance,
+        )
 
     def _learning_rate_factor(self, fraction: float) -> float:
         fit = self.settings.fit

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import stat
 import sys
 import threading
@@ -12,13 +13,13 @@ from pathlib import Path
 
 
 class Control:
-    """Watches stdin and the `cancel` file from a thread.
+    """Watches stdin, the `cancel` file and SIGTERM.
 
-    A line {"cmd": "cancel"} (or just `cancel`) asks the job to stop with a checkpoint. The end of a
-    stdin that was open at the start means that the parent is gone: the job has `GRACE` seconds for a
-    checkpoint, then the process ends wherever it is (files are renamed into place, so none is half
-    written). A stdin that is a terminal, a
-    file, or at its end from the beginning is no parent: the job runs detached.
+    A line {"cmd": "cancel"} (or just `cancel`) asks the job to stop with a checkpoint; so do the file
+    and SIGTERM (what a farm sends). The end of a stdin that was open at the start means that the
+    parent is gone: the job has `GRACE` seconds for a checkpoint, then the process ends wherever it is
+    (files are renamed into place, so none is half written). A stdin that is a terminal, a file, or at
+    its end from the beginning is no parent: the job runs detached.
 
     Args:
         cancel_path: the job's `cancel` file.
@@ -38,6 +39,8 @@ class Control:
     def start(self) -> None:
         """Start watching."""
         threading.Thread(target=self._watch_file, daemon=True).start()
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, self._on_terminate)
         if _stdin_is_pipe():
             threading.Thread(target=self._watch_stdin, daemon=True).start()
 
@@ -50,6 +53,9 @@ class Control:
         """True once the job should write its checkpoint and end."""
         return self.cancelled or self.parent_gone
 
+    def _on_terminate(self, number: int, frame: object) -> None:
+        self.cancelled = True
+
     def _watch_file(self) -> None:
         while not self._stop.wait(self.INTERVAL):
             if self._cancel_path.exists():
@@ -57,7 +63,7 @@ class Control:
 
     def _watch_stdin(self) -> None:
         opened = time.monotonic()
-        heard = False
+        heard, rest = False, b""
         while True:
             # os.read on the descriptor: a buffered reader would hold a lock at interpreter exit.
             data = os.read(sys.stdin.fileno(), 4096)
@@ -68,8 +74,9 @@ class Control:
                     os._exit(self.EXIT_CODE)
                 return
             heard = True
-            for line in data.decode("utf-8", "replace").splitlines():
-                self.cancelled = self.cancelled or _is_cancel(line)
+            *lines, rest = (rest + data).split(b"\n")
+            for line in lines:
+                self.cancelled = self.cancelled or _is_cancel(line.decode("utf-8", "replace"))
 
 
 def _is_cancel(line: str) -> bool:

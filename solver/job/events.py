@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 import threading
@@ -32,13 +33,20 @@ class EventStream:
     """
 
     def __init__(self, path: Path, stream: TextIO | None = None):
-        self._file = path.open("a", encoding="utf-8")
+        torn = _ends_within_a_line(path)
+        self._file = path.open("a", encoding="utf-8", newline="\n")
+        if torn:
+            self._file.write("\n")
         self._stream = stream
         self._lock = threading.Lock()
 
     def emit(self, kind: str, **data: Any) -> None:
-        """Write an event. Data are numbers, strings, and file names relative to the job."""
-        entry = {"v": EVENT_VERSION, "t": round(time.time(), 3), "ev": kind, **data}
+        """Write an event. Data are numbers, strings, and file names relative to the job.
+
+        A number that is not finite becomes null: JSON has none, and it must not end the job.
+        """
+        finite = {key: _finite(value) for key, value in data.items()}
+        entry = {"v": EVENT_VERSION, "t": round(time.time(), 3), "ev": kind, **finite}
         line = json.dumps(entry, ensure_ascii=False, allow_nan=False) + "\n"
         with self._lock:
             self._file.write(line)
@@ -54,6 +62,20 @@ class EventStream:
         """Close the file."""
         with self._lock:
             self._file.close()
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _ends_within_a_line(path: Path) -> bool:
+    """True if a killed process left half a line, which the next event must not be glued to."""
+    try:
+        with path.open("rb") as file:
+            file.seek(-1, os.SEEK_END)
+            return file.read(1) != b"\n"
+    except OSError:
+        return False
 
 
 def take_stdout_for_events() -> TextIO:
@@ -86,5 +108,5 @@ def read_events(path: Path, offset: int = 0) -> tuple[list[Event], int]:
     except OSError:
         return [], offset
     end = data.rfind(b"\n") + 1
-    lines = data[:end].decode("utf-8", "replace").splitlines()
+    lines = data[:end].decode("utf-8", "replace").split("\n")
     return [parse_event(line) for line in lines if line.strip()], offset + end

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import os
 import time
 from dataclasses import dataclass, field
@@ -52,10 +53,47 @@ class JobRequest:
         """
         if not isinstance(content, dict) or "capture" not in content:
             raise JobError(f"{file}: this is no job request (no 'capture'); start a new job.")
-        if content.get("schema_version", 1) > SCHEMA_VERSION:
+        version = content.get("schema_version", 1)
+        if not isinstance(version, int) or version > SCHEMA_VERSION:
             raise JobError(f"{file}: the job was made by a newer version; update the solver.")
         known = {f.name for f in dataclasses.fields(cls)}
-        return cls(**{key: value for key, value in content.items() if key in known})
+        request = cls(**{key: value for key, value in content.items() if key in known})
+        wrong = request._wrong_field()
+        if wrong:
+            raise JobError(f"{file}: '{wrong}' is not what it should be; start a new job.")
+        return request
+
+    def _wrong_field(self) -> str | None:
+        """Name of the first field of a wrong type or value; None if all are good."""
+        limit = self.time_limit
+        good = {
+            "capture": isinstance(self.capture, str) and self.capture != "",
+            "preset": isinstance(self.preset, str),
+            "device": isinstance(self.device, str),
+            "seed": isinstance(self.seed, int) and not isinstance(self.seed, bool),
+            "time_limit": limit is None or (_is_number(limit) and limit > 0),
+            "region": self.region is None or _is_box(self.region),
+            "overrides": isinstance(self.overrides, dict),
+            "code_version": isinstance(self.code_version, str),
+        }
+        return next((name for name, fine in good.items() if not fine), None)
+
+
+def _is_number(value: Any) -> bool:
+    return (
+        isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    )
+
+
+def _is_box(region: Any) -> bool:
+    """{"min": [3], "max": [3]} with a volume."""
+    if not isinstance(region, dict):
+        return False
+    low, high = region.get("min"), region.get("max")
+    for corner in (low, high):
+        if not (isinstance(corner, list) and len(corner) == 3 and all(map(_is_number, corner))):
+            return False
+    return all(a < b for a, b in zip(low, high, strict=True))
 
 
 class JobFolder:
@@ -133,9 +171,18 @@ class JobFolder:
             JobError: there is no complete result.
         """
         try:
-            return json.loads(self.manifest_path.read_text(encoding="utf-8"))
+            content = json.loads(self.manifest_path.read_text(encoding="utf-8"))
+        except FileNotFoundError as error:
+            raise JobError(
+                f"{self.root}: the job has no complete result yet; resume it."
+            ) from error
         except (OSError, ValueError) as error:
-            raise JobError(f"{self.root}: the job has no complete result yet; resume it.") from error
+            raise JobError(
+                f"{self.manifest_path}: it cannot be read ({error}); run the job again."
+            ) from error
+        if not isinstance(content, dict):
+            raise JobError(f"{self.manifest_path}: this is no manifest; run the job again.")
+        return content
 
     def write_manifest(self, content: dict[str, Any]) -> None:
         """Declare the result complete."""
@@ -146,8 +193,12 @@ def write_json_atomic(path: Path, content: Any) -> None:
     """Write JSON beside the target, then rename: readers see the old or the new, never half."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    part.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    replace_file(part, path)
+    try:
+        part.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        replace_file(part, path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
 
 
 def replace_file(source: Path, target: Path) -> None:

@@ -46,9 +46,10 @@ class Heartbeat:
 def read_status(path: Path) -> dict[str, Any]:
     """The last status; {} if there is none."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        status = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
+    return status if isinstance(status, dict) else {}
 
 
 def process_start_time(pid: int) -> float | None:

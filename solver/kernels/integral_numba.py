@@ -144,7 +144,9 @@ def rectangle_mean(table, rows, centre, size, out, slope):
             )
             mean = total / area
             out[n, c] = mean
-            right = edge_x(table, c, x1, y1, width, height) - edge_x(table, c, x1, y0, width, height)
+            right = edge_x(table, c, x1, y1, width, height) - edge_x(
+                table, c, x1, y0, width, height
+            )
             left = edge_x(table, c, x0, y1, width, height) - edge_x(table, c, x0, y0, width, height)
             slope[n, c, 0] = (right - left) / area
             rise = edge_y(table, c, x0, x1, y1, width, height) - edge_y(

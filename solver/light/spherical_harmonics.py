@@ -53,6 +53,4 @@ def sh_basis(directions: torch.Tensor, degree: int) -> torch.Tensor:
 
 def sh_degrees(degree: int, device: torch.device | None = None) -> torch.Tensor:
     """The degree l of every coefficient of `sh_basis`, [(degree + 1)²]."""
-    return torch.cat(
-        [torch.full((2 * l + 1,), float(l), device=device) for l in range(degree + 1)]
-    )
+    return torch.cat([torch.full((2 * d + 1,), float(d), device=device) for d in range(degree + 1)])

@@ -97,7 +97,9 @@ def ray_peaks(
         step, scene.occupancy.occupied, field.density_planes, field.density_lines,
         field.density_shift, field.density_scale, 1e-3,
     )  # fmt: skip
-    box_points = box_origins[segments.ray] + segments.distance[:, None] * box_directions[segments.ray]
+    box_points = (
+        box_origins[segments.ray] + segments.distance[:, None] * box_directions[segments.ray]
+    )
     sigma = field.extinction(field.raw_density(box_points))
     _, transmittance = composite(sigma * step, segments.offsets)
     peak = origins.new_zeros(count).scatter_reduce(0, segments.ray, sigma, "amax")

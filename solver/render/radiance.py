@@ -68,7 +68,9 @@ def render_rays(
         distance = torch.zeros_like(near).index_add(0, ray, weights * segments.distance)
     bending = unevenness = None
     if settings.neighbour_distance > 0:
-        away_normal, difference = _neighbours(scene, tables, settings, random, box_points[kept], shading)
+        away_normal, difference = _neighbours(
+            scene, tables, settings, random, box_points[kept], shading
+        )
         bending, unevenness = gather(away_normal), gather(difference)
     return RayBuffers(
         radiance=gather(shading.radiance),
@@ -100,7 +102,6 @@ def _neighbours(scene, tables, settings, random, box_points, shading):
         + (other.f0 - here.f0).abs().mean(-1)
     )
     return bend, difference
-
 
 
 def _sample(scene, settings, box_origins, box_directions, start, offset, step_voxels):

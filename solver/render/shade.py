@@ -15,8 +15,8 @@ from ..brdf.microfacet import (
     visible_normal_pdf,
 )
 from ..field.heads import Materials
-from ..light.environment import irradiance
 from ..kernels.march import grid_transmittance
+from ..light.environment import irradiance
 from .random_numbers import SobolRotations
 from .scene import RenderSettings, Scene, StepTables
 
@@ -113,9 +113,7 @@ def secondary_visibility(
         origins = (box_points + field.directions_to_box(lift * normals))[rays.sample]
         start = (lift * (1 / rays.cosine.clamp(min=0.2) - 1)).clamp(max=4 * lift)
         directions = field.directions_to_box(rays.direction)
-        passing = grid_transmittance(
-            origins, directions, start, cell, occupancy.extinction * cell
-        )
+        passing = grid_transmittance(origins, directions, start, cell, occupancy.extinction * cell)
     return passing, origins, start
 
 
@@ -182,9 +180,7 @@ def shade(
                 scores, settings.retraced_rays, float(random.uniform(1))
             )
             if len(chosen):
-                bounced, _ = trace(
-                    origins[chosen], secondary.direction[chosen], start[chosen]
-                )
+                bounced, _ = trace(origins[chosen], secondary.direction[chosen], start[chosen])
                 incident = incident.index_add(0, chosen, bounced / probability[:, None])
     radiance = radiance.index_add(0, secondary.sample, throughput * incident)
     return Shading(radiance, normals, features, materials)

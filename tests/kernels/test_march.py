@@ -1,0 +1,112 @@
+"""Marching and compositing against closed forms and their twins."""
+
+import math
+
+import numpy as np
+import torch
+
+from solver.kernels.backend import plain_torch
+from solver.kernels.march import composite, grid_transmittance, march
+
+
+def rays(count=200):
+    torch.manual_seed(0)
+    origins = torch.randn(count, 3) + 0.5
+    directions = torch.nn.functional.normalize(torch.rand(count, 3) - origins, dim=-1)
+    return origins, directions
+
+
+def homogeneous(raw):
+    """Factors of a field whose raw density is `raw` everywhere."""
+    planes, lines = torch.zeros(3, 4, 4, 1), torch.ones(3, 4, 1)
+    planes[0] = raw
+    return planes, lines
+
+
+def test_march_agrees_with_its_twin():
+    origins, directions = rays()
+    torch.manual_seed(4)
+    arguments = (
+        origins, directions, torch.zeros(200), torch.rand(200), 0.02, torch.rand(6, 6, 6) > 0.4,
+        torch.randn(3, 8, 8, 4), torch.randn(3, 8, 4), -1.0, 8.0,
+    )  # fmt: skip
+    fused = march(*arguments, min_alpha=0.01)
+    with plain_torch():
+        plain = march(*arguments, min_alpha=0.01)
+    # A sample within rounding of a cell's face may fall on either side.
+    counts = torch.diff(fused.offsets) - torch.diff(plain.offsets)
+    assert (counts != 0).float().mean() < 0.03
+    same = counts == 0
+    a, b = same[fused.ray], same[plain.ray]
+    torch.testing.assert_close(fused.distance[a], plain.distance[b], rtol=1e-4, atol=1e-4)
+
+
+def test_samples_lie_in_occupied_cells_of_the_box():
+    origins, directions = rays()
+    occupied = torch.rand(5, 5, 5) > 0.5
+    planes, lines = homogeneous(-5.0)
+    result = march(
+        origins, directions, torch.zeros(200), torch.rand(200), 0.01, occupied, planes, lines, -4.0, 1.0
+    )
+    assert len(result.ray) > 100
+    points = origins[result.ray] + result.distance[:, None] * directions[result.ray]
+    assert ((points >= -1e-5) & (points <= 1 + 1e-5)).all()
+    cell = (points * 5).long().clamp(0, 4)
+    near_face = ((points * 5) - (points * 5).round()).abs().amin(-1) < 1e-4
+    assert (occupied[cell[:, 0], cell[:, 1], cell[:, 2]] | near_face).all()
+
+
+def test_march_stops_once_the_ray_is_opaque():
+    planes, lines = homogeneous(20.0)
+    origin, direction = torch.tensor([[-1.0, 0.5, 0.5]]), torch.tensor([[1.0, 0.0, 0.0]])
+    everywhere = torch.ones(2, 2, 2, dtype=torch.bool)
+    result = march(
+        origin, direction, torch.zeros(1), torch.full((1,), 0.5), 0.01, everywhere, planes, lines, 0.0, 10.0,
+        min_transmittance=1e-3,
+    )  # fmt: skip
+    # σ = 200, so a step lets e^-2 pass and the fourth is the first to leave less than 1e-3.
+    assert len(result.ray) == 4
+
+
+def test_weights_of_a_homogeneous_medium_have_their_closed_form():
+    sigma, step, count = 3.0, 0.1, 40
+    depth = torch.full((count,), sigma * step)
+    weights, passing = composite(depth, torch.tensor([0, count]))
+    t = np.arange(count) * step
+    expected = np.exp(-sigma * t) - np.exp(-sigma * (t + step))
+    np.testing.assert_allclose(weights.numpy(), expected, rtol=1e-4, atol=1e-7)
+    assert math.isclose(float(passing), math.exp(-sigma * step * count), rel_tol=1e-4)
+    assert math.isclose(float(weights.sum() + passing), 1.0, rel_tol=1e-5)
+
+
+def test_composite_agrees_with_its_twin_in_values_and_gradients():
+    torch.manual_seed(5)
+    offsets = torch.tensor([0, 0, 3, 10, 10, 30])  # empty rays at the start and in between
+    depth = torch.rand(30, requires_grad=True)
+    cotangents = torch.randn(30), torch.randn(5)
+    fused = composite(depth, offsets)
+    with plain_torch():
+        plain = composite(depth, offsets)
+    for a, b in zip(fused, plain, strict=True):
+        torch.testing.assert_close(a, b)
+    g = [torch.autograd.grad(out, depth, cotangents)[0] for out in (fused, plain)]
+    torch.testing.assert_close(*g, rtol=1e-4, atol=1e-5)
+
+
+def test_composite_twin_gradients_agree_with_finite_differences():
+    from solver.kernels import march_torch
+
+    depth = torch.rand(12, dtype=torch.float64, requires_grad=True)
+    offsets = torch.tensor([0, 5, 5, 12])
+    assert torch.autograd.gradcheck(lambda d: march_torch.composite(d, offsets), depth)
+
+
+def test_grid_transmittance_agrees_with_its_twin_and_with_an_empty_grid():
+    origins, directions = rays()
+    grid = torch.rand(7, 7, 7) * 0.02
+    arguments = origins, directions, torch.zeros(200), 0.03
+    fused = grid_transmittance(*arguments, grid)
+    with plain_torch():
+        plain = grid_transmittance(*arguments, grid)
+    torch.testing.assert_close(fused, plain, rtol=0.03, atol=1e-3)
+    assert (grid_transmittance(*arguments, torch.zeros(3, 3, 3)) == 1).all()

@@ -1,0 +1,62 @@
+"""VM lookups: fused kernels against their plain twin, and the twin against finite differences."""
+
+import pytest
+import torch
+
+from solver.kernels import vm, vm_torch
+from solver.kernels.backend import plain_torch
+
+
+def factors(name, size, channels, dtype=torch.float32):
+    if name == "vm_gradient":
+        shapes = (3, size, size, 3, channels), (3, size, 2, channels)
+    else:
+        shapes = (3, size, size, channels), (3, size, channels)
+    return [torch.randn(*shape, dtype=dtype, requires_grad=True) for shape in shapes]
+
+
+@pytest.mark.parametrize("name", ["vm_sum", "vm_products", "vm_gradient"])
+@pytest.mark.parametrize("size, channels", [(2, 1), (7, 16), (9, 24), (5, 13)])
+def test_kernel_agrees_with_its_twin_in_values_and_gradients(name, size, channels):
+    torch.manual_seed(1)
+    # Points outside the grid are clamped to it, by both.
+    points = torch.rand(500, 3) * (size + 1) - 1
+    arguments = factors(name, size, channels)
+    fused = getattr(vm, name)(points, *arguments)
+    with plain_torch():
+        plain = getattr(vm, name)(points, *arguments)
+    cotangent = torch.randn_like(plain)
+    torch.testing.assert_close(fused, plain, rtol=1e-4, atol=1e-4)
+    for a, b in zip(
+        torch.autograd.grad(fused, arguments, cotangent),
+        torch.autograd.grad(plain, arguments, cotangent),
+        strict=True,
+    ):
+        torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", ["vm_sum", "vm_products", "vm_gradient"])
+def test_twin_gradients_agree_with_finite_differences(name):
+    torch.manual_seed(2)
+    points = torch.rand(6, 3, dtype=torch.float64) * 3
+    arguments = factors(name, 4, 2, torch.float64)
+    assert torch.autograd.gradcheck(lambda p, q: getattr(vm_torch, name)(points, p, q), arguments)
+
+
+def test_products_reproduce_nodes():
+    planes, lines = torch.randn(3, 4, 4, 2), torch.randn(3, 4, 2)
+    x, y, z = 1, 2, 3
+    products = vm.vm_products(torch.tensor([[1.0, 2.0, 3.0]]), planes, lines)[0]
+    expected = [planes[0, x, y] * lines[0, z], planes[1, x, z] * lines[1, y]]
+    expected.append(planes[2, y, z] * lines[2, x])
+    torch.testing.assert_close(products, torch.cat(expected))
+
+
+def test_kernels_give_the_same_bits_twice():
+    torch.manual_seed(3)
+    points = torch.rand(3000, 3) * 9
+    arguments = factors("vm_sum", 10, 16)
+    runs = [
+        torch.autograd.grad(vm.vm_sum(points, *arguments).sum(), arguments) for _ in range(2)
+    ]
+    assert all(torch.equal(a, b) for a, b in zip(*runs, strict=True))

@@ -1,0 +1,87 @@
+"""Spherical harmonics against scipy; irradiance and lookups against brute force."""
+
+import math
+
+import numpy as np
+import pytest
+import scipy.special
+import torch
+
+from solver.light.environment import EnvironmentMap, equirect_coordinates, equirect_directions, irradiance
+from solver.light.spherical_harmonics import sh_basis
+
+
+def unit(count, seed=0):
+    torch.manual_seed(seed)
+    return torch.nn.functional.normalize(torch.randn(count, 3, dtype=torch.float64), dim=-1)
+
+
+def test_spherical_harmonics_agree_with_scipy():
+    directions = unit(200)
+    x, y, z = directions.numpy().T
+    theta, phi = np.arccos(z), np.arctan2(y, x)
+    values = sh_basis(directions, 4).numpy()
+    index = 0
+    for degree in range(5):
+        for m in range(-degree, degree + 1):
+            complex_value = scipy.special.sph_harm_y(degree, abs(m), theta, phi)
+            sign = (-1) ** m  # undoes the Condon–Shortley phase
+            expected = complex_value.real if m == 0 else math.sqrt(2) * sign * (
+                complex_value.real if m > 0 else complex_value.imag
+            )
+            np.testing.assert_allclose(values[:, index], expected, atol=1e-10)
+            index += 1
+
+
+def test_directions_and_texels_are_inverse():
+    directions = equirect_directions(20, 40).reshape(-1, 3)
+    texel = equirect_coordinates(directions.float(), 20, 40)
+    column, row = np.meshgrid(np.arange(40) + 0.5, np.arange(20) + 0.5)
+    np.testing.assert_allclose(texel.numpy(), np.stack([column, row], -1).reshape(-1, 2), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "direction, u, v",
+    [((1, 0, 0), 0.5, 0.5), ((0, 1, 0), 0.25, 0.5), ((0, -1, 0), 0.75, 0.5), ((0, 0, 1), None, 0.0)],
+)
+def test_the_map_follows_blenders_convention(direction, u, v):
+    column, row = equirect_coordinates(torch.tensor([direction], dtype=torch.float32), 100, 200)[0]
+    assert math.isclose(float(row) / 100, v, abs_tol=1e-3)
+    if u is not None:
+        assert math.isclose(float(column) / 200, u, abs_tol=1e-3)
+
+
+def test_irradiance_of_constant_light_is_pi_times_radiance():
+    environment = EnvironmentMap(32, initial=0.7)
+    normals = unit(50).float()
+    expected = torch.full((50, 3), math.pi * 0.7)
+    torch.testing.assert_close(irradiance(environment.tables(), normals), expected, rtol=1e-3, atol=0)
+
+
+def test_irradiance_of_smooth_light_agrees_with_quadrature():
+    directions = equirect_directions(64, 128)
+    radiance = 1 + 0.5 * directions[..., :1] + 0.3 * directions[..., 1:2] * directions[..., 2:]
+    environment = EnvironmentMap.from_radiance(radiance.expand(-1, -1, 3))
+    normals = unit(20)
+    cosine = torch.einsum("hwc,nc->nhw", directions, normals).clamp(min=0)
+    weight = environment.texel_solid_angle[:, None]
+    expected = torch.einsum("nhw,hwc->nc", cosine * weight, radiance.expand(-1, -1, 3))
+    result = irradiance(environment.tables(), normals.float())
+    torch.testing.assert_close(result.double(), expected, rtol=2e-3, atol=1e-3)
+
+
+def test_solid_angles_of_the_texels_add_up_to_the_sphere():
+    environment = EnvironmentMap(16)
+    assert math.isclose(float(environment.texel_solid_angle.sum()) * 32, 4 * math.pi, rel_tol=1e-9)
+
+
+@pytest.mark.parametrize("row", [8.0, 32.0, 50.0])
+@pytest.mark.parametrize("solid_angle", [0.01, 0.05])
+def test_footprints_cover_the_solid_angle_they_stand_for(row, solid_angle):
+    """d/(N·p), not N·p/d: the erratum of Appendix A."""
+    environment = EnvironmentMap(64)
+    columns, rows = environment.footprint(torch.tensor([row]), torch.tensor([solid_angle]))[0]
+    top, bottom = row - float(rows) / 2, row + float(rows) / 2
+    band = math.cos(top * math.pi / 64) - math.cos(bottom * math.pi / 64)
+    area = band * float(columns) * 2 * math.pi / 128
+    assert math.isclose(area, solid_angle, rel_tol=0.02)
