@@ -1,0 +1,129 @@
+"""What a running job hears: cancel on stdin, by file and by signal; the end of its parent."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+WORK = """
+import sys, time
+sys.path.insert(0, {root!r})
+from pathlib import Path
+from solver.job.control import Control
+control = Control(Path({cancel!r}))
+control.start()
+print("up", flush=True)
+end = time.monotonic() + {seconds}
+while time.monotonic() < end and not control.should_stop:
+    {work}
+print("cancelled", control.cancelled, "parent gone", control.parent_gone, flush=True)
+sys.exit(3 if control.should_stop else 0)
+"""
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Start a job that works for `seconds`, or until it hears that it should stop."""
+    children = []
+
+    def run(seconds=20.0, stdin=subprocess.PIPE, work="time.sleep(0.01)"):
+        program = WORK.format(
+            root=str(ROOT), cancel=str(tmp_path / "cancel"), seconds=seconds, work=work
+        )
+        child = subprocess.Popen(
+            [sys.executable, "-I", "-u", "-c", program],
+            stdin=stdin, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        children.append(child)
+        assert child.stdout.readline() == "up\n"
+        return child
+
+    yield run
+    for child in children:
+        child.kill()
+        child.wait()
+        for stream in (child.stdin, child.stdout):
+            if stream is not None and not stream.closed:
+                stream.close()
+
+
+def ending(child):
+    """Seconds until it ended, its last line, its exit code."""
+    asked = time.monotonic()
+    text = child.stdout.read().strip()
+    return time.monotonic() - asked, text, child.wait(10)
+
+
+@pytest.mark.parametrize("line", ['{"cmd": "cancel"}', "cancel", '  {"cmd":"cancel","why":"é"}'])
+def test_a_line_on_stdin_cancels(start, line):
+    child = start()
+    child.stdin.write(line + "\n")
+    child.stdin.flush()
+    seconds, text, code = ending(child)
+    assert (text, code) == ("cancelled True parent gone False", 3)
+    assert seconds < 2
+
+
+def test_a_line_in_two_pieces_after_noise_cancels(start):
+    child = start()
+    child.stdin.write('{"cmd": "sing"}\nnull\n[]\n{"cmd": "can')
+    child.stdin.flush()
+    time.sleep(0.2)
+    assert child.poll() is None
+    child.stdin.write('cel"}\n')
+    child.stdin.flush()
+    assert ending(child)[1:] == ("cancelled True parent gone False", 3)
+
+
+def test_a_cancel_file_cancels_a_job_without_a_parent(start, tmp_path):
+    child = start(stdin=subprocess.DEVNULL)
+    (tmp_path / "cancel").touch()
+    seconds, text, code = ending(child)
+    assert (text, code) == ("cancelled True parent gone False", 3)
+    assert seconds < 2
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGTERM to catch")
+def test_a_termination_signal_cancels(start):
+    child = start(stdin=subprocess.DEVNULL)
+    child.send_signal(signal.SIGTERM)
+    assert ending(child)[1:] == ("cancelled True parent gone False", 3)
+
+
+def test_the_end_of_stdin_means_that_the_parent_is_gone(start):
+    child = start()
+    time.sleep(0.2)
+    child.stdin.close()
+    seconds, text, code = ending(child)
+    assert (text, code) == ("cancelled False parent gone True", 3)
+    assert seconds < 2
+
+
+def test_without_a_parent_a_job_that_does_not_listen_ends_within_two_seconds(start):
+    child = start(work="control.__dict__.get('never')")
+    child2 = start(work="time.sleep(20)")
+    time.sleep(0.2)
+    for busy in (child2, child):
+        busy.stdin.close()
+        seconds, _, code = ending(busy)
+        assert seconds < 2 and code == 3
+
+
+def test_a_stdin_that_is_at_its_end_from_the_start_is_no_parent(start):
+    for stdin in (subprocess.DEVNULL, subprocess.PIPE):
+        read = write = None
+        if stdin == subprocess.PIPE:
+            read, write = os.pipe()
+            os.close(write)
+            stdin = read
+        child = start(seconds=0.5, stdin=stdin)
+        if read is not None:
+            os.close(read)
+        assert ending(child)[1:] == ("cancelled False parent gone False", 0)

@@ -1,0 +1,152 @@
+"""Events: round trip, damage, threads, a parent that hung up, libraries that print."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from solver.job.events import EventStream, parse_event, read_events
+
+ROOT = Path(__file__).resolve().parents[2]
+values = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text()
+
+
+@given(
+    data=st.dictionaries(
+        st.text().filter(lambda k: k not in ("v", "t", "ev", "self", "kind")), values
+    )
+)
+def test_an_event_comes_back_as_it_was_sent(data, tmp_path_factory):
+    path = tmp_path_factory.mktemp("events") / "events.jsonl"
+    stream = EventStream(path)
+    stream.emit("metric", **data)
+    stream.close()
+    (event,), _ = read_events(path)
+    assert event.kind == "metric" and event.time > 0
+    expected = {k: None if isinstance(v, float) and math.isinf(v) else v for k, v in data.items()}
+    assert {k: v for k, v in event.data.items() if k != "v"} == expected
+    assert event.data["v"] == 1
+
+
+def test_the_parent_gets_the_very_lines_of_the_file(tmp_path):
+    parent = io.StringIO()
+    stream = EventStream(tmp_path / "events.jsonl", parent)
+    stream.emit("stage", name="fit", index=3, count=6)
+    stream.emit("warning", text="Photo ‘größe 1.png’\nis dark\u2028and small")
+    stream.close()
+    text = (tmp_path / "events.jsonl").read_text(encoding="utf-8")
+    assert parent.getvalue() == text and text.count("\n") == 2
+    assert [json.loads(line)["ev"] for line in text.split("\n")[:2]] == ["stage", "warning"]
+    events, _ = read_events(tmp_path / "events.jsonl")
+    assert events[1].data["text"] == "Photo ‘größe 1.png’\nis dark\u2028and small"
+
+
+def test_a_number_that_is_not_finite_does_not_end_the_job(tmp_path):
+    stream = EventStream(tmp_path / "events.jsonl")
+    stream.emit("metric", name="psnr", value=float("nan"), step=3)
+    stream.close()
+    (event,), _ = read_events(tmp_path / "events.jsonl")
+    assert event.data["value"] is None and event.data["step"] == 3
+
+
+def test_a_parent_that_hung_up_does_not_end_the_job(tmp_path):
+    read, write = os.pipe()
+    os.close(read)
+    stream = EventStream(tmp_path / "events.jsonl", os.fdopen(write, "w"))
+    for step in range(3):
+        stream.emit("checkpoint", step=step)
+    stream.close()
+    events, _ = read_events(tmp_path / "events.jsonl")
+    assert [event.data["step"] for event in events] == [0, 1, 2]
+
+
+def test_events_of_many_threads_do_not_mix(tmp_path):
+    stream = EventStream(tmp_path / "events.jsonl", io.StringIO())
+
+    def work(name):
+        for step in range(200):
+            stream.emit("metric", name=name, value=0.5, step=step)
+
+    threads = [threading.Thread(target=work, args=(f"thread {n}",)) for n in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    stream.close()
+    events, _ = read_events(tmp_path / "events.jsonl")
+    assert len(events) == 800 and {event.kind for event in events} == {"metric"}
+
+
+@given(line=st.text())
+def test_any_line_is_an_event_or_a_log_line(line):
+    event = parse_event(line)
+    assert event.kind != "log" or event.data == {"text": line.rstrip("\n")} or "ev" in line
+
+
+def test_lines_that_are_no_events_become_log_lines():
+    deep = "[" * 100_000
+    for line in (
+        "Downloading weights…",
+        "{",
+        "3",
+        "null",
+        '{"v": 1}',
+        '{"ev": "x", "t": "y"}',
+        deep,
+    ):
+        assert parse_event(line).kind == "log", line[:20]
+        assert parse_event(line).data["text"] == line
+
+
+def test_reading_on_from_an_offset_gives_each_event_once_and_no_half_lines(tmp_path):
+    path = tmp_path / "events.jsonl"
+    path.write_text('{"v":1,"t":1,"ev":"hello"}\n{"v":1,"t":2,"ev":"sta', encoding="utf-8")
+    events, offset = read_events(path)
+    assert [event.kind for event in events] == ["hello"]
+    with path.open("a", encoding="utf-8") as file:
+        file.write('ge","name":"fit"}\nnoise\n')
+    events, offset = read_events(path, offset)
+    assert [event.kind for event in events] == ["stage", "log"]
+    assert read_events(path, offset) == ([], offset)
+
+
+def test_a_missing_file_has_no_events(tmp_path):
+    assert read_events(tmp_path / "none.jsonl") == ([], 0)
+
+
+def test_half_a_line_of_a_killed_process_does_not_swallow_the_next_event(tmp_path):
+    path = tmp_path / "events.jsonl"
+    path.write_text('{"v":1,"t":1,"ev":"hello"}\n{"v":1,"t":2,"ev":"pro', encoding="utf-8")
+    stream = EventStream(path)
+    stream.emit("hello", version="2")
+    stream.close()
+    events, _ = read_events(path)
+    assert [event.kind for event in events] == ["hello", "log", "hello"]
+
+
+def test_what_libraries_print_never_reaches_the_event_stream(tmp_path):
+    program = f"""
+import os, sys
+sys.path.insert(0, {str(ROOT)!r})
+from pathlib import Path
+from solver.job.events import EventStream, take_stdout_for_events
+stream = take_stdout_for_events()
+out = EventStream(Path({str(tmp_path / "events.jsonl")!r}), stream)
+print("a library's banner", flush=True)
+os.write(1, b"printed by C code\\n")
+out.emit("hello", version="1")
+"""
+    answer = subprocess.run(
+        [sys.executable, "-I", "-c", program], capture_output=True, text=True, check=True
+    )
+    assert [json.loads(line)["ev"] for line in answer.stdout.splitlines()] == ["hello"]
+    assert "banner" in answer.stderr and "C code" in answer.stderr

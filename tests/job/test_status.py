@@ -1,0 +1,89 @@
+"""The heartbeat: throttled, whole, and telling a live process from a reused pid."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+from solver.job import status
+from solver.job.status import Heartbeat, process_is_alive, process_start_time, read_status
+
+
+@pytest.fixture
+def child():
+    process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    yield process
+    process.kill()
+    process.wait()
+    process.stdin.close()
+
+
+def test_the_heartbeat_says_who_works_and_how_far(tmp_path):
+    Heartbeat(tmp_path / "status.json").update("running", 3, 100, 12.5)
+    content = json.loads((tmp_path / "status.json").read_text())
+    assert content["pid"] == os.getpid() and abs(content["time"] - time.time()) < 5
+    assert {k: content[k] for k in ("state", "step", "steps", "seconds_left")} == {
+        "state": "running", "step": 3, "steps": 100, "seconds_left": 12.5,
+    }  # fmt: skip
+
+
+def test_the_file_is_written_once_a_second_and_whenever_the_state_changes(tmp_path, monkeypatch):
+    clock = [1000.0]
+    monkeypatch.setattr(status.time, "monotonic", lambda: clock[0])
+    heartbeat = Heartbeat(tmp_path / "status.json")
+    heartbeat.update("running", 1)
+    clock[0] += 0.5
+    heartbeat.update("running", 2)
+    assert read_status(tmp_path / "status.json")["step"] == 1
+    heartbeat.update("finishing", 3)
+    assert read_status(tmp_path / "status.json")["step"] == 3
+    clock[0] += 1.1
+    heartbeat.update("finishing", 4)
+    assert read_status(tmp_path / "status.json")["step"] == 4
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "null"])
+def test_a_damaged_status_is_none(tmp_path, text):
+    (tmp_path / "status.json").write_text(text)
+    assert read_status(tmp_path / "status.json") == {}
+    assert not process_is_alive({})
+
+
+def test_this_process_is_alive_until_it_says_that_it_ended(tmp_path):
+    path = tmp_path / "status.json"
+    heartbeat = Heartbeat(path)
+    for state in ("preparing", "running", "finishing"):
+        heartbeat.update(state)
+        assert process_is_alive(read_status(path)), state
+    for state in ("done", "cancelled", "failed"):
+        heartbeat.update(state)
+        assert not process_is_alive(read_status(path)), state
+
+
+def test_a_killed_process_is_not_alive(child):
+    entry = {"pid": child.pid, "started": process_start_time(child.pid), "state": "running"}
+    entry["time"] = time.time() - 100
+    if entry["started"] is not None:
+        assert process_is_alive(entry)
+    child.kill()
+    child.wait()
+    assert not process_is_alive(entry)
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/stat"), reason="start times are read in /proc")
+def test_another_process_with_the_same_number_is_not_taken_for_it(child):
+    started = process_start_time(child.pid)
+    assert process_is_alive({"pid": child.pid, "started": started, "state": "running"})
+    assert not process_is_alive({"pid": child.pid, "started": started - 1, "state": "running"})
+
+
+def test_where_start_times_are_unknown_a_fresh_heartbeat_counts_as_life(monkeypatch):
+    monkeypatch.setattr(status, "process_start_time", lambda pid: None)
+    monkeypatch.setattr(status.Path, "exists", lambda path: False)
+    assert process_is_alive({"pid": 4, "state": "running", "time": time.time() - 5})
+    assert not process_is_alive({"pid": 4, "state": "running", "time": time.time() - 60})
