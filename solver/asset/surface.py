@@ -69,6 +69,7 @@ def marching_cubes(field: SurfaceField, cells: int, level: float) -> trimesh.Tri
     vertices = low + (vertices - 1) * ((high - low) / cells)
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     mesh.merge_vertices()
+    mesh.update_faces(mesh.nondegenerate_faces() & mesh.unique_faces())
     if mesh.volume < 0:
         mesh.invert()
     return mesh

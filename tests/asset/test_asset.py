@@ -1,0 +1,199 @@
+"""Surface, unwrap, bake and files on analytic fields."""
+
+import json
+import struct
+
+import numpy as np
+import pytest
+import trimesh
+
+from solver.asset.bake import fill_texture, gather
+from solver.asset.build import build_asset
+from solver.asset.errors import EmptySurfaceError
+from solver.asset.files import write_exr
+from solver.asset.gltf import portable_base_colour
+from solver.asset.settings import AssetSettings
+from solver.asset.surface import drop_floaters, extract_surface, marching_cubes
+from solver.asset.tangent import decode_normals, encode_normals, texel_frames
+from solver.asset.unwrap import rasterise, unwrap
+from solver.capture.photos import read_exr, srgb_to_linear
+
+LEVEL = 30.0
+SETTINGS = AssetSettings(cells=64, triangles=4000, texture_size=256)
+
+
+class Balls:
+    """Balls with a soft shell: extinction falls by e^-1 per 0.02 outside, saturates inside."""
+
+    def __init__(self, *balls):
+        self.balls = balls
+        self.region = np.array([[-1.0] * 3, [1.0] * 3])
+        self.voxel = 2 / 64
+
+    def _distance(self, points):
+        return np.min([np.linalg.norm(points - c, axis=1) - r for c, r in self.balls], axis=0)
+
+    def density(self, points):
+        return np.minimum(LEVEL * np.exp(-self._distance(points) / 0.02), 500).astype(np.float32)
+
+    def normals(self, points):
+        centre = np.array(self.balls[0][0])
+        offset = points - centre
+        return offset / np.maximum(np.linalg.norm(offset, axis=1, keepdims=True), 1e-9)
+
+    def materials(self, points):
+        albedo = 0.5 + 0.4 * np.sin(3 * points)
+        alpha = 0.2 + 0.1 * points[:, 0]
+        f0 = np.repeat(0.04 + 0.03 * points[:, 1:2], 3, axis=1)
+        return albedo.astype(np.float32), alpha.astype(np.float32), f0.astype(np.float32)
+
+
+ONE = Balls(((0.05, -0.1, 0.0), 0.6))
+
+
+def test_marching_cubes_finds_a_ball_of_the_right_radius_facing_outward():
+    mesh = marching_cubes(ONE, 64, LEVEL)
+    radius = np.linalg.norm(mesh.vertices - (0.05, -0.1, 0.0), axis=1)
+    # A tenth of a cell: interpolating the logarithm places the surface exactly.
+    assert np.abs(radius - 0.6).max() < 0.1 * 2 / 64
+    assert mesh.is_watertight
+    outward = (mesh.face_normals * (mesh.triangles_center - (0.05, -0.1, 0.0))).sum(1)
+    assert (outward > 0).all()
+
+
+def test_a_surface_cut_by_the_region_is_closed():
+    assert marching_cubes(Balls(((1.0, 0, 0), 0.5)), 32, LEVEL).is_watertight
+
+
+def test_an_empty_field_is_an_error_with_a_way_out():
+    with pytest.raises(EmptySurfaceError, match="masks"):
+        marching_cubes(Balls(((9, 9, 9), 0.1)), 16, LEVEL)
+
+
+def test_floaters_go_and_separate_bodies_stay():
+    field = Balls(((-0.5, 0, 0), 0.35), ((0.5, 0, 0), 0.3), ((0, 0.9, 0), 0.02))
+    mesh = marching_cubes(field, 96, LEVEL)
+    assert len(mesh.split()) == 3
+    assert len(drop_floaters(mesh, 0.01).split()) == 2
+
+
+def test_inner_walls_go():
+    outer, inner = trimesh.creation.icosphere(radius=1), trimesh.creation.icosphere(radius=0.5)
+    inner.invert()
+    kept = drop_floaters(trimesh.util.concatenate([outer, inner]), 0.01)
+    assert len(kept.split()) == 1 and np.isclose(kept.volume, outer.volume)
+
+
+def test_decimation_reaches_its_target_and_keeps_the_shape():
+    mesh = extract_surface(ONE, LEVEL, AssetSettings(cells=64, triangles=2000))
+    assert 1500 <= len(mesh.faces) <= 2000
+    assert np.isclose(mesh.volume, 4 / 3 * np.pi * 0.6**3, rtol=0.02)
+
+
+@pytest.fixture(scope="module")
+def unwrapped():
+    mesh = extract_surface(ONE, LEVEL, SETTINGS)
+    samples = gather(ONE, np.float32(mesh.vertices), np.float32(mesh.vertex_normals), SETTINGS)
+    return unwrap(mesh, samples.normals, SETTINGS.texture_size)
+
+
+def test_texels_lie_on_the_surface_and_cover_every_chart(unwrapped):
+    texels = rasterise(unwrapped, 256)
+    points = texels.interpolate(unwrapped, unwrapped.positions)
+    assert np.abs(np.linalg.norm(points - (0.05, -0.1, 0), axis=1) - 0.6).max() < 0.01
+    uv = texels.interpolate(unwrapped, unwrapped.uvs)
+    expected = np.stack([(texels.column + 0.5) / 256, 1 - (texels.row + 0.5) / 256], 1)
+    np.testing.assert_allclose(uv, expected, atol=1e-4)
+    corners = unwrapped.uvs[unwrapped.faces].astype(float)
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum() / 2 * 256**2
+    assert np.isclose(len(texels.row), area, rtol=0.05)
+
+
+def test_normal_map_decodes_to_the_normals_that_were_baked(unwrapped):
+    texels = rasterise(unwrapped, 256)
+    frames = texel_frames(unwrapped, texels)
+    points = texels.interpolate(unwrapped, unwrapped.positions)
+    normals = ONE.normals(points + (0.02, 0, 0))
+    codes = np.round(encode_normals(normals, frames) * 255) / 255
+    cosine = (decode_normals(codes, frames) * normals).sum(1)
+    assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 1.0
+
+
+def test_dilation_copies_the_nearest_covered_texel():
+    row, column = np.array([2, 2]), np.array([2, 6])
+    texture = fill_texture(8, row, column, np.array([[1.0], [5.0]]))
+    assert texture[2, 0] == 1 and texture[7, 7] == 5 and texture[2, 2] == 1
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("asset é x") / "result"
+    light = np.random.default_rng(0).random((16, 32, 3)).astype(np.float32) * 5
+    parts = build_asset(ONE, light, LEVEL, folder, SETTINGS, lambda fraction, text: None)
+    return folder, parts, light
+
+
+def lookup(path, uv):
+    from PIL import Image
+
+    pixels = np.asarray(Image.open(path)).astype(np.float64) / 255
+    column, row = (uv[:, 0] * 256).astype(int), ((1 - uv[:, 1]) * 256).astype(int)
+    return pixels[row.clip(0, 255), column.clip(0, 255)]
+
+
+def test_baked_textures_hold_the_materials_of_the_field(built, unwrapped):
+    folder, parts, _ = built
+    albedo, alpha, f0 = ONE.materials(unwrapped.positions.astype(np.float64))
+    baked = srgb_to_linear(lookup(folder / "albedo.png", unwrapped.uvs))
+    assert np.abs(baked - albedo).mean() < 0.02
+    roughness = lookup(folder / "roughness.png", unwrapped.uvs)
+    assert np.abs(roughness - np.sqrt(alpha)).mean() < 0.01
+    scale = parts["textures"]["f0"]["scale"]
+    baked_f0 = scale * srgb_to_linear(lookup(folder / "f0.png", unwrapped.uvs))
+    assert np.abs(baked_f0 - f0).mean() < 0.005
+
+
+def test_environment_exr_round_trips(built):
+    folder, _, light = built
+    rgb, alpha = read_exr(folder / "environment.exr")
+    np.testing.assert_array_equal(rgb, light)
+    assert alpha is None
+
+
+def test_mesh_ply_can_be_read_by_others(built):
+    folder, parts, _ = built
+    mesh = trimesh.load(folder / "mesh.ply", process=False)
+    assert len(mesh.faces) == parts["triangles"]
+    assert np.isclose(mesh.volume, 4 / 3 * np.pi * 0.6**3, rtol=0.02)
+
+
+def test_glb_is_valid_and_keeps_f0(built):
+    folder, parts, _ = built
+    data = (folder / "asset.glb").read_bytes()
+    magic, version, length = struct.unpack("<4sII", data[:12])
+    assert (magic, version, length) == (b"glTF", 2, len(data))
+    size = struct.unpack("<I", data[12:16])[0]
+    document = json.loads(data[20 : 20 + size])
+    specular = document["materials"][0]["extensions"]["KHR_materials_specular"]
+    factor = parts["textures"]["f0"]["scale"] / 0.04
+    assert specular["specularColorFactor"] == pytest.approx([factor] * 3)
+    assert document["buffers"][0]["byteLength"] == len(data) - 20 - size - 8
+    scene = trimesh.load(folder / "asset.glb")
+    low, high = scene.bounds  # Y up
+    np.testing.assert_allclose(low, (-0.55, -0.6, -0.5), atol=0.02)
+    np.testing.assert_allclose(high, (0.65, 0.6, 0.7), atol=0.02)
+
+
+def test_portable_base_colour_makes_up_for_scalar_attenuation():
+    albedo, f0 = np.array([[0.5, 0.4, 0.3]]), np.array([[0.2, 0.1, 0.0]])
+    colour = portable_base_colour(albedo, f0)
+    np.testing.assert_allclose(colour * (1 - 0.2), albedo * (1 - f0))
+
+
+def test_exr_names_its_channels(tmp_path):
+    write_exr(tmp_path / "x.exr", {"alpha": np.ones((2, 3)), "roughness": np.zeros((2, 3))})
+    import OpenEXR
+
+    names = set(OpenEXR.File(str(tmp_path / "x.exr"), separate_channels=True).channels())
+    assert names == {"alpha", "roughness"}

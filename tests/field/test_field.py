@@ -1,0 +1,103 @@
+"""Smoothed normals, upsampling, occupancy."""
+
+import numpy as np
+import pytest
+import scipy.ndimage
+import torch
+
+from solver.field.field import MicrofacetField
+from solver.field.occupancy import Occupancy
+from solver.field.smoothing import SMOOTHING, smoothed_factors
+from solver.kernels.vm import vm_gradient, vm_sum
+
+SIZE = 12
+
+
+def dense(planes, lines):
+    """The VM sum on all nodes, as [G, G, G]."""
+    return (
+        torch.einsum("xyc,zc->xyz", planes[0], lines[0])
+        + torch.einsum("xzc,yc->xyz", planes[1], lines[1])
+        + torch.einsum("yzc,xc->xyz", planes[2], lines[2])
+    )
+
+
+def test_smoothed_gradient_is_that_of_the_gaussian_filtered_3d_grid():
+    """Filtering the factors equals filtering the field; no axis is damped (an erratum of the code)."""
+    torch.manual_seed(0)
+    planes, lines = torch.randn(3, SIZE, SIZE, 4), torch.randn(3, SIZE, 4)
+    grid = dense(planes, lines).numpy()
+    for axis in range(3):
+        grid = scipy.ndimage.correlate1d(grid, SMOOTHING, axis=axis, mode="nearest")
+    expected = np.stack(
+        [scipy.ndimage.correlate1d(grid, [-0.5, 0, 0.5], axis=a, mode="nearest") for a in range(3)], -1
+    )
+    nodes = np.stack(np.meshgrid(*[np.arange(SIZE)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    result = vm_gradient(torch.from_numpy(nodes).float(), *smoothed_factors(planes, lines))
+    np.testing.assert_allclose(result.numpy(), expected.reshape(-1, 3), atol=2e-4)
+
+
+def test_the_smoothing_kernel_is_normalised():
+    assert abs(sum(SMOOTHING) - 1) < 1e-6
+
+
+def field_of_slope(direction, half_size=1.0):
+    """A field whose raw density falls linearly along `direction`."""
+    field = MicrofacetField(torch.zeros(3), half_size, SIZE, density_components=1)
+    ramp = torch.linspace(0, 1, SIZE)
+    with torch.no_grad():
+        field.density_planes.zero_()
+        field.density_lines.fill_(1)
+        field.density_planes[0, :, :, 0] -= direction[0] * ramp[:, None] + direction[1] * ramp[None, :]
+        field.density_planes[1, :, :, 0] -= direction[2] * ramp[None, :]
+    return field
+
+
+@pytest.mark.parametrize("direction", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.6, 0.0, -0.8)])
+def test_normals_point_from_dense_to_empty(direction):
+    field = field_of_slope(direction)
+    points = 0.3 + 0.4 * torch.rand(20, 3)
+    normals = field.normals(points, field.normal_factors())
+    torch.testing.assert_close(normals, torch.tensor(direction).float().expand(20, 3), atol=1e-4, rtol=0)
+
+
+def test_upsampling_keeps_the_field_at_its_nodes():
+    torch.manual_seed(1)
+    field = MicrofacetField(torch.zeros(3), 1.0, 5)
+    points = torch.randint(0, 5, (50, 3)) / 4
+    before = field.raw_density(points).detach(), field.features(points).detach()
+    field.upsample(9)
+    assert field.size == 9
+    torch.testing.assert_close(field.raw_density(points).detach(), before[0], atol=1e-5, rtol=1e-4)
+    torch.testing.assert_close(field.features(points).detach(), before[1], atol=1e-5, rtol=1e-4)
+
+
+def test_box_units_are_affine_in_world_units():
+    field = MicrofacetField(torch.tensor([1.0, 2.0, 3.0]), 0.5, 4)
+    corners = torch.tensor([[0.5, 1.5, 2.5], [1.5, 2.5, 3.5], [1.0, 2.0, 3.0]])
+    expected = torch.tensor([[0.0, 0, 0], [1, 1, 1], [0.5, 0.5, 0.5]])
+    torch.testing.assert_close(field.to_box(corners), expected)
+
+
+def test_occupancy_covers_all_that_is_dense_and_lets_go_of_the_rest():
+    field = field_of_slope((1.0, 0.0, 0.0))
+    with torch.no_grad():
+        field.density_planes.mul_(200).add_(20)
+    occupancy = Occupancy(16)
+    occupancy.refresh(field, min_alpha=0.01, step=0.05, dilation=1)
+    points = torch.rand(2000, 3)
+    sigma = field.extinction(field.raw_density(points))
+    dense_enough = 1 - torch.exp(-sigma * 0.05) >= 0.01
+    cell = (points * 16).long().clamp(0, 15)
+    occupied = occupancy.occupied[cell[:, 0], cell[:, 1], cell[:, 2]]
+    assert occupied[dense_enough].all()
+    assert 0.05 < occupancy.occupied.float().mean() < 0.6
+
+
+def test_density_is_differentiable_down_to_the_factors():
+    field = MicrofacetField(torch.zeros(3), 1.0, 6)
+    points = torch.rand(10, 3)
+    loss = field.extinction(vm_sum(points * 5, field.density_planes, field.density_lines)).sum()
+    loss.backward()
+    assert field.density_planes.grad.abs().sum() > 0
+    assert field.density_lines.grad.abs().sum() > 0
