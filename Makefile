@@ -1,41 +1,68 @@
-# Everything a newcomer needs: `make environment`, `make demo`, `make test`.
-# PYTHON may name another interpreter: make PYTHON=python3.13 demo
+# make environment   .venv with everything pinned      make test        all tests
+# make demo          reconstruct the sample capture    make lint        ruff
+# make extension     dist/….zip, to install in Blender make clean       remove what was made
+#
+# PYTHON=…           the Python to build .venv with, 3.11 or 3.13: make demo PYTHON=python3.13
+# PIP_ARGUMENTS=…    more for pip install, such as --extra-index-url with PyTorch's index for CPUs
+# NMF_REAL_BLENDER=… a program that starts a real Blender; with it, `make test` tests there too
 
+SUPPORTED = import sys, venv; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 13)))
 PYTHON ?= $(shell for p in python3.11 python3.13 python3; do \
-	$$p -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 13)))' 2>/dev/null && echo $$p && break; done)
-VENV := .venv
-BIN := $(VENV)/bin
-STAMP := $(VENV)/.complete
-BLENDER_TOOL = $(shell find $(VENV)/lib -path '*bl_pkg/cli/blender_ext.py' 2>/dev/null | head -n 1)
+	"$$p" -c '$(SUPPORTED)' 2>/dev/null && echo "$$p" && break; done)
+PIP_ARGUMENTS ?=
+NMF_REAL_BLENDER ?=
+BIN := .venv/bin
+STAMP := .venv/.complete
+REQUIREMENTS := solver/requirements.txt requirements/development.txt requirements/constraints.txt
+BLENDER_TOOL = $(shell find .venv/lib -path '*bl_pkg/cli/blender_ext.py' 2>/dev/null | head -n 1)
 
-.PHONY: environment demo test lint extension clean
+.PHONY: help environment demo clean-demo test test-solver test-blender test-window lint extension clean
+
+help:
+	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
 
 environment: $(STAMP)
 
-$(STAMP): solver/requirements.txt requirements/development.txt
-	@test -n "$(PYTHON)" || { echo "Python 3.11 or 3.13 is needed: install one, or make PYTHON=/path/to/python"; exit 1; }
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --disable-pip-version-check -r solver/requirements.txt -r requirements/development.txt
-	touch $(STAMP)
+$(STAMP): $(REQUIREMENTS)
+	@"$(PYTHON)" -c '$(SUPPORTED)' 2>/dev/null || { echo "Python 3.11 or 3.13 with its venv module" \
+		"is needed: install one, or name it: make environment PYTHON=/path/to/python" >&2; exit 1; }
+	@echo "Building .venv with $$($(PYTHON) --version); the first time, this downloads about 1 GB."
+	@test -x $(BIN)/pip || "$(PYTHON)" -m venv --clear .venv || { \
+		echo "On Debian and Ubuntu, install the package python3-venv." >&2; exit 1; }
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet $(PIP_ARGUMENTS) \
+		-c requirements/constraints.txt -r requirements/development.txt
+	@touch $(STAMP)
 
-demo: environment
-	$(BIN)/python samples/demo.py
+demo: $(STAMP)
+	@$(BIN)/python samples/demo.py
 
-# Two processes: bpy and torch bring threading libraries of their own. Both run; either may fail the target.
-test: environment
-	@status=0; \
-	$(BIN)/python -m pytest -q tests --ignore tests/blender || status=1; \
-	$(BIN)/python -m pytest -q tests/blender || status=1; \
-	exit $$status
+clean-demo:
+	rm -rf demo
 
-lint: environment
+# Two processes: bpy and torch bring threading libraries of their own. All run; any may fail the target.
+test: $(STAMP)
+	@status=0; for part in test-solver test-blender test-window; do \
+		$(MAKE) --no-print-directory $$part || status=1; done; exit $$status
+
+test-solver: $(STAMP)
+	$(BIN)/python -m pytest -q tests --ignore=tests/blender --ignore=tests/gui
+
+test-blender: $(STAMP)
+	$(BIN)/python -m pytest -q tests/blender
+
+test-window: $(STAMP)
+	@if [ -n "$(NMF_REAL_BLENDER)" ]; then \
+		NMF_REAL_BLENDER="$(NMF_REAL_BLENDER)" $(BIN)/python -m pytest -q tests/gui; \
+	else echo "NMF_REAL_BLENDER is not set: the tests in a real Blender were left out."; fi
+
+lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-extension: environment
-	mkdir -p dist
+extension: $(STAMP)
+	@mkdir -p dist
 	$(BIN)/python "$(BLENDER_TOOL)" validate .
 	$(BIN)/python "$(BLENDER_TOOL)" build --source-dir . --output-dir dist
 
-clean:
-	rm -rf $(VENV) demo dist build .pytest_cache .ruff_cache
+clean: clean-demo
+	rm -rf .venv build dist .pytest_cache .ruff_cache .hypothesis
