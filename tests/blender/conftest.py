@@ -1,0 +1,121 @@
+"""Blender as a module, with the extension loaded as a plain package and a stand-in for the solver.
+
+Timers do not fire without Blender's event loop, so tests call the monitor's `tick` themselves.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import socket
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+HERE = Path(__file__).resolve().parent
+PACKAGE = "neural_microfacet_fields"
+sys.path[:0] = [str(ROOT), str(HERE)]
+# Before Blender starts: nothing of the person's own configuration is read or written.
+_user = tempfile.TemporaryDirectory(prefix="nmf-tests-")
+os.environ["BLENDER_USER_RESOURCES"] = _user.name
+os.environ["NMF_SOLVER_PYTHON"] = sys.executable
+os.environ["NMF_SOLVER_BOOTSTRAP"] = str(HERE / "fake_solver.py")
+
+bpy = pytest.importorskip("bpy", reason="Blender as a module (bpy) is not installed")
+
+import fake_result  # noqa: E402
+
+
+def load_package():
+    """The extension as package `neural_microfacet_fields`, as `samples/reconstruct.py` loads it."""
+    if PACKAGE not in sys.modules:
+        spec = importlib.util.spec_from_file_location(
+            PACKAGE, ROOT / "__init__.py", submodule_search_locations=[str(ROOT)]
+        )
+        sys.modules[PACKAGE] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(sys.modules[PACKAGE])
+    return sys.modules[PACKAGE]
+
+
+@pytest.fixture(scope="session")
+def package():
+    """The extension's package, not registered."""
+    return load_package()
+
+
+@pytest.fixture(scope="session")
+def part(package):
+    """Import a module of the extension by its name within the package."""
+    return lambda name: importlib.import_module(f"{PACKAGE}.{name}")
+
+
+@pytest.fixture
+def extension(package, part):
+    """The extension, registered, in an empty file."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    package.register()
+    yield package
+    monitor = part("nmf_addon.jobs.monitor").monitor
+    process = monitor.process
+    package.unregister()
+    if process is not None and process.popen.poll() is None:
+        process.popen.kill()
+        process.popen.wait()
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+@pytest.fixture
+def monitor(extension, part):
+    """The job monitor."""
+    return part("nmf_addon.jobs.monitor").monitor
+
+
+@pytest.fixture
+def capture(extension, tmp_path):
+    """A capture of three photos, imported; a file saved beside it, so jobs go to a known place."""
+    path = fake_result.write_capture(tmp_path / "phötos of it")
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    assert bpy.ops.nmf.import_capture(filepath=str(path)) == {"FINISHED"}
+    return bpy.context.scene.nmf.capture
+
+
+@pytest.fixture
+def mode(monkeypatch):
+    """Choose how the stand-in behaves."""
+
+    def choose(name: str, pause: float = 0.01):
+        monkeypatch.setenv("NMF_FAKE_MODE", name)
+        monkeypatch.setenv("NMF_FAKE_PAUSE", str(pause))
+
+    return choose
+
+
+@pytest.fixture
+def tick(monitor):
+    """Be Blender's timer until `condition()` or the job's end; fails after `seconds`."""
+
+    def run(condition=None, seconds: float = 20.0):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            again = monitor.tick()
+            if condition() if condition else again is None:
+                return
+            time.sleep(0.01)
+        pytest.fail(f"not within {seconds} s; the job is {monitor.model}")
+
+    return run
+
+
+@pytest.fixture(autouse=True)
+def no_network(monkeypatch):
+    """No test reaches out."""
+
+    def refuse(self, address):
+        raise AssertionError(f"a test tried to connect to {address}")
+
+    monkeypatch.setattr(socket.socket, "connect", refuse)

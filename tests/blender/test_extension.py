@@ -1,0 +1,223 @@
+"""Registration, operators, jobs and headless runs, with a solver that needs no torch."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import bpy
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def names_of(kind):
+    return {name for name in dir(kind) if name.startswith(("NMF_", "nmf"))}
+
+
+def test_unregistering_leaves_nothing_and_registering_works_again(extension):
+    registration = extension("registration")
+    registration.unregister()
+    assert not names_of(bpy.types)
+    assert not hasattr(bpy.types.Scene, "nmf")
+    entries = getattr(bpy.types.TOPBAR_MT_file_import.draw, "_draw_funcs", [])
+    assert not [f for f in entries if "neural_microfacet" in f.__module__ or "nmf" in f.__name__]
+    assert not [m for m in ("_tick",) if bpy.app.timers.is_registered(extension("jobs.monitor")._tick)]
+    registration.register()
+    assert hasattr(bpy.types, "NMF_OT_reconstruct") and hasattr(bpy.types.Scene, "nmf")
+
+
+def test_every_operator_and_property_explains_itself(extension):
+    for cls in extension("registration")._classes:
+        if issubclass(cls, bpy.types.Operator):
+            assert cls.bl_idname.startswith("nmf.")
+            text = cls.__doc__
+            assert text and not text.endswith("."), cls
+    for prop in bpy.types.Scene.bl_rna.properties["nmf"].fixed_type.properties:
+        if prop.identifier not in ("rna_type", "name"):
+            assert prop.name and prop.description and not prop.description.endswith("."), prop.identifier
+
+
+def test_the_import_operator_does_what_its_function_does(duck):
+    assert bpy.ops.nmf.import_capture(filepath=str(duck / "transforms_train.json")) == {"FINISHED"}
+    collection = bpy.context.scene.nmf.capture
+    assert sum(item.type == "CAMERA" for item in collection.all_objects) == 60
+    assert bpy.ops.nmf.add_region_box() == {"FINISHED"}
+
+
+def test_the_import_operator_reports_what_is_wrong(tmp_path):
+    with pytest.raises(RuntimeError, match="no such file or folder"):
+        bpy.ops.nmf.import_capture(filepath=str(tmp_path / "none.json"))
+
+
+def run_monitor(extension, seconds=30):
+    monitor = extension("jobs.monitor").monitor
+    until = time.monotonic() + seconds
+    while monitor.tick() is not None:
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    return monitor
+
+
+def start(extension, duck, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    bpy.ops.nmf.import_capture(filepath=str(duck / "transforms_train.json"))
+    assert bpy.ops.nmf.reconstruct() == {"FINISHED"}
+    return extension("jobs.monitor").monitor
+
+
+@pytest.mark.parametrize("mode", ["normal", "garbage"])
+def test_reconstruct_runs_to_an_installed_asset(extension, duck, tmp_path, fake_solver, mode):
+    fake_solver(mode)
+    monitor = start(extension, duck, tmp_path)
+    job = Path(bpy.context.scene.nmf.job)
+    assert job.parent == tmp_path / "nmf_jobs"
+    run_monitor(extension)
+    assert monitor.model.state == "done" and monitor.model.overall == 1
+    assert monitor.model.preview_version == 1
+    extension("scene.install").install_result(bpy.context, job)
+    assert any(item.get("nmf_job") for item in bpy.data.objects)
+
+
+def test_a_solver_that_fails_says_why(extension, duck, tmp_path, fake_solver):
+    fake_solver("fail")
+    start(extension, duck, tmp_path)
+    model = run_monitor(extension).model
+    assert model.state == "failed" and "upside down" in model.error
+
+
+def test_a_solver_that_dies_shows_the_end_of_its_log(extension, duck, tmp_path, fake_solver):
+    fake_solver("die")
+    start(extension, duck, tmp_path)
+    model = run_monitor(extension).model
+    assert model.state == "failed" and "Segmentation fault" in model.error
+
+
+def test_cancel_stops_a_job_that_listens(extension, duck, tmp_path, fake_solver):
+    fake_solver("slow")
+    monitor = start(extension, duck, tmp_path)
+    time.sleep(0.5)
+    bpy.ops.nmf.cancel()
+    assert run_monitor(extension).model.state == "cancelled"
+    assert not monitor.running
+
+
+def test_cancel_ends_a_job_that_hangs(extension, duck, tmp_path, fake_solver, monkeypatch):
+    process = extension("jobs.process")
+    monkeypatch.setattr(process, "TERMINATE_AFTER", 0.5)
+    monkeypatch.setattr(process, "KILL_AFTER", 1.0)
+    fake_solver("hang")
+    start(extension, duck, tmp_path)
+    time.sleep(0.5)
+    bpy.ops.nmf.cancel()
+    assert run_monitor(extension).model.state in ("cancelled", "failed")
+
+
+def test_one_job_at_a_time(extension, duck, tmp_path, fake_solver):
+    fake_solver("slow")
+    start(extension, duck, tmp_path)
+    assert not bpy.ops.nmf.reconstruct.poll()
+    bpy.ops.nmf.cancel()
+    run_monitor(extension)
+
+
+def test_disabling_the_extension_hangs_up_on_the_solver(extension, duck, tmp_path, fake_solver):
+    fake_solver("slow")
+    monitor = start(extension, duck, tmp_path)
+    child = monitor.process.popen
+    extension("registration").unregister()
+    assert child.wait(5) == 3
+    extension("registration").register()
+
+
+def test_without_a_solver_the_person_is_told_what_to_do(extension, duck, tmp_path, monkeypatch):
+    monkeypatch.setenv("NMF_SOLVER_PYTHON", str(tmp_path / "none"))
+    bpy.ops.nmf.import_capture(filepath=str(duck / "transforms_train.json"))
+    with pytest.raises(RuntimeError, match="does not exist"):
+        bpy.ops.nmf.reconstruct()
+
+
+def test_headless_writes_a_blend_with_everything_in_it(extension, duck, tmp_path, fake_solver):
+    out = tmp_path / "out ü.blend"
+    assert extension("headless").main(["reconstruct", str(duck), str(out)]) == 0
+    bpy.ops.wm.open_mainfile(filepath=str(out))
+    scene = bpy.context.scene
+    item = next(i for i in bpy.data.objects if i.get("nmf_job"))
+    assert item.active_material.node_tree.get_output_node("CYCLES") is not None
+    textures = [n.image for n in item.active_material.node_tree.nodes if n.type == "TEX_IMAGE"]
+    assert len(textures) == 4 and all(image.packed_file for image in textures)
+    light = next(n.image for n in scene.world.node_tree.nodes if n.type == "TEX_ENVIRONMENT")
+    assert light.packed_file
+    cameras = [i for i in bpy.data.objects if i.type == "CAMERA"]
+    assert len(cameras) == 60 and all(c.data.background_images[0].image for c in cameras)
+    assert scene.view_settings.view_transform == "Standard" and scene.cycles.blur_glossy == 0
+    assert (scene.render.resolution_x, scene.render.resolution_y) == (200, 200)
+
+
+def test_headless_refuses_to_overwrite(extension, duck, tmp_path, fake_solver, capsys):
+    out = tmp_path / "mine.blend"
+    out.write_text("precious")
+    assert extension("headless").main(["reconstruct", str(duck), str(out)]) == 2
+    assert "--overwrite" in capsys.readouterr().err and out.read_text() == "precious"
+
+
+@pytest.mark.parametrize("mode, code", [("fail", 2), ("die", 139)])
+def test_headless_passes_on_the_solvers_exit_code(extension, duck, tmp_path, fake_solver, mode, code):
+    fake_solver(mode)
+    assert extension("headless").main(["reconstruct", str(duck), str(tmp_path / "x.blend")]) == code
+
+
+def test_the_script_runs_in_plain_python(duck, tmp_path, fake_solver):
+    result = subprocess.run(
+        [sys.executable, str(ROOT / "samples" / "reconstruct.py"), "--", str(duck), str(tmp_path / "o.blend")],
+        capture_output=True, text=True, stdin=subprocess.DEVNULL,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr[-2000:]
+    assert (tmp_path / "o.blend").is_file()
+
+
+def test_set_up_builds_a_private_environment(tmp_path):
+    """The build itself, with no packages wanted, so without a network."""
+    (tmp_path / "requirements.txt").write_text("# nothing\n")
+    command = [sys.executable, "-I", str(ROOT / "nmf_addon" / "setup_runtime.py"), str(tmp_path / "runtime")]
+    for _ in range(2):  # the second replaces the first
+        result = subprocess.run(
+            [*command, str(tmp_path / "requirements.txt")], capture_output=True, text=True
+        )
+        assert result.returncode == 0, result.stdout + result.stderr
+    assert "progress 1.000 Done" in result.stdout
+    python = next((tmp_path / "runtime" / "environment").glob("bin/python"))
+    assert subprocess.run([python, "-c", "import pip"]).returncode == 0
+    assert (tmp_path / "runtime" / "runtime.json").is_file()
+
+
+def test_a_failed_set_up_leaves_the_old_runtime(tmp_path):
+    runtime = tmp_path / "runtime"
+    (runtime / "environment").mkdir(parents=True)
+    (runtime / "runtime.json").write_text("{}")
+    (tmp_path / "requirements.txt").write_text("no-such-package-of-ours==1\n")
+    command = [sys.executable, "-I", str(ROOT / "nmf_addon" / "setup_runtime.py"), str(runtime)]
+    result = subprocess.run(
+        [*command, str(tmp_path / "requirements.txt"), "--wheelhouse", str(tmp_path)],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert result.returncode != 0
+    assert (runtime / "environment").is_dir() and (runtime / "runtime.json").is_file()
+
+
+def test_the_extension_validates_and_builds(tmp_path):
+    """By Blender's own tool, without Blender."""
+    tool = next(Path(bpy.__file__).parent.glob("*/scripts/addons_core/bl_pkg/cli/blender_ext.py"))
+    run = [sys.executable, str(tool)]
+    assert subprocess.run([*run, "validate", str(ROOT)]).returncode == 0
+    build = [*run, "build", "--source-dir", str(ROOT), "--output-dir", str(tmp_path)]
+    assert subprocess.run(build).returncode == 0
+    import zipfile
+
+    names = zipfile.ZipFile(next(tmp_path.glob("*.zip"))).namelist()
+    assert "solver/cli.py" in names and "operators/reconstruct.py" in names
+    assert "solver/requirements.txt" in names
+    outside = ("tests/", "docs/", "samples/duck", ".git", ".venv", "demo", "requirements/")
+    assert not [name for name in names if name.startswith(outside)]
+    assert sum(zipfile.ZipFile(next(tmp_path.glob("*.zip"))).getinfo(n).file_size for n in names) < 2e6

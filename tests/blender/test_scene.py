@@ -1,0 +1,228 @@
+"""Captures, installation, material and World in Blender."""
+
+import numpy as np
+import pytest
+from mathutils import Euler, Matrix, Vector
+
+import bpy
+
+
+
+def test_an_imported_capture_is_written_back_as_it_was(extension, duck, tmp_path):
+    scene = extension("scene.capture_collection")
+    collection = scene.import_capture(bpy.context, duck)
+    root = scene.root_of(collection)
+    # The person turns, moves and scales the capture: capture space must not notice.
+    root.matrix_world = Matrix.LocRotScale(Vector((1, 2, 3)), Euler((0.3, -0.2, 1.0)), Vector((2, 2, 2)))
+    bpy.context.view_layer.update()
+    path = scene.write_capture(collection, tmp_path / "job ü")
+    from neural_microfacet_fields.solver.capture.read import read_capture
+
+    before = {c.name: c for c in read_capture(duck).cameras}
+    after = {c.name: c for c in read_capture(path).cameras}
+    assert before.keys() == after.keys() and len(after) == 60
+    for name, camera in before.items():
+        other = after[name]
+        np.testing.assert_allclose(other.camera_to_world, camera.camera_to_world, atol=5e-6)
+        np.testing.assert_allclose(
+            [other.fx, other.fy, other.cx, other.cy], [camera.fx, camera.fy, camera.cx, camera.cy], rtol=1e-6
+        )
+        assert other.image_path.samefile(camera.image_path)
+
+
+@pytest.mark.parametrize("size", [(64, 48), (48, 64)])
+def test_principal_point_pixel_aspect_and_lens_survive(extension, tmp_path, size):
+    cameras = extension("scene.cameras")
+    from neural_microfacet_fields.solver.capture.camera import Camera
+
+    image = bpy.data.images.new("photo", *size)
+    image.filepath_raw, image.file_format = str(tmp_path / "photo.png"), "PNG"
+    image.save()
+    photo = bpy.data.images.load(str(tmp_path / "photo.png"))
+    camera = Camera(
+        "c", tmp_path / "photo.png", np.eye(4), *size, 70.0, 63.0, 30.0, 26.0, "opencv", (0.1, 0.02, 0.0, 0.0, 0.0)
+    )
+    item = cameras.add_camera(camera, photo)
+    bpy.context.scene.collection.objects.link(item)
+    other = cameras.to_solver(item, Matrix.Identity(4))
+    np.testing.assert_allclose((other.fx, other.fy, other.cx, other.cy), (70, 63, 30, 26), rtol=1e-5)
+    assert other.lens == "opencv"
+    np.testing.assert_allclose(other.distortion, camera.distortion, atol=1e-7)
+
+
+def test_blender_projects_points_as_the_solver_does(extension, duck):
+    from bpy_extras.object_utils import world_to_camera_view
+
+    scene = extension("scene.capture_collection")
+    collection = scene.import_capture(bpy.context, duck)
+    from neural_microfacet_fields.solver.capture.read import read_capture
+
+    camera = read_capture(duck).cameras[7]
+    extension("scene.match_solver").match_resolution(bpy.context.scene, camera.width, camera.height)
+    item = next(i for i in collection.objects if i.name == camera.name)
+    bpy.context.view_layer.update()
+    for point in ((0.1, 0.2, 0.3), (-0.5, 0.4, -0.2)):
+        x, y, _ = world_to_camera_view(bpy.context.scene, item, Vector(point))
+        pixel, _ = camera.project(np.array([point]))
+        np.testing.assert_allclose((x * 200, (1 - y) * 200), pixel[0], atol=1e-3)
+
+
+def test_a_broken_capture_changes_nothing(extension, tmp_path):
+    scene = extension("scene.capture_collection")
+    from neural_microfacet_fields.solver.capture.errors import CaptureError
+
+    (tmp_path / "transforms.json").write_text('{"frames": [')
+    before = len(bpy.data.collections), len(bpy.data.objects)
+    with pytest.raises(CaptureError):
+        scene.import_capture(bpy.context, tmp_path)
+    assert (len(bpy.data.collections), len(bpy.data.objects)) == before
+
+
+def test_the_region_box_is_read_in_capture_space(extension, duck):
+    scene = extension("scene.capture_collection")
+    collection = scene.import_capture(bpy.context, duck)
+    assert scene.region_of(collection) is None
+    box = scene.add_region_box(bpy.context, collection)
+    box.location, box.scale = (0.5, 0, 0), (1, 2, 3)
+    scene.root_of(collection).location = (10, 0, 0)
+    region = scene.region_of(collection)
+    np.testing.assert_allclose(region["min"], (-0.5, -2, -3), atol=1e-5)
+    np.testing.assert_allclose(region["max"], (1.5, 2, 3), atol=1e-5)
+
+
+def test_an_installed_result_is_a_connected_textured_mesh_under_its_light(extension, result_job):
+    asset = extension("scene.install").install_result(bpy.context, result_job)
+    mesh = asset.object.data
+    assert (len(mesh.vertices), len(mesh.polygons)) == (8, 12)
+    assert mesh.uv_layers.active is not None
+    corners = np.array([corner.vector for corner in mesh.corner_normals])
+    expected = np.array([mesh.polygons[i // 3].normal for i in range(36)])
+    np.testing.assert_allclose(corners, expected, atol=1e-3)
+    assert bpy.context.scene.world == asset.world
+    image = next(n.image for n in asset.world.node_tree.nodes if n.type == "TEX_ENVIRONMENT")
+    assert image.colorspace_settings.name == "Linear Rec.709" and tuple(image.size) == (8, 4)
+
+
+def test_a_missing_file_of_a_result_changes_nothing(extension, result_job):
+    from neural_microfacet_fields.solver.job.folder import JobError
+
+    (result_job / "result" / "f0.png").unlink()
+    with pytest.raises(JobError, match="f0.png is missing"):
+        extension("scene.install").install_result(bpy.context, result_job)
+    assert not bpy.data.meshes and not bpy.data.materials and not bpy.data.worlds
+
+
+def test_a_cut_off_mesh_changes_nothing(extension, result_job):
+    from neural_microfacet_fields.solver.job.folder import JobError
+
+    mesh = result_job / "result" / "mesh.ply"
+    mesh.write_bytes(mesh.read_bytes()[:-7])
+    with pytest.raises(JobError, match="damaged"):
+        extension("scene.install").install_result(bpy.context, result_job)
+    assert not bpy.data.meshes and not bpy.data.materials
+
+
+def test_the_material_has_an_exact_output_for_cycles_and_a_portable_one(extension, result_job):
+    tree = extension("scene.install").install_result(bpy.context, result_job).material.node_tree
+    exact, portable = tree.get_output_node("CYCLES"), tree.get_output_node("EEVEE")
+    assert exact.inputs["Surface"].links[0].from_node.type == "GROUP"
+    principled = portable.inputs["Surface"].links[0].from_node
+    assert principled.type == "BSDF_PRINCIPLED" and principled.distribution == "GGX"
+    assert portable.is_active_output
+    group = exact.inputs["Surface"].links[0].from_node.node_tree
+    metallic = next(n for n in group.nodes if n.type == "BSDF_METALLIC")
+    assert (metallic.distribution, metallic.fresnel_type) == ("GGX", "F82")
+    spaces = {n.label: n.image.colorspace_settings.name for n in tree.nodes if n.type == "TEX_IMAGE"}
+    assert spaces == {"albedo": "sRGB", "f0": "sRGB", "roughness": "Non-Color", "normal": "Non-Color"}
+
+
+def render_pixels(path, size=32, samples=64):
+    scene = bpy.context.scene
+    scene.cycles.samples, scene.cycles.use_denoising = samples, False
+    scene.render.resolution_x = scene.render.resolution_y = size
+    image = scene.render.image_settings
+    image.file_format, image.color_depth = "OPEN_EXR", "32"
+    scene.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True)
+    loaded = bpy.data.images.load(str(path))
+    return np.array(loaded.pixels[:]).reshape(size, size, 4)[::-1]
+
+
+def test_cycles_shows_the_solvers_surface_model_in_a_white_furnace(extension, result_job):
+    """A face seen head-on: ρ(1 − F0)(1 − s) + the directional albedo of GGX, by quadrature."""
+    asset = extension("scene.install").install_result(bpy.context, result_job)
+    extension("scene.match_solver").match_solver(bpy.context.scene, 2)
+    background = next(n for n in asset.world.node_tree.nodes if n.type == "BACKGROUND")
+    asset.world.node_tree.links.remove(background.inputs["Color"].links[0])
+    background.inputs["Color"].default_value = (1, 1, 1, 1)
+    data = bpy.data.cameras.new("c")
+    data.type, data.ortho_scale = "ORTHO", 0.2
+    camera = bpy.data.objects.new("c", data)
+    camera.location = (0, 0, 3)
+    bpy.context.scene.collection.objects.link(camera)
+    bpy.context.scene.camera = camera
+    pixels = render_pixels(result_job / "furnace.exr", 16, 1024)[..., :3].mean((0, 1))
+
+    f0, alpha = 0.08, (128 / 255) ** 2
+    encoded = np.array([188, 100, 60]) / 255
+    albedo = ((encoded + 0.055) / 1.055) ** 2.4
+    z = (np.arange(4000) + 0.5) / 4000  # half vectors by cosine, view along the normal
+    light_z = 2 * z * z - 1
+    distribution = alpha**2 / (np.pi * (z * z * (alpha**2 - 1) + 1) ** 2)
+    smith = np.where(light_z > 0, 0.5 * (np.sqrt(1 + alpha**2 * (1 / np.maximum(light_z, 1e-6) ** 2 - 1)) - 1), 0)
+    fresnel = f0 + (1 - f0) * (1 - z) ** 5
+    # ∫ F D G2/(4 n·v) dl with dl = 4 (v·h) dh
+    integrand = np.where(light_z > 0, fresnel * distribution / (1 + smith) * z, 0)
+    specular = 2 * np.pi * integrand.mean()
+    expected = albedo * (1 - f0) * (1 - 0.0005) + specular
+    np.testing.assert_allclose(pixels, expected, rtol=0.02)
+
+
+@pytest.mark.parametrize("direction", [(1, 0, 0), (0, 1, 0), (-0.6, -0.64, 0.48), (0, 0.6, 0.8)])
+def test_the_environment_stands_in_cycles_as_the_solver_says(extension, tmp_path, direction):
+    """A camera looks along a direction at a World whose texel there alone is red."""
+    from neural_microfacet_fields.solver.job.folder import JobFolder  # noqa: F401
+
+    direction = np.array(direction) / np.linalg.norm(direction)
+    u = 0.5 - np.arctan2(direction[1], direction[0]) / (2 * np.pi)
+    v = np.arccos(direction[2]) / np.pi
+    pixels = np.zeros((64, 128, 4), np.float32)
+    pixels[..., 2:] = 1
+    row, column = int(v * 64), int(u * 128) % 128
+    for r in range(row - 2, row + 3):
+        for c in range(column - 2, column + 3):
+            pixels[r % 64, c % 128] = (1, 0, 0, 1)
+    image = bpy.data.images.new("light", 128, 64, float_buffer=True)
+    image.pixels.foreach_set(np.ascontiguousarray(pixels[::-1]).ravel())
+    image.filepath_raw, image.file_format = str(tmp_path / "light.exr"), "OPEN_EXR"
+    image.save()
+    bpy.context.scene.world = extension("scene.world").build_world("w", tmp_path / "light.exr")
+    extension("scene.match_solver").match_solver(bpy.context.scene, 2)
+    bpy.context.scene.render.film_transparent = False
+    data = bpy.data.cameras.new("c")
+    data.angle = 0.02
+    camera = bpy.data.objects.new("c", data)
+    camera.rotation_euler = Vector(direction).to_track_quat("-Z", "Y").to_euler()
+    bpy.context.scene.collection.objects.link(camera)
+    bpy.context.scene.camera = camera
+    seen = render_pixels(tmp_path / "seen.exr", 8, 4)[..., :3].mean((0, 1))
+    assert seen[0] > 0.9 and seen[2] < 0.1
+
+
+def test_relighting_keeps_the_recovered_light_in_the_file(extension, result_job, duck):
+    asset = extension("scene.install").install_result(bpy.context, result_job)
+    world = extension("scene.world").relight(bpy.context.scene, duck / "relight_studio.exr")
+    assert bpy.context.scene.world == world != asset.world
+    assert asset.world.use_fake_user
+
+
+def test_gltf_export_keeps_f0(extension, result_job, tmp_path):
+    import json
+
+    extension("scene.install").install_result(bpy.context, result_job)
+    bpy.ops.preferences.addon_enable(module="io_scene_gltf2")
+    bpy.ops.export_scene.gltf(filepath=str(tmp_path / "x.gltf"), export_format="GLTF_SEPARATE")
+    material = json.loads((tmp_path / "x.gltf").read_text())["materials"][0]
+    specular = material["extensions"]["KHR_materials_specular"]
+    assert specular["specularColorFactor"] == pytest.approx([0.08 / 0.04] * 3)
+    assert "specularColorTexture" in specular and "normalTexture" in material

@@ -1,0 +1,179 @@
+"""The command line as a person uses it: a tiny reconstruction, kill and resume, bad input."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver.capture.photos import read_exr
+from tests.capture.test_capture import make_capture, set_pose
+
+ROOT = Path(__file__).resolve().parents[2]
+DUCK = ROOT / "samples" / "duck"
+TINY = [
+    "--set", "fit.steps=24", "--set", "fit.rays=128", "--set", "field.sizes=24,32",
+    "--set", "field.size_starts=0,0.5", "--set", "light.heights=16,32", "--set", "field.hull_steps=40",
+    "--set", "field.hull_cells=48", "--set", "field.occupancy_cells=32", "--set", "asset.cells=48",
+    "--set", "asset.triangles=2000", "--set", "asset.texture_size=128",
+    "--set", "fit.checkpoint_every=0.5", "--set", "render.secondary_rays=4",
+]  # fmt: skip
+
+
+def solver(*arguments, **options):
+    command = [sys.executable, "-m", "solver", *map(str, arguments)]
+    return subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=600, **options
+    )
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory):
+    root = tmp_path_factory.mktemp("space and ü") / "job"
+    result = solver("reconstruct", DUCK, "--out", root, *TINY)
+    assert result.returncode == 0, result.stderr
+    # Off a terminal there is nothing but errors, and the last line names the manifest.
+    assert result.stdout.splitlines() == [str(root / "result" / "manifest.json")]
+    assert result.stderr == ""
+    return root
+
+
+def test_the_result_holds_all_that_the_manifest_names(job):
+    manifest = json.loads((job / "result" / "manifest.json").read_text())
+    files = [manifest["mesh"], manifest["environment"]["file"], manifest["glb"]]
+    files += [entry["file"] for entry in manifest["textures"].values()]
+    files += list(manifest["report"].values())
+    for name in files:
+        assert (job / "result" / name).stat().st_size > 100, name
+    kinds = [json.loads(line)["ev"] for line in (job / "events.jsonl").read_text().splitlines()]
+    assert kinds[0] == "hello" and kinds[-1] == "bye" and "result" in kinds and "checkpoint" in kinds
+    assert json.loads((job / "status.json").read_text())["state"] == "done"
+
+
+def test_a_second_job_in_the_same_folder_is_refused(job):
+    result = solver("reconstruct", DUCK, "--out", job, *TINY)
+    assert result.returncode == 2 and "--resume" in result.stderr
+
+
+def test_render_writes_every_buffer_of_the_contract(job, tmp_path):
+    content = json.loads((DUCK / "transforms_test.json").read_text())
+    content["frames"] = content["frames"][:3]
+    for frame in content["frames"]:
+        frame["file_path"] = str(DUCK / frame["file_path"]) + ".png"
+    cameras = tmp_path / "three.json"
+    cameras.write_text(json.dumps(content))
+    out = tmp_path / "out ö"
+    result = solver("render", job, "--cameras", cameras, "--out", out, "--rays", 4)
+    assert result.returncode == 0, result.stderr
+    names = {path.name for path in out.iterdir()}
+    suffixes = (".png", "_linear.exr", "_normal.exr", "_albedo.exr", "_roughness.exr", "_f0.exr")
+    assert names == {f"r_{i}{suffix}" for i in range(3) for suffix in suffixes}
+    colour, alpha = read_exr(out / "r_0_linear.exr")
+    assert alpha.max() > 0.9 and (colour[alpha == 0] == 0).all()
+    normal, _ = read_exr(out / "r_0_normal.exr")
+    length = np.linalg.norm(normal, axis=-1)
+    assert np.all((np.abs(length - 1) < 1e-3) | (length == 0))
+    bright = solver(
+        "render", job, "--cameras", cameras, "--out", tmp_path / "relit", "--rays", 4,
+        "--environment", DUCK / "relight_sunset.exr",
+    )  # fmt: skip
+    assert bright.returncode == 0, bright.stderr
+    other, _ = read_exr(tmp_path / "relit" / "r_0_linear.exr")
+    assert np.abs(other - colour).mean() > 1e-3
+
+
+def test_export_copies_the_result_and_overwrites_nothing(job, tmp_path):
+    assert solver("export", job, "--out", tmp_path / "asset").returncode == 0
+    assert (tmp_path / "asset" / "mesh.ply").is_file()
+    assert solver("export", job, "--out", tmp_path / "asset").returncode == 2
+
+
+def test_a_killed_job_resumes_to_the_same_kind_of_result(tmp_path):
+    root = tmp_path / "job"
+    long = [*TINY, "--set", "fit.steps=4000"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "solver", "reconstruct", DUCK, "--out", root, *long], cwd=ROOT,
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    wait_for(lambda: (root / "checkpoint" / "state.json").exists(), process)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    before = json.loads((root / "checkpoint" / "state.json").read_text())["step"]
+    assert 0 < before < 4000
+    # A shorter schedule, so that the test need not wait for 4000 steps.
+    state = json.loads((root / "checkpoint" / "state.json").read_text())
+    state["settings"]["fit"]["steps"] = before + 5
+    (root / "checkpoint" / "state.json").write_text(json.dumps(state))
+    result = solver("reconstruct", DUCK, "--out", root, "--resume")
+    assert result.returncode == 0, result.stderr
+    assert json.loads((root / "checkpoint" / "state.json").read_text())["step"] == before + 5
+    assert (root / "result" / "manifest.json").is_file()
+
+
+def test_cancel_leaves_a_checkpoint_and_closing_stdin_ends_the_process(tmp_path):
+    for name, hang_up in (("cancel", False), ("close", True)):
+        root = tmp_path / name
+        process = subprocess.Popen(
+            [sys.executable, "-m", "solver", "reconstruct", DUCK, "--out", root, *TINY, "--set", "fit.steps=9000"],
+            cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+        wait_for(lambda root=root: (root / "checkpoint" / "state.json").exists(), process)
+        asked = time.monotonic()
+        if hang_up:
+            process.stdin.close()
+        else:
+            process.stdin.write(b'{"cmd": "cancel"}\n')
+            process.stdin.flush()
+        assert process.wait(20) == 3
+        if hang_up:
+            assert time.monotonic() - asked < 2.0
+        assert (root / "checkpoint" / "scene.safetensors").is_file()
+        assert not (root / "result" / "manifest.json").exists()
+        for stream in (process.stdout, process.stderr):
+            stream.close()
+
+
+def wait_for(condition, process, seconds=300):
+    until = time.monotonic() + seconds
+    while not condition():
+        assert process.poll() is None, f"the solver ended with {process.returncode}"
+        assert time.monotonic() < until
+        time.sleep(0.05)
+
+
+BAD = {
+    "missing folder": lambda path: path / "nowhere",
+    "empty folder": lambda path: path,
+    "no camera_angle_x": lambda path: make_capture(path, edit=lambda c: c.pop("camera_angle_x")),
+    "singular matrix": lambda path: make_capture(
+        path, edit=set_pose(np.diag([1.0, 0, 1, 1]).tolist())
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_ends_with_code_2_and_one_sentence(case, tmp_path):
+    folder = tmp_path / "capture"
+    folder.mkdir()
+    result = solver("reconstruct", BAD[case](folder), "--out", tmp_path / "job")
+    assert result.returncode == 2
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert "Traceback" not in result.stderr
+    assert not (tmp_path / "job").exists()
+
+
+def test_an_unknown_setting_is_named(tmp_path):
+    for text in ("fit.speed=1", "nothing.at=2", "fit.steps=many", "fit"):
+        result = solver("reconstruct", DUCK, "--out", tmp_path / "job", "--set", text)
+        assert result.returncode == 2 and text.split("=")[0] in result.stderr
+        assert not (tmp_path / "job").exists()
+
+
+def test_doctor_reports():
+    result = solver("doctor")
+    assert result.returncode == 0 and "torch" in result.stdout and "MISSING" not in result.stdout
