@@ -1,186 +1,164 @@
-"""`make demo`: reconstruct the sample capture, relight it in Cycles, and write a report.
+"""`make demo`: reconstruct the sample capture, render it in Cycles, relight it, write a report.
 
     python samples/demo.py [OUT]          (a Python with the bpy wheel and the solver's packages)
 
-Leaves in OUT (default `demo/`): asset.blend, relit_*.png, turntable.png, report.html, and the job.
+Leaves in OUT (default `demo/`): asset.blend, relit_*.png, turntable.png, report.html; in OUT/job the
+job folder, in OUT/renders the linear EXRs. Run again, it goes on where it was interrupted; a finished
+demo is left alone. The pictures and numbers are made by `demo_report.py`, in a process without Blender.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import importlib
-import json
 import os
-import platform
-import shutil
 import subprocess
 import sys
 import time
 from pathlib import Path
 
 import bpy
-import numpy as np
-from PIL import Image
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "samples")]
+sys.path.insert(0, str(ROOT / "samples"))
 
 import reconstruct  # noqa: E402
 
-from solver.capture.photos import load_photos, read_exr  # noqa: E402
-from solver.capture.read import read_capture  # noqa: E402
-from solver.fit.preview import over_white, save_png  # noqa: E402
-from solver.metrics.image import psnr, ssim  # noqa: E402
-from solver.report import Row, write_report  # noqa: E402
-
 CAPTURE = ROOT / "samples" / "duck"
+SOLVER_SECONDS = 390  # so that all of it ends within ten minutes on two cores
 RELIGHTS = ("sunset", "studio")
-HELD_OUT = (0, 3, 6, 9)
-RELIT_VIEWS = (3, 6)
-SAMPLES, TURNTABLE_SAMPLES, TURNTABLE_FRAMES = 64, 32, 8
+HELD_OUT = (0, 3, 6, 9)  # those that have relit truth, too
+SHOWN = 3  # the held-out view that turns and is relit in large
+SAMPLES, TURNTABLE_FRAMES = 64, 8
 
 
 def main() -> int:
     """Run the demo; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", nargs="?", type=Path, default=ROOT / "demo")
-    parser.add_argument("--time-limit", type=float, help="seconds for the reconstruction")
+    parser.add_argument("--time-limit", type=float, default=SOLVER_SECONDS, metavar="SECONDS")
     options = parser.parse_args()
     out = options.out.absolute()
-    if out.exists():
-        if not (out / "job" / "job.json").exists():
-            print(f"{out}: the folder exists and is no earlier demo; remove it.", file=sys.stderr)
-            return 2
-        shutil.rmtree(out)
-    started = time.monotonic()
+    if (out / "report.html").exists():
+        print(f"The demo is finished: {out / 'report.html'}. To run it again: make clean-demo demo")
+        return 0
+    unfinished = (out / "job" / "job.json").exists()
+    if out.exists() and any(out.iterdir()) and not unfinished:
+        print(f"{out}: there are files, but no demo; give another folder.", file=sys.stderr)
+        return 2
+    out.mkdir(parents=True, exist_ok=True)
+    begun = time.monotonic()
     package = reconstruct.load_extension()
 
-    def part(name: str):
-        return importlib.import_module(f"{package.__name__}.{name}")
-
+    say("1/5 reconstruct the duck from 60 photos: about five minutes")
     command = ["reconstruct", str(CAPTURE), str(out / "asset.blend"), "--job", str(out / "job")]
-    if options.time_limit:
-        command += ["--time-limit", str(options.time_limit)]
-    code = part("nmf_addon.headless").main(command)
-    if code != 0:
-        return code
-    solved = time.monotonic()
-    test = read_capture(CAPTURE, "test")
-    photos = [over_white(photo.pixels) for photo in load_photos(test)]
-    views = part("nmf_addon.scene.render_views")
-    bpy.context.scene.cycles.use_denoising = True
+    command += ["--time-limit", str(options.time_limit), "--overwrite"]
+    command += ["--resume"] if unfinished else []
+    with blender_output_to(out / "blender.log"):
+        code = importlib.import_module(f"{package.__name__}.nmf_addon.headless").main(command)
+        if code != 0:
+            say(f"The log is {out / 'job' / 'log.txt'}; make demo goes on where this stopped.")
+            return code
+        cameras = held_out_cameras(package)
+        render_all(package, cameras, out / "renders")
+    say("5/5 the solver's own renders, for comparison")
+    transforms = importlib.import_module(f"{package.__name__}.solver.capture.transforms")
+    transforms.write_transforms(out / "renders" / "held_out.json", list(cameras.values()))
+    code = solver_renders(out / "job", out / "renders")
+    report = [sys.executable, str(ROOT / "samples" / "demo_report.py"), str(out)]
+    if not unfinished:
+        report += [f"--seconds={time.monotonic() - begun:.0f}"]
+    return code or subprocess.run(report, check=False).returncode
 
-    chosen = [test.cameras[i] for i in HELD_OUT]
-    renders = pictures(views, chosen, out / "views", SAMPLES, "held-out views")
-    rows, scores = compare(chosen, [photos[i] for i in HELD_OUT], renders, out)
 
-    orbit = views.turntable(
-        bpy.context, chosen[1], (0, 0, 0), out / "turntable", TURNTABLE_FRAMES, TURNTABLE_SAMPLES,
-        progress=counter("turntable"),
+def held_out_cameras(package) -> dict[int, object]:
+    """The test cameras that the demo shows, by number."""
+    read = importlib.import_module(f"{package.__name__}.solver.capture.read")
+    cameras = read.read_capture(CAPTURE, "test").cameras
+    return {i: cameras[i] for i in HELD_OUT}
+
+
+def render_all(package, cameras: dict, folder: Path) -> None:
+    """Held-out views, a turntable, and the views relit, as linear EXRs under `folder`."""
+    views = importlib.import_module(f"{package.__name__}.nmf_addon.scene.render_views")
+    world = importlib.import_module(f"{package.__name__}.nmf_addon.scene.world")
+    context = bpy.context
+    context.scene.cycles.use_denoising = True
+    shown = cameras[SHOWN]
+
+    say("2/5 the held-out views in Cycles")
+    views.render_cameras(
+        context, list(cameras.values()), folder / "cycles", SAMPLES, progress=counter()
+    )
+    say("3/5 a turntable")
+    views.turntable(
+        context, enlarged(shown, 300), (0, 0, 0), folder / "turntable", TURNTABLE_FRAMES,
+        SAMPLES // 2, progress=counter(),
     )  # fmt: skip
-    strip = np.concatenate([displayed(path) for path in orbit], axis=1)
-    save_png(strip, out / "turntable.png")
-    rows.insert(0, Row("Turntable under the recovered light", [("", "turntable.png")]))
-
     for name in RELIGHTS:
-        part("nmf_addon.scene.world").relight(bpy.context.scene, CAPTURE / f"relight_{name}.exr")
-        cameras = [test.cameras[i] for i in RELIT_VIEWS]
-        relit = pictures(views, cameras, out / f"relit_{name}", SAMPLES, f"relit: {name}")
-        save_png(np.concatenate(relit, axis=1), out / f"relit_{name}.png")
-        truth = [CAPTURE / f"relight_{name}" / f"r_{i}.png" for i in RELIT_VIEWS]
-        rows.append(relit_row(name, cameras, relit, truth, out))
-    numbers = {
-        "PSNR of Cycles against held-out photos, dB": round(
-            float(np.mean([s[0] for s in scores])), 2
-        ),
-        "SSIM of the same": round(float(np.mean([s[1] for s in scores])), 4),
-        "PSNR of the solver's own renders, dB": solver_score(out / "job"),
-        "Minutes, reconstruction": round((solved - started) / 60, 1),
-        "Minutes, all": round((time.monotonic() - started) / 60, 1),
-        "Machine": f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}",
-        "Seed": 0,
-        "Commit": commit(),
-    }
-    (out / "report.json").write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
-    write_report(
-        out / "report.html", "Demo: the duck",
-        "Held-out photos beside Cycles renders of the reconstructed mesh, textures and light, then "
-        "the same object under two lights it was not photographed in, beside renders of the "
-        "original.", rows, numbers,
-    )  # fmt: skip
-    print("\n".join(f"{name}: {value}" for name, value in numbers.items()))
-    print(out / "report.html")
-    return 0
+        say(f"4/5 relit: {name}")
+        world.relight(context.scene, CAPTURE / f"relight_{name}.exr")
+        shots = [*cameras.values(), dataclasses.replace(enlarged(shown, 400), name="large")]
+        views.render_cameras(context, shots, folder / name, SAMPLES, progress=counter())
 
 
-def counter(what: str):
-    """Progress lines with time left for a row of renders."""
+def enlarged(camera, width: int):
+    """The same view, `width` pixels wide."""
+    factor = width / camera.width
+    values = {name: factor * getattr(camera, name) for name in ("fx", "fy", "cx", "cy")}
+    return dataclasses.replace(camera, width=width, height=round(factor * camera.height), **values)
+
+
+def solver_renders(job: Path, folder: Path) -> int:
+    """Render `folder`/held_out.json with the solver to `folder`/solver; returns its exit code."""
+    out = folder / "solver"
+    command = [sys.executable, "-m", "solver", "render", str(job)]
+    command += ["--cameras", str(folder / "held_out.json"), "--out", str(out)]
+    show, shown = counter(), 0
+    with subprocess.Popen(command, cwd=ROOT) as process:
+        while process.poll() is None:
+            time.sleep(0.3)
+            done = len(list(out.glob("*_roughness.exr")))  # the last file of a view
+            if done > shown:
+                shown = done
+                show(done, len(HELD_OUT))
+    return process.returncode
+
+
+def counter():
+    """A callback (done, count) that prints progress with the time left."""
     begun = time.monotonic()
 
     def show(done: int, count: int) -> None:
-        left = (time.monotonic() - begun) / done * (count - done)
-        print(f"{what}: {done} of {count}, {left:.0f} s left", file=sys.stderr, flush=True)
+        left = round((time.monotonic() - begun) / done * (count - done))
+        say(f"    {done} of {count}, {left // 60}:{left % 60:02d} left")
 
     return show
 
 
-def pictures(views, cameras, folder: Path, samples: int, what: str) -> list[np.ndarray]:
-    """Render cameras with Cycles; sRGB pictures over white."""
-    files = views.render_cameras(
-        bpy.context, list(cameras), folder, samples, progress=counter(what)
-    )
-    return [displayed(path) for path in files]
+def say(text: str) -> None:
+    """Print a line of progress."""
+    print(text, file=sys.stderr, flush=True)
 
 
-def displayed(path: Path) -> np.ndarray:
-    """An EXR render as sRGB pixels over white."""
-    colour, alpha = read_exr(path)
-    return over_white(np.concatenate([colour, alpha[..., None]], axis=-1))
+class blender_output_to:
+    """Blender prints a line per render tile to stdout: into a file with them, for a while."""
 
+    def __init__(self, path: Path):
+        self._path = path
 
-def compare(cameras, photos, renders, out: Path):
-    """Rows photo | Cycles | difference, and (PSNR, SSIM) of each."""
-    rows, scores = [], []
-    for camera, photo, render in zip(cameras, photos, renders, strict=True):
-        scores.append((psnr(render, photo), ssim(render, photo)))
-        files = []
-        for name, pixels in (
-            ("photo", photo), ("Cycles", render), ("difference ×4", np.abs(render - photo) * 4),
-        ):  # fmt: skip
-            file = f"pictures/{camera.name}_{name.split()[0]}.png"
-            save_png(pixels, out / file)
-            files.append((name, file))
-        rows.append(Row(f"Held-out view {camera.name}: {scores[-1][0]:.1f} dB", files))
-    return rows, scores
+    def __enter__(self) -> None:
+        sys.stdout.flush()
+        self._console = os.dup(1)
+        log = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        os.dup2(log, 1)
+        os.close(log)
 
-
-def relit_row(name: str, cameras, relit, truth_files, out: Path) -> Row:
-    """The relit object beside renders of the original under the same light."""
-    files, scores = [], []
-    for camera, pixels, truth_file in zip(cameras, relit, truth_files, strict=True):
-        truth_pixels = np.asarray(Image.open(truth_file)).astype(np.float32) / 255
-        alpha = truth_pixels[..., 3:]
-        truth = truth_pixels[..., :3] * alpha + (1 - alpha)
-        scores.append(psnr(pixels, truth))
-        for kind, picture in (("original", truth), ("reconstruction", pixels)):
-            file = f"pictures/{name}_{camera.name}_{kind}.png"
-            save_png(picture, out / file)
-            files.append((kind, file))
-    return Row(f"Relit by '{name}': {np.mean(scores):.1f} dB, no scale fitted", files)
-
-
-def solver_score(job: Path) -> float:
-    """PSNR that the job's own report states."""
-    numbers = json.loads((job / "result" / "report.json").read_text(encoding="utf-8"))
-    return next(value for name, value in numbers.items() if name.startswith("PSNR"))
-
-
-def commit() -> str:
-    """The checkout's commit, if git knows."""
-    result = subprocess.run(
-        ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"], capture_output=True, text=True
-    )
-    return result.stdout.strip() or "unknown"
+    def __exit__(self, *error) -> None:
+        sys.stdout.flush()
+        os.dup2(self._console, 1)
+        os.close(self._console)
 
 
 if __name__ == "__main__":

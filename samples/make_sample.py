@@ -138,6 +138,7 @@ def make_light(name: str, path: Path) -> None:
     pixels = OpenEXR.File(str(folder / f"{name}.exr")).channels()["RGB"].pixels.astype(np.float64)
     height, width = pixels.shape[:2]
     rows, columns = height // 256, width // 512
+    pixels = np.maximum(pixels, 0)  # lossy compression left a few texels below zero
     pixels = pixels[: 256 * rows, : 512 * columns].reshape(256, rows, 512, columns, 3).mean((1, 3))
     weight = np.sin((np.arange(256) + 0.5) * math.pi / 256)[:, None]
     luminance = (pixels @ (0.2126, 0.7152, 0.0722) * weight).sum() / (weight.sum() * 512)

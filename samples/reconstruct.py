@@ -6,7 +6,9 @@
 The same as `blender -c nmf reconstruct CAPTURE OUT.blend`; see `nmf_addon/headless.py`.
 """
 
+import importlib
 import importlib.util
+import os
 import sys
 from pathlib import Path
 
@@ -38,4 +40,8 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    code = main()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # Blender ends itself after its script; the bpy wheel can crash while Python shuts down.
+    os._exit(code)
