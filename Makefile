@@ -26,7 +26,7 @@ environment: $(STAMP)
 $(STAMP): $(REQUIREMENTS)
 	@"$(PYTHON)" -c '$(SUPPORTED)' 2>/dev/null || { echo "Python 3.11 or 3.13 with its venv module" \
 		"is needed: install one, or name it: make environment PYTHON=/path/to/python" >&2; exit 1; }
-	@echo "Building .venv with $$($(PYTHON) --version); the first time, this downloads about 1 GB."
+	@echo "Building .venv with $$($(PYTHON) --version); the first time, this downloads 1 to 4 GB."
 	@test -x $(BIN)/pip || "$(PYTHON)" -m venv --clear .venv || { \
 		echo "On Debian and Ubuntu, install the package python3-venv." >&2; exit 1; }
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet $(PIP_ARGUMENTS) \

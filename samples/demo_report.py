@@ -2,7 +2,7 @@
 
     python samples/demo_report.py OUT [--seconds S]
 
-Writes relit_*.png, turntable.png, report.json and report.html into OUT. No Blender in here.
+Writes overview.png, relit_*.png, turntable.png, report.json and report.html into OUT. No Blender in here.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from solver.report import Row, write_report  # noqa: E402
 
 RELIGHTS = ("sunset", "studio")
 RELIT_ROWS = 2
+SHOWN = "r_3"  # the held-out view of the overview
 INTRO = (
     "Held-out photos beside Cycles renders of the reconstructed mesh, textures and light; then the same "
     "object under two lights it was not photographed in, beside renders of the original."
@@ -74,6 +75,9 @@ def main(out: Path, seconds: float | None) -> int:
         relit_rows(
             page, name, [camera.name for camera in capture.cameras], camera.image_path.parent
         )
+    save_png(
+        overview(page, photos[[c.name for c in capture.cameras].index(SHOWN)]), out / "overview.png"
+    )
     numbers = {name: round(float(np.mean(values)), 3) for name, values in page.scores.items()}
     job = JobFolder.open(out / "job")
     solver = json.loads((job.result_dir / "report.json").read_text(encoding="utf-8"))
@@ -97,6 +101,12 @@ def displayed(path: Path) -> np.ndarray:
     """An EXR render as sRGB pixels over white, in the steps of 8 bits as pictures are scored."""
     colour, alpha = read_exr(path)
     return np.round(over_white(np.concatenate([colour, alpha[..., None]], axis=-1)) * 255) / 255
+
+
+def overview(page: Page, photo) -> np.ndarray:
+    """One view: the photo, the reconstruction in Cycles, and that under other lights."""
+    views = [displayed(page.renders / name / f"{SHOWN}.exr") for name in ("cycles", *RELIGHTS)]
+    return np.concatenate([over_white(photo.pixels), *views], axis=1)
 
 
 def strip(page: Page) -> None:
