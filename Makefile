@@ -51,9 +51,10 @@ test-blender: $(STAMP)
 	$(BIN)/python -m pytest -q tests/blender
 
 test-window: $(STAMP)
-	@if [ -n "$(NMF_REAL_BLENDER)" ]; then \
-		NMF_REAL_BLENDER="$(NMF_REAL_BLENDER)" $(BIN)/python -m pytest -q tests/gui; \
-	else echo "NMF_REAL_BLENDER is not set: the tests in a real Blender were left out."; fi
+	@if [ -z "$(NMF_REAL_BLENDER)" ]; then \
+		echo "NMF_REAL_BLENDER is not set: the tests in a real Blender were left out."; \
+	elif [ ! -d tests/gui ]; then echo "There are no tests/gui to run in a real Blender."; \
+	else NMF_REAL_BLENDER="$(NMF_REAL_BLENDER)" $(BIN)/python -m pytest -q tests/gui; fi
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
