@@ -56,7 +56,7 @@ class LightSettings:
 class FitSettings:
     """The optimisation."""
 
-    steps: int = 2000
+    steps: int = 2600
     """optimiser steps"""
     rays: int = 1024
     """primary rays a step"""
@@ -76,11 +76,11 @@ class FitSettings:
     """of Σ w·max(0, n·d)²: visible normals face the camera"""
     opacity_weight: float = 6e-4
     """of the opacity itself: discourages floaters"""
-    bending_weight: float = 0.02
+    bending_weight: float = 0.2
     """of 1 − n·n' with the normal n' close by, at the start; fades as `smoothness_end`"""
     unevenness_weight: float = 0.002
     """of the difference to the materials close by, likewise"""
-    smoothness_end: float = 0.2
+    smoothness_end: float = 0.5
     """what remains of both smoothness weights at the end"""
     neighbour_distance: float = 1.5
     """how far away "close by" is, voxels"""

@@ -1,0 +1,181 @@
+"""Settings, the visual hull, checkpoints, and that a fit learns."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from solver.capture.camera import Camera
+from solver.capture.capture import Capture
+from solver.capture.errors import CaptureError
+from solver.capture.photos import Photo
+from solver.fit import checkpoint
+from solver.fit.errors import SettingsError
+from solver.fit.losses import photometric
+from solver.fit.presets import PRESETS, Settings, settings_for
+from solver.fit.ray_bank import RayBank, RayBatch
+from solver.fit.start import background_of, new_trainer, trainer_for
+from solver.fit.visual_hull import bounding_box, carve, signed_distance
+from solver.job.folder import JobError
+from tests.capture.test_capture import pose
+
+RADIUS, SIZE = 0.6, 32
+SMALL = settings_for(
+    "draft",
+    {
+        "field.sizes": "24,32", "field.size_starts": "0,0.5", "light.heights": "16,32", "fit.rays": "256",
+        "field.hull_cells": "48", "field.hull_steps": "60", "field.occupancy_cells": "32",
+        "render.secondary_rays": "4",
+    },
+)  # fmt: skip
+
+
+def ball_capture(views=10, colour=(0.5, 0.2, 0.1)):
+    """Photos of an evenly coloured ball at the origin, with alpha."""
+    cameras, photos = [], []
+    for i in range(views):
+        matrix = pose(2 * np.pi * i / views)
+        camera = Camera(f"r_{i}", None, matrix, SIZE, SIZE, 60.0, 60.0, SIZE / 2, SIZE / 2)
+        row, column = np.mgrid[0:SIZE, 0:SIZE]
+        origins, directions = camera.rays(column.ravel() + 0.5, row.ravel() + 0.5)
+        closest = np.linalg.norm(np.cross(origins, directions), axis=1)
+        alpha = (closest < RADIUS).astype(np.float32)[:, None]
+        pixels = np.concatenate([alpha * np.float32(colour), alpha], 1).reshape(SIZE, SIZE, 4)
+        cameras.append(camera)
+        photos.append(Photo(pixels.astype(np.float32), True, False))
+    region = np.array([[-1.0] * 3, [1.0] * 3])
+    return Capture("memory", tuple(cameras), region), photos
+
+
+def trained(steps=0, seed=0):
+    capture, photos = ball_capture()
+    trainer = new_trainer(capture, photos, SMALL, seed, None, "cpu", lambda fraction: None)
+    losses = [trainer.advance(i / max(steps, 1))["image"] for i in range(steps)]
+    return trainer, losses, capture, photos
+
+
+def test_the_visual_hull_of_a_ball_holds_the_ball_and_little_more():
+    capture, photos = ball_capture(24)
+    hull = carve(list(capture.cameras), photos, capture.region, 40)
+    ticks = (np.arange(40) + 0.5) / 20 - 1
+    distance = np.linalg.norm(
+        np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), -1), axis=-1
+    )
+    assert hull[distance < RADIUS - 0.1].all()
+    equator = hull & (np.abs(ticks)[None, None] < 0.2)
+    assert not equator[distance > RADIUS + 0.15].any()
+    low, high = bounding_box(hull, capture.region)
+    np.testing.assert_allclose(high[:2], RADIUS, atol=0.1)
+    np.testing.assert_allclose(low[:2], -RADIUS, atol=0.1)
+
+
+def test_signed_distance_of_a_ball_agrees_with_its_formula():
+    ticks = (np.arange(40) + 0.5) / 20 - 1
+    grid = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), -1)
+    truth = np.linalg.norm(grid, axis=-1) - RADIUS
+    result = signed_distance(truth < 0) * 0.05
+    near = np.abs(truth) < 0.4
+    assert np.abs(result - truth)[near].max() < 0.06
+
+
+def test_masks_without_common_ground_are_an_error():
+    capture, photos = ball_capture()
+    empty = dataclasses.replace(photos[0], pixels=np.zeros_like(photos[0].pixels))
+    with pytest.raises(CaptureError, match="masks"):
+        new_trainer(capture, [empty, *photos[1:]], SMALL, 0, None, "cpu", lambda fraction: None)
+
+
+def test_a_fit_learns_the_colour_of_a_ball():
+    trainer, losses, *_ = trained(60)
+    assert np.mean(losses[-5:]) < 0.25 * losses[0]
+
+
+def test_a_fit_is_the_same_for_the_same_seed():
+    assert trained(4, seed=1)[1] == trained(4, seed=1)[1]
+    assert trained(4, seed=1)[1] != trained(4, seed=2)[1]
+
+
+def test_a_resumed_fit_goes_on_as_if_nothing_had_happened(tmp_path):
+    trainer, _, capture, photos = trained(0)
+    for i in range(6):
+        trainer.advance(i / 20)
+    checkpoint.save_checkpoint(trainer, tmp_path / "checkpoint", 1.0, done=False)
+    expected = [trainer.advance(i / 20)["image"] for i in range(6, 14)]
+    scene, state, tensors = checkpoint.load_scene(tmp_path / "checkpoint")
+    other = trainer_for(scene, capture, photos, checkpoint.settings_of(state), 0)
+    checkpoint.restore(other, state, tensors)
+    assert checkpoint.settings_of(state) == SMALL
+    result = [other.advance(i / 20)["image"] for i in range(6, 14)]
+    np.testing.assert_allclose(result, expected, rtol=1e-4)
+
+
+def test_a_checkpoint_interrupted_while_renaming_is_found(tmp_path):
+    trainer, *_ = trained(1)
+    folder = tmp_path / "checkpoint"
+    checkpoint.save_checkpoint(trainer, folder, 1.0, done=False)
+    folder.rename(tmp_path / "checkpoint.old")
+    assert checkpoint.read_state(folder)["step"] == 1
+    with pytest.raises(JobError, match="no checkpoint"):
+        checkpoint.load_scene(tmp_path / "elsewhere")
+
+
+def test_the_neural_term_fades_out_before_the_end():
+    trainer, *_ = trained(0)
+    shares = [trainer.render_settings(f).neural for f in (0.0, 0.4, 0.5, 0.65, 1.0)]
+    assert shares[0] == 1 and shares[-1] == shares[-2] == 0
+    assert all(a >= b for a, b in zip(shares, shares[1:], strict=False))
+
+
+def test_presets_are_valid_and_settings_convert():
+    assert all(isinstance(preset, Settings) for preset in PRESETS.values())
+    changed = settings_for(
+        "draft", {"fit.steps": "7", "field.sizes": "8,16", "render.visibility": "no"}
+    )
+    assert (
+        changed.fit.steps == 7
+        and changed.field.sizes == (8, 16)
+        and changed.render.visibility is False
+    )
+
+
+@pytest.mark.parametrize("key", ["fit.nothing", "nothing.steps", "steps", "fit.steps"])
+def test_a_wrong_setting_is_named(key):
+    with pytest.raises(SettingsError, match=key):
+        settings_for("draft", {key: "many"})
+
+
+def test_an_unknown_preset_is_named():
+    with pytest.raises(SettingsError, match="draft"):
+        settings_for("fastest")
+
+
+def test_batches_hold_the_pixels_of_their_rays():
+    capture, photos = ball_capture(3)
+    bank = RayBank(list(capture.cameras), photos)
+    pixel = torch.tensor([0, SIZE * 16 + 16, SIZE * SIZE * 2 + SIZE * 16 + 16])
+    batch = bank.batch(pixel)
+    assert batch.alpha.tolist() == [0, 1, 1]
+    _, expected = capture.cameras[2].rays(np.array([16.5]), np.array([16.5]))
+    np.testing.assert_allclose(batch.directions[2].numpy(), expected[0], atol=1e-6)
+    np.testing.assert_allclose(batch.origins[2].numpy(), capture.cameras[2].position, atol=1e-6)
+
+
+def test_a_saturated_pixel_forgives_more_light_but_not_less():
+    def loss(radiance):
+        ones = torch.ones(1)
+        buffers = dataclasses.make_dataclass("B", ["radiance", "opacity"])(
+            torch.full((1, 3), radiance), ones
+        )
+        batch = RayBatch(None, None, torch.ones(1, 3), ones, torch.ones(1, 3, dtype=torch.bool))
+        return float(photometric(buffers, batch))
+
+    assert loss(3.0) == 0 and loss(0.5) > 0.01
+
+
+def test_the_background_is_recognised():
+    _, masked = ball_capture(2)
+    white = [Photo(np.ones((8, 8, 4), np.float32), False, False)] * 2
+    room = [Photo(np.full((8, 8, 4), 0.3, np.float32), False, False)] * 2
+    assert background_of(masked) == background_of(white) == "white"
+    assert background_of(room) == "environment"
