@@ -28,7 +28,13 @@ TINY = [
 def solver(*arguments, **options):
     command = [sys.executable, "-m", "solver", *map(str, arguments)]
     return subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=600, **options
+        command,
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        timeout=600,
+        **options,
     )
 
 
@@ -51,7 +57,9 @@ def test_the_result_holds_all_that_the_manifest_names(job):
     for name in files:
         assert (job / "result" / name).stat().st_size > 100, name
     kinds = [json.loads(line)["ev"] for line in (job / "events.jsonl").read_text().splitlines()]
-    assert kinds[0] == "hello" and kinds[-1] == "bye" and "result" in kinds and "checkpoint" in kinds
+    assert (
+        kinds[0] == "hello" and kinds[-1] == "bye" and "result" in kinds and "checkpoint" in kinds
+    )
     assert json.loads((job / "status.json").read_text())["state"] == "done"
 
 
