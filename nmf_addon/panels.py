@@ -1,14 +1,21 @@
-"""The sidebar tab "NMF" of the 3D View."""
+"""The sidebar tab "NMF" of the 3D View: capture, reconstruct, result."""
 
 from __future__ import annotations
 
+import textwrap
+
 import bpy
 
-from . import preferences, thumbnails
+from . import preferences, runtime, thumbnails
+from .jobs.model import JobModel, clock
 from .jobs.monitor import monitor
-from .runtime import RuntimeMissing, solver_python
 from .scene.cameras import photo_of
 from .scene.capture_collection import active_capture, region_box
+
+UNIT = 20  # pixels of a button's height at a resolution scale of 1
+ERROR_LINES = 6
+OUTCOME_ICONS = {"done": "CHECKMARK", "cancelled": "PAUSE", "failed": "ERROR", "lost": "ERROR",
+                 "elsewhere": "INFO"}  # fmt: skip
 
 
 class Sidebar:
@@ -20,119 +27,188 @@ class Sidebar:
 
 
 class NMF_PT_capture(Sidebar, bpy.types.Panel):
-    """Cameras, photos and the region of interest."""
+    """Cameras, photos and the region of interest"""
 
     bl_label = "Capture"
 
+    def draw_header(self, context: bpy.types.Context) -> None:
+        """An icon for the first step."""
+        self.layout.label(icon="CAMERA_DATA")
+
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the panel."""
         layout = self.layout
-        layout.operator("nmf.import_capture", icon="IMPORT")
         collection = active_capture(context)
         if collection is None:
-            column = layout.column()
-            column.active = False
-            column.label(text="Photos with known cameras:")
-            column.label(text="a transforms.json of any tool.")
+            row = layout.row()
+            row.scale_y = 1.4
+            row.operator("nmf.import_capture", icon="IMPORT")
+            _note(
+                layout, context, "Photos with known cameras: a transforms.json, or drop one here."
+            )
             return
-        layout.prop(context.scene.nmf, "capture", text="", placeholder=collection.name)
+        row = layout.row(align=True)
+        row.prop(context.scene.nmf, "capture", text="", placeholder=collection.name)
+        row.operator("nmf.import_capture", text="", icon="IMPORT")
         cameras = sum(
             i.type == "CAMERA" and photo_of(i) is not None for i in collection.all_objects
         )
-        layout.label(text=f"{cameras} cameras with photos", icon="CAMERA_DATA")
+        layout.label(text=f"{cameras} photos with cameras", icon="IMAGE_DATA")
         if region_box(collection) is None:
             layout.operator("nmf.add_region_box", icon="CUBE")
         else:
-            layout.label(text="Region: move and scale the box", icon="CUBE")
+            layout.label(text="Region box: fit it to the object", icon="CUBE")
 
 
 class NMF_PT_reconstruct(Sidebar, bpy.types.Panel):
-    """Start, watch and cancel a reconstruction."""
+    """Start, watch and cancel a reconstruction"""
 
     bl_label = "Reconstruct"
 
+    def draw_header(self, context: bpy.types.Context) -> None:
+        """An icon for the second step."""
+        self.layout.label(icon="SHADERFX")
+
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the panel."""
         layout = self.layout
-        settings = context.scene.nmf
-        if not _solver_ready(layout):
-            return
-        column = layout.column()
-        column.use_property_split, column.use_property_decorate = True, False
-        column.enabled = not monitor.running
-        column.prop(settings, "preset")
-        column.prop(settings, "device")
-        row = column.row(heading="Time Limit")
-        row.prop(settings, "use_time_limit", text="")
-        limited = row.row()
-        limited.enabled = settings.use_time_limit
-        limited.prop(settings, "time_limit", text="Minutes")
         if monitor.running:
-            _draw_progress(layout)
-        else:
-            row = layout.row()
-            row.scale_y = 1.6
-            row.operator("nmf.reconstruct", icon="SHADERFX")
-            _draw_outcome(layout)
-        icon = thumbnails.preview_icon(monitor)
-        if icon:
-            layout.template_icon(icon_value=icon, scale=8.0)
-            row = layout.row()
-            row.active = False
-            row.label(text="Photo · render · normals")
+            _draw_progress(layout, context)
+            _draw_preview(layout, context)
+            return
+        python, problem = runtime.solver_state(
+            preferences.chosen_python(), preferences.chosen_runtime()
+        )
+        if python is None:
+            _draw_missing_solver(layout, context, problem)
+            return
+        _draw_settings(layout, context.scene.nmf)
+        row = layout.row()
+        row.scale_y = 1.6
+        row.operator("nmf.reconstruct", icon="PLAY")
+        _draw_outcome(layout, context)
+        _draw_preview(layout, context)
 
 
 class NMF_PT_result(Sidebar, bpy.types.Panel):
-    """Install, relight and compare a result."""
+    """Install, relight and compare a result"""
 
     bl_label = "Result"
-    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        """An icon for the third step."""
+        self.layout.label(icon="MATERIAL")
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the panel."""
         layout = self.layout
-        layout.operator("nmf.install_result", icon="PACKAGE")
-        layout.operator("nmf.relight_hdri", icon="LIGHT_SUN")
-        layout.operator("nmf.match_solver", icon="RENDER_STILL")
-        layout.operator("nmf.open_job_folder", icon="FILE_FOLDER")
+        column = layout.column(align=True)
+        column.operator("nmf.relight_hdri", icon="WORLD")
+        column.operator("nmf.match_solver", icon="RENDER_STILL")
+        column = layout.column(align=True)
+        column.operator("nmf.install_result", icon="APPEND_BLEND")
+        column.operator("nmf.open_report", icon="URL")
+        column.operator("nmf.open_job_folder", icon="FILE_FOLDER")
 
 
-def _solver_ready(layout: bpy.types.UILayout) -> bool:
-    try:
-        solver_python(preferences.chosen_python())
-    except RuntimeMissing:
-        box = layout.box()
-        box.label(text="The solver is not set up yet", icon="INFO")
-        box.label(text="Once per computer, about 2 GB")
-        box.operator("nmf.setup_solver", icon="IMPORT")
-        return False
-    return True
+def _draw_missing_solver(
+    layout: bpy.types.UILayout, context: bpy.types.Context, problem: str
+) -> None:
+    box = layout.box()
+    _paragraph(box, context, problem, icon="INFO")
+    if not preferences.chosen_python():
+        _note(box, context, f"Once per computer: {preferences.SIZE_TEXT} are downloaded into a "
+              "private folder. Nothing of Blender's is changed.")  # fmt: skip
+    preferences.draw_setup(box)
 
 
-def _draw_progress(layout: bpy.types.UILayout) -> None:
+def _draw_settings(layout: bpy.types.UILayout, settings) -> None:
+    column = layout.column()
+    column.use_property_split, column.use_property_decorate = True, False
+    column.prop(settings, "preset")
+    column.prop(settings, "device")
+    row = column.row(heading="Time Limit")
+    row.prop(settings, "use_time_limit", text="")
+    limited = row.row()
+    limited.enabled = settings.use_time_limit
+    limited.prop(settings, "time_limit", text="")
+
+
+def _draw_progress(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     model = monitor.model
-    layout.label(text=model.text)
-    note = f"{100 * model.overall:.0f} %"
-    if model.time_left:
-        note += f"   {model.time_left}"
+    layout.label(text="Cancelling…" if model.cancelling else model.text, icon="SORTTIME")
+    parts = [f"{100 * model.overall:.0f} %", model.time_left]
+    row = layout.row(align=True)
+    row.progress(factor=model.overall, text="   ".join(filter(None, parts)), type="BAR")
+    row.operator("nmf.cancel", text="", icon="X")
     if model.psnr is not None and model.stage == "fit":
-        note += f"   {model.psnr:.1f} dB"
-    layout.progress(factor=model.overall, text=note, type="BAR")
-    layout.operator("nmf.cancel", icon="X")
+        _note(layout, context, f"Agreement with the photos: {model.psnr:.1f} dB")
+    if monitor.silent_for:
+        _note(layout, context, f"No news for {clock(monitor.silent_for)}; the solver still runs.")
+    _draw_warnings(layout, context, model)
 
 
-def _draw_outcome(layout: bpy.types.UILayout) -> None:
+def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     model = monitor.model
-    icons = {"done": "CHECKMARK", "cancelled": "CANCEL", "failed": "ERROR"}
-    if model.state not in icons:
+    if model.state not in OUTCOME_ICONS:
         return
-    layout.label(text=model.text, icon=icons[model.state])
-    for line in model.error.splitlines()[-4:]:
-        layout.label(text=line)
-    if model.state != "done":
-        if monitor.job is not None and monitor.job.has_checkpoint():
-            layout.operator("nmf.resume", icon="PLAY")
-        layout.operator("nmf.copy_report", icon="COPYDOWN")
+    box = layout.box()
+    _paragraph(box, context, model.text, icon=OUTCOME_ICONS[model.state])
+    lines = [line for line in model.error.splitlines() if line.strip()]
+    shown = lines if len(lines) <= ERROR_LINES else lines[:1] + lines[1 - ERROR_LINES :]
+    for line in shown:
+        _note(box, context, line)
+    _draw_warnings(box, context, model)
+    if model.state in ("cancelled", "failed", "lost"):
+        row = box.row(align=True)
+        if model.resumable:
+            row.operator("nmf.resume", icon="PLAY")
+        if model.state != "cancelled":
+            row.operator("nmf.copy_report", icon="COPYDOWN")
+
+
+def _draw_warnings(layout: bpy.types.UILayout, context: bpy.types.Context, model: JobModel) -> None:
+    for text in model.warnings[:2]:
+        _paragraph(layout, context, text, icon="ERROR")
+    if len(model.warnings) > 2:
+        _note(layout, context, f"and {len(model.warnings) - 2} more warnings in the log")
+
+
+def _draw_preview(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    pictures = thumbnails.icons()
+    if not pictures:
+        return
+    scale = max((_units(context) - 1.5) / len(pictures), 2.0)
+    row = layout.row(align=True)
+    for name, icon in pictures:
+        column = row.column(align=True)
+        column.template_icon(icon_value=icon, scale=scale)
+        caption = column.row()
+        caption.active, caption.alignment = False, "CENTER"
+        caption.label(text=name)
+
+
+def _units(context: bpy.types.Context) -> float:
+    """Width of the sidebar's panels in button heights."""
+    scale = context.preferences.system.ui_scale
+    return context.region.width / (UNIT * scale) - 1.5
+
+
+def _note(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:
+    column = layout.column(align=True)
+    column.active = False
+    _paragraph(column, context, text)
+
+
+def _paragraph(
+    layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE"
+) -> None:
+    """A label in as many lines as the sidebar is narrow."""
+    column = layout.column(align=True)
+    column.scale_y = 0.85
+    characters = max(int((_units(context) - (1.5 if icon != "NONE" else 0.5)) * 2.7), 16)
+    for number, line in enumerate(textwrap.wrap(text, characters) or [""]):
+        column.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
 
 
 classes = (NMF_PT_capture, NMF_PT_reconstruct, NMF_PT_result)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import bpy
 
+from . import runtime
+from .compat import PATH_OPTIONS
 from .names import BASE_PACKAGE
-from .runtime import RuntimeMissing, managed_runtime, runtime_record, solver_python
 from .setup_monitor import setup_state
+
+SIZE_TEXT = "about 2 GB"
 
 
 class NMF_preferences(bpy.types.AddonPreferences):
@@ -18,11 +21,28 @@ class NMF_preferences(bpy.types.AddonPreferences):
         name="Own Python",
         description="A Python that has the solver's packages; leave empty to use the one built here",
         subtype="FILE_PATH",
+        options=PATH_OPTIONS,
+        update=lambda self, context: runtime.forget(),
+    )
+    runtime_folder: bpy.props.StringProperty(
+        name="Folder",
+        description="Where the solver is set up; leave empty for the extension's own folder, which "
+        "goes when the extension is removed",
+        subtype="DIR_PATH",
+        options=PATH_OPTIONS,
+        update=lambda self, context: runtime.forget(),
+    )
+    base_python: bpy.props.StringProperty(
+        name="Build With",
+        description="Python 3.11 to 3.13 that the solver is set up with; leave empty to use Blender's",
+        subtype="FILE_PATH",
+        options=PATH_OPTIONS,
     )
     wheelhouse: bpy.props.StringProperty(
         name="Wheelhouse",
-        description="Folder with downloaded packages, for machines without a network",
+        description="Folder with downloaded packages, for computers without a network",
         subtype="DIR_PATH",
+        options=PATH_OPTIONS,
     )
     pip_arguments: bpy.props.StringProperty(
         name="pip Arguments",
@@ -32,31 +52,55 @@ class NMF_preferences(bpy.types.AddonPreferences):
     def draw(self, context: bpy.types.Context) -> None:
         """The preferences page."""
         layout = self.layout
-        state = setup_state()
-        try:
-            layout.label(text=f"Solver ready: {solver_python(self.python)}", icon="CHECKMARK")
-        except RuntimeMissing as error:
-            layout.label(text=str(error), icon="ERROR")
-        record = runtime_record()
-        if record:
-            layout.label(
-                text=f"Built with Python {record.get('python')}, torch {record.get('torch')}"
-            )
-        layout.label(text=f"Built in {managed_runtime()} (about 2 GB, removed with the extension)")
-        row = layout.row()
-        if state.running:
-            row.progress(text=state.text, factor=state.fraction, type="BAR")
-            row.operator("nmf.cancel_setup", icon="X")
+        python, problem = runtime.solver_state(chosen_python(), chosen_runtime())
+        box = layout.box()
+        if python is not None:
+            box.label(text="The solver is ready", icon="CHECKMARK")
+            detail = box.column(align=True)
+            detail.active = False
+            detail.label(text=str(python), icon="BLANK1")
+            record = runtime.runtime_record(chosen_runtime())
+            if record and not self.python:
+                versions = f"Python {record.get('python')}, torch {record.get('torch') or '–'}"
+                detail.label(text=versions, icon="BLANK1")
         else:
-            row.operator("nmf.setup_solver", icon="IMPORT")
-        if state.error:
-            for line in state.error.splitlines()[-6:]:
-                layout.label(text=line, icon="BLANK1")
+            box.label(text=problem, icon="ERROR")
+        draw_setup(box, again=python is not None)
+        if not setup_state().running:
+            note = box.column()
+            note.active = False
+            folder = runtime.managed_runtime(chosen_runtime())
+            note.label(text=f"Downloads {SIZE_TEXT} into {folder}", icon="BLANK1")
         column = layout.column()
-        column.use_property_split = True
-        column.prop(self, "python")
-        column.prop(self, "wheelhouse")
+        column.use_property_split, column.use_property_decorate = True, False
+        column.prop(self, "python", placeholder="Built by Set Up Solver")
+        column.separator()
+        column.label(text="Set-Up")
+        column.prop(self, "runtime_folder", placeholder="The extension's folder")
+        column.prop(self, "base_python", placeholder="Blender's Python")
+        column.prop(self, "wheelhouse", placeholder="Download from the network")
         column.prop(self, "pip_arguments")
+
+
+def draw_setup(layout: bpy.types.UILayout, again: bool = False) -> None:
+    """The set-up's button, progress or error; here and in the sidebar."""
+    state = setup_state()
+    if state.running:
+        row = layout.row(align=True)
+        row.progress(text=state.text, factor=state.fraction, type="BAR")
+        row.operator("nmf.cancel_setup", text="", icon="X")
+        return
+    row = layout.row()
+    row.operator("nmf.setup_solver", text="Set Up Again" if again else "", icon="IMPORT")
+    if again:
+        row.operator("nmf.check_solver", icon="INFO")
+    if state.error:
+        column = layout.column(align=True)
+        column.alert = True
+        column.label(text="The set-up did not work:", icon="ERROR")
+        for line in state.error.splitlines()[-6:]:
+            column.label(text=line)
+        layout.operator("nmf.copy_setup_log", icon="COPYDOWN")
 
 
 def preferences() -> NMF_preferences | None:
@@ -65,10 +109,21 @@ def preferences() -> NMF_preferences | None:
     return addon.preferences if addon is not None else None
 
 
+def chosen(name: str) -> str:
+    """A path or text of the preferences, absolute if it is a path; empty if none."""
+    own = preferences()
+    value = getattr(own, name) if own is not None else ""
+    return bpy.path.abspath(value) if value and name != "pip_arguments" else value
+
+
 def chosen_python() -> str:
     """The Python the person chose; empty if none."""
-    own = preferences()
-    return bpy.path.abspath(own.python) if own is not None and own.python else ""
+    return chosen("python")
+
+
+def chosen_runtime() -> str:
+    """The folder the person chose for the runtime; empty if none."""
+    return chosen("runtime_folder")
 
 
 classes = (NMF_preferences,)

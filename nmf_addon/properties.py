@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import bpy
 
+from .compat import PATH_OPTIONS
+
 
 class NMF_scene(bpy.types.PropertyGroup):
     """Choices for the next reconstruction."""
@@ -38,14 +40,17 @@ class NMF_scene(bpy.types.PropertyGroup):
     )
     time_limit: bpy.props.FloatProperty(
         name="Minutes",
-        description="Wall time for the whole reconstruction",
-        default=10.0, min=1.0, soft_max=120.0,
+        description="Minutes for the whole reconstruction, mesh and textures included",
+        default=10.0, min=1.0, soft_max=120.0, step=100, precision=0,
     )  # fmt: skip
     seed: bpy.props.IntProperty(
         name="Seed", description="Number that fixes all random choices", min=0
     )
     job: bpy.props.StringProperty(
-        name="Job", description="Folder of the last job", subtype="DIR_PATH"
+        name="Job",
+        description="Folder of the last job",
+        subtype="DIR_PATH",
+        options=PATH_OPTIONS,
     )
 
 

@@ -14,7 +14,7 @@ from ..operators import (
     relight,
     setup_solver,
 )
-from . import panels, preferences, properties, setup_monitor, thumbnails
+from . import panels, preferences, properties, runtime, setup_monitor, thumbnails
 from .jobs import monitor
 from .names import BASE_PACKAGE
 
@@ -22,40 +22,45 @@ _class_modules = (
     properties, preferences, import_capture, region, reconstruct, install_result, relight,
     match_solver, job_files, setup_solver, panels,
 )  # fmt: skip
-_hooks = (properties, thumbnails)
 _classes = [cls for module in _class_modules for cls in module.classes]
-_command = None
+_undo: list = []
 
 
 def register() -> None:
-    """Register classes, properties, menu entries and the command `nmf`."""
-    global _command
-    for cls in _classes:
-        # Loaded from a checkout there is no add-on for the preferences to belong to.
-        if (
-            cls is preferences.NMF_preferences
-            and BASE_PACKAGE not in bpy.context.preferences.addons
-        ):
-            continue
-        bpy.utils.register_class(cls)
-    for module in _hooks:
-        module.register()
-    bpy.types.TOPBAR_MT_file_import.append(import_capture.draw_menu)
-    _command = bpy.utils.register_cli_command("nmf", _run_command)
+    """Register classes, properties, menu entries and the command `nmf`.
+
+    If one of them fails, those before it are taken away again and the error goes on to Blender.
+    """
+    try:
+        _register()
+    except Exception:
+        unregister()
+        raise
 
 
 def unregister() -> None:
     """Undo `register`, in reverse."""
-    global _command
-    if _command is not None:
-        bpy.utils.unregister_cli_command(_command)
-        _command = None
-    bpy.types.TOPBAR_MT_file_import.remove(import_capture.draw_menu)
-    for module in (monitor, setup_monitor, *reversed(_hooks)):
-        module.unregister()
-    for cls in reversed(_classes):
-        if cls.is_registered:
-            bpy.utils.unregister_class(cls)
+    while _undo:
+        _undo.pop()()
+    runtime.forget()
+
+
+def _register() -> None:
+    for cls in _classes:
+        # Loaded from a checkout there is no add-on for the preferences to belong to.
+        is_addon = BASE_PACKAGE in bpy.context.preferences.addons
+        if cls is preferences.NMF_preferences and not is_addon:
+            continue
+        bpy.utils.register_class(cls)
+        _undo.append(lambda cls=cls: bpy.utils.unregister_class(cls))
+    for module in (properties, thumbnails, monitor):
+        module.register()
+        _undo.append(module.unregister)
+    _undo.append(setup_monitor.unregister)
+    bpy.types.TOPBAR_MT_file_import.append(import_capture.draw_menu)
+    _undo.append(lambda: bpy.types.TOPBAR_MT_file_import.remove(import_capture.draw_menu))
+    command = bpy.utils.register_cli_command("nmf", _run_command)
+    _undo.append(lambda: bpy.utils.unregister_cli_command(command))
 
 
 def _run_command(arguments: list[str]) -> int:

@@ -6,6 +6,7 @@ import importlib.util
 import json
 import os
 import sys
+import time
 from pathlib import Path
 
 from .names import REPOSITORY, user_folder
@@ -13,11 +14,19 @@ from .names import REPOSITORY, user_folder
 REQUIREMENTS = REPOSITORY / "solver" / "requirements.txt"
 BOOTSTRAP = REPOSITORY / "solver" / "bootstrap.py"
 PYTHON_VARIABLE, BOOTSTRAP_VARIABLE = "NMF_SOLVER_PYTHON", "NMF_SOLVER_BOOTSTRAP"
-RECORD = "runtime.json"
+RUNTIME_VARIABLE = "NMF_RUNTIME_FOLDER"
+ENVIRONMENT, RECORD = "environment", "runtime.json"
+REMEMBER = 3.0  # seconds for which an answer about the disk is good enough for a panel
+# What Blender's packaging (AppImage, Snap, Steam) or a shell may have set for its own Python.
+DROPPED = (
+    "PYTHONHOME", "PYTHONPATH", "PYTHONSTARTUP", "VIRTUAL_ENV", "LD_LIBRARY_PATH", "LD_PRELOAD",
+    "DYLD_LIBRARY_PATH", "DYLD_INSERT_LIBRARIES",
+)  # fmt: skip
+_remembered: dict[tuple, tuple[float, Path | None, str]] = {}
 
 
 class RuntimeMissing(RuntimeError):
-    """There is no Python with the solver's packages yet."""
+    """There is no Python with the solver's packages; one sentence with the way out."""
 
 
 def environment_python(folder: Path) -> Path:
@@ -27,12 +36,13 @@ def environment_python(folder: Path) -> Path:
     return folder / "bin" / "python"
 
 
-def managed_runtime() -> Path:
-    """Where "Set up solver" builds."""
-    return user_folder("runtime")
+def managed_runtime(chosen_folder: str = "") -> Path:
+    """Where "Set up solver" builds: the person's folder, or one that goes with the extension."""
+    chosen = chosen_folder or os.environ.get(RUNTIME_VARIABLE, "")
+    return Path(chosen) if chosen else user_folder("runtime")
 
 
-def solver_python(chosen: str = "") -> Path:
+def solver_python(chosen: str = "", runtime_folder: str = "") -> Path:
     """The Python to run the solver with.
 
     In this order: the person's choice in the preferences, the environment variable
@@ -49,12 +59,36 @@ def solver_python(chosen: str = "") -> Path:
             raise RuntimeMissing(
                 f"The solver's Python {candidate} does not exist; correct it in the preferences."
             )
-    runtime = managed_runtime()
-    if (runtime / RECORD).is_file() and environment_python(runtime / "environment").is_file():
-        return environment_python(runtime / "environment")
+    environment = managed_runtime(runtime_folder) / ENVIRONMENT
+    if (environment / RECORD).is_file() and environment_python(environment).is_file():
+        base = _base_of(environment)
+        if base is None or base.is_dir():
+            return environment_python(environment)
+        raise RuntimeMissing(
+            f"The Python that the solver was set up with is gone ({base}); press Set Up Solver again."
+        )
     if Path(sys.executable).stem.startswith("python") and importlib.util.find_spec("torch"):
         return Path(sys.executable)
-    raise RuntimeMissing("The solver is not set up yet; press Set up solver in the preferences.")
+    raise RuntimeMissing("The solver is not set up yet; press Set Up Solver.")
+
+
+def solver_state(chosen: str = "", runtime_folder: str = "") -> tuple[Path | None, str]:
+    """`solver_python` for drawing: (Python, "") or (None, why not), remembered for a moment."""
+    key = (chosen, runtime_folder)
+    known = _remembered.get(key)
+    if known is not None and time.monotonic() - known[0] < REMEMBER:
+        return known[1:]
+    try:
+        answer: tuple[Path | None, str] = (solver_python(chosen, runtime_folder), "")
+    except RuntimeMissing as error:
+        answer = (None, str(error))
+    _remembered[key] = (time.monotonic(), *answer)
+    return answer
+
+
+def forget() -> None:
+    """Look again at the next question."""
+    _remembered.clear()
 
 
 def bootstrap_script() -> Path:
@@ -62,15 +96,28 @@ def bootstrap_script() -> Path:
     return Path(os.environ.get(BOOTSTRAP_VARIABLE, BOOTSTRAP))
 
 
-def runtime_record() -> dict:
+def runtime_record(runtime_folder: str = "") -> dict:
     """What "Set up solver" wrote about the runtime; {} if there is none."""
     try:
-        return json.loads((managed_runtime() / RECORD).read_text(encoding="utf-8"))
+        path = managed_runtime(runtime_folder) / ENVIRONMENT / RECORD
+        return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
 
 
 def clean_environment() -> dict[str, str]:
     """This process's environment without what Blender's packaging may have put into it."""
-    dropped = ("PYTHONHOME", "PYTHONPATH", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "VIRTUAL_ENV")
-    return {key: value for key, value in os.environ.items() if key not in dropped}
+    return {key: value for key, value in os.environ.items() if key not in DROPPED}
+
+
+def _base_of(environment: Path) -> Path | None:
+    """Folder of the Python that a virtual environment was made with (`home` of pyvenv.cfg)."""
+    try:
+        text = (environment / "pyvenv.cfg").read_text(encoding="utf-8")
+    except OSError:
+        return None
+    for line in text.splitlines():
+        name, _, value = line.partition("=")
+        if name.strip() == "home" and value.strip():
+            return Path(value.strip())
+    return None

@@ -1,4 +1,4 @@
-""" "Set up solver": builds the private environment in a background process, watched by a timer.
+"""Set Up Solver: builds the private environment in a background process, watched by a timer.
 
 The build script is `setup_runtime.py`, run by a Python outside Blender's process.
 """
@@ -9,15 +9,18 @@ import os
 import subprocess
 import sys
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import bpy
 
+from . import runtime
+from .jobs.process import end_group, own_group
 from .names import REPOSITORY
-from .runtime import REQUIREMENTS, clean_environment, managed_runtime
 
 SCRIPT = REPOSITORY / "nmf_addon" / "setup_runtime.py"
+CANCELLED = 3  # the script's exit code
+ERROR_LINES = 8
 
 
 @dataclass
@@ -25,9 +28,11 @@ class SetupState:
     """How far the set-up is."""
 
     running: bool = False
+    cancelling: bool = False
     fraction: float = 0.0
     text: str = ""
     error: str = ""
+    log: list[str] = field(default_factory=list)
 
 
 _state = SetupState()
@@ -39,55 +44,87 @@ def setup_state() -> SetupState:
     return _state
 
 
-def base_python() -> Path:
-    """Blender's own Python as a program of its own (never Blender's executable)."""
-    executable = Path(sys.executable)
-    if executable.stem.lower().startswith("python"):
-        return executable
-    name = "python.exe" if os.name == "nt" else f"python3.{sys.version_info.minor}"
-    for folder in (Path(sys.prefix) / "bin", Path(sys.base_prefix) / "bin", Path("/usr/bin")):
-        if (folder / name).is_file():
-            return folder / name
-    return executable
+def base_python(chosen: str = "") -> Path:
+    """A Python to build with: the person's choice, else Blender's own as a program of its own.
+
+    Never Blender's executable: it would open another Blender.
+
+    Raises:
+        RuntimeMissing: none was found.
+    """
+    if chosen:
+        if Path(chosen).is_file():
+            return Path(chosen)
+        raise runtime.RuntimeMissing(f"{chosen}: there is no such Python; correct the preferences.")
+    candidates = [Path(sys.executable), Path(getattr(sys, "_base_executable", "") or "")]
+    names = [f"python3.{sys.version_info.minor}", "python3", "python.exe", "python"]
+    folders = [Path(prefix) / "bin" for prefix in (sys.prefix, sys.base_prefix)]
+    folders += [Path(sys.prefix)] if os.name == "nt" else [Path("/usr/bin"), Path("/usr/local/bin")]
+    candidates += [folder / name for folder in folders for name in names]
+    for candidate in candidates:
+        if candidate.stem.lower().startswith("python") and candidate.is_file():
+            return candidate
+    raise runtime.RuntimeMissing(
+        "No Python was found to build with; install Python 3.11 or 3.13 and choose it in the "
+        "preferences."
+    )
 
 
-def start_setup(wheelhouse: str, pip_arguments: str) -> None:
-    """Start building; `setup_state` tells how far it is."""
+def start_setup(
+    folder: Path,
+    python: Path,
+    wheelhouse: str = "",
+    pip_arguments: str = "",
+    requirements: Path = runtime.REQUIREMENTS,
+    check: Path | None = runtime.BOOTSTRAP,
+) -> None:
+    """Start building; `setup_state` tells how far it is.
+
+    Raises:
+        OSError: the Python cannot be started.
+    """
     global _process, _state
-    _state = SetupState(running=True, text="Starting")
     command = [
-        str(base_python()), "-I", "-u", str(SCRIPT), str(managed_runtime()), str(REQUIREMENTS),
-        "--pip-arguments", pip_arguments,
+        str(python), "-I", "-u", "-X", "utf8", str(SCRIPT), str(folder), str(requirements),
+        "--watch-stdin", f"--pip-arguments={pip_arguments}",
     ]  # fmt: skip
-    if wheelhouse:
-        command += ["--wheelhouse", wheelhouse]
+    command += ["--wheelhouse", wheelhouse] if wheelhouse else []
+    command += ["--check", str(check)] if check is not None else []
     _process = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-        env=clean_environment(), text=True, encoding="utf-8", errors="replace",
+        env=runtime.clean_environment(), text=True, encoding="utf-8", errors="replace",
+        **own_group(),
     )  # fmt: skip
+    _state = SetupState(running=True, text="Starting")
     threading.Thread(target=_read, args=(_process, _state), daemon=True).start()
-    bpy.app.timers.register(_tick, first_interval=0.3, persistent=True)
+    if not bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.register(_tick, first_interval=0.3, persistent=True)
 
 
 def _read(process: subprocess.Popen, state: SetupState) -> None:
     """Follow the script's lines: 'progress FRACTION TEXT', anything else is log."""
-    lines: list[str] = []
     for line in process.stdout:
         words = line.rstrip().split(" ", 2)
         if words[0] == "progress" and len(words) == 3:
-            state.fraction, state.text = float(words[1]), words[2]
-        else:
-            lines.append(line.rstrip())
+            state.fraction, state.text = max(state.fraction, float(words[1])), words[2]
+        elif line.strip():
+            state.log.append(line.rstrip())
     code = process.wait()
-    if code != 0:
-        state.error = "\n".join(lines[-8:]) or f"The set-up ended with code {code}"
+    if code == CANCELLED or state.cancelling:
+        state.text = "Cancelled"
+    elif code != 0:
+        tail = "\n".join(state.log[-ERROR_LINES:])
+        state.error = tail or f"The set-up ended with code {code}"
+    runtime.forget()
     state.running = False
 
 
 def cancel_setup() -> None:
     """Stop building; what was there before stays."""
-    if _process is not None and _process.poll() is None:
-        _process.terminate()
+    if _process is None or _process.poll() is not None:
+        return
+    _state.cancelling, _state.text = True, "Cancelling"
+    _process.stdin.close()
 
 
 def _tick() -> float | None:
@@ -100,6 +137,13 @@ def _tick() -> float | None:
 
 def unregister() -> None:
     """Stop building when the extension goes."""
+    global _process, _state
     cancel_setup()
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)
+    if _process is not None:
+        try:
+            _process.wait(5)
+        except subprocess.TimeoutExpired:
+            end_group(_process, kill=True)
+    _process, _state = None, SetupState()

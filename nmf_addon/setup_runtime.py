@@ -1,9 +1,12 @@
 """Build the solver's private Python environment. Run as a program; imports nothing of ours.
 
     python setup_runtime.py FOLDER REQUIREMENTS [--wheelhouse DIR] [--pip-arguments TEXT]
+                                                [--check SCRIPT] [--watch-stdin]
 
-Builds beside and renames when complete, so an interrupted set-up leaves the old runtime working.
-Prints lines `progress FRACTION TEXT`.
+Builds FOLDER/building and renames it to FOLDER/environment when complete, so an interrupted set-up
+leaves the old environment working. Prints lines `progress FRACTION TEXT`; the rest is log. With
+--watch-stdin its end means that Blender is gone or the person cancelled: pip is ended and `building`
+removed.
 """
 
 import argparse
@@ -15,17 +18,16 @@ import shlex
 import shutil
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
+CANCELLED = 3
+_children: list[subprocess.Popen] = []
+_cancelled = threading.Event()
 
-def say(fraction: float, text: str) -> None:
-    """Print a line of progress."""
-    print(f"progress {fraction:.3f} {text}", flush=True)
 
-
-def python_of(environment: Path) -> Path:
-    """The Python of a virtual environment."""
-    return environment / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+class StepFailed(Exception):
+    """A step did not work; its output was printed."""
 
 
 def main() -> int:
@@ -35,17 +37,53 @@ def main() -> int:
     parser.add_argument("requirements", type=Path)
     parser.add_argument("--wheelhouse", type=Path)
     parser.add_argument("--pip-arguments", default="")
+    parser.add_argument("--check", type=Path, help="script that must run in the new environment")
+    parser.add_argument("--watch-stdin", action="store_true")
     options = parser.parse_args()
     if sys.version_info < (3, 11):  # noqa: UP036  (whatever Python the person chose)
-        print("The solver needs Python 3.11 or newer.")
+        print(f"The solver needs Python 3.11 or newer; {sys.executable} is older.")
         return 1
-    folder = options.folder
-    new, old, final = folder / "building", folder / "previous", folder / "environment"
-    record = folder / "runtime.json"
+    if options.watch_stdin:
+        threading.Thread(target=_watch_stdin, daemon=True).start()
+    new = options.folder / "building"
+    try:
+        build(options, new)
+    except StepFailed as error:
+        if not _cancelled.is_set():
+            print(error)
+        return CANCELLED if _cancelled.is_set() else 1
+    except OSError as error:
+        print(f"{error.filename or options.folder}: {error.strerror}")
+        return 1
+    finally:
+        shutil.rmtree(new, ignore_errors=True)
+    say(1.0, "Done")
+    return 0
+
+
+def build(options: argparse.Namespace, new: Path) -> None:
+    """All steps.
+
+    Raises:
+        StepFailed, OSError.
+    """
     shutil.rmtree(new, ignore_errors=True)
-    folder.mkdir(parents=True, exist_ok=True)
-    say(0.02, "Creating the environment")
-    subprocess.run([sys.executable, "-I", "-m", "venv", "--copies", str(new)], check=True)
+    options.folder.mkdir(parents=True, exist_ok=True)
+    say(0.01, "Creating the environment")
+    command = [sys.executable, "-I", "-m", "venv", str(new)]
+    run(command, "The environment could not be created; choose another Python to build with.")
+    install(options, new)
+    say(0.92, "Checking")
+    if options.check:
+        # The new environment must start the solver, in the new process's own words.
+        command = [str(python_of(new)), "-I", "-X", "utf8", str(options.check), "doctor"]
+        run(command, "The packages were installed, but the solver does not start with them.")
+    write_record(options, new)
+    put_in_place(new, options.folder / "environment", options.folder / "previous")
+
+
+def install(options: argparse.Namespace, new: Path) -> None:
+    """pip, with a share of its work done for each line of it."""
     command = [
         str(python_of(new)), "-I", "-m", "pip", "install", "--disable-pip-version-check",
         "--no-input", "--progress-bar", "off", "-r", str(options.requirements),
@@ -53,23 +91,53 @@ def main() -> int:
     if options.wheelhouse:
         command += ["--no-index", "--find-links", str(options.wheelhouse)]
     command += shlex.split(options.pip_arguments)
-    wanted = sum(1 for line in options.requirements.read_text().splitlines() if line[:1].isalpha())
+    lines = options.requirements.read_text(encoding="utf-8").splitlines()
+    expected = max(2 * sum(line[:1].isalpha() for line in lines), 1)  # with what those need
     seen = 0
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
-    ) as pip:
-        for line in pip.stdout:
+
+    def listen(line: str) -> None:
+        nonlocal seen
+        words = line.split()
+        if line.startswith("Collecting ") and len(words) > 1:
+            seen += 1
+            # The share left shrinks but never ends, however many packages come along.
+            share = 1 - 0.5 ** (2.0 * seen / expected)
+            say(0.05 + 0.65 * share, f"Downloading {words[1].partition('==')[0]}")
+        elif line.startswith("  Downloading "):
+            size = line[line.rfind("(") :] if line.rstrip().endswith(")") else ""
+            name = words[1].rpartition("/")[2].partition("-")[0]
+            say(-1.0, f"Downloading {name} {size}".strip())
+        elif line.startswith("Installing collected"):
+            say(0.75, "Installing the packages")
+
+    run(command, "pip could not install the packages; see above.", listen)
+
+
+def run(command: list[str], failure: str, listen=None) -> None:
+    """Run a step, print its output, and let `listen` see each line.
+
+    Raises:
+        StepFailed: with `failure` and the exit code.
+    """
+    if _cancelled.is_set():
+        raise StepFailed("Cancelled")
+    process = subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        text=True, encoding="utf-8", errors="replace",
+    )  # fmt: skip
+    _children.append(process)
+    with process:
+        for line in process.stdout:
             print(line.rstrip(), flush=True)
-            if line.startswith("Collecting "):
-                seen += 1
-                name = line.split()[1]
-                say(min(0.1 + 0.6 * seen / max(3 * wanted, 1), 0.7), f"Downloading {name}")
-            elif line.startswith("Installing collected"):
-                say(0.75, "Installing")
-    if pip.returncode != 0:
-        shutil.rmtree(new, ignore_errors=True)
-        return pip.returncode
-    say(0.95, "Checking")
+            if listen is not None:
+                listen(line)
+    _children.remove(process)
+    if process.returncode != 0 or _cancelled.is_set():
+        raise StepFailed(f"{failure} (exit code {process.returncode})")
+
+
+def write_record(options: argparse.Namespace, new: Path) -> None:
+    """`runtime.json` inside the environment: what it holds, and of which requirements."""
     versions = subprocess.run(
         [str(python_of(new)), "-I", "-c", _VERSIONS], check=True, capture_output=True, text=True
     ).stdout
@@ -77,15 +145,40 @@ def main() -> int:
         "python": platform.python_version(), **json.loads(versions),
         "requirements": hashlib.sha256(options.requirements.read_bytes()).hexdigest(),
     }  # fmt: skip
-    record.unlink(missing_ok=True)
+    (new / "runtime.json").write_text(json.dumps(content, indent=1), encoding="utf-8")
+
+
+def put_in_place(new: Path, final: Path, old: Path) -> None:
+    """Rename the complete environment to its place; the one that was there goes."""
     shutil.rmtree(old, ignore_errors=True)
     if final.exists():
         final.rename(old)
-    new.rename(final)
-    record.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    try:
+        new.rename(final)
+    except OSError:
+        if old.exists():
+            old.rename(final)
+        raise
     shutil.rmtree(old, ignore_errors=True)
-    say(1.0, "Done")
-    return 0
+
+
+def python_of(environment: Path) -> Path:
+    """The Python of a virtual environment."""
+    return environment / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+
+
+def say(fraction: float, text: str) -> None:
+    """Print a line of progress; a negative fraction leaves the bar where it is."""
+    print(f"progress {fraction:.3f} {text}", flush=True)
+
+
+def _watch_stdin() -> None:
+    # os.read: a buffered reader would hold a lock at the interpreter's end.
+    while os.read(0, 4096):
+        continue
+    _cancelled.set()
+    for process in list(_children):
+        process.kill()
 
 
 _VERSIONS = """

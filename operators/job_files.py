@@ -1,4 +1,4 @@
-"""The last job's files: open its folder, copy a report for a question."""
+"""The last job's files: open its folder or report, copy what a question needs."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ from pathlib import Path
 
 import bpy
 
+from ..nmf_addon import preferences, runtime
 from ..nmf_addon.jobs.monitor import monitor
+from ..nmf_addon.jobs.process import log_tail
+from ..solver import __version__
 
 
 class NMF_OT_open_job_folder(bpy.types.Operator):
-    """Show the last job's folder with report, mesh and textures"""
+    """Show the last job's folder with its mesh, textures, light and log"""
 
     bl_idname = "nmf.open_job_folder"
     bl_label = "Open Job Folder"
@@ -19,16 +22,28 @@ class NMF_OT_open_job_folder(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         """With a job."""
         cls.poll_message_set("There is no job yet")
-        return bool(context.scene.nmf.job)
+        return monitor.job is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Open it."""
-        folder = Path(bpy.path.abspath(context.scene.nmf.job))
-        if not folder.is_dir():
-            self.report({"ERROR"}, f"{folder}: the folder is gone")
-            return {"CANCELLED"}
-        bpy.ops.wm.path_open(filepath=str(folder))
-        return {"FINISHED"}
+        return _open(self, monitor.job.root)
+
+
+class NMF_OT_open_report(bpy.types.Operator):
+    """Show the last job's report in the web browser: photos beside renders, and the numbers"""
+
+    bl_idname = "nmf.open_report"
+    bl_label = "Open Report"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """With a finished job."""
+        cls.poll_message_set("There is no finished job yet")
+        return monitor.job is not None and monitor.model.state == "done"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Open it."""
+        return _open(self, monitor.job.result_dir / "report.html")
 
 
 class NMF_OT_copy_report(bpy.types.Operator):
@@ -40,18 +55,42 @@ class NMF_OT_copy_report(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """After a job."""
+        cls.poll_message_set("There is no job yet")
         return monitor.job is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Copy to the clipboard."""
-        job = monitor.job
-        log = job.log_path.read_text(errors="replace")[-4000:] if job.log_path.is_file() else ""
-        context.window_manager.clipboard = (
-            f"Blender {bpy.app.version_string}\n{job.request_path.read_text()}\n"
-            f"{monitor.model.state}: {monitor.model.error}\n{log}"
-        )
-        self.report({"INFO"}, "Copied")
+        context.window_manager.clipboard = error_report()
+        self.report({"INFO"}, "The report is in the clipboard")
         return {"FINISHED"}
 
 
-classes = (NMF_OT_open_job_folder, NMF_OT_copy_report)
+def error_report() -> str:
+    """Versions, request, outcome and end of the log of the last job, without the person's paths."""
+    job, model = monitor.job, monitor.model
+    record = runtime.runtime_record(preferences.chosen_runtime())
+    request = job.request_path
+    text = "\n".join(
+        [
+            f"Neural Microfacet Fields {__version__}, Blender {bpy.app.version_string}",
+            f"Solver: {record or 'own Python'}",
+            request.read_text(encoding="utf-8", errors="replace") if request.is_file() else "",
+            f"{model.state} at {100 * model.overall:.0f} % ({model.stage or 'start'}): {model.error}",
+            *(f"Warning: {warning}" for warning in model.warnings),
+            log_tail(job, 60),
+        ]
+    )
+    for folder, name in ((job.root, "JOB"), (Path.home(), "~")):
+        text = text.replace(str(folder), name)
+    return text
+
+
+def _open(operator: bpy.types.Operator, path: Path) -> set[str]:
+    if not path.exists():
+        operator.report({"ERROR"}, f"{path}: it is gone")
+        return {"CANCELLED"}
+    bpy.ops.wm.path_open(filepath=str(path))
+    return {"FINISHED"}
+
+
+classes = (NMF_OT_open_job_folder, NMF_OT_open_report, NMF_OT_copy_report)

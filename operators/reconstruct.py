@@ -7,16 +7,16 @@ from pathlib import Path
 import bpy
 
 from ..nmf_addon import preferences
-from ..nmf_addon.jobs.create import create_job, new_job_root
+from ..nmf_addon.jobs.create import create_job, new_job_root, stored_path
 from ..nmf_addon.jobs.monitor import monitor
 from ..nmf_addon.runtime import RuntimeMissing, solver_python
 from ..nmf_addon.scene.capture_collection import active_capture
 from ..solver.capture.errors import CaptureError
-from ..solver.job.folder import JobError, JobFolder
+from ..solver.job.folder import JobError
 
 
 class NMF_OT_reconstruct(bpy.types.Operator):
-    """Find mesh, materials and light from the photos, in the background"""
+    """Find mesh, materials and light from the photos; you can go on working meanwhile"""
 
     bl_idname = "nmf.reconstruct"
     bl_label = "Reconstruct"
@@ -31,7 +31,7 @@ class NMF_OT_reconstruct(bpy.types.Operator):
         """Write the job and start it."""
         settings, collection = context.scene.nmf, active_capture(context)
         try:
-            python = solver_python(preferences.chosen_python())
+            python = solver_python(preferences.chosen_python(), preferences.chosen_runtime())
             job = create_job(
                 collection, new_job_root(collection.name), preset=settings.preset,
                 device=settings.device, seed=settings.seed,
@@ -41,12 +41,12 @@ class NMF_OT_reconstruct(bpy.types.Operator):
         except (CaptureError, JobError, RuntimeMissing, OSError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        settings.job, settings.capture = str(job.root), collection
+        settings.job, settings.capture = stored_path(job.root), collection
         return {"FINISHED"}
 
 
 class NMF_OT_resume(bpy.types.Operator):
-    """Go on with the last job from its checkpoint"""
+    """Go on with the last job from where it stopped"""
 
     bl_idname = "nmf.resume"
     bl_label = "Resume"
@@ -54,22 +54,23 @@ class NMF_OT_resume(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """With a job that does not run."""
-        cls.poll_message_set("There is no job to go on with")
-        return not monitor.running and bool(context.scene.nmf.job)
+        cls.poll_message_set("A job is running" if monitor.running else "There is no job to resume")
+        return not monitor.running and monitor.job is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the job again."""
         try:
-            job = JobFolder.open(Path(bpy.path.abspath(context.scene.nmf.job)))
-            monitor.start(solver_python(preferences.chosen_python()), job)
+            python = solver_python(preferences.chosen_python(), preferences.chosen_runtime())
+            monitor.start(python, monitor.job)
         except (JobError, RuntimeMissing, OSError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+        context.scene.nmf.job = stored_path(Path(monitor.job.root))
         return {"FINISHED"}
 
 
 class NMF_OT_cancel(bpy.types.Operator):
-    """Stop the job; what is done so far is kept to go on from"""
+    """Stop the job; what is done so far is kept, and Resume goes on from there"""
 
     bl_idname = "nmf.cancel"
     bl_label = "Cancel"
@@ -77,7 +78,8 @@ class NMF_OT_cancel(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """With a job running."""
-        return monitor.running
+        cls.poll_message_set("No job is running")
+        return monitor.running and not monitor.model.cancelling
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Ask the job to stop."""

@@ -1,4 +1,4 @@
-"""Watches the running job from a timer: drains its events, redraws the panel, installs the result."""
+"""Watches the running job from a timer: drains events, redraws the panel, installs the result."""
 
 from __future__ import annotations
 
@@ -6,86 +6,138 @@ import logging
 from pathlib import Path
 
 import bpy
+from bpy.app.handlers import persistent
 
 from ...solver.job.folder import JobError, JobFolder
+from .. import thumbnails
 from ..names import BASE_PACKAGE
 from ..runtime import bootstrap_script, clean_environment
-from .model import JobModel
+from .model import JobModel, model_of_folder
 from .process import JobProcess, start_job
 
 INTERVAL = 0.2  # seconds
+SILENCE = 60.0  # seconds without news before the panel says so
 _log = logging.getLogger(BASE_PACKAGE)
 
 
 class Monitor:
-    """The job of this Blender; one at a time."""
+    """The job of this Blender; one at a time.
+
+    Attributes:
+        job: the job that runs or ran last, or that the open file names.
+        model: what is known of it.
+        waits_to_install: its result is complete, but Blender was in Edit Mode or the like.
+        of_this_file: False once another .blend was opened while the job ran: its result is not put
+            into a file it does not belong to.
+    """
 
     def __init__(self) -> None:
         self.process: JobProcess | None = None
         self.model = JobModel(state="new", text="")
         self.job: JobFolder | None = None
+        self.waits_to_install = False
+        self.of_this_file = True
 
     @property
     def running(self) -> bool:
         """True while the solver works."""
         return self.process is not None
 
+    @property
+    def silent_for(self) -> float:
+        """Seconds without news from the solver once that is worth telling, else 0."""
+        quiet = 0.0 if self.process is None else self.process.silent_for
+        return quiet if quiet > SILENCE else 0.0
+
     def start(self, python: Path, job: JobFolder) -> None:
         """Start or resume a job.
 
         Raises:
             JobError: another job is running.
+            OSError: the Python cannot be started.
         """
         if self.running:
             raise JobError(f"{self.job.root}: a job is running; cancel it first.")
         self.process = start_job(python, bootstrap_script(), job, clean_environment())
-        self.job, self.model = job, JobModel()
-        bpy.app.timers.register(_tick, first_interval=INTERVAL, persistent=True)
+        self.job, self.model = job, JobModel(resumable=job.has_checkpoint())
+        self.waits_to_install, self.of_this_file = False, True
+        thumbnails.show(job.preview_dir / "render.png")
+        if not bpy.app.timers.is_registered(_tick):
+            bpy.app.timers.register(_tick, first_interval=INTERVAL, persistent=True)
 
     def cancel(self) -> None:
         """Ask the job to stop."""
         if self.process is not None:
-            self.model.text = "Cancelling…"
             self.process.cancel()
+            self.model.ask_to_cancel()
             redraw_panels()
 
     def tick(self) -> float | None:
         """Take in what happened; the seconds until the next call, or None at the end."""
+        if self.process is not None:
+            self._listen()
+        if self.waits_to_install and self._may_install():
+            self._install()
+        return INTERVAL if self.running or self.waits_to_install else None
+
+    def _listen(self) -> None:
         process = self.process
-        if process is None:
-            return None
-        changed = False
+        changed, preview = self.silent_for > 0, self.model.preview_version
         for event in process.messages():
             changed |= self.model.apply(event)
+        if self.model.preview_version != preview:
+            thumbnails.show(self.job.preview_dir / "render.png")
         process.escalate()
         code = process.exit_code
         if code is not None:
-            self.model.ended(code, process.log_tail())
+            self.model.ended(code, process.said_bye, process.log_tail())
+            self.model.resumable = self.job.has_checkpoint()
             process.close()
             self.process = None
             changed = True
-            if code == 0:
-                self._install()
+            if code == 0 and self.of_this_file:
+                self.waits_to_install = True
+            elif code == 0:
+                self.model.text = "Done; another file was opened meanwhile: use Install Result"
         if changed:
             redraw_panels()
-        return INTERVAL if self.process is not None else None
+
+    def _may_install(self) -> bool:
+        """True in Object Mode with a window; says what it waits for otherwise."""
+        if not bpy.context.window_manager.windows:
+            return bpy.app.background
+        with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
+            ready = bpy.context.mode == "OBJECT"
+        if not ready and "Object Mode" not in self.model.text:
+            self.model.text = "Done; the object comes as soon as you are in Object Mode"
+            redraw_panels()
+        return ready
 
     def _install(self) -> None:
         """Install the result by its operator, so that one Undo takes it back."""
-        window = (
-            bpy.context.window_manager.windows[0] if bpy.context.window_manager.windows else None
-        )
+        self.waits_to_install = False
+        windows = bpy.context.window_manager.windows
         try:
-            if window is None:
-                return
-            with bpy.context.temp_override(window=window):
-                if bpy.context.mode != "OBJECT":
-                    self.model.text = "Done; leave Edit Mode and press Install Result"
-                    return
+            with bpy.context.temp_override(window=windows[0] if windows else None):
                 bpy.ops.nmf.install_result(job=str(self.job.root))
+            self.model.text = "Done"
         except RuntimeError as error:
-            _log.exception("installing the result failed")
-            self.model.state, self.model.error = "failed", str(error)
+            _log.error("installing %s failed: %s", self.job.root, error)
+            self.model.state, self.model.text = "failed", "The result could not be installed"
+            self.model.error = str(error).removeprefix("Error: ").strip()
+        redraw_panels()
+
+    def look_at(self, folder: str) -> None:
+        """Take up the job that a file names, if none runs: done, cancelled, failed or lost."""
+        if self.running:
+            return
+        self.job, self.model = None, JobModel(state="new", text="")
+        self.waits_to_install = False
+        thumbnails.clear()
+        job = JobFolder(bpy.path.abspath(folder)) if folder else None
+        if job is not None and job.request_path.is_file():
+            self.job, self.model = job, model_of_folder(job)
+            thumbnails.show(job.preview_dir / "render.png")
 
     def shut_down(self) -> None:
         """Blender quits or the extension is disabled: hang up on the child."""
@@ -94,13 +146,30 @@ class Monitor:
         if self.process is not None:
             self.process.close()
             self.process = None
+        self.look_at("")
 
 
 monitor = Monitor()
 
 
 def _tick() -> float | None:
-    return monitor.tick()
+    try:
+        return monitor.tick()
+    except Exception:
+        # A timer that raises is dropped in silence, and the panel would say "running" for ever.
+        _log.exception("the job monitor failed")
+        if monitor.process is not None:
+            monitor.process.close()
+        monitor.process, monitor.waits_to_install = None, False
+        monitor.model.state, monitor.model.text = "lost", "Blender lost sight of the job"
+        return None
+
+
+@persistent
+def _on_load(path: str) -> None:
+    """Another file was opened."""
+    monitor.of_this_file = False
+    monitor.look_at(bpy.context.scene.nmf.job)
 
 
 def redraw_panels() -> None:
@@ -108,9 +177,18 @@ def redraw_panels() -> None:
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":
-                area.tag_redraw()
+                for region in area.regions:
+                    if region.type == "UI":
+                        region.tag_redraw()
+
+
+def register() -> None:
+    """Watch for files being opened."""
+    bpy.app.handlers.load_post.append(_on_load)
 
 
 def unregister() -> None:
     """Stop watching."""
+    if _on_load in bpy.app.handlers.load_post:
+        bpy.app.handlers.load_post.remove(_on_load)
     monitor.shut_down()

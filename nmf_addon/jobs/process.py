@@ -12,10 +12,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from ...solver.job.events import Event, parse_event
-from ...solver.job.folder import JobFolder
+from ...solver.job.folder import JobFolder, replace_file
 
 TERMINATE_AFTER, KILL_AFTER = 5.0, 10.0  # seconds after Cancel
+DRAIN_SECONDS = 2.0  # a grandchild may hold the pipe open after the solver's end
 LOG_LINES = 20
+LOG_BYTES = 10 * 2**20  # an older log is set aside beyond this
 
 
 class JobProcess:
@@ -25,28 +27,35 @@ class JobProcess:
 
     Args:
         command: the child's command line. job: the folder it works on. environment: its variables.
+
+    Raises:
+        OSError: the program cannot be started.
     """
 
     def __init__(self, command: list[str], job: JobFolder, environment: dict[str, str]):
         self.job = job
+        self.said_bye = False
         self.cancel_asked_at: float | None = None
+        self._rung = 0
+        self._ended_at: float | None = None
+        self._heard_at = time.monotonic()
         self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
-        self._log = job.log_path.open("ab")
-        extra: dict = {"start_new_session": True}
-        if os.name == "nt":
-            extra = {
-                "creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW
-            }
-        self.popen = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log,
-            cwd=job.root, env=environment, **extra,
-        )  # fmt: skip
+        with _open_log(job.log_path) as log:
+            self.popen = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log,
+                cwd=job.root, env=environment, **own_group(),
+            )  # fmt: skip
+        # The child hears that it has a parent, even one that is gone before it listens.
+        self._tell("hello")
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
     def _read(self) -> None:
         for line in self.popen.stdout:
-            self._events.put(parse_event(line.decode("utf-8", "replace")))
+            event = parse_event(line.decode("utf-8", "replace"))
+            self._heard_at = time.monotonic()
+            self.said_bye |= event.kind == "bye"
+            self._events.put(event)
 
     def messages(self, most: int = 200) -> list[Event]:
         """Events that arrived since the last call, at most `most`."""
@@ -62,71 +71,106 @@ class JobProcess:
     def exit_code(self) -> int | None:
         """The exit code once the process has ended and all its events were handed out."""
         code = self.popen.poll()
-        if code is None or self._reader.is_alive() or not self._events.empty():
+        if code is None:
             return None
-        return code
+        if self._ended_at is None:
+            self._ended_at = time.monotonic()
+        still_reading = self._reader.is_alive()
+        if still_reading and time.monotonic() - self._ended_at < DRAIN_SECONDS:
+            return None
+        return code if self._events.empty() else None
+
+    @property
+    def silent_for(self) -> float:
+        """Seconds since the child was last heard of."""
+        return time.monotonic() - self._heard_at
 
     def cancel(self) -> None:
         """Ask the child to stop; `escalate` sees to it that it does."""
-        if self.cancel_asked_at is None:
-            self.cancel_asked_at = time.monotonic()
-            try:
-                self.popen.stdin.write(b'{"cmd": "cancel"}\n')
-                self.popen.stdin.flush()
-            except OSError:
-                self.escalate()
+        if self.cancel_asked_at is not None:
+            return
+        self.cancel_asked_at = time.monotonic()
+        if not self._tell("cancel"):
+            # It has hung up already: there is nobody to ask.
+            self.cancel_asked_at -= TERMINATE_AFTER
+
+    def _tell(self, word: str) -> bool:
+        try:
+            self.popen.stdin.write(b'{"cmd": "%s"}\n' % word.encode())
+            self.popen.stdin.flush()
+        except (OSError, ValueError):
+            return False
+        return True
 
     def escalate(self) -> None:
         """After Cancel: terminate, then kill a child that does not listen. Call regularly."""
         if self.cancel_asked_at is None or self.popen.poll() is not None:
             return
         waited = time.monotonic() - self.cancel_asked_at
-        if waited > KILL_AFTER:
-            self._signal(getattr(signal, "SIGKILL", signal.SIGTERM))
-        elif waited > TERMINATE_AFTER:
-            self._signal(signal.SIGTERM)
-
-    def _signal(self, number: int) -> None:
-        try:
-            if os.name == "nt":
-                self.popen.kill()
-            else:
-                os.killpg(self.popen.pid, number)
-        except (OSError, ProcessLookupError):
-            return
+        if waited > KILL_AFTER and self._rung < 2:
+            self._rung = 2
+            end_group(self.popen, kill=True)
+        elif waited > TERMINATE_AFTER and self._rung < 1:
+            self._rung = 1
+            end_group(self.popen, kill=False)
 
     def close(self) -> None:
         """Hang up: the child notices that its parent is gone, writes a checkpoint and ends."""
-        for stream in (self.popen.stdin, self._log):
-            try:
-                stream.close()
-            except OSError:
-                continue
-
-    def log_tail(self) -> str:
-        """The last lines of the child's log."""
         try:
-            text = self.job.log_path.read_text(encoding="utf-8", errors="replace")
+            self.popen.stdin.close()
         except OSError:
-            return ""
-        return "\n".join(text.splitlines()[-LOG_LINES:])
+            return
+
+    def log_tail(self, lines: int = LOG_LINES) -> str:
+        """The last lines of the child's log."""
+        return log_tail(self.job, lines)
+
+
+def log_tail(job: JobFolder, lines: int = LOG_LINES) -> str:
+    """The last lines of a job's log; empty if there is none."""
+    try:
+        with job.log_path.open("rb") as file:
+            file.seek(max(file.seek(0, os.SEEK_END) - 65536, 0))
+            text = file.read().decode("utf-8", "replace")
+    except OSError:
+        return ""
+    return "\n".join(text.splitlines()[-lines:])
+
+
+def own_group() -> dict:
+    """Arguments for Popen that give a child a process group of its own, without a console."""
+    if os.name == "nt":
+        flags = subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW
+        return {"creationflags": flags}
+    return {"start_new_session": True}
+
+
+def end_group(process: subprocess.Popen, kill: bool) -> None:
+    """End a child that was started with `own_group`, and its own children."""
+    if process.poll() is not None:
+        return
+    if os.name != "nt":
+        try:
+            os.killpg(process.pid, signal.SIGKILL if kill else signal.SIGTERM)
+        except ProcessLookupError:
+            return
+    elif kill:
+        command = ["taskkill", "/F", "/T", "/PID", str(process.pid)]
+        subprocess.run(command, capture_output=True, check=False)
+    else:
+        process.send_signal(signal.CTRL_BREAK_EVENT)
 
 
 def start_job(
     python: Path, bootstrap: Path, job: JobFolder, environment: dict[str, str]
 ) -> JobProcess:
-    """Start the solver on a job folder (new or to be resumed)."""
-    command = [
-        str(python),
-        "-I",
-        "-u",
-        "-X",
-        "utf8",
-        str(bootstrap),
-        "run",
-        str(job.root),
-        "--events",
-    ]
+    """Start the solver on a job folder (new or to be resumed).
+
+    Raises:
+        OSError: the Python cannot be started.
+    """
+    options = ["-I", "-u", "-X", "utf8"]
+    command = [str(python), *options, str(bootstrap), "run", str(job.root), "--events"]
     return JobProcess(command, job, environment)
 
 
@@ -138,7 +182,7 @@ def run_blocking(process: JobProcess, on_event: Callable[[Event], None], poll: f
     return int(process.popen.returncode)
 
 
-def job_messages(process: JobProcess, poll: float) -> Iterator[Event]:
+def job_messages(process: JobProcess, poll: float = 0.1) -> Iterator[Event]:
     """All events of a process, in order, until it ends."""
     while process.exit_code is None:
         events = process.messages()
@@ -146,3 +190,10 @@ def job_messages(process: JobProcess, poll: float) -> Iterator[Event]:
         if not events:
             process.escalate()
             time.sleep(poll)
+
+
+def _open_log(path: Path):
+    """The log to append to; a long one is set aside first."""
+    if path.is_file() and path.stat().st_size > LOG_BYTES:
+        replace_file(path, path.with_name("log.old.txt"))
+    return path.open("ab")

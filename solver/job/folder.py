@@ -111,10 +111,22 @@ class JobFolder:
 
     @classmethod
     def create(cls, root: Path | str, request: JobRequest) -> JobFolder:
-        """A new job in a new or empty folder.
+        """A new job in a new or empty folder (it may hold the job's `capture`).
 
         Raises:
             JobError: the folder holds something already; nothing in it is touched.
+        """
+        job = cls.check_new(root)
+        job.root.mkdir(parents=True, exist_ok=True)
+        write_json_atomic(job.request_path, dataclasses.asdict(request))
+        return job
+
+    @classmethod
+    def check_new(cls, root: Path | str) -> JobFolder:
+        """A folder that a new job may be created in; nothing is written.
+
+        Raises:
+            JobError: it holds something already.
         """
         job = cls(root)
         if job.root.exists() and not job.root.is_dir():
@@ -129,8 +141,6 @@ class JobFolder:
             raise JobError(
                 f"{job.root}: the folder is not empty and holds no job; give a new folder."
             )
-        job.root.mkdir(parents=True, exist_ok=True)
-        write_json_atomic(job.request_path, dataclasses.asdict(request))
         return job
 
     @classmethod

@@ -8,7 +8,6 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import os
-import socket
 import sys
 import tempfile
 import time
@@ -28,11 +27,13 @@ os.environ["NMF_SOLVER_BOOTSTRAP"] = str(HERE / "fake_solver.py")
 
 bpy = pytest.importorskip("bpy", reason="Blender as a module (bpy) is not installed")
 
+import fake_capture  # noqa: E402
 import fake_result  # noqa: E402
 
 
-def load_package():
-    """The extension as package `neural_microfacet_fields`, as `samples/reconstruct.py` loads it."""
+@pytest.fixture(scope="session")
+def package():
+    """The extension as package `neural_microfacet_fields`, not registered."""
     if PACKAGE not in sys.modules:
         spec = importlib.util.spec_from_file_location(
             PACKAGE, ROOT / "__init__.py", submodule_search_locations=[str(ROOT)]
@@ -43,25 +44,18 @@ def load_package():
 
 
 @pytest.fixture(scope="session")
-def package():
-    """The extension's package, not registered."""
-    return load_package()
-
-
-@pytest.fixture(scope="session")
 def part(package):
-    """Import a module of the extension by its name within the package."""
-    return lambda name: importlib.import_module(f"{PACKAGE}.{name}")
+    """Import a module of `nmf_addon` by its name; nothing is registered."""
+    return lambda name: importlib.import_module(f"{PACKAGE}.nmf_addon.{name}")
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def extension(package, part):
-    """The extension, registered, in an empty file."""
+    """The extension, registered, in an empty file; called with a name, a module of `nmf_addon`."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     package.register()
-    yield package
-    monitor = part("nmf_addon.jobs.monitor").monitor
-    process = monitor.process
+    yield part
+    process = part("jobs.monitor").monitor.process
     package.unregister()
     if process is not None and process.popen.poll() is None:
         process.popen.kill()
@@ -70,28 +64,49 @@ def extension(package, part):
 
 
 @pytest.fixture
-def monitor(extension, part):
+def unregistered(extension, package):
+    """The extension's package before it is registered."""
+    package.unregister()
+    return package
+
+
+@pytest.fixture
+def monitor(extension):
     """The job monitor."""
-    return part("nmf_addon.jobs.monitor").monitor
+    return extension("jobs.monitor").monitor
+
+
+@pytest.fixture
+def duck():
+    """The sample capture."""
+    return ROOT / "samples" / "duck"
+
+
+@pytest.fixture
+def result_job(tmp_path):
+    """A finished job: a cube."""
+    fake_result.write_result(tmp_path / "jöb 1")
+    return tmp_path / "jöb 1"
 
 
 @pytest.fixture
 def capture(extension, tmp_path):
     """A capture of three photos, imported; a file saved beside it, so jobs go to a known place."""
-    path = fake_result.write_capture(tmp_path / "phötos of it")
+    path = fake_capture.write_capture(tmp_path / "phötos of it")
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     assert bpy.ops.nmf.import_capture(filepath=str(path)) == {"FINISHED"}
     return bpy.context.scene.nmf.capture
 
 
 @pytest.fixture
-def mode(monkeypatch):
-    """Choose how the stand-in behaves."""
+def fake_solver(monkeypatch):
+    """Choose how the stand-in for the solver behaves."""
 
-    def choose(name: str, pause: float = 0.01):
-        monkeypatch.setenv("NMF_FAKE_MODE", name)
+    def choose(mode: str, pause: float = 0.01):
+        monkeypatch.setenv("NMF_FAKE_MODE", mode)
         monkeypatch.setenv("NMF_FAKE_PAUSE", str(pause))
 
+    choose("normal")
     return choose
 
 
@@ -109,13 +124,3 @@ def tick(monitor):
         pytest.fail(f"not within {seconds} s; the job is {monitor.model}")
 
     return run
-
-
-@pytest.fixture(autouse=True)
-def no_network(monkeypatch):
-    """No test reaches out."""
-
-    def refuse(self, address):
-        raise AssertionError(f"a test tried to connect to {address}")
-
-    monkeypatch.setattr(socket.socket, "connect", refuse)

@@ -1,66 +1,182 @@
-"""Stands in for the solver in tests: speaks its protocol, needs neither torch nor numpy.
+"""Stands in for `solver/bootstrap.py` in tests: speaks its protocol, needs no torch.
 
-NMF_FAKE_MODE: normal, fail, die, hang, garbage, slow.
+    python fake_solver.py run JOB --events        (how it behaves: NMF_FAKE_MODE)
+
+normal   every stage, a preview, a complete result
+slow     the same, but its fit takes 20 s; resumed, it finishes
+fail     bad input: an error event and exit code 2
+oom      out of memory: an error event and exit code 4
+raise    a traceback in the log and exit code 1
+die      a crash in the middle of the fit, exit code 139, last words in the log
+killed   ended by SIGKILL half way, with a checkpoint
+hang     never listens, neither to cancel nor to SIGTERM
+silent   runs without a word until it is cancelled
+garbage  everything a stream can hold, then a result
+flood    twenty thousand events, then a result
+holds    leaves a grandchild that holds stdout open, then a result
 """
 
-import json
+from __future__ import annotations
+
 import os
+import signal
+import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT), str(Path(__file__).resolve().parent)]
 
-from fake_result import write_png, write_result  # noqa: E402
+import fake_capture  # noqa: E402
+import fake_result  # noqa: E402
 
-MODE = os.environ.get("NMF_FAKE_MODE", "normal")
-cancelled = threading.Event()
+from solver.job.control import Control  # noqa: E402
+from solver.job.events import EventStream, take_stdout_for_events  # noqa: E402
+from solver.job.folder import JobFolder, write_json_atomic  # noqa: E402
+from solver.job.status import Heartbeat  # noqa: E402
 
-
-def emit(kind, **data):
-    print(json.dumps({"v": 1, "t": time.time(), "ev": kind, **data}), flush=True)
-
-
-def listen():
-    for line in sys.stdin:
-        if "cancel" in line and MODE != "hang":
-            cancelled.set()
-    os._exit(3)
+STAGES = ("photos", "compile", "geometry", "fit", "asset", "report")
+STEPS = 4
+SLOW = 20.0  # seconds
 
 
-def main():
-    command, root, flag = sys.argv[1], Path(sys.argv[2]), sys.argv[3]
-    assert (command, flag) == ("run", "--events")
-    threading.Thread(target=listen, daemon=True).start()
-    emit("hello", version="fake")
-    for name in ("photos", "fit"):
-        emit("stage", name=name)
-        for step in range(1, 6):
-            if MODE == "garbage":
-                print("a library says hello", flush=True)
-            if MODE == "die" and name == "fit":
-                print("Segmentation fault (not really)", file=sys.stderr, flush=True)
-                os._exit(139)
-            time.sleep(0.3 if MODE in ("slow", "hang") else 0.01)
-            emit("progress", stage=name, text=name, fraction=step / 5, overall=step / 10, seconds_left=5 - step)
-            if cancelled.is_set():
-                emit("bye", exit_code=3)
+class StandIn:
+    """A job and those who listen to it."""
+
+    def __init__(self, job: JobFolder, mode: str, pause: float):
+        self.job, self.mode, self.pause = job, mode, pause
+        self.stream = take_stdout_for_events()
+        self.control = Control(job.cancel_path)
+        self.out = EventStream(job.events_path, self.stream)
+        self.heartbeat = Heartbeat(job.status_path)
+
+    def run(self) -> int:
+        """Say hello, do as the mode says, say goodbye; returns the exit code."""
+        if self.mode != "hang":
+            self.control.start()
+        self.out.emit("hello", version="fake")
+        self.heartbeat.update("preparing")
+        print("a library's banner on stdout", flush=True)
+        code = getattr(self, self.mode, self.normal)()
+        self.heartbeat.update({0: "done", 3: "cancelled"}.get(code, "failed"))
+        self.out.emit("bye", exit_code=code)
+        return code
+
+    def normal(self) -> int:
+        """All stages to a result."""
+        for index, name in enumerate(STAGES):
+            self.out.emit("stage", name=name, index=index, count=len(STAGES))
+            seconds = SLOW if name == "fit" and self.mode == "slow" and not self.resumed else 0.0
+            if not self.stage(name, index, seconds):
+                write_json_atomic(self.job.checkpoint_dir / "state.json", {"step": STEPS})
+                self.out.emit("checkpoint", step=STEPS)
                 return 3
-            while MODE == "hang" and step == 2:
-                time.sleep(1)
-        if name == "fit":
-            (root / "preview").mkdir(exist_ok=True)
-            write_png(root / "preview" / "render.png", (200, 90, 40), 32)
-            emit("preview", file="preview/render.png")
-    if MODE == "fail":
-        emit("error", code=2, message="photo.png: it is upside down; turn it.")
-        emit("bye", exit_code=2)
+        fake_result.write_result(self.job.root)
+        self.out.emit("result", file="result/manifest.json")
+        return 0
+
+    def stage(self, name: str, index: int, seconds: float) -> bool:
+        """One stage; False if it was cancelled."""
+        begun, step = time.monotonic(), 0
+        while step < STEPS or time.monotonic() - begun < seconds:
+            step += 1
+            done = (time.monotonic() - begun) / seconds if seconds else step / STEPS
+            self.out.emit(
+                "progress", stage=name, text=name, step=step, steps=STEPS, fraction=done,
+                overall=(index + done) / len(STAGES), seconds_left=65.0,
+            )  # fmt: skip
+            if name == "fit":
+                self.heartbeat.update("running", step, STEPS, 65.0)
+                self.out.emit("metric", name="psnr", value=20.0 + min(step, 9), step=step)
+                if step == STEPS:
+                    fake_capture.write_preview(self.job.preview_dir / "render.png", 0.7)
+                    self.out.emit("preview", file="preview/render.png")
+                if self.mode == "die":
+                    print("Segmentation fault (not really)", file=sys.stderr, flush=True)
+                    os._exit(139)
+            time.sleep(self.pause)
+            if self.control.should_stop:
+                return False
+        return True
+
+    slow = die = normal
+
+    @property
+    def resumed(self) -> bool:
+        """True if there was a checkpoint."""
+        return self.job.has_checkpoint()
+
+    def fail(self) -> int:
+        """Bad input."""
+        self.out.emit("error", code=2, message="photo.png: it is upside down; turn it.")
         return 2
-    write_result(root)
-    emit("result", file="result/manifest.json")
-    emit("bye", exit_code=0)
-    return 0
+
+    def oom(self) -> int:
+        """Out of memory."""
+        self.out.emit("error", code=4, message="Out of memory: choose the draft preset.")
+        return 4
+
+    def killed(self) -> int:
+        """Ended from outside, half way."""
+        write_json_atomic(self.job.checkpoint_dir / "state.json", {"step": 1})
+        self.out.emit("checkpoint", step=1)
+        self.heartbeat.update("running", 1, STEPS)
+        os.kill(os.getpid(), signal.SIGKILL)
+        return 1
+
+    def hang(self) -> int:
+        """Hears nothing."""
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        self.out.emit("stage", name="fit", index=3, count=6)
+        time.sleep(60)
+        return 1
+
+    def silent(self) -> int:
+        """Says nothing."""
+        while not self.control.should_stop:
+            time.sleep(0.02)
+        return 3
+
+    def garbage(self) -> int:
+        """Whatever may come through a pipe."""
+        for line in (
+            b"\n", b"\xff\xfe\x00\n", b"{\n", b"[]\n", b'{"ev": 3}\n', b"x" * 100_000 + b"\n",
+            b'{"v":1,"t":0,"ev":"progress","overall":"much","seconds_left":[]}\n',
+            b'{"v":1,"t":0,"ev":"progress","overall":NaN}\n',
+            b'{"v":1,"t":0,"ev":"metric","name":"psnr","value":null}\n',
+            b'{"v":9,"t":0,"ev":"unheard-of"}\n', b'{"v":1,"t":0,"ev":"stage"}\n',
+        ):  # fmt: skip
+            self.stream.buffer.write(line)
+            self.stream.buffer.flush()
+        return self.normal()
+
+    def flood(self) -> int:
+        """More than a timer can take at once."""
+        for step in range(20_000):
+            self.out.emit("progress", stage="fit", step=step, overall=0.5, seconds_left=1.0)
+        return self.normal()
+
+    def holds(self) -> int:
+        """A worker of a library outlives the solver and holds its stdout."""
+        program = "import time; time.sleep(8)"
+        subprocess.Popen([sys.executable, "-c", program], stdout=self.stream.fileno())
+        return self.normal()
 
 
-sys.exit(main())
+# A word of the language cannot name a method.
+setattr(StandIn, "raise", lambda self: 1 // 0)
+
+
+def main() -> int:
+    """Run; returns the exit code."""
+    if sys.argv[1] == "doctor":
+        print("Neural Microfacet Fields (stand-in)\nCUDA not available: the CPU is used")
+        return 0
+    job = JobFolder.open(sys.argv[2])
+    mode = os.environ.get("NMF_FAKE_MODE", "normal")
+    return StandIn(job, mode, float(os.environ.get("NMF_FAKE_PAUSE", "0.01"))).run()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -71,7 +71,7 @@ def start(extension, duck, tmp_path):
 def test_reconstruct_runs_to_an_installed_asset(extension, duck, tmp_path, fake_solver, mode):
     fake_solver(mode)
     monitor = start(extension, duck, tmp_path)
-    job = Path(bpy.context.scene.nmf.job)
+    job = Path(bpy.path.abspath(bpy.context.scene.nmf.job))
     assert job.parent == tmp_path / "nmf_jobs"
     run_monitor(extension)
     assert monitor.model.state == "done" and monitor.model.overall == 1
@@ -189,13 +189,13 @@ def test_set_up_builds_a_private_environment(tmp_path):
     assert "progress 1.000 Done" in result.stdout
     python = next((tmp_path / "runtime" / "environment").glob("bin/python"))
     assert subprocess.run([python, "-c", "import pip"]).returncode == 0
-    assert (tmp_path / "runtime" / "runtime.json").is_file()
+    assert (tmp_path / "runtime" / "environment" / "runtime.json").is_file()
 
 
 def test_a_failed_set_up_leaves_the_old_runtime(tmp_path):
     runtime = tmp_path / "runtime"
     (runtime / "environment").mkdir(parents=True)
-    (runtime / "runtime.json").write_text("{}")
+    (runtime / "environment" / "runtime.json").write_text("{}")
     (tmp_path / "requirements.txt").write_text("no-such-package-of-ours==1\n")
     command = [sys.executable, "-I", str(ROOT / "nmf_addon" / "setup_runtime.py"), str(runtime)]
     result = subprocess.run(
@@ -203,21 +203,5 @@ def test_a_failed_set_up_leaves_the_old_runtime(tmp_path):
         capture_output=True, text=True,
     )  # fmt: skip
     assert result.returncode != 0
-    assert (runtime / "environment").is_dir() and (runtime / "runtime.json").is_file()
-
-
-def test_the_extension_validates_and_builds(tmp_path):
-    """By Blender's own tool, without Blender."""
-    tool = next(Path(bpy.__file__).parent.glob("*/scripts/addons_core/bl_pkg/cli/blender_ext.py"))
-    run = [sys.executable, str(tool)]
-    assert subprocess.run([*run, "validate", str(ROOT)]).returncode == 0
-    build = [*run, "build", "--source-dir", str(ROOT), "--output-dir", str(tmp_path)]
-    assert subprocess.run(build).returncode == 0
-    import zipfile
-
-    names = zipfile.ZipFile(next(tmp_path.glob("*.zip"))).namelist()
-    assert "solver/cli.py" in names and "operators/reconstruct.py" in names
-    assert "solver/requirements.txt" in names
-    outside = ("tests/", "docs/", "samples/duck", ".git", ".venv", "demo", "requirements/")
-    assert not [name for name in names if name.startswith(outside)]
-    assert sum(zipfile.ZipFile(next(tmp_path.glob("*.zip"))).getinfo(n).file_size for n in names) < 2e6
+    assert (runtime / "environment" / "runtime.json").is_file()
+    assert not (runtime / "building").exists()

@@ -27,8 +27,6 @@ def traces() -> dict[str, list]:
         for function in getattr(bpy.types.TOPBAR_MT_file_import.draw, "_draw_funcs", [])
         if "microfacet" in function.__module__
     ]
-    from bpy.utils import previews
-
     return {
         "types": types,
         "operators": [n for n in dir(bpy.ops.nmf)] if hasattr(bpy.ops, "nmf") else [],
@@ -40,7 +38,6 @@ def traces() -> dict[str, list]:
         ],
         "handlers": handlers,
         "menu": menu,
-        "previews": list(previews._known_previews if hasattr(previews, "_known_previews") else []),
         "subclasses": sorted(
             cls.__name__
             for kind in (bpy.types.Operator, bpy.types.Panel, bpy.types.PropertyGroup)
@@ -64,9 +61,8 @@ def test_the_root_package_imports_without_blender():
     assert answer.stdout.split() == ["True", "True"]
 
 
-def test_register_unregister_register_leaves_nothing_behind(package):
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    before = traces()
+def test_register_unregister_register_leaves_nothing_behind(unregistered):
+    package, before = unregistered, traces()
     assert before["types"] == [] and before["operators"] == [], "nothing of ours at the start"
     package.register()
     first = traces()
@@ -79,40 +75,43 @@ def test_register_unregister_register_leaves_nothing_behind(package):
     assert traces() == before
 
 
-def test_the_command_line_command_comes_and_goes(package, part, monkeypatch):
+def test_the_command_line_command_comes_and_goes(unregistered, monkeypatch):
     known = []
-    monkeypatch.setattr(bpy.utils, "register_cli_command", lambda name, run: known.append(name) or name)
-    monkeypatch.setattr(bpy.utils, "unregister_cli_command", known.remove)
-    package.register()
-    assert known == ["nmf"]
-    package.unregister()
-    assert known == []
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            bpy.utils, "register_cli_command", lambda name, run: known.append(name) or name
+        )
+        patch.setattr(bpy.utils, "unregister_cli_command", known.remove)
+        unregistered.register()
+        assert known == ["nmf"]
+        unregistered.unregister()
+        assert known == []
 
 
-def test_timers_end_with_the_extension(extension, capture, mode, monitor, part):
-    mode("slow")
-    module = part("nmf_addon.jobs.monitor")
+def test_timers_end_with_the_extension(package, part, capture, fake_solver, monitor):
+    fake_solver("slow")
+    module = part("jobs.monitor")
     bpy.ops.nmf.reconstruct()
     process = monitor.process
     assert bpy.app.timers.is_registered(module._tick)
-    extension.unregister()
+    package.unregister()
     assert not bpy.app.timers.is_registered(module._tick)
     assert process.popen.wait(5) == 3, "the child notices that its parent hung up"
     assert process.job.has_checkpoint()
-    extension.register()
+    package.register()
 
 
-def test_a_registration_that_fails_half_way_is_taken_back(package, part, monkeypatch):
-    before = traces()
+def test_a_registration_that_fails_half_way_is_taken_back(unregistered, part, monkeypatch):
+    package, before = unregistered, traces()
 
     def fail():
         raise RuntimeError("no previews today")
 
-    monkeypatch.setattr(part("nmf_addon.thumbnails"), "register", fail)
-    with pytest.raises(RuntimeError, match="no previews"):
-        package.register()
+    with monkeypatch.context() as patch:
+        patch.setattr(part("thumbnails"), "register", fail)
+        with pytest.raises(RuntimeError, match="no previews"):
+            package.register()
     assert traces() == before
-    monkeypatch.undo()
     package.register()
     package.unregister()
 

@@ -1,0 +1,8 @@
+"""What differs between the versions of Blender."""
+
+from __future__ import annotations
+
+import bpy
+
+# From 4.5 on a path property says that it may be relative to the .blend ("//…").
+PATH_OPTIONS = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5, 0) else set()
