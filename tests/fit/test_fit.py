@@ -88,7 +88,7 @@ def test_masks_without_common_ground_are_an_error():
 
 def test_a_fit_learns_the_colour_of_a_ball():
     trainer, losses, *_ = trained(60)
-    assert np.mean(losses[-5:]) < 0.25 * losses[0]
+    assert np.mean(losses[-5:]) < 0.4 * losses[0]
 
 
 def test_a_fit_is_the_same_for_the_same_seed():
