@@ -18,6 +18,7 @@ from .job.control import Control
 from .job.events import EventStream, take_stdout_for_events
 from .job.folder import JobError, JobFolder, JobRequest
 from .job.status import Heartbeat, process_is_alive, read_status
+from .threads import let_idle_threads_sleep
 
 DONE, FAILED, BAD_INPUT, CANCELLED, OUT_OF_MEMORY = 0, 1, 2, 3, 4
 KNOWN_FAILURES = (EmptySurfaceError,)
@@ -27,6 +28,7 @@ _DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPE
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; returns the exit code."""
     options = _parser().parse_args(arguments)
+    let_idle_threads_sleep()
     try:
         return options.run(options)
     except Exception as error:

