@@ -1,5 +1,30 @@
-"""For all tests: threads wait as in the solver's own process."""
+"""For all tests: the same examples every time, no network, threads that wait as the solver's do."""
+
+import socket
+
+import pytest
+from hypothesis import settings
 
 from solver.threads import let_idle_threads_sleep
 
 let_idle_threads_sleep()
+
+settings.register_profile("project", deadline=None, derandomize=True)
+settings.load_profile("project")
+
+_connect = socket.socket.connect
+
+
+def _connect_here(self, address):
+    if self.family != getattr(socket, "AF_UNIX", None) and address[0] not in (
+        "127.0.0.1",
+        "::1",
+        "localhost",
+    ):
+        raise OSError(f"A test tried to reach {address}; tests do not use the network.")
+    return _connect(self, address)
+
+
+@pytest.fixture(autouse=True)
+def no_network(monkeypatch):
+    monkeypatch.setattr(socket.socket, "connect", _connect_here)

@@ -5,9 +5,8 @@ import sys
 import time
 from pathlib import Path
 
-import pytest
-
 import bpy
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -23,7 +22,9 @@ def test_unregistering_leaves_nothing_and_registering_works_again(extension):
     assert not hasattr(bpy.types.Scene, "nmf")
     entries = getattr(bpy.types.TOPBAR_MT_file_import.draw, "_draw_funcs", [])
     assert not [f for f in entries if "neural_microfacet" in f.__module__ or "nmf" in f.__name__]
-    assert not [m for m in ("_tick",) if bpy.app.timers.is_registered(extension("jobs.monitor")._tick)]
+    assert not [
+        m for m in ("_tick",) if bpy.app.timers.is_registered(extension("jobs.monitor")._tick)
+    ]
     registration.register()
     assert hasattr(bpy.types, "NMF_OT_reconstruct") and hasattr(bpy.types.Scene, "nmf")
 
@@ -36,7 +37,9 @@ def test_every_operator_and_property_explains_itself(extension):
             assert text and not text.endswith("."), cls
     for prop in bpy.types.Scene.bl_rna.properties["nmf"].fixed_type.properties:
         if prop.identifier not in ("rna_type", "name"):
-            assert prop.name and prop.description and not prop.description.endswith("."), prop.identifier
+            assert prop.name and prop.description and not prop.description.endswith("."), (
+                prop.identifier
+            )
 
 
 def test_the_import_operator_does_what_its_function_does(duck):
@@ -163,7 +166,9 @@ def test_headless_refuses_to_overwrite(extension, duck, tmp_path, fake_solver, c
 
 
 @pytest.mark.parametrize("mode, code", [("fail", 2), ("die", 139)])
-def test_headless_passes_on_the_solvers_exit_code(extension, duck, tmp_path, fake_solver, mode, code):
+def test_headless_passes_on_the_solvers_exit_code(
+    extension, duck, tmp_path, fake_solver, mode, code
+):
     fake_solver(mode)
     assert extension("headless").main(["reconstruct", str(duck), str(tmp_path / "x.blend")]) == code
 
@@ -180,7 +185,12 @@ def test_the_script_runs_in_plain_python(duck, tmp_path, fake_solver):
 def test_set_up_builds_a_private_environment(tmp_path):
     """The build itself, with no packages wanted, so without a network."""
     (tmp_path / "requirements.txt").write_text("# nothing\n")
-    command = [sys.executable, "-I", str(ROOT / "nmf_addon" / "setup_runtime.py"), str(tmp_path / "runtime")]
+    command = [
+        sys.executable,
+        "-I",
+        str(ROOT / "nmf_addon" / "setup_runtime.py"),
+        str(tmp_path / "runtime"),
+    ]
     for _ in range(2):  # the second replaces the first
         result = subprocess.run(
             [*command, str(tmp_path / "requirements.txt")], capture_output=True, text=True

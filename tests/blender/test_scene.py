@@ -1,11 +1,9 @@
 """Captures, installation, material and World in Blender."""
 
+import bpy
 import numpy as np
 import pytest
 from mathutils import Euler, Matrix, Vector
-
-import bpy
-
 
 
 def test_an_imported_capture_is_written_back_as_it_was(extension, duck, tmp_path):
@@ -13,7 +11,9 @@ def test_an_imported_capture_is_written_back_as_it_was(extension, duck, tmp_path
     collection = scene.import_capture(bpy.context, duck)
     root = scene.root_of(collection)
     # The person turns, moves and scales the capture: capture space must not notice.
-    root.matrix_world = Matrix.LocRotScale(Vector((1, 2, 3)), Euler((0.3, -0.2, 1.0)), Vector((2, 2, 2)))
+    root.matrix_world = Matrix.LocRotScale(
+        Vector((1, 2, 3)), Euler((0.3, -0.2, 1.0)), Vector((2, 2, 2))
+    )
     bpy.context.view_layer.update()
     path = scene.write_capture(collection, tmp_path / "job ü")
     from neural_microfacet_fields.solver.capture.read import read_capture
@@ -25,7 +25,9 @@ def test_an_imported_capture_is_written_back_as_it_was(extension, duck, tmp_path
         other = after[name]
         np.testing.assert_allclose(other.camera_to_world, camera.camera_to_world, atol=5e-6)
         np.testing.assert_allclose(
-            [other.fx, other.fy, other.cx, other.cy], [camera.fx, camera.fy, camera.cx, camera.cy], rtol=1e-6
+            [other.fx, other.fy, other.cx, other.cy],
+            [camera.fx, camera.fy, camera.cx, camera.cy],
+            rtol=1e-6,
         )
         assert other.image_path.samefile(camera.image_path)
 
@@ -40,12 +42,23 @@ def test_principal_point_pixel_aspect_and_lens_survive(extension, tmp_path, size
     image.save()
     photo = bpy.data.images.load(str(tmp_path / "photo.png"))
     camera = Camera(
-        "c", tmp_path / "photo.png", np.eye(4), *size, 70.0, 63.0, 30.0, 26.0, "opencv", (0.1, 0.02, 0.0, 0.0, 0.0)
+        "c",
+        tmp_path / "photo.png",
+        np.eye(4),
+        *size,
+        70.0,
+        63.0,
+        30.0,
+        26.0,
+        "opencv",
+        (0.1, 0.02, 0.0, 0.0, 0.0),
     )
     item = cameras.add_camera(camera, photo)
     bpy.context.scene.collection.objects.link(item)
     other = cameras.to_solver(item, Matrix.Identity(4))
-    np.testing.assert_allclose((other.fx, other.fy, other.cx, other.cy), (70, 63, 30, 26), rtol=1e-5)
+    np.testing.assert_allclose(
+        (other.fx, other.fy, other.cx, other.cy), (70, 63, 30, 26), rtol=1e-5
+    )
     assert other.lens == "opencv"
     np.testing.assert_allclose(other.distortion, camera.distortion, atol=1e-7)
 
@@ -132,8 +145,15 @@ def test_the_material_has_an_exact_output_for_cycles_and_a_portable_one(extensio
     group = exact.inputs["Surface"].links[0].from_node.node_tree
     metallic = next(n for n in group.nodes if n.type == "BSDF_METALLIC")
     assert (metallic.distribution, metallic.fresnel_type) == ("GGX", "F82")
-    spaces = {n.label: n.image.colorspace_settings.name for n in tree.nodes if n.type == "TEX_IMAGE"}
-    assert spaces == {"albedo": "sRGB", "f0": "sRGB", "roughness": "Non-Color", "normal": "Non-Color"}
+    spaces = {
+        n.label: n.image.colorspace_settings.name for n in tree.nodes if n.type == "TEX_IMAGE"
+    }
+    assert spaces == {
+        "albedo": "sRGB",
+        "f0": "sRGB",
+        "roughness": "Non-Color",
+        "normal": "Non-Color",
+    }
 
 
 def render_pixels(path, size=32, samples=64):
@@ -169,7 +189,9 @@ def test_cycles_shows_the_solvers_surface_model_in_a_white_furnace(extension, re
     z = (np.arange(4000) + 0.5) / 4000  # half vectors by cosine, view along the normal
     light_z = 2 * z * z - 1
     distribution = alpha**2 / (np.pi * (z * z * (alpha**2 - 1) + 1) ** 2)
-    smith = np.where(light_z > 0, 0.5 * (np.sqrt(1 + alpha**2 * (1 / np.maximum(light_z, 1e-6) ** 2 - 1)) - 1), 0)
+    smith = np.where(
+        light_z > 0, 0.5 * (np.sqrt(1 + alpha**2 * (1 / np.maximum(light_z, 1e-6) ** 2 - 1)) - 1), 0
+    )
     fresnel = f0 + (1 - f0) * (1 - z) ** 5
     # ∫ F D G2/(4 n·v) dl with dl = 4 (v·h) dh
     integrand = np.where(light_z > 0, fresnel * distribution / (1 + smith) * z, 0)

@@ -30,7 +30,8 @@ def test_smoothed_gradient_is_that_of_the_gaussian_filtered_3d_grid():
     for axis in range(3):
         grid = scipy.ndimage.correlate1d(grid, SMOOTHING, axis=axis, mode="nearest")
     expected = np.stack(
-        [scipy.ndimage.correlate1d(grid, [-0.5, 0, 0.5], axis=a, mode="nearest") for a in range(3)], -1
+        [scipy.ndimage.correlate1d(grid, [-0.5, 0, 0.5], axis=a, mode="nearest") for a in range(3)],
+        -1,
     )
     nodes = np.stack(np.meshgrid(*[np.arange(SIZE)] * 3, indexing="ij"), -1).reshape(-1, 3)
     result = vm_gradient(torch.from_numpy(nodes).float(), *smoothed_factors(planes, lines))
@@ -48,7 +49,9 @@ def field_of_slope(direction, half_size=1.0):
     with torch.no_grad():
         field.density_planes.zero_()
         field.density_lines.fill_(1)
-        field.density_planes[0, :, :, 0] -= direction[0] * ramp[:, None] + direction[1] * ramp[None, :]
+        field.density_planes[0, :, :, 0] -= (
+            direction[0] * ramp[:, None] + direction[1] * ramp[None, :]
+        )
         field.density_planes[1, :, :, 0] -= direction[2] * ramp[None, :]
     return field
 
@@ -58,7 +61,9 @@ def test_normals_point_from_dense_to_empty(direction):
     field = field_of_slope(direction)
     points = 0.3 + 0.4 * torch.rand(20, 3)
     normals = field.normals(points, field.normal_factors())
-    torch.testing.assert_close(normals, torch.tensor(direction).float().expand(20, 3), atol=1e-4, rtol=0)
+    torch.testing.assert_close(
+        normals, torch.tensor(direction).float().expand(20, 3), atol=1e-4, rtol=0
+    )
 
 
 def test_upsampling_keeps_the_field_at_its_nodes():

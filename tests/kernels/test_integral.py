@@ -79,7 +79,9 @@ def test_kernel_agrees_with_its_twin_in_values_and_gradients():
 def test_twin_gradient_by_position_agrees_with_finite_differences():
     environment = random_map()
     tables = environment.tables()
-    centre = torch.tensor([[10.3, 7.7], [0.3, 4.4], [5.2, 0.9]], dtype=torch.float64, requires_grad=True)
+    centre = torch.tensor(
+        [[10.3, 7.7], [0.3, 4.4], [5.2, 0.9]], dtype=torch.float64, requires_grad=True
+    )
     size = torch.tensor([[3.1, 2.2], [4.3, 1.7], [6.1, 3.3]], dtype=torch.float64)
     from solver.kernels import integral_torch
 

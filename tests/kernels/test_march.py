@@ -46,7 +46,16 @@ def test_samples_lie_in_occupied_cells_of_the_box():
     occupied = torch.rand(5, 5, 5) > 0.5
     planes, lines = homogeneous(-5.0)
     result = march(
-        origins, directions, torch.zeros(200), torch.rand(200), 0.01, occupied, planes, lines, -4.0, 1.0
+        origins,
+        directions,
+        torch.zeros(200),
+        torch.rand(200),
+        0.01,
+        occupied,
+        planes,
+        lines,
+        -4.0,
+        1.0,
     )
     assert len(result.ray) > 100
     points = origins[result.ray] + result.distance[:, None] * directions[result.ray]

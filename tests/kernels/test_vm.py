@@ -56,7 +56,5 @@ def test_kernels_give_the_same_bits_twice():
     torch.manual_seed(3)
     points = torch.rand(3000, 3) * 9
     arguments = factors("vm_sum", 10, 16)
-    runs = [
-        torch.autograd.grad(vm.vm_sum(points, *arguments).sum(), arguments) for _ in range(2)
-    ]
+    runs = [torch.autograd.grad(vm.vm_sum(points, *arguments).sum(), arguments) for _ in range(2)]
     assert all(torch.equal(a, b) for a, b in zip(*runs, strict=True))

@@ -7,7 +7,12 @@ import pytest
 import scipy.special
 import torch
 
-from solver.light.environment import EnvironmentMap, equirect_coordinates, equirect_directions, irradiance
+from solver.light.environment import (
+    EnvironmentMap,
+    equirect_coordinates,
+    equirect_directions,
+    irradiance,
+)
 from solver.light.spherical_harmonics import sh_basis
 
 
@@ -26,8 +31,10 @@ def test_spherical_harmonics_agree_with_scipy():
         for m in range(-degree, degree + 1):
             complex_value = scipy.special.sph_harm_y(degree, abs(m), theta, phi)
             sign = (-1) ** m  # undoes the Condon–Shortley phase
-            expected = complex_value.real if m == 0 else math.sqrt(2) * sign * (
-                complex_value.real if m > 0 else complex_value.imag
+            expected = (
+                complex_value.real
+                if m == 0
+                else math.sqrt(2) * sign * (complex_value.real if m > 0 else complex_value.imag)
             )
             np.testing.assert_allclose(values[:, index], expected, atol=1e-10)
             index += 1
@@ -42,7 +49,12 @@ def test_directions_and_texels_are_inverse():
 
 @pytest.mark.parametrize(
     "direction, u, v",
-    [((1, 0, 0), 0.5, 0.5), ((0, 1, 0), 0.25, 0.5), ((0, -1, 0), 0.75, 0.5), ((0, 0, 1), None, 0.0)],
+    [
+        ((1, 0, 0), 0.5, 0.5),
+        ((0, 1, 0), 0.25, 0.5),
+        ((0, -1, 0), 0.75, 0.5),
+        ((0, 0, 1), None, 0.0),
+    ],
 )
 def test_the_map_follows_blenders_convention(direction, u, v):
     column, row = equirect_coordinates(torch.tensor([direction], dtype=torch.float32), 100, 200)[0]
@@ -55,7 +67,9 @@ def test_irradiance_of_constant_light_is_pi_times_radiance():
     environment = EnvironmentMap(32, initial=0.7)
     normals = unit(50).float()
     expected = torch.full((50, 3), math.pi * 0.7)
-    torch.testing.assert_close(irradiance(environment.tables(), normals), expected, rtol=1e-3, atol=0)
+    torch.testing.assert_close(
+        irradiance(environment.tables(), normals), expected, rtol=1e-3, atol=0
+    )
 
 
 def test_irradiance_of_smooth_light_agrees_with_quadrature():

@@ -1,0 +1,88 @@
+"""Runs inside a real Blender's window (`real-blender.sh gui`): the panel, used with the mouse.
+
+Writes screenshots and `report.json` to the folder NMF_GUI_OUT.
+"""
+
+import json
+import os
+import sys
+from pathlib import Path
+
+import bpy
+
+OUT = Path(os.environ["NMF_GUI_OUT"])
+CAPTURE = os.environ["NMF_GUI_CAPTURE"]
+MODULE = "bl_ext.user_default.neural_microfacet_fields"
+report = {}
+
+
+def job_monitor():
+    return sys.modules[MODULE + ".nmf_addon.jobs.monitor"].monitor
+
+
+def installed():
+    return [item.name for item in bpy.data.objects if item.get("nmf_job")]
+
+
+def steps(ui):
+    (OUT / "report.json").unlink(missing_ok=True)
+    area = ui.area("VIEW_3D")
+    ui.sidebar("NMF")
+    yield 1.0
+    ui.shot(str(OUT / "1_no_capture.png"))
+
+    with ui.override():
+        bpy.ops.nmf.import_capture(filepath=CAPTURE)
+        bpy.ops.nmf.add_region_box()
+    area.tag_redraw()
+    yield 0.5
+    ui.shot(str(OUT / "2_capture.png"))
+
+    monitor = job_monitor()
+    os.environ["NMF_FAKE_MODE"], os.environ["NMF_FAKE_PAUSE"] = "normal", "0.4"
+    yield from ui.press("nmf.reconstruct")
+    report["started"] = yield from ui.wait(lambda: monitor.running, 5)
+    report["previewed"] = yield from ui.wait(lambda: monitor.model.preview_version > 0, 30)
+    yield 0.6
+    ui.shot(str(OUT / "3_running.png"))
+    report["overall"] = monitor.model.overall
+    report["done"] = yield from ui.wait(lambda: not monitor.running and installed(), 30)
+    yield 1.0
+    ui.shot(str(OUT / "4_done.png"))
+    report["installed"], report["world"] = installed(), bpy.context.scene.world.name
+    ui.move(400, 500)
+    yield 0.2
+    ui.key("ctrl+z")
+    yield 1.0
+    report["after_undo"] = installed()
+
+    os.environ["NMF_FAKE_MODE"] = "slow"
+    yield from ui.press("nmf.reconstruct")
+    yield from ui.wait(lambda: monitor.model.stage == "fit", 10)
+    yield from ui.press("nmf.cancel")
+    report["cancelled"] = yield from ui.wait(lambda: not monitor.running, 10)
+    report["state"] = monitor.model.state
+    yield 0.5
+    ui.shot(str(OUT / "5_cancelled.png"))
+    os.environ["NMF_FAKE_PAUSE"] = "0.01"
+    yield from ui.press("nmf.resume")
+    report["resumed"] = yield from ui.wait(lambda: not monitor.running and installed(), 20)
+
+    os.environ["NMF_FAKE_MODE"] = "raise"
+    yield 0.5
+    yield from ui.press("nmf.reconstruct")
+    yield from ui.wait(lambda: monitor.running, 5)
+    yield from ui.wait(lambda: not monitor.running, 10)
+    yield 0.5
+    ui.shot(str(OUT / "6_failed.png"))
+    report["failure"] = monitor.model.error
+
+    os.environ["NMF_SOLVER_PYTHON"] = ""
+    sys.modules[MODULE + ".nmf_addon.runtime"].forget()
+    area.tag_redraw()
+    yield 0.5
+    ui.shot(str(OUT / "7_not_set_up.png"))
+    report["setup_button"] = (yield from ui.find_button("nmf.setup_solver")) is not None
+    bpy.ops.screen.userpref_show(section="ADDONS")
+    (OUT / "report.json").write_text(json.dumps(report))
+    yield 1.0
