@@ -30,7 +30,7 @@ SOLVER_SECONDS = 390  # so that all of it ends within ten minutes on two cores
 RELIGHTS = ("sunset", "studio")
 HELD_OUT = (0, 3, 6, 9)  # those that have relit truth, too
 SHOWN = 3  # the held-out view that turns and is relit in large
-SAMPLES, TURNTABLE_FRAMES = 64, 8
+SAMPLES, TURNTABLE_FRAMES = 32, 8  # denoised
 
 
 def main() -> int:
@@ -94,7 +94,7 @@ def render_all(package, cameras: dict, folder: Path) -> None:
     say("3/5 a turntable")
     views.turntable(
         context, enlarged(shown, 300), (0, 0, 0), folder / "turntable", TURNTABLE_FRAMES,
-        SAMPLES // 2, progress=counter(),
+        SAMPLES, progress=counter(),
     )  # fmt: skip
     for name in RELIGHTS:
         say(f"4/5 relit: {name}")
