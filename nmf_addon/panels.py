@@ -13,7 +13,7 @@ from .scene.cameras import photo_of
 from .scene.capture_collection import active_capture, region_box
 
 UNIT = 20  # pixels of a button's height at a resolution scale of 1
-ERROR_LINES = 6
+ERROR_LINES = 3
 OUTCOME_ICONS = {"done": "CHECKMARK", "cancelled": "PAUSE", "failed": "ERROR", "lost": "ERROR",
                  "elsewhere": "INFO"}  # fmt: skip
 
@@ -131,16 +131,16 @@ def _draw_settings(layout: bpy.types.UILayout, settings) -> None:
     row.prop(settings, "use_time_limit", text="")
     limited = row.row()
     limited.enabled = settings.use_time_limit
-    limited.prop(settings, "time_limit", text="")
+    limited.prop(settings, "time_limit", text="Minutes")
 
 
 def _draw_progress(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     model = monitor.model
     layout.label(text="Cancelling…" if model.cancelling else model.text, icon="SORTTIME")
     parts = [f"{100 * model.overall:.0f} %", model.time_left]
-    row = layout.row(align=True)
-    row.progress(factor=model.overall, text="   ".join(filter(None, parts)), type="BAR")
-    row.operator("nmf.cancel", text="", icon="X")
+    column = layout.column(align=True)
+    column.progress(factor=model.overall, text="   ".join(filter(None, parts)), type="BAR")
+    column.operator("nmf.cancel", icon="X")
     if model.psnr is not None and model.stage == "fit":
         _note(layout, context, f"Agreement with the photos: {model.psnr:.1f} dB")
     if monitor.silent_for:
@@ -154,9 +154,7 @@ def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
         return
     box = layout.box()
     _paragraph(box, context, model.text, icon=OUTCOME_ICONS[model.state])
-    lines = [line for line in model.error.splitlines() if line.strip()]
-    shown = lines if len(lines) <= ERROR_LINES else lines[:1] + lines[1 - ERROR_LINES :]
-    for line in shown:
+    for line in short_error(model.error):
         _note(box, context, line)
     _draw_warnings(box, context, model)
     if model.state in ("cancelled", "failed", "lost"):
@@ -165,6 +163,13 @@ def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
             row.operator("nmf.resume", icon="PLAY")
         if model.state != "cancelled":
             row.operator("nmf.copy_report", icon="COPYDOWN")
+
+
+def short_error(text: str) -> list[str]:
+    """The first line of an error and the last ones of its log, without a traceback's code."""
+    lines = [line for line in text.splitlines() if line.strip()]
+    told = lines[:1] + [line for line in lines[1:] if not line[0].isspace()]
+    return told if len(told) <= ERROR_LINES else told[:1] + told[1 - ERROR_LINES :]
 
 
 def _draw_warnings(layout: bpy.types.UILayout, context: bpy.types.Context, model: JobModel) -> None:

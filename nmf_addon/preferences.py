@@ -91,7 +91,9 @@ def draw_setup(layout: bpy.types.UILayout, again: bool = False) -> None:
         row.operator("nmf.cancel_setup", text="", icon="X")
         return
     row = layout.row()
-    row.operator("nmf.setup_solver", text="Set Up Again" if again else "", icon="IMPORT")
+    row.operator(
+        "nmf.setup_solver", text="Set Up Again" if again else "Set Up Solver", icon="IMPORT"
+    )
     if again:
         row.operator("nmf.check_solver", icon="INFO")
     if state.error:

@@ -119,7 +119,8 @@ class Monitor:
         windows = bpy.context.window_manager.windows
         try:
             with bpy.context.temp_override(window=windows[0] if windows else None):
-                bpy.ops.nmf.install_result(job=str(self.job.root))
+                # True: an operator called from Python makes no undo step of its own accord.
+                bpy.ops.nmf.install_result("EXEC_DEFAULT", True, job=str(self.job.root))
             self.model.text = "Done"
         except RuntimeError as error:
             _log.error("installing %s failed: %s", self.job.root, error)

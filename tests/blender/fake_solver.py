@@ -3,7 +3,7 @@
     python fake_solver.py run JOB --events        (how it behaves: NMF_FAKE_MODE)
 
 normal   every stage, a preview, a complete result
-slow     the same, but its fit takes 20 s; resumed, it finishes
+slow     the same, but its fit takes NMF_FAKE_SECONDS (20); resumed, it finishes
 fail     bad input: an error event and exit code 2
 oom      out of memory: an error event and exit code 4
 raise    a traceback in the log and exit code 1
@@ -38,7 +38,7 @@ from solver.job.status import Heartbeat  # noqa: E402
 
 STAGES = ("photos", "compile", "geometry", "fit", "asset", "report")
 STEPS = 4
-SLOW = 20.0  # seconds
+SLOW = float(os.environ.get("NMF_FAKE_SECONDS", "20"))
 
 
 class StandIn:
