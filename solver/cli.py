@@ -95,7 +95,7 @@ def _parser() -> argparse.ArgumentParser:
 
     export = commands.add_parser("export", help="copy a job's asset files")
     export.add_argument("job", type=Path)
-    export.add_argument("--out", type=Path, required=True)
+    export.add_argument("--out", type=Path, help="new folder; default JOB/export")
     export.set_defaults(run=_export)
 
     doctor = commands.add_parser("doctor", help="what this machine can do")
@@ -195,7 +195,8 @@ def _evaluate(options: argparse.Namespace) -> int:
 def _export(options: argparse.Namespace) -> int:
     from .asset.export import export_result
 
-    print(export_result(JobFolder.open(options.job), options.out))
+    job = JobFolder.open(options.job)
+    print(export_result(job, options.out or job.root / "export"))
     return DONE
 
 

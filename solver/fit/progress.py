@@ -32,13 +32,13 @@ class Progress:
         if bar:
             form = "{desc:<34} {percentage:3.0f}% |{bar:30}| {elapsed}, {postfix}"
             self._bar = tqdm(total=1000, file=sys.stderr, bar_format=form, dynamic_ncols=True)
-        self._stage = ""
+        self._stage, self._stage_began = "", time.monotonic()
         self._last_event = 0.0
         self._text = ""
 
     def stage(self, name: str, text: str = "") -> None:
         """A new stage begins."""
-        self._stage = name
+        self._stage, self._stage_began = name, time.monotonic()
         names = list(_SHARES)
         self._events.emit("stage", name=name, index=names.index(name), count=len(names))
         state = {"fit": "running", "asset": "finishing", "report": "finishing"}.get(
@@ -50,8 +50,10 @@ class Progress:
     def fraction(self, done: float, text: str = "") -> None:
         """How much of the stage is done."""
         self._text = text or self._text
-        self._show(self._text, done, "")
-        self._emit(done, 0, 0, None)
+        took = time.monotonic() - self._stage_began
+        left = took / done * (1 - done) if done > 0.05 else None
+        self._show(self._text, done, f"{_clock(left)} left" if left is not None else "")
+        self._emit(done, 0, 0, left)
 
     def fit(self, step: int, steps: int, done: float, left: float | None, psnr: float) -> None:
         """State of the optimisation: `left` seconds of it remain."""

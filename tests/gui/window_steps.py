@@ -56,7 +56,7 @@ def steps(ui):
     yield 1.0
     report["after_undo"] = installed()
 
-    os.environ["NMF_FAKE_MODE"] = "slow"
+    os.environ["NMF_FAKE_MODE"], os.environ["NMF_FAKE_SECONDS"] = "slow", "90"
     yield from ui.press("nmf.reconstruct")
     yield from ui.wait(lambda: monitor.model.stage == "fit", 10)
     yield from ui.press("nmf.cancel")
@@ -83,6 +83,6 @@ def steps(ui):
     yield 0.5
     ui.shot(str(OUT / "7_not_set_up.png"))
     report["setup_button"] = (yield from ui.find_button("nmf.setup_solver")) is not None
-    bpy.ops.screen.userpref_show(section="ADDONS")
+    bpy.ops.preferences.addon_show(module=MODULE)
     (OUT / "report.json").write_text(json.dumps(report))
     yield 1.0
