@@ -195,7 +195,7 @@ def _draw_preview(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
 
 def _units(context: bpy.types.Context) -> float:
     """Width of the sidebar's panels in button heights."""
-    scale = context.preferences.system.ui_scale
+    scale = context.preferences.system.ui_scale or 1.0  # 0 before a window is there
     return context.region.width / (UNIT * scale) - 1.5
 
 

@@ -1,0 +1,112 @@
+"""Reconstruct, Resume, Cancel and what the person is told, by their operators."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import bpy
+import fake_capture
+import pytest
+
+
+def folder_of(scene) -> Path:
+    return Path(bpy.path.abspath(scene.nmf.job))
+
+
+def test_the_job_is_written_from_what_the_panel_says(capture, monitor, fake_solver, tick, tmp_path):
+    settings = bpy.context.scene.nmf
+    settings.preset, settings.device, settings.seed = "standard", "cpu", 7
+    settings.use_time_limit, settings.time_limit = True, 2.5
+    bpy.ops.nmf.add_region_box()
+    assert bpy.ops.nmf.reconstruct() == {"FINISHED"}
+    assert settings.job.startswith("//nmf_jobs"), "the .blend and its jobs can be moved together"
+    request = json.loads((folder_of(bpy.context.scene) / "job.json").read_text(encoding="utf-8"))
+    assert (request["preset"], request["device"], request["seed"]) == ("standard", "cpu", 7)
+    assert request["time_limit"] == 150.0
+    assert all(low < high for low, high in zip(*request["region"].values(), strict=True))
+    camera_file = Path(request["capture"])
+    assert (
+        camera_file.parent == tmp_path / "nmf_jobs" / folder_of(bpy.context.scene).name / "capture"
+    )
+    assert len(json.loads(camera_file.read_text(encoding="utf-8"))["frames"]) == 3
+    tick()
+    assert monitor.model.state == "done"
+
+
+def test_each_reconstruction_has_a_folder_of_its_own(capture, fake_solver, tick, tmp_path):
+    (tmp_path / "nmf_jobs").mkdir()
+    names = []
+    for _ in range(3):
+        bpy.ops.nmf.reconstruct()
+        tick()
+        names.append(folder_of(bpy.context.scene).name)
+    assert len(set(names)) == 3
+    assert sorted(p.name for p in (tmp_path / "nmf_jobs").iterdir()) == sorted(names)
+    assert len([item for item in bpy.data.objects if item.get("nmf_job")]) == 3
+
+
+def test_without_a_saved_file_jobs_go_to_the_extensions_folder(
+    extension, fake_solver, tick, tmp_path
+):
+    path = fake_capture.write_capture(tmp_path / "photos")
+    bpy.ops.nmf.import_capture(filepath=str(path))
+    bpy.ops.nmf.reconstruct()
+    folder = folder_of(bpy.context.scene)
+    assert extension("names").user_folder("jobs") == folder.parent
+    tick()
+
+
+def test_photos_that_are_gone_are_named_and_nothing_is_written(capture, tmp_path):
+    photo = next((tmp_path / "phötos of it").rglob("r_1.png"))
+    photo.rename(photo.with_name("away.png"))
+    with pytest.raises(RuntimeError, match="r_1.png"):
+        bpy.ops.nmf.reconstruct()
+    jobs = tmp_path / "nmf_jobs"
+    assert not jobs.exists() or not list(jobs.iterdir())
+
+
+def test_operators_explain_why_they_cannot_run(extension):
+    for name, words in {
+        "reconstruct": "Import a capture first", "cancel": "No job is running",
+        "resume": "no job to resume", "open_report": "no finished job", "open_job_folder": "no job",
+    }.items():  # fmt: skip
+        with pytest.raises(RuntimeError, match=words):
+            getattr(bpy.ops.nmf, name)()
+
+
+def test_cancelled_resumed_done(capture, monitor, fake_solver, tick):
+    fake_solver("slow")
+    bpy.ops.nmf.reconstruct()
+    tick(lambda: monitor.model.psnr is not None)
+    assert bpy.ops.nmf.cancel() == {"FINISHED"}
+    assert not bpy.ops.nmf.cancel.poll(), "once is enough"
+    tick()
+    assert (monitor.model.state, monitor.model.resumable) == ("cancelled", True)
+    assert not [item for item in bpy.data.objects if item.get("nmf_job")]
+    assert bpy.ops.nmf.resume() == {"FINISHED"}
+    tick()
+    assert monitor.model.state == "done"
+    assert len([item for item in bpy.data.objects if item.get("nmf_job")]) == 1
+
+
+def test_the_error_report_has_what_is_needed_and_no_folders_of_the_person(
+    part, capture, monitor, fake_solver, tick, package
+):
+    import sys
+
+    fake_solver("raise")
+    bpy.ops.nmf.reconstruct()
+    tick()
+    text = sys.modules[package.__name__ + ".operators.job_files"].error_report()
+    assert "ZeroDivisionError" in text and bpy.app.version_string in text and '"preset"' in text
+    assert str(monitor.job.root) not in text and str(Path.home()) + "/" not in text
+
+
+def test_a_result_that_cannot_be_installed_is_told(capture, monitor, fake_solver, tick, extension):
+    bpy.ops.nmf.reconstruct()
+    tick(lambda: not monitor.running)
+    (monitor.job.result_dir / "mesh.ply").write_bytes(b"ply")
+    monitor.waits_to_install = True
+    monitor.tick()
+    assert monitor.model.state == "failed" and "mesh.ply" in monitor.model.error

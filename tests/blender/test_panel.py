@@ -1,0 +1,167 @@
+"""What the panels draw, recorded by a layout that only listens."""
+
+from __future__ import annotations
+
+import types
+
+import bpy
+import pytest
+
+
+class Layout:
+    """Stands in for UILayout: notes what is drawn."""
+
+    def __init__(self, drawn=None):
+        self.__dict__["drawn"] = [] if drawn is None else drawn
+
+    def __setattr__(self, name, value):
+        self.__dict__[name] = value
+
+    def _child(self, *args, **settings):
+        return Layout(self.drawn)
+
+    row = column = box = split = _child
+
+    def separator(self, **settings):
+        """Nothing to note."""
+
+    def label(self, text="", icon="NONE", icon_value=0):
+        assert icon in bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items
+        self.drawn.append(("label", text))
+
+    def operator(self, idname, text=None, icon="NONE"):
+        assert icon in bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items
+        getattr(bpy.ops.nmf, idname.removeprefix("nmf.")).get_rna_type()
+        self.drawn.append(("operator", idname))
+        return types.SimpleNamespace()
+
+    def prop(self, data, name, **settings):
+        assert name in data.bl_rna.properties
+        self.drawn.append(("prop", name))
+
+    def progress(self, factor, text="", type="BAR"):
+        self.drawn.append(("progress", text, round(factor, 2)))
+
+    def template_icon(self, icon_value, scale):
+        self.drawn.append(("icon", icon_value))
+
+
+@pytest.fixture
+def draw(extension):
+    """Draw a panel; returns what it drew and all its words."""
+
+    def run(name):
+        panel = types.SimpleNamespace(layout=Layout())
+        context = types.SimpleNamespace(
+            scene=bpy.context.scene, region=types.SimpleNamespace(width=280),
+            preferences=bpy.context.preferences, collection=bpy.context.collection,
+            view_layer=bpy.context.view_layer,
+        )  # fmt: skip
+        getattr(extension("panels"), f"NMF_PT_{name}").draw(panel, context)
+        drawn = panel.layout.drawn
+        words = " ".join(item[1] for item in drawn if item[0] in ("label", "progress"))
+        return drawn, words
+
+    return run
+
+
+def test_without_a_capture_the_first_step_is_to_import_one(draw):
+    drawn, words = draw("capture")
+    assert ("operator", "nmf.import_capture") in drawn and "transforms.json" in words
+    assert not [item for item in drawn if item[0] == "prop"]
+
+
+def test_a_capture_is_counted_and_gets_a_region_box(draw, capture):
+    drawn, words = draw("capture")
+    assert "3 photos" in words and ("operator", "nmf.add_region_box") in drawn
+    bpy.ops.nmf.add_region_box()
+    drawn, words = draw("capture")
+    assert ("operator", "nmf.add_region_box") not in drawn and "Region box" in words
+
+
+def test_a_solver_that_is_not_there_is_said_with_a_button(draw, extension, monkeypatch):
+    monkeypatch.setenv("NMF_SOLVER_PYTHON", "/nowhere/python")
+    extension("runtime").forget()
+    drawn, words = draw("reconstruct")
+    assert "does not exist" in words and ("operator", "nmf.setup_solver") in drawn
+    assert ("operator", "nmf.reconstruct") not in drawn
+
+
+def test_the_set_up_shows_its_progress_and_its_error(draw, extension, monkeypatch):
+    monkeypatch.setenv("NMF_SOLVER_PYTHON", "/nowhere/python")
+    extension("runtime").forget()
+    module = extension("setup_monitor")
+    state = module.SetupState(running=True, fraction=0.4, text="Downloading torch (190 MB)")
+    monkeypatch.setattr(module, "_state", state)
+    drawn, _ = draw("reconstruct")
+    assert ("progress", "Downloading torch (190 MB)", 0.4) in drawn
+    assert ("operator", "nmf.cancel_setup") in drawn
+    state.running, state.error = False, "ERROR: no space left on device"
+    drawn, words = draw("reconstruct")
+    assert "no space left" in words and ("operator", "nmf.copy_setup_log") in drawn
+
+
+def test_a_running_job_shows_stage_time_preview_and_cancel(
+    draw, capture, monitor, fake_solver, tick, extension
+):
+    fake_solver("normal", pause=0.05)
+    bpy.ops.nmf.reconstruct()
+    tick(lambda: monitor.model.preview_version > 0)
+    drawn, words = draw("reconstruct")
+    assert "1:05 left" in words and "%" in words and "dB" in words
+    assert extension("jobs.model").STAGE_TEXTS["fit"] in words
+    assert ("operator", "nmf.cancel") in drawn and ("operator", "nmf.reconstruct") not in drawn
+    icons = [item[1] for item in drawn if item[0] == "icon"]
+    assert len(icons) == 3
+    assert all(name in words for name in ("Photo", "Render", "Normals"))
+    bpy.ops.nmf.cancel()
+    assert "Cancelling" in draw("reconstruct")[1]
+    tick()
+
+
+def test_a_solver_without_news_is_told(draw, capture, monitor, fake_solver, tick, monkeypatch):
+    fake_solver("silent")
+    bpy.ops.nmf.reconstruct()
+    process = monitor.process
+    assert "No news" not in draw("reconstruct")[1]
+    process._heard_at -= 75
+    assert "No news for 1:1" in draw("reconstruct")[1]
+    bpy.ops.nmf.cancel()
+    tick()
+
+
+def test_a_failure_offers_resume_and_report(draw, capture, monitor, fake_solver, tick):
+    fake_solver("killed")
+    bpy.ops.nmf.reconstruct()
+    tick()
+    drawn, words = draw("reconstruct")
+    assert "crashed" in words and "want of memory" in words
+    assert ("operator", "nmf.resume") in drawn and ("operator", "nmf.copy_report") in drawn
+
+
+def test_an_error_is_short_in_the_panel(extension):
+    short = extension("panels").short_error
+    log = "It ended with code 1.\nTraceback:\n  File x\n    y()\nValueError: no\n"
+    assert short(log) == ["It ended with code 1.", "Traceback:", "ValueError: no"]
+    assert short("one sentence") == ["one sentence"] and short("") == []
+    assert len(short("\n".join("abcdefghij"))) == 3
+
+
+def test_thumbnails_are_the_three_parts_of_the_preview(extension, tmp_path):
+    import fake_capture
+    import numpy as np
+
+    thumbnails = extension("thumbnails")
+    path = tmp_path / "render.png"
+    colours = np.repeat(np.eye(3)[None].repeat(4, 0), 5, axis=1)
+    fake_capture.write_pixels(path, colours)
+    parts = thumbnails.read_parts(path, 3)
+    for number, pixels in enumerate(parts):
+        assert pixels.shape == (4, 5, 4)
+        np.testing.assert_allclose(pixels[..., :3], np.broadcast_to(np.eye(3)[number], (4, 5, 3)))
+    assert not bpy.data.images, "nothing stays in the file"
+    thumbnails.show(path)
+    assert [name for name, _ in thumbnails.icons()] == ["Photo", "Render", "Normals"]
+    path.write_bytes(b"half a picture")
+    thumbnails.show(path)
+    assert thumbnails.icons() == []

@@ -1,0 +1,182 @@
+"""Set Up Solver, for real but without a network: a wheelhouse with one small package of ours."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import bpy
+import pytest
+
+
+@pytest.fixture
+def wheelhouse(tmp_path):
+    """A folder with a wheel of one module, and requirements that ask for it."""
+    folder = tmp_path / "wheel house"
+    folder.mkdir()
+    info = "tiny_solver-1.0.dist-info"
+    files = {
+        "tiny_solver.py": "ANSWER = 42\n",
+        f"{info}/METADATA": "Metadata-Version: 2.1\nName: tiny-solver\nVersion: 1.0\n",
+        f"{info}/WHEEL": "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+    }  # fmt: skip
+    record = ""
+    for name, text in files.items():
+        digest = base64.urlsafe_b64encode(hashlib.sha256(text.encode()).digest()).rstrip(b"=")
+        record += f"{name},sha256={digest.decode()},{len(text)}\n"
+    with zipfile.ZipFile(folder / "tiny_solver-1.0-py3-none-any.whl", "w") as wheel:
+        for name, text in {**files, f"{info}/RECORD": record + f"{info}/RECORD,,\n"}.items():
+            wheel.writestr(name, text)
+    (folder / "requirements.txt").write_text("# pinned\ntiny-solver==1.0\n")
+    return folder
+
+
+@pytest.fixture
+def check(tmp_path):
+    """A script that starts only where the package is, in place of the solver's bootstrap."""
+    path = tmp_path / "check.py"
+    path.write_text(
+        "import sys, tiny_solver\nassert sys.argv[1] == 'doctor'\nprint(tiny_solver.ANSWER)\n"
+    )
+    return path
+
+
+@pytest.fixture
+def build(part, tmp_path, wheelhouse, check):
+    """Start a set-up with the wheelhouse and wait for its end; returns the folder and the state."""
+    monitor = part("setup_monitor")
+
+    def run(condition=None, **changes):
+        folder = tmp_path / "rüntime"
+        options = {
+            "wheelhouse": str(wheelhouse), "requirements": wheelhouse / "requirements.txt",
+            "check": check, **changes,
+        }  # fmt: skip
+        monitor.start_setup(folder, monitor.base_python(), **options)
+        end = time.monotonic() + 60
+        while monitor.setup_state().running:
+            assert time.monotonic() < end, monitor.setup_state()
+            if condition is not None and condition(monitor.setup_state()):
+                monitor.cancel_setup()
+                condition = None
+            time.sleep(0.01)
+        return folder, monitor.setup_state()
+
+    return run
+
+
+def test_the_environment_is_built_checked_and_found(build, part, monkeypatch):
+    fractions = []
+    folder, state = build(lambda state: fractions.append(state.fraction))
+    assert state.error == "" and state.text == "Done" and state.fraction == 1.0
+    assert fractions == sorted(fractions) and len(set(fractions)) > 3
+    assert "42" in state.log, "the check ran in the new environment"
+    runtime = part("runtime")
+    monkeypatch.delenv("NMF_SOLVER_PYTHON")
+    python = runtime.solver_python(runtime_folder=str(folder))
+    assert folder in python.parents
+    subprocess.run([python, "-I", "-c", "import tiny_solver"], check=True)
+    assert runtime.runtime_record(str(folder))["python"].startswith(("3.11", "3.12", "3.13"))
+    assert sorted(os.listdir(folder)) == ["environment"]
+
+
+def test_a_failed_or_cancelled_set_up_leaves_the_old_one_working(build, tmp_path, wheelhouse):
+    folder, state = build()
+    assert state.error == ""
+    before = (folder / "environment" / "runtime.json").read_text()
+
+    (tmp_path / "bad.txt").write_text("no-such-package-of-ours==1\n")
+    _, state = build(requirements=tmp_path / "bad.txt")
+    assert "pip could not install" in state.error and "no-such-package-of-ours" in state.error
+
+    (tmp_path / "broken.py").write_text("raise SystemExit('no graphics driver')")
+    _, state = build(check=tmp_path / "broken.py")
+    assert "no graphics driver" in state.error and "does not start" in state.error
+
+    _, state = build(lambda state: state.fraction > 0)
+    assert (state.text, state.error) == ("Cancelled", "")
+    assert sorted(os.listdir(folder)) == ["environment"]
+    assert (folder / "environment" / "runtime.json").read_text() == before
+
+
+def test_the_set_up_ends_with_blender(part, wheelhouse, tmp_path):
+    """Blender is killed: its end of stdin closes, pip and the half-built environment go."""
+    script = part("setup_monitor").SCRIPT
+    process = subprocess.Popen(
+        [sys.executable, "-I", "-u", str(script), str(tmp_path / "runtime"),
+         str(wheelhouse / "requirements.txt"), "--watch-stdin"],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stdout.readline().startswith("progress")
+    process.stdin.close()
+    assert process.wait(10) == 3
+    process.stdout.close()
+    assert os.listdir(tmp_path / "runtime") == []
+
+
+def test_the_base_python_is_a_python_never_blender(part, monkeypatch, tmp_path):
+    monitor, runtime = part("setup_monitor"), part("runtime")
+    assert monitor.base_python() == Path(sys.executable)
+    monkeypatch.setattr(sys, "executable", "/opt/blender/blender")
+    assert monitor.base_python().stem.startswith("python")
+    monkeypatch.setattr(sys, "_base_executable", "", raising=False)
+    monkeypatch.setattr(sys, "prefix", str(tmp_path))
+    monkeypatch.setattr(sys, "base_prefix", str(tmp_path))
+    monkeypatch.setattr(monitor.Path, "is_file", lambda path: False)
+    with pytest.raises(runtime.RuntimeMissing, match="install Python"):
+        monitor.base_python()
+    with pytest.raises(runtime.RuntimeMissing, match="no such Python"):
+        monitor.base_python("/nowhere/python3")
+
+
+def test_without_online_access_the_operator_says_where_to_allow_it():
+    if bpy.app.online_access:
+        bpy.context.preferences.system.use_online_access = False
+    with pytest.raises(RuntimeError, match="Online access is off.*wheelhouse"):
+        bpy.ops.nmf.setup_solver()
+
+
+def test_a_runtime_whose_python_is_gone_is_not_taken(part, tmp_path, monkeypatch):
+    runtime = part("runtime")
+    monkeypatch.delenv("NMF_SOLVER_PYTHON")
+    environment = tmp_path / "environment"
+    python = runtime.environment_python(environment)
+    python.parent.mkdir(parents=True)
+    python.touch()
+    (environment / "runtime.json").write_text("{}")
+    (environment / "pyvenv.cfg").write_text(f"home = {tmp_path}\n")
+    assert runtime.solver_python(runtime_folder=str(tmp_path)) == python
+    (environment / "pyvenv.cfg").write_text(f"home = {tmp_path / 'blender 4.3'}\n")
+    with pytest.raises(runtime.RuntimeMissing, match="Set Up Solver again"):
+        runtime.solver_python(runtime_folder=str(tmp_path))
+
+
+def test_the_persons_choice_comes_first(part, tmp_path, monkeypatch):
+    runtime = part("runtime")
+    chosen, variable = tmp_path / "chosen", tmp_path / "variable"
+    chosen.touch()
+    variable.touch()
+    monkeypatch.setenv("NMF_SOLVER_PYTHON", str(variable))
+    assert runtime.solver_python(str(chosen)) == chosen
+    assert runtime.solver_python() == variable
+    chosen.unlink()
+    with pytest.raises(runtime.RuntimeMissing, match="chosen does not exist"):
+        runtime.solver_python(str(chosen))
+
+
+def test_the_check_shows_and_copies_what_the_solver_can_do(monkeypatch):
+    assert bpy.ops.nmf.check_solver() == {"FINISHED"}
+
+
+def test_the_pinned_requirements_name_a_version_each(part):
+    lines = part("runtime").REQUIREMENTS.read_text(encoding="utf-8").splitlines()
+    packages = [line for line in lines if line[:1].isalpha()]
+    assert len(packages) > 5 and all("==" in line for line in packages)
+    json.dumps(packages)
