@@ -15,12 +15,13 @@ class Occupancy:
 
     A cell is occupied if any of its eight corners is denser than a threshold, or a neighbour is:
     one cell of dilation lets a surface move between refreshes, so geometry that was rejected once
-    can come back.
+    can come back. Nothing outside `allowed` ever counts as occupied.
     """
 
     def __init__(self, cells: int, device: torch.device | str = "cpu"):
         self.occupied = torch.ones(cells, cells, cells, dtype=torch.bool, device=device)
         self.extinction = torch.zeros(cells, cells, cells, device=device)
+        self.allowed = torch.ones_like(self.occupied)
 
     @property
     def cells(self) -> int:
@@ -48,5 +49,18 @@ class Occupancy:
             occupied = F.max_pool3d(
                 occupied[None, None], 2 * dilation + 1, stride=1, padding=dilation
             )[0, 0]
-        self.occupied = occupied > 0
-        self.extinction = F.avg_pool3d(corners, 2, stride=1)[0, 0].contiguous()
+        self.occupied = (occupied > 0) & self.allowed
+        self.extinction = F.avg_pool3d(corners, 2, stride=1)[0, 0] * self.allowed
+
+    def allow_only(self, grid: torch.Tensor, dilation: int) -> None:
+        """Restrict to a boolean grid [H, H, H] over the same box, grown by `dilation` of its cells.
+
+        Where masks say that there is nothing, no floater can settle.
+        """
+        grown = F.max_pool3d(grid[None, None].float(), 2 * dilation + 1, stride=1, padding=dilation)
+        resized = (
+            F.adaptive_max_pool3d(grown, self.cells)
+            if len(grid) >= self.cells
+            else (F.interpolate(grown, size=(self.cells,) * 3, mode="nearest"))
+        )
+        self.allowed = (resized[0, 0] > 0).to(self.occupied.device)

@@ -32,6 +32,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     tensors["generator.pixels"] = trainer.generator.get_state()
     tensors["generator.rays"] = trainer.random.generator.get_state()
     tensors["occupancy"] = scene.occupancy.occupied
+    tensors["allowed"] = scene.occupancy.allowed
     tensors["extinction"] = scene.occupancy.extinction
     for index, state in trainer.optimiser.state_dict()["state"].items():
         for key, value in state.items():
@@ -97,6 +98,7 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
     )
     scene.occupancy.occupied = tensors["occupancy"]
     scene.occupancy.extinction = tensors["extinction"]
+    scene.occupancy.allowed = tensors["allowed"]
     return scene, state, tensors
 
 

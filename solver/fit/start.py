@@ -22,6 +22,7 @@ from .trainer import Trainer
 from .visual_hull import bounding_box, carve, signed_distance, start_from_hull
 
 COARSE_HULL_CELLS = 96
+HULL_MARGIN = 3  # cells of the hull's grid by which the object may reach beyond the hull
 LIKELY_MARGIN = 9  # pixels around the object from which rays are drawn as often as from it
 
 
@@ -78,6 +79,8 @@ def new_trainer(
         field, EnvironmentMap(settings.light.heights[0], settings.light.initial),
         NeuralTerm(shape.feature_size), shape.occupancy_cells,
     ).to(device)  # fmt: skip
+    if use_masks:
+        scene.occupancy.allow_only(torch.from_numpy(hull), HULL_MARGIN)
     return trainer_for(scene, capture, photos, settings, seed)
 
 

@@ -99,6 +99,24 @@ def test_occupancy_covers_all_that_is_dense_and_lets_go_of_the_rest():
     assert 0.05 < occupancy.occupied.float().mean() < 0.6
 
 
+@pytest.mark.parametrize("cells", [6, 12, 24])
+def test_nothing_outside_the_allowed_space_is_occupied(cells):
+    field = field_of_slope((1.0, 0.0, 0.0))
+    with torch.no_grad():
+        field.density_planes.mul_(200).add_(200)
+    allowed = torch.zeros(12, 12, 12, dtype=torch.bool)
+    allowed[4:6, 4:6, 4:6] = True
+    occupancy = Occupancy(cells)
+    occupancy.allow_only(allowed, dilation=1)
+    occupancy.refresh(field, min_alpha=0.01, step=0.05, dilation=1)
+    points = torch.rand(4000, 3)
+    cell = (points * cells).long().clamp(0, cells - 1)
+    occupied = occupancy.occupied[cell[:, 0], cell[:, 1], cell[:, 2]]
+    near = ((points > 3 / 12) & (points < 7 / 12)).all(-1)
+    far = ((points < 2 / 12) | (points > 8 / 12)).any(-1)
+    assert occupied[near].all() and not occupied[far].any()
+
+
 def test_density_is_differentiable_down_to_the_factors():
     field = MicrofacetField(torch.zeros(3), 1.0, 6)
     points = torch.rand(10, 3)
