@@ -98,15 +98,17 @@ def install(options: argparse.Namespace, new: Path) -> None:
     def listen(line: str) -> None:
         nonlocal seen
         words = line.split()
-        if line.startswith("Collecting ") and len(words) > 1:
+        if line.startswith(("Collecting ", "Processing ")) and len(words) > 1:
             seen += 1
             # The share left shrinks but never ends, however many packages come along.
             share = 1 - 0.5 ** (2.0 * seen / expected)
-            say(0.05 + 0.65 * share, f"Downloading {words[1].partition('==')[0]}")
+            end = "==" if line.startswith("Collecting") else "-"  # a requirement or a wheel's file
+            name = words[1].rpartition("/")[2].partition(end)[0]
+            say(0.05 + 0.65 * share, f"Fetching {name}")
         elif line.startswith("  Downloading "):
             size = line[line.rfind("(") :] if line.rstrip().endswith(")") else ""
             name = words[1].rpartition("/")[2].partition("-")[0]
-            say(-1.0, f"Downloading {name} {size}".strip())
+            say(-1.0, f"Fetching {name} {size}".strip())
         elif line.startswith("Installing collected"):
             say(0.75, "Installing the packages")
 

@@ -32,8 +32,9 @@ def steps(ui):
     ui.shot(str(OUT / "1_no_capture.png"))
 
     with ui.override():
-        bpy.ops.nmf.import_capture(filepath=CAPTURE)
-        bpy.ops.nmf.add_region_box()
+        # True: with an undo step, as from the menu.
+        bpy.ops.nmf.import_capture("EXEC_DEFAULT", True, filepath=CAPTURE)
+        bpy.ops.nmf.add_region_box("EXEC_DEFAULT", True)
     area.tag_redraw()
     yield 0.5
     ui.shot(str(OUT / "2_capture.png"))
