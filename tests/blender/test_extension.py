@@ -180,38 +180,3 @@ def test_the_script_runs_in_plain_python(duck, tmp_path, fake_solver):
     )  # fmt: skip
     assert result.returncode == 0, result.stderr[-2000:]
     assert (tmp_path / "o.blend").is_file()
-
-
-def test_set_up_builds_a_private_environment(tmp_path):
-    """The build itself, with no packages wanted, so without a network."""
-    (tmp_path / "requirements.txt").write_text("# nothing\n")
-    command = [
-        sys.executable,
-        "-I",
-        str(ROOT / "nmf_addon" / "setup_runtime.py"),
-        str(tmp_path / "runtime"),
-    ]
-    for _ in range(2):  # the second replaces the first
-        result = subprocess.run(
-            [*command, str(tmp_path / "requirements.txt")], capture_output=True, text=True
-        )
-        assert result.returncode == 0, result.stdout + result.stderr
-    assert "progress 1.000 Done" in result.stdout
-    python = next((tmp_path / "runtime" / "environment").glob("bin/python"))
-    assert subprocess.run([python, "-c", "import pip"]).returncode == 0
-    assert (tmp_path / "runtime" / "environment" / "runtime.json").is_file()
-
-
-def test_a_failed_set_up_leaves_the_old_runtime(tmp_path):
-    runtime = tmp_path / "runtime"
-    (runtime / "environment").mkdir(parents=True)
-    (runtime / "environment" / "runtime.json").write_text("{}")
-    (tmp_path / "requirements.txt").write_text("no-such-package-of-ours==1\n")
-    command = [sys.executable, "-I", str(ROOT / "nmf_addon" / "setup_runtime.py"), str(runtime)]
-    result = subprocess.run(
-        [*command, str(tmp_path / "requirements.txt"), "--wheelhouse", str(tmp_path)],
-        capture_output=True, text=True,
-    )  # fmt: skip
-    assert result.returncode != 0
-    assert (runtime / "environment" / "runtime.json").is_file()
-    assert not (runtime / "building").exists()
