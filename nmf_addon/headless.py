@@ -89,7 +89,7 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
         raise JobError(f"{out}: it exists already; give another name or --overwrite.")
     if any("=" not in text for text in options.sets):
         raise JobError("--set: write settings as section.field=value.")
-    python = solver_python(preferences.chosen_python())
+    python = solver_python(preferences.chosen_python(), preferences.chosen_runtime())
     out.parent.mkdir(parents=True, exist_ok=True)
     bpy.ops.wm.read_factory_settings(use_empty=True)
     collection = import_capture(bpy.context, options.capture.absolute())

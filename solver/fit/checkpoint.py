@@ -96,10 +96,14 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
     scene.load_state_dict(
         {k.removeprefix("scene."): v for k, v in tensors.items() if k.startswith("scene.")}
     )
+    _restore_occupancy(scene, tensors)
+    return scene, state, tensors
+
+
+def _restore_occupancy(scene: Scene, tensors: dict[str, torch.Tensor]) -> None:
     scene.occupancy.occupied = tensors["occupancy"]
     scene.occupancy.extinction = tensors["extinction"]
     scene.occupancy.allowed = tensors["allowed"]
-    return scene, state, tensors
 
 
 def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> None:
@@ -115,6 +119,8 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> 
             saved["state"].setdefault(int(index), {})[name] = value
     trainer.optimiser.load_state_dict(saved)
     trainer.steps_at_level = state["steps_at_level"]
+    # A new trainer refreshes the grid; the interrupted one would have done so only later.
+    _restore_occupancy(trainer.scene, tensors)
 
 
 def settings_of(state: dict) -> Settings:

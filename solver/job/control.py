@@ -27,7 +27,7 @@ class Control:
 
     INTERVAL = 0.25
     ENDED_AT_START = 0.05  # seconds
-    GRACE = 1.5  # seconds
+    GRACE = 0.8  # seconds
     EXIT_CODE = 3
 
     def __init__(self, cancel_path: Path):
