@@ -18,7 +18,7 @@ class SceneSurface:
     """`SurfaceField` of a scene."""
 
     def __init__(self, scene: Scene):
-        self._field = scene.field
+        self._field, self._occupancy = scene.field, scene.occupancy
         centre = scene.field.centre.cpu().numpy().astype(np.float64)
         self.region = np.stack([centre - scene.field.half_size, centre + scene.field.half_size])
         self.voxel = scene.field.voxel
@@ -31,9 +31,13 @@ class SceneSurface:
 
     @torch.no_grad()
     def density(self, points: np.ndarray) -> np.ndarray:
-        """Extinction [N] per world unit."""
-        raw = self._field.raw_density(self._box_points(points))
-        return self._field.extinction(raw).cpu().numpy()
+        """Extinction [N] per world unit; none where rays never look (`Occupancy.allowed`).
+
+        Outside the allowed space no photo holds the density to anything.
+        """
+        box_points = self._box_points(points)
+        sigma = self._field.extinction(self._field.raw_density(box_points))
+        return (sigma * self._occupancy.is_allowed(box_points)).cpu().numpy()
 
     @torch.no_grad()
     def normals(self, points: np.ndarray) -> np.ndarray:

@@ -52,6 +52,11 @@ class Occupancy:
         self.occupied = (occupied > 0) & self.allowed
         self.extinction = F.avg_pool3d(corners, 2, stride=1)[0, 0] * self.allowed
 
+    def is_allowed(self, box_points: torch.Tensor) -> torch.Tensor:
+        """True [N] where something may be, at box points [N, 3]."""
+        cell = (box_points * self.cells).long().clamp(0, self.cells - 1)
+        return self.allowed[cell[:, 0], cell[:, 1], cell[:, 2]]
+
     def allow_only(self, grid: torch.Tensor, dilation: int) -> None:
         """Restrict to a boolean grid [H, H, H] over the same box, grown by `dilation` of its cells.
 
