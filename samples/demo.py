@@ -26,7 +26,7 @@ sys.path.insert(0, str(ROOT / "samples"))
 import reconstruct  # noqa: E402
 
 CAPTURE = ROOT / "samples" / "duck"
-SOLVER_SECONDS = 390  # so that all of it ends within ten minutes on two cores
+SOLVER_SECONDS = 330  # so that all of it ends within ten minutes on two cores
 RELIGHTS = ("sunset", "studio")
 HELD_OUT = (0, 3, 6, 9)  # those that have relit truth, too
 SHOWN = 3  # the held-out view that turns and is relit in large
