@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 
 class CaptureError(ValueError):
@@ -12,3 +13,10 @@ class CaptureError(ValueError):
         self.file, self.field, self.problem, self.remedy = Path(file), field, problem, remedy
         where = f"{file}" + (f", {field}" if field else "")
         super().__init__(f"{where}: {problem}; {remedy}.")
+
+
+def shown(value: Any, limit: int = 60) -> str:
+    """A value from a file, fit for a sentence: one line, short, printable on every terminal."""
+    text = value if isinstance(value, str) else repr(value)
+    text = "".join(c if c.isprintable() else "?" for c in text[: limit + 1])
+    return text if len(text) <= limit else text[: limit - 1] + "…"

@@ -127,7 +127,9 @@ def write_transforms(path: Path, cameras: list[Camera]) -> None:
             "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy,
             "camera_model": {v: k for k, v in reversed(_LENS_OF_MODEL.items())}[camera.lens],
         }  # fmt: skip
-        keys = ("k1", "k2", "k3", "k4") if camera.lens == "opencv_fisheye" else _OPENCV_KEYS
+        if len(camera.distortion) > 5:
+            frame["camera_model"] = "FULL_OPENCV"
+        keys = _FISHEYE_KEYS if camera.lens == "opencv_fisheye" else _RATIONAL_KEYS
         frame.update(dict(zip(keys, camera.distortion, strict=False)))
         if camera.mask_path is not None:
             frame["mask_path"] = str(camera.mask_path)
@@ -137,6 +139,8 @@ def write_transforms(path: Path, cameras: list[Camera]) -> None:
 
 
 _OPENCV_KEYS = ("k1", "k2", "p1", "p2", "k3")
+_RATIONAL_KEYS = (*_OPENCV_KEYS, "k4", "k5", "k6")
+_FISHEYE_KEYS = ("k1", "k2", "k3", "k4")
 
 
 def _image_path(path: Path, where: str, frame: dict) -> Path | None:
@@ -239,7 +243,9 @@ def _lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, ...]]
             path, f"{where}.camera_model", f"the lens model '{model}' is not supported",
             f"use one of {', '.join(_LENS_OF_MODEL)}",
         )  # fmt: skip
-    keys = ("k1", "k2", "k3", "k4") if lens == "opencv_fisheye" else _OPENCV_KEYS
+    keys = _FISHEYE_KEYS if lens == "opencv_fisheye" else _OPENCV_KEYS
+    if str(model).upper() == "FULL_OPENCV":
+        keys = _RATIONAL_KEYS  # elsewhere a k4 may mean something else
     numbers = tuple(_number(path, where, values, key) or 0.0 for key in keys)
     if lens == "pinhole" or (lens == "opencv" and not any(numbers)):
         return "pinhole", ()

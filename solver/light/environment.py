@@ -1,6 +1,6 @@
 """The far-field environment light: radiance exp(x) on an equirectangular map (paper §3.3, App. A).
 
-Directions and texels follow Blender's equirectangular convention, which the whole solver shares:
+Directions and texels follow Blender's equirectangular convention as `capture.frames` has it:
 u = ½ − atan2(y, x)/2π, v = acos(z)/π; column = u·W, row = v·H, row 0 at +Z.
 """
 
@@ -9,9 +9,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import nn
 
+from ..capture.frames import direction_from_equirect
 from ..kernels.integral import rectangle_mean
 from .spherical_harmonics import sh_basis
 
@@ -26,7 +28,7 @@ class LightTables(NamedTuple):
 
 
 def equirect_coordinates(directions: torch.Tensor, height: int, width: int) -> torch.Tensor:
-    """Continuous (column, row) [N, 2] in texels of unit directions [N, 3]."""
+    """Continuous (column, row) [N, 2] in texels of unit directions [N, 3], differentiable."""
     x, y, z = directions.unbind(-1)
     # atan2 has no gradient on the polar axis: move such directions off it by far less than a texel.
     x = torch.where((x.abs() < 1e-7) & (y.abs() < 1e-7), torch.full_like(x, 1e-7), x)
@@ -36,13 +38,10 @@ def equirect_coordinates(directions: torch.Tensor, height: int, width: int) -> t
 
 
 def equirect_directions(height: int, width: int, device=None) -> torch.Tensor:
-    """Unit directions [H, W, 3] of the texel centres."""
-    row = (torch.arange(height, device=device, dtype=torch.float64) + 0.5) * (math.pi / height)
-    column = (torch.arange(width, device=device, dtype=torch.float64) + 0.5) / width
-    phi = (0.5 - column) * (2 * math.pi)
-    theta, phi = torch.meshgrid(row, phi, indexing="ij")
-    sine = theta.sin()
-    return torch.stack([sine * phi.cos(), sine * phi.sin(), theta.cos()], dim=-1)
+    """Unit directions [H, W, 3] double of the texel centres."""
+    v, u = np.mgrid[0:height, 0:width] + 0.5
+    uv = np.stack([u / width, v / height], axis=-1)
+    return torch.from_numpy(direction_from_equirect(uv)).to(device)
 
 
 class EnvironmentMap(nn.Module):

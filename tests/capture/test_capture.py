@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
+from solver.capture import frames
 from solver.capture.camera import Camera
 from solver.capture.errors import CaptureError
 from solver.capture.photos import linear_to_srgb, load_photo, load_photos, srgb_to_linear
@@ -53,6 +54,7 @@ def camera(**changes):
 LENSES = [
     {},
     {"lens": "opencv", "distortion": (0.1, -0.05, 0.002, -0.001, 0.01)},
+    {"lens": "opencv", "distortion": (0.3, -0.05, 0.002, -0.001, 0.01, 0.2, 0.03, 0.001)},
     {"lens": "opencv_fisheye", "distortion": (0.05, -0.01, 0.002, 0.001)},
 ]
 
@@ -86,6 +88,45 @@ def test_opencv_distortion_is_applied_as_opencv_defines_it():
     yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
     projected, _ = item.project(np.array([[x, -y, -1.0]]))
     np.testing.assert_allclose(projected[0], (xd * 70 + 30, yd * 60 + 25))
+
+
+def test_beyond_the_fold_of_its_polynomial_a_lens_sees_nothing():
+    # x(1 − ⅓x²) grows up to x = 1 and takes its values a second time beyond.
+    item = camera(camera_to_world=np.eye(4), lens="opencv", distortion=(-1 / 3, 0, 0, 0, 0))
+    inside, _ = item.project(np.array([[0.9, 0, -1]]))
+    beyond, _ = item.project(np.array([[1.2, 0, -1]]))
+    assert np.isfinite(inside).all() and np.isnan(beyond).all()
+    column = item.cx + item.fx * np.array([0.5, 0.9])  # the largest image is at ⅔
+    row = np.full(2, item.cy)
+    assert item.lens_reaches(column, row).tolist() == [True, False]
+    _, directions = item.rays(column, row)
+    np.testing.assert_allclose(directions[1], np.array([1, 0, -1]) / math.sqrt(2), atol=1e-3)
+
+
+def test_a_fisheye_sees_behind_itself():
+    item = camera(camera_to_world=np.eye(4), lens="opencv_fisheye", distortion=(0.0,) * 4)
+    angle = 1.9  # radians from the axis; the image radius of an undistorted fisheye is the angle
+    pixel, depth = item.project(np.array([[math.sin(angle), 0, -math.cos(angle)]]))
+    np.testing.assert_allclose(pixel[0], (item.cx + item.fx * angle, item.cy), atol=1e-9)
+    assert depth[0] < 0
+
+
+def test_conventions_of_opengl_and_opencv_are_half_a_turn_apart():
+    matrix = pose(0.7)
+    as_opencv = frames.pose_opencv_from_opengl(matrix)
+    np.testing.assert_allclose(as_opencv[:3, 2], -matrix[:3, 2])
+    np.testing.assert_allclose(frames.pose_opengl_from_opencv(as_opencv), matrix)
+    np.testing.assert_allclose(frames.invert_pose(matrix) @ matrix, np.eye(4), atol=1e-12)
+    point = np.array([[0.1, 0.2, -3.0]])
+    np.testing.assert_allclose(frames.opencv_from_opengl(point), [[0.1, -0.2, 3.0]])
+
+
+def test_equirect_directions_follow_blender():
+    named = {(0.5, 0.5): (1, 0, 0), (0.25, 0.5): (0, 1, 0), (0.75, 0.5): (0, -1, 0)}
+    for uv, direction in named.items():
+        np.testing.assert_allclose(frames.direction_from_equirect(uv), direction, atol=1e-12)
+        np.testing.assert_allclose(frames.equirect_from_direction(direction), uv)
+    np.testing.assert_allclose(frames.direction_from_equirect((0.3, 0.0)), (0, 0, 1), atol=1e-12)
 
 
 @pytest.mark.parametrize("lens", LENSES)

@@ -7,6 +7,7 @@ import pytest
 import scipy.special
 import torch
 
+from solver.capture import frames
 from solver.light.environment import (
     EnvironmentMap,
     equirect_coordinates,
@@ -99,3 +100,10 @@ def test_footprints_cover_the_solid_angle_they_stand_for(row, solid_angle):
     band = math.cos(top * math.pi / 64) - math.cos(bottom * math.pi / 64)
     area = band * float(columns) * 2 * math.pi / 128
     assert math.isclose(area, solid_angle, rel_tol=0.02)
+
+
+def test_the_light_has_the_directions_of_the_frames_module():
+    directions = equirect_directions(8, 16)
+    texel = equirect_coordinates(directions.reshape(-1, 3), 8, 16)
+    expected = frames.equirect_from_direction(directions.reshape(-1, 3).numpy()) * (16, 8)
+    np.testing.assert_allclose(texel.numpy(), expected, atol=1e-4)

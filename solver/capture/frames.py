@@ -1,0 +1,68 @@
+"""Axis conventions, all in one place.
+
+World: right-handed, +Z up, as in Blender.
+
+Camera axes: OpenGL's and Blender's, +X right, +Y up, the view along −Z. OpenCV and COLMAP have
++X right, +Y down, the view along +Z: half a turn about X.
+
+Pixels: (column, row), row 0 on top, pixel centres at +0.5. `x`, `y` of an ideal image are OpenCV's:
+y down, at unit distance along the optical axis.
+
+Environment: Blender's equirectangular map. Row 0 is +Z, the image's centre is +X, left of the centre
+(u = ¼) is +Y, the left and right edges are −X.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# Half a turn about X is its own inverse, so one array serves both ways.
+OPENGL_FROM_OPENCV = np.array([1.0, -1.0, -1.0])
+
+
+def opengl_from_opencv(vectors: np.ndarray) -> np.ndarray:
+    """Vectors [..., 3] in OpenCV's camera axes to OpenGL's."""
+    return np.asarray(vectors) * OPENGL_FROM_OPENCV
+
+
+def opencv_from_opengl(vectors: np.ndarray) -> np.ndarray:
+    """Vectors [..., 3] in OpenGL's camera axes to OpenCV's."""
+    return np.asarray(vectors) * OPENGL_FROM_OPENCV
+
+
+def pose_opengl_from_opencv(camera_to_world: np.ndarray) -> np.ndarray:
+    """Camera-to-world matrices [..., 4, 4] of OpenCV cameras as those of OpenGL cameras."""
+    return np.asarray(camera_to_world) * np.append(OPENGL_FROM_OPENCV, 1.0)
+
+
+def pose_opencv_from_opengl(camera_to_world: np.ndarray) -> np.ndarray:
+    """Camera-to-world matrices [..., 4, 4] of OpenGL cameras as those of OpenCV cameras."""
+    return np.asarray(camera_to_world) * np.append(OPENGL_FROM_OPENCV, 1.0)
+
+
+def invert_pose(pose: np.ndarray) -> np.ndarray:
+    """Inverse of rigid motions [..., 4, 4] (camera to world ↔ world to camera)."""
+    pose = np.asarray(pose, dtype=np.float64)
+    inverse = np.zeros_like(pose)
+    rotation = np.swapaxes(pose[..., :3, :3], -1, -2)
+    inverse[..., :3, :3] = rotation
+    inverse[..., :3, 3] = -np.einsum("...ij,...j->...i", rotation, pose[..., :3, 3])
+    inverse[..., 3, 3] = 1
+    return inverse
+
+
+def equirect_from_direction(directions: np.ndarray) -> np.ndarray:
+    """(u, v) [..., 2] in [0, 1] of world directions [..., 3] of any length but zero."""
+    d = np.asarray(directions, dtype=np.float64)
+    u = 0.5 - np.arctan2(d[..., 1], d[..., 0]) / (2 * np.pi)
+    # atan2 instead of acos: exact near the poles, and the length does not matter.
+    v = np.arctan2(np.hypot(d[..., 0], d[..., 1]), d[..., 2]) / np.pi
+    return np.stack([u, v], axis=-1)
+
+
+def direction_from_equirect(uv: np.ndarray) -> np.ndarray:
+    """Unit world directions [..., 3] of (u, v) [..., 2]."""
+    uv = np.asarray(uv, dtype=np.float64)
+    azimuth, polar = (0.5 - uv[..., 0]) * 2 * np.pi, uv[..., 1] * np.pi
+    around = np.sin(polar)
+    return np.stack([around * np.cos(azimuth), around * np.sin(azimuth), np.cos(polar)], axis=-1)
