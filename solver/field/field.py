@@ -7,6 +7,7 @@ import torch.nn.functional as F
 from torch import nn
 
 from ..kernels.vm import vm_gradient, vm_products, vm_sum
+from ..kernels.vm_torch import vm_interpolation_gradient
 from .heads import MaterialHeads, Materials
 from .smoothing import smoothed_factors, upsample
 
@@ -21,6 +22,8 @@ class MicrofacetField(nn.Module):
     Args:
         centre: [3] world centre of the box. half_size: half its edge, world units.
         size: grid nodes per axis.
+        smoothed_normals: normals from the Gaussian-smoothed finite difference (paper §3.1), not
+            from the derivative of the interpolation.
     """
 
     def __init__(
@@ -36,11 +39,13 @@ class MicrofacetField(nn.Module):
         initial_albedo: float = 0.5,
         initial_roughness: float = 0.4,
         initial_f0: float = 0.1,
+        smoothed_normals: bool = True,
     ):
         super().__init__()
         self.register_buffer("centre", torch.as_tensor(centre, dtype=torch.float32))
         self.half_size = float(half_size)
         self.density_shift, self.density_scale = density_shift, density_scale
+        self.smoothed_normals = smoothed_normals
         self.density_planes = _factor(3, size, size, density_components)
         self.density_lines = _factor(3, size, density_components)
         self.feature_planes = _factor(3, size, size, feature_components)
@@ -75,14 +80,17 @@ class MicrofacetField(nn.Module):
         return self.density_scale * F.softplus(raw + self.density_shift)
 
     def normal_factors(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Smoothed derivative factors; build once a step and hand to `normals`."""
+        """Factors of the gradient; build once a step and hand to `normals`."""
+        if not self.smoothed_normals:
+            return self.density_planes, self.density_lines
         return smoothed_factors(self.density_planes, self.density_lines)
 
     def normals(
         self, box_points: torch.Tensor, factors: tuple[torch.Tensor, torch.Tensor]
     ) -> torch.Tensor:
-        """Unit outward normals [N, 3]: minus the smoothed gradient of the raw density."""
-        gradient = vm_gradient(box_points * (self.size - 1), *factors)
+        """Unit outward normals [N, 3]: minus the (smoothed) gradient of the raw density."""
+        gradient_of = vm_gradient if self.smoothed_normals else vm_interpolation_gradient
+        gradient = gradient_of(box_points * (self.size - 1), *factors)
         length = (gradient * gradient).sum(-1, keepdim=True).clamp(min=1e-10).sqrt()
         return -gradient / length
 

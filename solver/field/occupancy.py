@@ -6,11 +6,12 @@ import math
 
 import torch
 import torch.nn.functional as F
+from torch import nn
 
 from .field import MicrofacetField
 
 
-class Occupancy:
+class Occupancy(nn.Module):
     """A boolean grid [K, K, K] over the field's box and the extinction behind it.
 
     A cell is occupied if any of its eight corners is denser than a threshold, or a neighbour is:
@@ -19,9 +20,11 @@ class Occupancy:
     """
 
     def __init__(self, cells: int, device: torch.device | str = "cpu"):
-        self.occupied = torch.ones(cells, cells, cells, dtype=torch.bool, device=device)
-        self.extinction = torch.zeros(cells, cells, cells, device=device)
-        self.allowed = torch.ones_like(self.occupied)
+        super().__init__()
+        everywhere = torch.ones(cells, cells, cells, dtype=torch.bool, device=device)
+        self.register_buffer("occupied", everywhere, persistent=False)
+        self.register_buffer("extinction", torch.zeros_like(everywhere).float(), persistent=False)
+        self.register_buffer("allowed", everywhere.clone(), persistent=False)
 
     @property
     def cells(self) -> int:
@@ -62,7 +65,9 @@ class Occupancy:
 
         Where masks say that there is nothing, no floater can settle.
         """
-        grown = F.max_pool3d(grid[None, None].float(), 2 * dilation + 1, stride=1, padding=dilation)
+        grown = F.max_pool3d(
+            grid[None, None].float().cpu(), 2 * dilation + 1, stride=1, padding=dilation
+        )
         resized = (
             F.adaptive_max_pool3d(grown, self.cells)
             if len(grid) >= self.cells

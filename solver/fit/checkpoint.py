@@ -30,7 +30,6 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     scene, settings = trainer.scene, trainer.settings
     tensors = {f"scene.{key}": value for key, value in scene.state_dict().items()}
     tensors["generator.pixels"] = trainer.generator.get_state()
-    tensors["generator.rays"] = trainer.random.generator.get_state()
     tensors["occupancy"] = scene.occupancy.occupied
     tensors["allowed"] = scene.occupancy.allowed
     tensors["extinction"] = scene.occupancy.extinction
@@ -39,6 +38,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
             tensors[f"optimiser.{index}.{key}"] = torch.as_tensor(value)
     state = {
         "step": trainer.step, "level": trainer.level, "steps_at_level": trainer.steps_at_level,
+        "fraction_at_level": trainer.fraction_at_level, "batching": trainer.batching.state(),
         "seconds": seconds, "done": done, "seed": trainer.seed, "use_masks": trainer.use_masks,
         "background": trainer.background,
         "field": {
@@ -46,6 +46,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
             "density_components": settings.field.density_components,
             "feature_components": settings.field.feature_components,
             "feature_size": settings.field.feature_size,
+            "smoothed_normals": scene.field.smoothed_normals,
             "occupancy_cells": scene.occupancy.cells,
         },
         "environment_height": scene.environment.height,
@@ -88,6 +89,7 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
     field = MicrofacetField(
         tensors["scene.field.centre"], shape["half_size"], shape["size"],
         shape["density_components"], shape["feature_components"], shape["feature_size"],
+        smoothed_normals=shape["smoothed_normals"],
     )  # fmt: skip
     scene = Scene(
         field, EnvironmentMap(state["environment_height"]), NeuralTerm(shape["feature_size"]),
@@ -110,7 +112,6 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> 
     """Bring a trainer made with the checkpoint's scene to the checkpoint's state."""
     trainer.step, trainer.level = state["step"], state["level"]
     trainer.generator.set_state(tensors["generator.pixels"].cpu())
-    trainer.random.generator.set_state(tensors["generator.rays"].cpu())
     saved = trainer.optimiser.state_dict()
     saved["state"] = {}
     for key, value in tensors.items():
@@ -119,6 +120,8 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> 
             saved["state"].setdefault(int(index), {})[name] = value
     trainer.optimiser.load_state_dict(saved)
     trainer.steps_at_level = state["steps_at_level"]
+    trainer.fraction_at_level = state["fraction_at_level"]
+    trainer.batching.restore(state["batching"])
     # A new trainer refreshes the grid; the interrupted one would have done so only later.
     _restore_occupancy(trainer.scene, tensors)
 

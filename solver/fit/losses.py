@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import torch
 
 from ..render.radiance import RayBuffers
@@ -9,48 +11,50 @@ from ..render.tonemap import linear_to_srgb, over_background
 from .presets import FitSettings
 from .ray_bank import RayBatch
 
-WHITE = 1.0
+
+class Behind(NamedTuple):
+    """What is seen where the object is not.
+
+    Photos with alpha are laid over an sRGB colour; a photo's own background is light in the scene.
+    """
+
+    colour: torch.Tensor  # [R, 3] sRGB, or linear radiance
+    is_linear: bool = False
 
 
-def photometric(
-    buffers: RayBuffers, batch: RayBatch, behind: torch.Tensor | None = None
-) -> torch.Tensor:
-    """Mean squared error of sRGB pixels over white, or over linear radiance `behind` [R, 3].
+def photometric(buffers: RayBuffers, batch: RayBatch, behind: Behind) -> torch.Tensor:
+    """Mean squared error of sRGB pixels.
 
     The prediction is not clipped, so a pixel that is too bright still has a gradient; where the
     photo itself is saturated, anything at least as bright is right.
     """
-    if behind is None:
-        predicted = over_background(buffers.radiance, buffers.opacity, WHITE)
-    else:
-        passing = (1 - buffers.opacity)[:, None]
-        predicted = linear_to_srgb(buffers.radiance + passing * behind)
     alpha = batch.alpha[:, None]
-    target = batch.colour * alpha + (1 - alpha) * WHITE
+    if behind.is_linear:
+        passing = (1 - buffers.opacity)[:, None]
+        predicted = linear_to_srgb(buffers.radiance + passing * behind.colour)
+        target = batch.colour * alpha + (1 - alpha) * linear_to_srgb(behind.colour.detach())
+    else:
+        predicted = over_background(buffers.radiance, buffers.opacity, behind.colour)
+        target = batch.colour * alpha + (1 - alpha) * behind.colour
     error = predicted - target
     forgiven = batch.clipped & (error > 0) & (alpha > 0.999)
     return torch.where(forgiven, torch.zeros_like(error), error).square().mean()
 
 
 def total_loss(
-    buffers: RayBuffers,
-    batch: RayBatch,
-    settings: FitSettings,
-    use_masks: bool,
-    fraction: float,
-    behind: torch.Tensor | None = None,
-) -> tuple[torch.Tensor, dict[str, float]]:
+    buffers: RayBuffers, batch: RayBatch, settings: FitSettings, use_masks: bool, fraction: float,
+    behind: Behind,
+) -> tuple[torch.Tensor, dict[str, float]]:  # fmt: skip
     """The weighted sum of all terms, and the terms that are worth showing.
 
     Args:
         use_masks: opacity is held to the photos' alpha.
         fraction: how much of the fit is done; smoothness terms fade with it.
-        behind: [R, 3] radiance behind the object, or None for white.
     """
     image = photometric(buffers, batch, behind)
     loss = image + settings.opacity_weight * buffers.opacity.mean()
     loss = loss + settings.orientation_weight * buffers.backfacing.mean()
-    if use_masks:
+    if use_masks and settings.mask_weight > 0:
         loss = loss + settings.mask_weight * (buffers.opacity - batch.alpha).square().mean()
     if buffers.bending is not None:
         fade = settings.smoothness_end**fraction

@@ -28,12 +28,22 @@ class FieldSettings:
     """VM components of the features per pair"""
     feature_size: int = 24
     """length of a feature vector"""
+    smoothed_normals: bool = True
+    """normals from the Gaussian-smoothed finite difference; else the analytical derivative"""
+    initial_albedo: float = 0.5
+    """albedo of every point at the start"""
+    initial_roughness: float = 0.4
+    """roughness r = √α of every point at the start"""
+    initial_f0: float = 0.1
+    """reflectance at normal incidence of every point at the start"""
     box_margin: float = 0.08
     """empty margin around the object's hull, as a share of the box"""
     occupancy_cells: int = 128
     """cells per axis of the occupancy grid"""
     occupancy_min_alpha: float = 0.005
     """opacity of a step from which a cell counts as occupied"""
+    hull_start: bool = True
+    """start as the masks' visual hull, where photos have masks; else as a thin fog"""
     hull_cells: int = 128
     """cells per axis of the visual hull"""
     hull_steps: int = 250
@@ -59,7 +69,14 @@ class FitSettings:
     steps: int = 2600
     """optimiser steps"""
     rays: int = 1024
-    """primary rays a step"""
+    """primary rays a step, at least"""
+    most_rays: int = 0
+    """primary rays a step, at most, where `samples` leaves room (0: always `rays`)"""
+    samples: int = 0
+    """density samples of primary rays worked on at once, about; a step with more is cut in chunks
+    whose gradients are summed (0: all rays of a step at once)"""
+    secondary_samples: int = 0
+    """density samples of retraced rays a chunk, about; R follows (0: R is `render.retraced_rays`)"""
     learning_rate_grid: float = 0.02
     """of planes and lines"""
     learning_rate_network: float = 3e-3
@@ -68,8 +85,16 @@ class FitSettings:
     """of the environment map's logarithm"""
     final_learning_rate: float = 0.05
     """all rates at the end, as a share of their start"""
+    restart_schedule: bool = False
+    """decay starts anew after each upsampling, as in the public code"""
     warm_up: int = 50
     """steps over which the rates rise from a tenth, at the start and after each upsampling"""
+    background: str = "auto"
+    """what stands behind the object: 'white', 'black', 'random' (a colour a ray, photos with alpha
+    only), 'environment' (the fitted light itself), or 'auto': white for photos with alpha or before
+    plain white, else environment"""
+    use_masks: bool = True
+    """photos' alpha tells where the object is; else it is only used to lay them over a background"""
     mask_weight: float = 0.5
     """of (opacity − alpha)², where photos have alpha"""
     orientation_weight: float = 0.1
@@ -88,6 +113,10 @@ class FitSettings:
     """share of the neural term g at the start; 0 switches it off"""
     neural_fade: tuple[float, float] = (0.4, 0.65)
     """fractions of the fit between which g is blended out, so that Cycles can show what is baked"""
+    decoder: str = ""
+    """a finished job whose decoder (feature basis, heads, g) is taken over and kept as it is"""
+    snapshots: tuple[int, ...] = ()
+    """steps at which pictures of render, weights and light are kept (paper's Fig. 'snapshots')"""
     preview_every: float = 20.0
     """seconds between pictures of the current state"""
     checkpoint_every: float = 30.0
@@ -114,7 +143,39 @@ STANDARD = Settings(
     asset=AssetSettings(),
 )
 
-PRESETS: dict[str, Settings] = {"draft": DRAFT, "standard": STANDARD}
+# The paper's schedule; where its text and its public code differ, as decisions/0006 says.
+PAPER = Settings(
+    field=FieldSettings(
+        sizes=(128, 162, 196, 231, 265, 300),
+        size_starts=(0.0, 2000 / 30000, 3000 / 30000, 4000 / 30000, 5500 / 30000, 7000 / 30000),
+        hull_start=False, initial_albedo=0.91, initial_roughness=0.6, initial_f0=0.5,
+        occupancy_min_alpha=0.001,
+    ),
+    light=LightSettings(heights=(512,)),
+    render=RenderSettings(
+        secondary_step=0.5, secondary_rays=128, min_weight=0.0, min_transmittance=1e-4,
+        retraced_rays=1000, retrace_choice="noisy", secondary_bounce_rays=8, visibility=False,
+        light_masking=False,
+    ),
+    fit=FitSettings(
+        steps=30000, rays=4096, most_rays=8000, samples=200_000, secondary_samples=1_000_000,
+        learning_rate_network=1e-3, learning_rate_light=0.02, final_learning_rate=1e-3,
+        restart_schedule=True, warm_up=100, background="white", use_masks=False, mask_weight=0.0,
+        # The paper sums over the three channels where `losses` takes their mean.
+        orientation_weight=0.1 / 3, opacity_weight=6e-4 / 3, bending_weight=0.0,
+        unevenness_weight=0.0, neighbour_distance=0.0, neural_fade=(1.0, 1.0),
+    ),
+)  # fmt: skip
+
+PRESETS: dict[str, Settings] = {"draft": DRAFT, "standard": STANDARD, "paper": PAPER}
+
+# The paper's Table 1, row by row, as overrides of any preset.
+ABLATIONS: dict[str, dict[str, object]] = {
+    "no integral image": {"render.integral_image": False},
+    "analytical derivative": {"field.smoothed_normals": False},
+    "single bounce": {"render.retraced_rays": 0, "render.visibility": False},
+    "no neural": {"fit.neural_start": 0.0},
+}
 
 
 def settings_for(preset: str, overrides: dict[str, object] | None = None) -> Settings:
@@ -129,6 +190,13 @@ def settings_for(preset: str, overrides: dict[str, object] | None = None) -> Set
     for key, value in (overrides or {}).items():
         settings = _override(settings, key, value)
     return settings
+
+
+def neural_share(fit: FitSettings, fraction: float) -> float:
+    """Share of g at a fraction of the fit; at 1, what the finished field is to be rendered with."""
+    first, last = fit.neural_fade
+    kept = 1 - min(max((fraction - first) / max(last - first, 1e-6), 0), 1)
+    return fit.neural_start * kept
 
 
 def _override(settings: Settings, key: str, value: object) -> Settings:

@@ -18,13 +18,14 @@ from ..light.environment import EnvironmentMap
 from ..metrics.image import psnr, ssim
 from ..metrics.normals import normal_mae
 from ..render.image import RenderedView, image_settings, render_view
-from ..render.scene import RenderSettings, Scene, StepTables
+from ..render.scene import Scene, StepTables
 from . import checkpoint
+from .presets import Settings, neural_share
 from .preview import display, over_white, save_png
 from .reconstruct import choose_device
 
 
-def load_job(job: JobFolder, environment: Path | None = None) -> tuple[Scene, RenderSettings]:
+def load_job(job: JobFolder, environment: Path | None = None) -> tuple[Scene, Settings]:
     """The fitted scene of a job, under its own light or the equirect EXR `environment`.
 
     Raises:
@@ -42,17 +43,17 @@ def load_job(job: JobFolder, environment: Path | None = None) -> tuple[Scene, Re
             )  # fmt: skip
         light = EnvironmentMap.from_radiance(torch.from_numpy(radiance.copy()))
         scene.environment = light.to(scene.field.centre.device)
-    return scene, checkpoint.settings_of(state).render
+    return scene, checkpoint.settings_of(state)
 
 
 def render_cameras(
-    scene: Scene, settings: RenderSettings, cameras: tuple[Camera, ...], rays: int
+    scene: Scene, settings: Settings, cameras: tuple[Camera, ...], rays: int
 ) -> Iterator[tuple[Camera, RenderedView]]:
-    """Render cameras one by one, without the neural term."""
+    """Render cameras one by one, with the share of the neural term that the fit ended with."""
     tables = StepTables.of(scene)
-    settings = image_settings(settings, rays)
+    render = image_settings(settings.render, rays, neural_share(settings.fit, 1.0))
     for camera in cameras:
-        yield camera, render_view(scene, tables, settings, camera)
+        yield camera, render_view(scene, tables, render, camera)
 
 
 def render_job(

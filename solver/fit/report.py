@@ -15,7 +15,7 @@ from ..metrics.image import psnr, ssim
 from ..render.image import image_settings, render_view
 from ..render.scene import Scene, StepTables
 from ..report import Row, write_report
-from .presets import Settings
+from .presets import Settings, neural_share
 from .preview import display, over_white, save_png, tone_mapped
 
 VIEWS = 4
@@ -36,7 +36,8 @@ def write_job_report(
             # A broken test split must not cost the person a finished reconstruction.
             held_out = False
     chosen = np.linspace(0, len(cameras) - 1, min(VIEWS, len(cameras))).astype(int)
-    render_settings = image_settings(settings.render)
+    neural = neural_share(settings.fit, 1.0)
+    render_settings = image_settings(settings.render, neural=neural)
     tables = StepTables.of(scene)
     rows, scores = [], []
     folder = job.result_dir / "report"
@@ -71,7 +72,8 @@ def write_job_report(
     write_json_atomic(job.result_dir / "report.json", numbers)
     write_report(
         job.result_dir / "report.html", "Reconstruction",
-        f"Photos beside the solver's own renders of the field ({kind}), without the neural term: "
-        "what Cycles can show.", rows, numbers,
+        f"Photos beside the solver's own renders of the field ({kind}), "
+        + ("without the neural term: what Cycles can show." if neural == 0 else
+           "with the neural term, which Cycles cannot show."), rows, numbers,
     )  # fmt: skip
     return {"json": "report.json", "html": "report.html"}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import scipy.ndimage
@@ -14,8 +15,10 @@ from ..capture.capture import Capture
 from ..capture.errors import CaptureError
 from ..capture.photos import Photo
 from ..field.field import MicrofacetField
+from ..job.folder import JobFolder
 from ..light.environment import EnvironmentMap
 from ..render.scene import Scene
+from .errors import SettingsError
 from .presets import Settings
 from .ray_bank import RayBank
 from .trainer import Trainer
@@ -23,6 +26,7 @@ from .visual_hull import bounding_box, carve, signed_distance, start_from_hull
 
 COARSE_HULL_CELLS = 96
 HULL_MARGIN = 3  # cells of the hull's grid by which the object may reach beyond the hull
+BACKGROUNDS = ("auto", "white", "black", "random", "environment")
 LIKELY_MARGIN = 9  # pixels around the object from which rays are drawn as often as from it
 
 
@@ -56,7 +60,8 @@ def new_trainer(
     """
     torch.manual_seed(seed)
     cameras = list(capture.cameras)
-    use_masks = all(photo.has_alpha for photo in photos)
+    use_masks = uses_masks(photos, settings)
+    use_hull = use_masks and settings.field.hull_start
     box = capture.region if region is None else np.asarray(region, dtype=np.float64)
     if use_masks:
         cube = _object_cube(capture, photos, box, settings.field.box_margin)
@@ -66,9 +71,11 @@ def new_trainer(
     shape = settings.field
     field = MicrofacetField(
         torch.tensor(cube.centre), cube.half_size, shape.sizes[0], shape.density_components,
-        shape.feature_components, shape.feature_size,
+        shape.feature_components, shape.feature_size, initial_albedo=shape.initial_albedo,
+        initial_roughness=shape.initial_roughness, initial_f0=shape.initial_f0,
+        smoothed_normals=shape.smoothed_normals,
     )  # fmt: skip
-    if use_masks:
+    if use_hull:
         hull = carve(cameras, photos, cube.box, shape.hull_cells)
         distance = torch.from_numpy(signed_distance(hull)) * (2 * cube.half_size / hull.shape[0])
         start_from_hull(
@@ -79,16 +86,43 @@ def new_trainer(
         field, EnvironmentMap(settings.light.heights[0], settings.light.initial),
         NeuralTerm(shape.feature_size), shape.occupancy_cells,
     ).to(device)  # fmt: skip
-    if use_masks:
+    if use_hull:
         scene.occupancy.allow_only(torch.from_numpy(hull), HULL_MARGIN)
+    if settings.fit.decoder:
+        take_decoder(scene, Path(settings.fit.decoder), device)
     return trainer_for(scene, capture, photos, settings, seed)
+
+
+def take_decoder(scene: Scene, job: Path, device: str) -> None:
+    """Copy feature basis, heads and g of a finished job, so that both scenes share a decoder.
+
+    Raises:
+        JobError: there is no job. SettingsError: its networks have another shape.
+    """
+    from .checkpoint import load_scene
+
+    other, _, _ = load_scene(JobFolder.open(job).checkpoint_dir, device)
+    try:
+        scene.field.basis.load_state_dict(other.field.basis.state_dict())
+        scene.field.heads.load_state_dict(other.field.heads.state_dict())
+        scene.neural.load_state_dict(other.neural.state_dict())
+    except RuntimeError as error:
+        raise SettingsError(
+            f"Setting 'fit.decoder': the decoder of {job} has another shape; choose the same "
+            "field.feature_size and field.feature_components."
+        ) from error
+
+
+def uses_masks(photos: list[Photo], settings: Settings) -> bool:
+    """True if all photos have alpha and the settings let it say where the object is."""
+    return settings.fit.use_masks and all(photo.has_alpha for photo in photos)
 
 
 def trainer_for(
     scene: Scene, capture: Capture, photos: list[Photo], settings: Settings, seed: int
 ) -> Trainer:
     """A trainer of a given scene on a capture's photos."""
-    use_masks = all(photo.has_alpha for photo in photos)
+    use_masks = uses_masks(photos, settings)
     bank = RayBank(list(capture.cameras), photos, scene.field.centre.device)
     if use_masks:
         likely = [
@@ -96,11 +130,28 @@ def trainer_for(
             for photo in photos
         ]
         bank.restrict(torch.from_numpy(np.concatenate(likely)))
-    return Trainer(scene, bank, settings, seed, use_masks, background_of(photos))
+    background = background_of(photos, settings.fit.background)
+    return Trainer(
+        scene, bank, settings, seed, use_masks, background, bool(settings.fit.decoder)
+    )  # fmt: skip
 
 
-def background_of(photos: list[Photo]) -> str:
-    """'white' if photos have alpha or stand before plain white, else 'environment'."""
+def background_of(photos: list[Photo], wanted: str = "auto") -> str:
+    """What stands behind the object: as `wanted`, or for 'auto' as the photos look.
+
+    Raises:
+        SettingsError: unknown, or impossible with these photos.
+    """
+    if wanted not in BACKGROUNDS:
+        raise SettingsError(
+            f"Setting 'fit.background': there is no '{wanted}'; choose {', '.join(BACKGROUNDS)}."
+        )
+    if wanted == "random" and not all(photo.has_alpha for photo in photos):
+        raise SettingsError(
+            "Setting 'fit.background': 'random' needs photos with alpha; choose another."
+        )
+    if wanted != "auto":
+        return wanted
     if all(photo.has_alpha for photo in photos):
         return "white"
     borders = [

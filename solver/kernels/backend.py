@@ -12,7 +12,17 @@ _state = {"fused": True}
 
 def fast(tensor: torch.Tensor) -> bool:
     """True where the fused kernels apply: 32-bit tensors on the CPU, unless `plain_torch` is active."""
-    return _state["fused"] and tensor.device.type == "cpu" and tensor.dtype == torch.float32
+    return fast_device(tensor.device) and tensor.dtype == torch.float32
+
+
+def fast_device(device: torch.device) -> bool:
+    """True on devices that the fused kernels know, unless `plain_torch` is active."""
+    return _state["fused"] and device.type == "cpu"
+
+
+def precise(device: torch.device) -> torch.dtype:
+    """The type for long sums: double where the device has it."""
+    return torch.float32 if device.type == "mps" else torch.float64
 
 
 @contextlib.contextmanager

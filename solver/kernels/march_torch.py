@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 import torch.nn.functional as F
 
+from .backend import precise
 from .vm_torch import vm_sum
 
 
@@ -68,7 +69,10 @@ def composite(optical_depth: torch.Tensor, offsets: torch.Tensor):
     ray = torch.arange(len(counts), device=counts.device).repeat_interleave(counts)
     total = torch.zeros(len(counts), dtype=optical_depth.dtype, device=optical_depth.device)
     total = total.index_add(0, ray, optical_depth)
-    running = torch.cumsum(torch.cat([optical_depth.new_zeros(1), optical_depth]), 0)
+    # One running sum over all rays: in single precision its differences would lose their digits.
+    running = torch.cat([optical_depth.new_zeros(1), optical_depth])
+    running = running.to(precise(optical_depth.device)).cumsum(0)
     before = running[:-1] - running[offsets[:-1].clamp(max=len(running) - 1)][ray]
+    before = before.to(optical_depth.dtype)
     weights = torch.exp(-before) * -torch.expm1(-optical_depth)
     return weights, torch.exp(-total)

@@ -9,6 +9,7 @@ and are clamped to the grid; they carry no gradient.
 from __future__ import annotations
 
 import torch
+import torch.nn.functional as F
 
 PLANE_AXES = ((0, 1), (0, 2), (1, 2))
 LINE_AXES = (2, 1, 0)
@@ -66,4 +67,33 @@ def vm_gradient(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor)
         gradient[a] = gradient[a] + (plane[:, 1] * line[:, 0]).sum(-1)
         gradient[b] = gradient[b] + (plane[:, 2] * line[:, 0]).sum(-1)
         gradient[c] = gradient[c] + (plane[:, 0] * line[:, 1]).sum(-1)
+    return torch.stack(gradient, dim=-1)
+
+
+def vm_interpolation_gradient(
+    points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor
+) -> torch.Tensor:
+    """Gradient, per grid unit, of the interpolation itself at points [N, 3] → [N, 3].
+
+    planes [3, G, G, C], lines [3, G, C] as in `vm_sum`. Piecewise constant along the axis of
+    differentiation ("analytical derivative", paper Table 1).
+    """
+    gradient = [torch.zeros_like(points[:, 0], dtype=planes.dtype) for _ in range(3)]
+    size, channels = planes.shape[1], planes.shape[3]
+    for k, ((a, b), c) in enumerate(zip(PLANE_AXES, LINE_AXES, strict=True)):
+        (i, u), (j, v) = _cell(points[:, a], size), _cell(points[:, b], size)
+        m, w = _cell(points[:, c], size)
+        u, v, w = (x[:, None].to(planes.dtype) for x in (u, v, w))
+        # `embedding` has a fast backward pass where indexing has not.
+        flat = planes[k].reshape(size * size, channels)
+        p00, p01 = F.embedding(i * size + j, flat), F.embedding(i * size + j + 1, flat)
+        p10, p11 = F.embedding((i + 1) * size + j, flat), F.embedding((i + 1) * size + j + 1, flat)
+        l0, l1 = F.embedding(m, lines[k]), F.embedding(m + 1, lines[k])
+        line = l0 * (1 - w) + l1 * w
+        value = (p00 * (1 - v) + p01 * v) * (1 - u) + (p10 * (1 - v) + p11 * v) * u
+        along_a = (p10 - p00) * (1 - v) + (p11 - p01) * v
+        along_b = (p01 - p00) * (1 - u) + (p11 - p10) * u
+        gradient[a] = gradient[a] + (along_a * line).sum(-1)
+        gradient[b] = gradient[b] + (along_b * line).sum(-1)
+        gradient[c] = gradient[c] + (value * (l1 - l0)).sum(-1)
     return torch.stack(gradient, dim=-1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 
+from .hashing import uniform
 from .integral import rectangle_mean
 from .march import composite, grid_transmittance, march
 from .vm import vm_gradient, vm_products, vm_sum
@@ -12,6 +13,7 @@ from .vm import vm_gradient, vm_products, vm_sum
 def compile_kernels() -> None:
     """Run every kernel once, forwards and backwards, on a handful of numbers."""
     points = torch.rand(4, 3)
+    uniform(torch.arange(4), 0, 2)
 
     def leaf(*shape: int) -> torch.Tensor:
         return torch.rand(*shape, requires_grad=True)

@@ -7,6 +7,7 @@ u = ½ − atan2(y, x)/2π, v = acos(z)/π; column = u·W, row = v·H, row 0 at 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ import torch
 from torch import nn
 
 from ..capture.frames import direction_from_equirect
+from ..kernels.backend import precise
 from ..kernels.integral import rectangle_mean
 from .spherical_harmonics import sh_basis
 
@@ -44,6 +46,27 @@ def equirect_directions(height: int, width: int, device=None) -> torch.Tensor:
     return torch.from_numpy(direction_from_equirect(uv)).to(device)
 
 
+class _MapConstants(NamedTuple):
+    """What depends on a map's size alone."""
+
+    texel_solid_angle: torch.Tensor  # [H]
+    row_prefix: torch.Tensor  # [H + 1]
+    irradiance_weights: torch.Tensor  # [H·W, 9] float
+
+
+@lru_cache(maxsize=16)
+def _map_constants(height: int, device: torch.device) -> _MapConstants:
+    width = 2 * height
+    edges = torch.cos(torch.arange(height + 1, dtype=torch.float64) * math.pi / height)
+    texel = (edges[:-1] - edges[1:]) * (2 * math.pi / width)
+    rows = torch.cat([torch.zeros(1, dtype=torch.float64), texel.cumsum(0)])
+    basis = sh_basis(equirect_directions(height, width), 2)
+    lobe = torch.tensor([_COSINE_LOBE[0]] + [_COSINE_LOBE[1]] * 3 + [_COSINE_LOBE[2]] * 5)
+    weights = (basis * texel[:, None, None] * lobe.double()).reshape(-1, 9).float()
+    sums = precise(device)
+    return _MapConstants(texel.to(device, sums), rows.to(device, sums), weights.to(device))
+
+
 class EnvironmentMap(nn.Module):
     """An environment map with trainable log-radiance.
 
@@ -57,22 +80,16 @@ class EnvironmentMap(nn.Module):
     def __init__(self, height: int, initial: float = 0.5):
         super().__init__()
         self.log_radiance = nn.Parameter(torch.full((3, height, 2 * height), math.log(initial)))
-        self._build_constants(height)
 
-    def _build_constants(self, height: int) -> None:
-        width = 2 * height
-        device = self.log_radiance.device
-        edges = torch.cos(torch.arange(height + 1, dtype=torch.float64) * math.pi / height)
-        texel = (edges[:-1] - edges[1:]) * (2 * math.pi / width)
-        rows = torch.cat([torch.zeros(1, dtype=torch.float64), texel.cumsum(0)])
-        basis = sh_basis(equirect_directions(height, width), 2)
-        lobe = torch.tensor([_COSINE_LOBE[0]] + [_COSINE_LOBE[1]] * 3 + [_COSINE_LOBE[2]] * 5)
-        weights = basis * texel[:, None, None] * lobe.double()
-        self.register_buffer("texel_solid_angle", texel.to(device), persistent=False)
-        self.register_buffer("row_prefix", rows.to(device), persistent=False)
-        self.register_buffer(
-            "irradiance_weights", weights.reshape(-1, 9).float().to(device), persistent=False
-        )
+    @property
+    def texel_solid_angle(self) -> torch.Tensor:
+        """Solid angle of a texel of every row [H], sr."""
+        return _map_constants(self.height, self.log_radiance.device).texel_solid_angle
+
+    @property
+    def row_prefix(self) -> torch.Tensor:
+        """Prefix sums of a texel's solid angle down the rows [H + 1]."""
+        return _map_constants(self.height, self.log_radiance.device).row_prefix
 
     @classmethod
     def from_radiance(cls, radiance: torch.Tensor) -> EnvironmentMap:
@@ -109,12 +126,13 @@ class EnvironmentMap(nn.Module):
         turn negative far from the sun.
         """
         radiance = self.radiance()
-        weighted = radiance.double() * self.texel_solid_angle[:, None]
+        weighted = radiance.to(self.row_prefix.dtype) * self.texel_solid_angle[:, None]
         table = torch.zeros(
-            3, self.height + 1, self.width + 1, dtype=torch.float64, device=weighted.device
+            3, self.height + 1, self.width + 1, dtype=weighted.dtype, device=weighted.device
         )
         table[:, 1:, 1:] = weighted.cumsum(1).cumsum(2)
-        irradiance = (radiance.reshape(3, -1) @ self.irradiance_weights).T
+        weights = _map_constants(self.height, radiance.device).irradiance_weights
+        irradiance = (radiance.reshape(3, -1) @ weights).T
         return LightTables(table, irradiance)
 
     def lookup(

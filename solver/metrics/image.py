@@ -1,9 +1,17 @@
-"""Image metrics."""
+"""Image metrics. Images are sRGB [H, W, 3] in [0, 1], over white unless said otherwise."""
 
 from __future__ import annotations
 
+from functools import lru_cache
+
+import flip_evaluator
 import numpy as np
+import pytorch_msssim
 import skimage.metrics
+import torch
+
+MS_SSIM_MIN_SIDE = 161
+"""five scales with an 11-tap window need this many pixels"""
 
 
 def psnr(prediction: np.ndarray, truth: np.ndarray) -> float:
@@ -13,10 +21,60 @@ def psnr(prediction: np.ndarray, truth: np.ndarray) -> float:
 
 
 def ssim(prediction: np.ndarray, truth: np.ndarray) -> float:
-    """Structural similarity of images [H, W, 3] in [0, 1]: Gaussian window, σ 1.5, 11 taps (Wang 2004)."""
+    """Structural similarity: Gaussian window, σ 1.5, 11 taps (Wang et al. 2004)."""
     return float(
         skimage.metrics.structural_similarity(
             prediction.astype(np.float64), truth.astype(np.float64), channel_axis=-1,
             data_range=1.0, gaussian_weights=True, sigma=1.5, use_sample_covariance=False,
         )
     )  # fmt: skip
+
+
+def ms_ssim(prediction: np.ndarray, truth: np.ndarray) -> float | None:
+    """Multi-scale SSIM (Wang et al. 2003); None for images that are too small for five scales."""
+    if min(prediction.shape[:2]) < MS_SSIM_MIN_SIDE:
+        return None
+    pair = [torch.from_numpy(_channels_first(image)).double() for image in (prediction, truth)]
+    return float(pytorch_msssim.ms_ssim(*pair, data_range=1.0))
+
+
+def flip(prediction: np.ndarray, truth: np.ndarray) -> float:
+    """Mean LDR-FLIP at 67 pixels per degree (Andersson et al. 2020, doi:10.1145/3406183); 0 is best."""
+    images = [np.ascontiguousarray(i, dtype=np.float32) for i in (truth, prediction)]
+    return float(flip_evaluator.evaluate(*images, "LDR", applyMagma=False)[1])
+
+
+def lpips(prediction: np.ndarray, truth: np.ndarray) -> float | None:
+    """LPIPS v0.1 with AlexNet (Zhang et al. 2018), as in the paper's tables.
+
+    None where the packages lpips and torchvision or the network's weights are not installed;
+    nothing is downloaded.
+    """
+    network = _lpips_network()
+    if network is None:
+        return None
+    pair = [
+        torch.from_numpy(_channels_first(image)).float() * 2 - 1 for image in (prediction, truth)
+    ]
+    with torch.no_grad():
+        return float(network(*pair))
+
+
+@lru_cache(maxsize=1)
+def _lpips_network():
+    try:
+        import lpips as package
+        from torchvision.models import AlexNet_Weights
+    except (ImportError, RuntimeError):
+        # torchvision raises RuntimeError where it does not fit the installed torch.
+        return None
+    weights = f"{torch.hub.get_dir()}/checkpoints/{AlexNet_Weights.DEFAULT.url.split('/')[-1]}"
+    try:
+        torch.load(weights, map_location="cpu", weights_only=True)
+    except (OSError, RuntimeError):
+        return None
+    return package.LPIPS(net="alex", verbose=False)
+
+
+def _channels_first(image: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(image.transpose(2, 0, 1)[None])

@@ -12,7 +12,7 @@ import torch
 from ..capture.camera import Camera
 from ..kernels.march import composite, march
 from .radiance import render_rays
-from .random_numbers import SobolRotations
+from .random_numbers import RandomNumbers
 from .scene import RenderSettings, Scene, StepTables
 
 RAYS_PER_CHUNK = 4096
@@ -30,36 +30,50 @@ class RenderedView:
     f0: np.ndarray  # [H, W, 3] linear, zero where empty
 
 
-def image_settings(settings: RenderSettings, secondary_rays: int = 64) -> RenderSettings:
-    """Settings for final images: more secondary rays, every blocked one traced, no g."""
+def image_settings(
+    settings: RenderSettings, secondary_rays: int = 64, neural: float = 0.0
+) -> RenderSettings:
+    """Settings for final images: more secondary rays; if any is retraced, every blocked one is.
+
+    So no ray's fate depends on which others are rendered with it.
+
+    Args:
+        neural: share of the neural term g; 0 is what Cycles can show.
+    """
     return dataclasses.replace(
-        settings, secondary_rays=secondary_rays, retraced_rays=1 << 30, neural=0.0,
-        neighbour_distance=0.0, secondary_bounce_rays=4,
+        settings, secondary_rays=secondary_rays, neural=neural, neighbour_distance=0.0,
+        retraced_rays=(1 << 30) if settings.retraced_rays > 0 else 0, secondary_bounce_rays=4,
     )  # fmt: skip
 
 
 @torch.no_grad()
 def render_view(
     scene: Scene, tables: StepTables, settings: RenderSettings, camera: Camera, seed: int = 0,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] | None = None, rays_per_chunk: int = RAYS_PER_CHUNK,
 ) -> RenderedView:  # fmt: skip
-    """Render what a camera sees. The same numbers for the same seed."""
-    device = scene.field.centre.device
-    random = SobolRotations(seed, device)
+    """Render what a camera sees. The same picture for the same seed, however it is cut in chunks.
+
+    The paper's renderer shares out retraced rays among the pixels of a batch, and so must shuffle
+    its images (§3.4); see `image_settings`.
+    """
+    device = scene.device
+    random = RandomNumbers(seed, device)
     row, column = np.mgrid[0 : camera.height, 0 : camera.width]
     origins, directions = camera.rays(column.ravel() + 0.5, row.ravel() + 0.5)
     origins = torch.from_numpy(origins).float().to(device)
     directions = torch.from_numpy(directions).float().to(device)
+    pixels = torch.arange(len(origins), device=device)
     parts = []
-    for first in range(0, len(origins), RAYS_PER_CHUNK):
-        chunk = slice(first, first + RAYS_PER_CHUNK)
+    for first in range(0, len(origins), rays_per_chunk):
+        chunk = slice(first, first + rays_per_chunk)
         parts.append(
             render_rays(
-                scene, tables, settings, random, origins[chunk], directions[chunk], jitter=False
+                scene, tables, settings, random, origins[chunk], directions[chunk], pixels[chunk],
+                jitter=False,
             )
-        )
+        )  # fmt: skip
         if progress is not None:
-            progress(min(1.0, (first + RAYS_PER_CHUNK) / len(origins)))
+            progress(min(1.0, (first + rays_per_chunk) / len(origins)))
 
     def image(name: str) -> np.ndarray:
         flat = torch.cat([getattr(part, name) for part in parts]).cpu().numpy()

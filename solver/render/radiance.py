@@ -6,10 +6,15 @@ from dataclasses import dataclass
 
 import torch
 
-from ..kernels.march import composite, march
-from .random_numbers import SobolRotations
-from .scene import RenderSettings, Scene, StepTables
+from ..kernels.march import composite
+from .random_numbers import NEIGHBOUR, OFFSET, SECONDARY_OFFSET, RandomNumbers
+from .scene import RenderSettings, Samples, Scene, StepTables
 from .shade import shade
+
+SECONDARY_MIN_WEIGHT = 5.0
+"""threshold of shading at the end of retraced rays, in units of `RenderSettings.min_weight`"""
+RAYS_PER_TRACE = 65536
+"""retraced rays at once where no gradient is wanted; bounds the memory"""
 
 
 @dataclass
@@ -24,36 +29,46 @@ class RayBuffers:
     f0: torch.Tensor  # [R, 3] linear, premultiplied
     backfacing: torch.Tensor  # [R] Σ w·max(0, n·d)² (orientation loss, Ref-NeRF eq. 11)
     distance: torch.Tensor  # [R] mean distance, premultiplied, no gradient
-    samples: int  # density samples taken
+    samples: int  # density samples taken by primary rays
+    retraced: int  # secondary rays traced through the field
+    retraced_samples: int  # density samples they took
     bending: torch.Tensor | None = None  # [R] Σ w·(1 − n·n'), n' the normal close by
     unevenness: torch.Tensor | None = None  # [R] Σ w·|materials − materials close by|
 
 
 def render_rays(
-    scene: Scene, tables: StepTables, settings: RenderSettings, random: SobolRotations,
-    origins: torch.Tensor, directions: torch.Tensor, jitter: bool,
+    scene: Scene, tables: StepTables, settings: RenderSettings, random: RandomNumbers,
+    origins: torch.Tensor, directions: torch.Tensor, keys: torch.Tensor, jitter: bool,
 ) -> RayBuffers:  # fmt: skip
     """Trace primary rays (origins, unit directions [R, 3], world).
 
     Args:
+        scene: a `Scene` or a `Composition`.
+        keys: [R] a number per ray, such as its pixel's; equal keys get equal random numbers.
         jitter: a random offset of the samples of each ray (training); else half a step.
     """
-    field = scene.field
-    box_origins, box_directions = field.to_box(origins), field.directions_to_box(directions)
     count = len(origins)
-    offset = random.uniform(count) if jitter else origins.new_full((count,), 0.5)
+    offset = random.uniform(OFFSET, keys) if jitter else origins.new_full((count,), 0.5)
     near = origins.new_zeros(count)
-    sampled = _sample(scene, settings, box_origins, box_directions, near, offset, settings.step)
-    box_points, ray, weights, transmittance, segments = sampled
+    samples = scene.sample(
+        origins, directions, keys, near, offset, settings.step, settings.min_transmittance
+    )
+    weights, transmittance = composite(samples.depth, samples.offsets)
+    ray = samples.ray
+    traced = [0, 0]
 
-    def trace(origins, directions, start):
-        return _trace_secondary(scene, tables, settings, random, origins, directions, start)
+    def trace(origins, directions, keys, start):
+        radiance, passing, taken = _trace_secondary(
+            scene, tables, settings, random, origins, directions, keys, start
+        )
+        traced[0], traced[1] = traced[0] + len(origins), traced[1] + taken
+        return radiance, passing
 
     kept = (weights.detach() > settings.min_weight).nonzero()[:, 0]
     shaded_ray, shaded_weight = ray[kept], weights[kept]
     view = -directions[shaded_ray]
     shading = shade(
-        scene, tables, settings, random, box_points[kept], view, shaded_weight,
+        scene, tables, settings, random, _only(samples, kept), view, shaded_weight,
         settings.secondary_rays, trace,
     )  # fmt: skip
     shaded_weight = shaded_weight * _make_up(weights, kept, ray, count)[shaded_ray]
@@ -65,11 +80,11 @@ def render_rays(
     away = -(shading.normals * view).sum(-1)
     materials = shading.materials
     with torch.no_grad():
-        distance = torch.zeros_like(near).index_add(0, ray, weights * segments.distance)
+        distance = torch.zeros_like(near).index_add(0, ray, weights * samples.distance)
     bending = unevenness = None
     if settings.neighbour_distance > 0:
         away_normal, difference = _neighbours(
-            scene, tables, settings, random, box_points[kept], shading
+            scene, tables, settings, random, _only(samples, kept), shading
         )
         bending, unevenness = gather(away_normal), gather(difference)
     return RayBuffers(
@@ -82,42 +97,35 @@ def render_rays(
         backfacing=gather(away.clamp(min=0) ** 2),
         distance=distance,
         samples=len(ray),
+        retraced=traced[0],
+        retraced_samples=traced[1],
         bending=bending,
         unevenness=unevenness,
     )
 
 
-def _neighbours(scene, tables, settings, random, box_points, shading):
+def _only(samples: Samples, kept: torch.Tensor) -> Samples:
+    """The samples at indices `kept` [K]; offsets no longer hold."""
+    part = None if samples.part is None else samples.part[kept]
+    return Samples(
+        samples.points[kept], samples.depth[kept], samples.distance[kept], samples.ray[kept],
+        samples.keys[kept], samples.offsets[:0], part,
+    )  # fmt: skip
+
+
+def _neighbours(scene, tables, settings, random, samples, shading):
     """How much normals and materials [S] differ from those at a random point close by."""
-    field = scene.field
-    spread = settings.neighbour_distance / (field.size - 1)
-    offset = (random.uniform(len(box_points), 3) - 0.5) * (2 * 3**0.5 * spread)
-    near = (box_points.detach() + offset).clamp(0, 1)
-    bend = 1 - (field.normals(near, tables.normal_factors) * shading.normals).sum(-1)
-    other = field.materials(field.features(near))
-    here = shading.materials
+    spread = settings.neighbour_distance * scene.field.voxel
+    offset = (random.uniform(NEIGHBOUR, samples.keys, 3) - 0.5) * (2 * 3**0.5 * spread)
+    near = scene.surface(samples.points + offset, samples.part, tables.normals)
+    bend = 1 - (near.normals * shading.normals).sum(-1)
+    other, here = near.materials, shading.materials
     difference = (
         (other.albedo - here.albedo).abs().mean(-1)
         + (other.alpha.sqrt() - here.alpha.sqrt()).abs()
         + (other.f0 - here.f0).abs().mean(-1)
     )
     return bend, difference
-
-
-def _sample(scene, settings, box_origins, box_directions, start, offset, step_voxels):
-    """Density samples and their weights along rays in box units."""
-    field = scene.field
-    step = step_voxels * field.voxel
-    segments = march(
-        box_origins, box_directions, start, offset, step, scene.occupancy.occupied,
-        field.density_planes, field.density_lines, field.density_shift, field.density_scale,
-        settings.min_transmittance,
-    )  # fmt: skip
-    ray = segments.ray
-    box_points = box_origins[ray] + segments.distance[:, None] * box_directions[ray]
-    depth = field.extinction(field.raw_density(box_points)) * step
-    weights, transmittance = composite(depth, segments.offsets)
-    return box_points, ray, weights, transmittance, segments
 
 
 def _make_up(weights, kept, ray, count):
@@ -128,21 +136,34 @@ def _make_up(weights, kept, ray, count):
         return (total / shaded.clamp(min=1e-6)).clamp(max=2.0)
 
 
-def _trace_secondary(scene, tables, settings, random, box_origins, directions, start):
-    """Radiance [K, 3] (premultiplied) and transmittance [K] of secondary rays, last bounce."""
-    field = scene.field
-    box_directions = field.directions_to_box(directions)
-    offset = random.uniform(len(directions))
-    box_points, ray, weights, transmittance, _ = _sample(
-        scene, settings, box_origins.detach(), box_directions.detach(), start, offset,
-        settings.secondary_step,
+def _trace_secondary(scene, tables, settings, random, origins, directions, keys, start):
+    """Radiance [K, 3] (premultiplied), transmittance [K] of secondary rays; density samples taken.
+
+    Rays carry the path's gradient in their direction only through what they meet.
+    """
+    if not torch.is_grad_enabled() and len(origins) > RAYS_PER_TRACE:
+        pieces = [
+            _trace_secondary(scene, tables, settings, random, *piece)
+            for piece in zip(
+                *(v.split(RAYS_PER_TRACE) for v in (origins, directions, keys, start)), strict=True
+            )
+        ]
+        radiance, passing, taken = zip(*pieces, strict=True)
+        return torch.cat(radiance), torch.cat(passing), sum(taken)
+    samples = scene.sample(
+        origins.detach(), directions.detach(), keys, start,
+        random.uniform(SECONDARY_OFFSET, keys), settings.secondary_step,
+        settings.min_transmittance,
     )  # fmt: skip
-    kept = (weights.detach() > 5 * settings.min_weight).nonzero()[:, 0]
+    weights, transmittance = composite(samples.depth, samples.offsets)
+    ray = samples.ray
+    kept = (weights.detach() > SECONDARY_MIN_WEIGHT * settings.min_weight).nonzero()[:, 0]
     shaded_ray = ray[kept]
     shading = shade(
-        scene, tables, settings, random, box_points[kept], -directions[shaded_ray],
+        scene, tables, settings, random, _only(samples, kept), -directions[shaded_ray],
         weights[kept], settings.secondary_bounce_rays,
     )  # fmt: skip
     weight = weights[kept] * _make_up(weights, kept, ray, len(directions))[shaded_ray]
     radiance = directions.new_zeros(len(directions), 3)
-    return radiance.index_add(0, shaded_ray, shading.radiance * weight[:, None]), transmittance
+    radiance = radiance.index_add(0, shaded_ray, shading.radiance * weight[:, None])
+    return radiance, transmittance, len(ray)

@@ -1,29 +1,48 @@
-"""Low-discrepancy points for the secondary rays: Owen-scrambled Sobol, rotated per sample."""
+"""Low-discrepancy points for the secondary rays: Owen-scrambled Sobol, rotated per sample.
+
+All numbers are functions of (seed, step, purpose, key), where the key names a pixel or a sample
+along its ray. So an image does not depend on how its pixels are batched, nor on the device.
+"""
 
 from __future__ import annotations
 
 import torch
 
+from ..kernels.hashing import uniform
 
-class SobolRotations:
-    """The first N points of one scrambled Sobol set, shifted on the torus for every sample.
+OFFSET, ALLOCATION, ROTATION, NEIGHBOUR, SECONDARY_OFFSET, CHOICE = range(6)
+SAMPLES_PER_RAY = 4096
+"""room for the samples of a ray in a key; marching takes no more"""
 
-    The shift covers all of [0, 1)^2 (Cranley & Patterson 1976), so that a sample with one ray is
-    unbiased, too. Same seed, same numbers, on every device.
-    """
+
+class RandomNumbers:
+    """Random numbers of one rendering; `step` makes those of an optimisation step."""
 
     def __init__(self, seed: int, device: torch.device | str = "cpu", points: int = 1024):
         engine = torch.quasirandom.SobolEngine(2, scramble=True, seed=seed)
         self.points = engine.draw(points).to(device)
-        self.generator = torch.Generator(device="cpu").manual_seed(seed)
-        self.device = device
+        self.seed, self.step = seed, 0
 
-    def uniform(self, *shape: int) -> torch.Tensor:
-        """Independent uniform numbers in [0, 1)."""
-        return torch.rand(*shape, generator=self.generator).to(self.device)
+    def uniform(self, purpose: int, keys: torch.Tensor, columns: int = 1) -> torch.Tensor:
+        """Independent uniform numbers in [0, 1) of keys [N]: [N], or [N, columns]."""
+        # Odd multipliers keep seeds, steps and purposes apart before they are hashed.
+        stream = self.seed * 0x9E3779B1 + self.step * 0x85EBCA77 + purpose * 0xC2B2AE3D
+        values = uniform(keys, stream, columns)
+        return values[:, 0] if columns == 1 else values
 
-    def draw(self, sample: torch.Tensor, index: torch.Tensor, samples: int) -> torch.Tensor:
-        """Points [K, 2] for ray number `index` [K] of sample `sample` [K] out of `samples`."""
-        shift = self.uniform(samples, 2)
+    def draw(self, keys: torch.Tensor, sample: torch.Tensor, index: torch.Tensor) -> torch.Tensor:
+        """Points [K, 2] for ray number `index` [K] of sample `sample` [K]; `keys` [S] name the samples.
+
+        The first N points of one scrambled Sobol set, shifted on the torus for every sample by an
+        offset from all of [0, 1)^2 (Cranley & Patterson 1976; the public code shifts by a quarter
+        at most, so that a sample's one ray is biased).
+        """
+        shift = self.uniform(ROTATION, keys, 2)
         points = self.points[index % len(self.points)] + shift[sample]
         return points - points.floor()
+
+
+def sample_keys(ray_keys: torch.Tensor, ray: torch.Tensor, offsets: torch.Tensor) -> torch.Tensor:
+    """Keys [S] of samples in flat form, from those of their rays [R]."""
+    number = torch.arange(len(ray), device=ray.device) - offsets[ray]
+    return ray_keys[ray] * SAMPLES_PER_RAY + number

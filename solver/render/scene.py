@@ -1,29 +1,20 @@
-"""All that is optimised, and the settings of a render of it."""
+"""All that is optimised, and what a renderer asks of it; the settings of a render."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import nn
 
 from ..brdf.neural import NeuralTerm
 from ..field.field import MicrofacetField
+from ..field.heads import Materials
 from ..field.occupancy import Occupancy
+from ..kernels.march import grid_transmittance, march
 from ..light.environment import EnvironmentMap, LightTables
-
-
-class Scene(nn.Module):
-    """Field, light and neural term, with the occupancy grid that follows the field."""
-
-    def __init__(
-        self, field: MicrofacetField, environment: EnvironmentMap, neural: NeuralTerm, cells: int
-    ):
-        super().__init__()
-        self.field = field
-        self.environment = environment
-        self.neural = neural
-        self.occupancy = Occupancy(cells, field.centre.device)
+from .random_numbers import sample_keys
 
 
 @dataclass(frozen=True)
@@ -42,16 +33,119 @@ class RenderSettings:
     """a ray ends where less than this passes"""
     retraced_rays: int = 512
     """R: secondary rays of a batch that are traced through the field once more (0: single bounce)"""
+    retrace_choice: str = "systematic"
+    """how the R are chosen: 'systematic', by importance and unbiased, or 'noisy', the paper's R
+    largest after adding noise"""
     secondary_bounce_rays: int = 2
     """secondary rays at the end of a retraced ray"""
     neural: float = 1.0
     """1: the BRDF has the full neural term g; 0: g = 1; between: g blended towards 1"""
     visibility: bool = True
-    """non-retraced secondary rays see the environment through the occupancy grid's extinction"""
+    """all secondary rays see the environment through the occupancy grid's extinction"""
+    integral_image: bool = True
+    """the environment is averaged over what a secondary ray stands for; else a point lookup"""
     neighbour_distance: float = 0.0
     """standard deviation, voxels, of the points close by that smoothness terms look at; 0: none"""
     light_masking: bool = True
     """weight G2/G1 of a visible-normal sample is applied (the paper leaves it to g)"""
+
+
+class Samples(NamedTuple):
+    """Density samples of R rays in flat form; those of ray r are `offsets[r]:offsets[r + 1]`."""
+
+    points: torch.Tensor  # [S, 3] world
+    depth: torch.Tensor  # [S] optical depth
+    distance: torch.Tensor  # [S] along the ray, world units
+    ray: torch.Tensor  # [S] long
+    keys: torch.Tensor  # [S] long, for random numbers
+    offsets: torch.Tensor  # [R + 1] long
+    part: torch.Tensor | None = None  # [S] long: which part of a composition
+
+
+class Surface(NamedTuple):
+    """What the field says of S points."""
+
+    normals: torch.Tensor  # [S, 3] world, unit, outward
+    features: torch.Tensor  # [S, F]
+    materials: Materials
+    reach: torch.Tensor | float  # [S] world units: height from which secondary rays can be blocked
+
+
+SELF_SHADOW_VOXELS = 2.0
+"""height above its origin from which a secondary ray can be blocked, in voxels of the coarser grid"""
+
+
+class Scene(nn.Module):
+    """Field, light and neural term, with the occupancy grid that follows the field."""
+
+    def __init__(
+        self, field: MicrofacetField, environment: EnvironmentMap, neural: NeuralTerm, cells: int
+    ):
+        super().__init__()
+        self.field = field
+        self.environment = environment
+        self.neural = neural
+        self.occupancy = Occupancy(cells, field.centre.device)
+
+    @property
+    def device(self) -> torch.device:
+        return self.field.centre.device
+
+    def normal_tables(self):
+        """What `surface` needs for normals; holds for one state of the parameters."""
+        return self.field.normal_factors()
+
+    def sample(
+        self, origins: torch.Tensor, directions: torch.Tensor, keys: torch.Tensor,
+        start: torch.Tensor, offset: torch.Tensor, step_voxels: float, min_transmittance: float,
+    ) -> Samples:  # fmt: skip
+        """Density samples along world rays [R, 3] with unit directions.
+
+        Args:
+            keys: [R] of the rays. start: [R] distance before which nothing is sampled.
+            offset: [R] of the samples, in steps, in [0, 1).
+        """
+        field = self.field
+        step = step_voxels * field.voxel
+        box_origins, box_directions = field.to_box(origins), field.directions_to_box(directions)
+        segments = march(
+            box_origins, box_directions, start, offset, step, self.occupancy.occupied,
+            field.density_planes, field.density_lines, field.density_shift, field.density_scale,
+            min_transmittance,
+        )  # fmt: skip
+        ray, distance = segments.ray, segments.distance
+        points = origins[ray] + distance[:, None] * directions[ray]
+        depth = field.extinction(field.raw_density(field.to_box(points))) * step
+        keys = sample_keys(keys, ray, segments.offsets)
+        return Samples(points, depth, distance, ray, keys, segments.offsets)
+
+    def surface(self, points: torch.Tensor, part: torch.Tensor | None, normal_tables) -> Surface:
+        """Normals, features and materials at world points [S, 3]."""
+        field = self.field
+        box_points = field.to_box(points)
+        features = field.features(box_points)
+        normals = field.normals(box_points, normal_tables)
+        reach = SELF_SHADOW_VOXELS * max(self.cell, field.voxel)
+        return Surface(normals, features, field.materials(features), reach)
+
+    def neural_term(self, part, features, half, light, alpha) -> torch.Tensor:
+        """g [N, 3] of local directions (see `NeuralTerm`)."""
+        return self.neural(features, half, light, alpha)
+
+    def grid_transmittance(
+        self, origins: torch.Tensor, directions: torch.Tensor, start: torch.Tensor
+    ) -> torch.Tensor:
+        """Transmittance [K] of world rays through the occupancy grid's extinction, no gradient."""
+        field, extinction = self.field, self.occupancy.extinction
+        return grid_transmittance(
+            field.to_box(origins), field.directions_to_box(directions), start, self.cell,
+            extinction * self.cell,
+        )  # fmt: skip
+
+    @property
+    def cell(self) -> float:
+        """Edge of an occupancy cell, world units."""
+        return 2 * self.field.half_size / self.occupancy.cells
 
 
 @dataclass
@@ -59,9 +153,9 @@ class StepTables:
     """Lookup tables that hold for one state of the parameters; build them once a step."""
 
     light: LightTables
-    normal_factors: tuple[torch.Tensor, torch.Tensor]
+    normals: object
 
     @classmethod
     def of(cls, scene: Scene) -> StepTables:
-        """Tables of the scene's current parameters."""
-        return cls(scene.environment.tables(), scene.field.normal_factors())
+        """Tables of the current parameters of a scene or a composition."""
+        return cls(scene.environment.tables(), scene.normal_tables())

@@ -15,13 +15,12 @@ from ..brdf.microfacet import (
     visible_normal_pdf,
 )
 from ..field.heads import Materials
-from ..kernels.march import grid_transmittance
 from ..light.environment import irradiance
-from .random_numbers import SobolRotations
-from .scene import RenderSettings, Scene, StepTables
+from .random_numbers import ALLOCATION, CHOICE, RandomNumbers
+from .scene import RenderSettings, Samples, Scene, StepTables, Surface
 
-SELF_SHADOW_VOXELS = 2.0
-"""height above its origin from which a secondary ray can be blocked, in voxels of the coarser grid"""
+RAYS_PER_SAMPLE = 1024
+"""room for the secondary rays of a sample in a key"""
 
 
 class Shading(NamedTuple):
@@ -37,6 +36,7 @@ class SecondaryRays(NamedTuple):
     """Secondary rays in flat form; ray k belongs to sample `sample[k]`."""
 
     sample: torch.Tensor  # [K] long
+    keys: torch.Tensor  # [K] long
     direction: torch.Tensor  # [K, 3] world, unit
     weight: torch.Tensor  # [K, 3] BRDF · cosine / density
     solid_angle: torch.Tensor  # [K] 1 / (N · pdf)
@@ -62,13 +62,14 @@ def allocate_rays(weights: torch.Tensor, rays: int, u: torch.Tensor) -> torch.Te
 
 
 def scatter(
-    normals: torch.Tensor, view: torch.Tensor, materials: Materials, features: torch.Tensor,
-    counts: torch.Tensor, scene: Scene, settings: RenderSettings, random: SobolRotations,
+    surface: Surface, normals: torch.Tensor, view: torch.Tensor, samples: Samples,
+    counts: torch.Tensor, scene: Scene, settings: RenderSettings, random: RandomNumbers,
 ) -> SecondaryRays:  # fmt: skip
-    """Sample `counts` [S] secondary rays at samples with normals facing unit `view` [S, 3]."""
-    samples = len(counts)
-    sample = torch.repeat_interleave(torch.arange(samples, device=counts.device), counts)
+    """Sample `counts` [S] secondary rays at samples with `normals` facing unit `view` [S, 3]."""
+    materials, features = surface.materials, surface.features
+    sample = torch.repeat_interleave(torch.arange(len(counts), device=counts.device), counts)
     index = torch.arange(len(sample), device=counts.device) - (counts.cumsum(0) - counts)[sample]
+    keys = samples.keys[sample] * RAYS_PER_SAMPLE + index % RAYS_PER_SAMPLE
     tangent, bitangent = tangent_frame(normals)
     frame = torch.stack([tangent, bitangent, normals], dim=1)
     local_view = torch.einsum("nij,nj->ni", frame, view)
@@ -77,7 +78,7 @@ def scatter(
 
     local_view, frame = local_view[sample], frame[sample]
     alpha, f0 = materials.alpha[sample], materials.f0[sample]
-    half = sample_visible_normal(local_view, alpha, random.draw(sample, index, samples))
+    half = sample_visible_normal(local_view, alpha, random.draw(samples.keys, sample, index))
     view_half = (local_view * half).sum(-1)
     light = 2 * view_half[:, None] * half - local_view
     above = light[:, 2] > 1e-4
@@ -87,37 +88,45 @@ def scatter(
         shadowing = masking_shadowing_over_masking(local_view[:, 2], light[:, 2], alpha)
         weight = weight * shadowing[:, None]
     if settings.neural > 0:
-        g = scene.neural(features[sample], half, light, alpha)
+        part = None if samples.part is None else samples.part[sample]
+        g = scene.neural_term(part, features[sample], half, light, alpha)
         weight = weight * (1 + settings.neural * (g - 1))
     weight = weight * above[:, None]
     with torch.no_grad():
         pdf = visible_normal_pdf(local_view[:, 2], half[:, 2], alpha)
         solid_angle = 1 / (counts[sample] * pdf).clamp(min=1e-6)
+        if not settings.integral_image:
+            solid_angle = torch.zeros_like(solid_angle)
     direction = torch.einsum("nij,ni->nj", frame, light)
     direction = direction / direction.norm(dim=-1, keepdim=True)
-    return SecondaryRays(sample, direction, weight, solid_angle, light[:, 2].detach())
+    return SecondaryRays(sample, keys, direction, weight, solid_angle, light[:, 2].detach())
 
 
-def secondary_visibility(
-    scene: Scene, box_points: torch.Tensor, normals: torch.Tensor, rays: SecondaryRays
-) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Transmittance [K] of the secondary rays through the occupancy grid, no gradient.
-
-    Returns it with the origins [K, 3] (box units, lifted off the surface) and the distances [K]
-    from which the rays are traced.
-    """
-    field, occupancy = scene.field, scene.occupancy
+def secondary_origins(
+    samples: Samples, normals: torch.Tensor, rays: SecondaryRays, reach: torch.Tensor | float
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Where secondary rays begin: world points [K, 3] lifted off the surface by `reach`, and the
+    distances [K] from which anything can be in their way. No gradient."""
     with torch.no_grad():
-        cell = 2 * field.half_size / occupancy.cells
-        lift = SELF_SHADOW_VOXELS * max(cell, field.voxel)
-        origins = (box_points + field.directions_to_box(lift * normals))[rays.sample]
-        start = (lift * (1 / rays.cosine.clamp(min=0.2) - 1)).clamp(max=4 * lift)
-        directions = field.directions_to_box(rays.direction)
-        passing = grid_transmittance(origins, directions, start, cell, occupancy.extinction * cell)
-    return passing, origins, start
+        reach = torch.as_tensor(reach, device=normals.device).expand(len(normals))
+        origins = (samples.points + reach[:, None] * normals)[rays.sample]
+        reach = reach[rays.sample]
+        start = torch.minimum(reach * (1 / rays.cosine.clamp(min=0.2) - 1), 4 * reach)
+    return origins, start
 
 
-def choose_retraced(
+def choose_noisy_largest(scores: torch.Tensor, budget: int, noise: torch.Tensor) -> torch.Tensor:
+    """Indices of the `budget` largest of scores [K], scaled to sum to the budget, plus `noise` [K].
+
+    The paper's choice (§3.4): biased towards what is bright already; the noise varies it.
+    """
+    if budget <= 0 or len(scores) == 0:
+        return torch.zeros(0, dtype=torch.long, device=scores.device)
+    scaled = scores * (budget / scores.sum().clamp(min=1e-12)) + noise
+    return torch.topk(scaled, min(budget, len(scores)), sorted=False).indices
+
+
+def choose_systematic(
     scores: torch.Tensor, budget: int, u: float
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Systematic sampling of about `budget` rays by score: indices and their probabilities.
@@ -139,21 +148,19 @@ def choose_retraced(
 
 
 def shade(
-    scene: Scene, tables: StepTables, settings: RenderSettings, random: SobolRotations,
-    box_points: torch.Tensor, view: torch.Tensor, weights: torch.Tensor, rays: int, trace=None,
+    scene: Scene, tables: StepTables, settings: RenderSettings, random: RandomNumbers,
+    samples: Samples, view: torch.Tensor, weights: torch.Tensor, rays: int, trace=None,
 ) -> Shading:  # fmt: skip
-    """Shade samples at `box_points` [S, 3] seen along unit `view` [S, 3] (towards the viewer).
+    """Shade samples [S] seen along unit `view` [S, 3] (towards the viewer).
 
     Args:
         weights: [S] volume rendering weights, which share out the rays.
         rays: secondary rays a pixel.
-        trace: traces secondary rays through the field: (origins, directions, start) → (radiance
-            [K, 3], transmittance [K]); None at the last bounce.
+        trace: traces secondary rays through the field: (origins, directions, keys, start) →
+            (radiance [K, 3], transmittance [K]); None at the last bounce.
     """
-    field = scene.field
-    normals = field.normals(box_points, tables.normal_factors)
-    features = field.features(box_points)
-    materials = field.materials(features)
+    surface = scene.surface(samples.points, samples.part, tables.normals)
+    normals, materials = surface.normals, surface.materials
     facing = (normals * view).sum(-1, keepdim=True)
     toward = torch.where(facing < 0, -normals, normals)
 
@@ -161,26 +168,47 @@ def shade(
     radiance = diffuse * irradiance(tables.light, normals) / math.pi
 
     expected = weights.detach() * rays
-    counts = allocate_rays(weights.detach(), rays, random.uniform(len(weights)))
-    secondary = scatter(toward, view, materials, features, counts, scene, settings, random)
-    if len(secondary.sample) == 0:
-        return Shading(radiance, normals, features, materials)
-    incident = scene.environment.lookup(tables.light, secondary.direction, secondary.solid_angle)
-    # A sample that was lucky to get its one ray stands for the others like it.
-    share = (1 / expected.clamp(max=1).clamp(min=1e-6))[secondary.sample] / counts[secondary.sample]
-    throughput = secondary.weight * share[:, None]
+    counts = allocate_rays(weights.detach(), rays, random.uniform(ALLOCATION, samples.keys))
+    secondary = scatter(surface, toward, view, samples, counts, scene, settings, random)
+    if len(secondary.sample) > 0:
+        # A sample that was lucky to get its one ray stands for the others like it.
+        share = 1 / (expected.clamp(1e-6, 1)[secondary.sample] * counts[secondary.sample])
+        throughput = secondary.weight * share[:, None]
+        importance = throughput.detach().amax(-1) * weights.detach()[secondary.sample]
+        reach = secondary_origins(samples, toward, secondary, surface.reach)
+        incident = _incident(scene, tables, settings, random, secondary, importance, *reach, trace)
+        radiance = radiance.index_add(0, secondary.sample, throughput * incident)
+    return Shading(radiance, normals, surface.features, materials)
+
+
+def _incident(scene, tables, settings, random, rays, importance, origins, start, trace):
+    """Radiance [K, 3] that arrives along secondary rays: the light, and what stands before it.
+
+    With `visibility` every ray is dimmed by the grid, and rays that are blocked are traced; without,
+    only traced rays know of the scene, as in the paper.
+    """
+    light = scene.environment.lookup(tables.light, rays.direction, rays.solid_angle)
+    incident = light
     if settings.visibility:
-        passing, origins, start = secondary_visibility(scene, box_points, toward, secondary)
+        with torch.no_grad():
+            passing = scene.grid_transmittance(origins, rays.direction, start)
         incident = incident * passing[:, None]
-        if trace is not None and settings.retraced_rays > 0:
-            scores = (1 - passing) * throughput.detach().amax(-1)
-            scores = scores * weights.detach()[secondary.sample]
-            scores = torch.where(passing < 0.95, scores, torch.zeros_like(scores))
-            chosen, probability = choose_retraced(
-                scores, settings.retraced_rays, float(random.uniform(1))
-            )
-            if len(chosen):
-                bounced, _ = trace(origins[chosen], secondary.direction[chosen], start[chosen])
-                incident = incident.index_add(0, chosen, bounced / probability[:, None])
-    radiance = radiance.index_add(0, secondary.sample, throughput * incident)
-    return Shading(radiance, normals, features, materials)
+        importance = torch.where(passing < 0.95, (1 - passing) * importance, 0.0)
+    if trace is None or settings.retraced_rays <= 0:
+        return incident
+    if settings.retrace_choice == "noisy":
+        noise = random.uniform(CHOICE, rays.keys)
+        chosen = choose_noisy_largest(importance, settings.retraced_rays, noise)
+        probability = torch.ones_like(importance[chosen])
+    else:
+        # One number for the batch; with a budget for all rays it decides nothing.
+        u = float(random.uniform(CHOICE, rays.keys[:1]))
+        chosen, probability = choose_systematic(importance, settings.retraced_rays, u)
+    if len(chosen) == 0:
+        return incident
+    bounced, transmittance = trace(
+        origins[chosen], rays.direction[chosen], rays.keys[chosen], start[chosen]
+    )
+    if not settings.visibility:
+        bounced = bounced - (1 - transmittance)[:, None] * light[chosen]
+    return incident.index_add(0, chosen, bounced / probability[:, None])

@@ -12,7 +12,7 @@ from solver.capture.errors import CaptureError
 from solver.capture.photos import Photo
 from solver.fit import checkpoint
 from solver.fit.errors import SettingsError
-from solver.fit.losses import photometric
+from solver.fit.losses import Behind, photometric
 from solver.fit.presets import PRESETS, Settings, settings_for
 from solver.fit.ray_bank import RayBank, RayBatch
 from solver.fit.start import background_of, new_trainer, trainer_for
@@ -168,7 +168,7 @@ def test_a_saturated_pixel_forgives_more_light_but_not_less():
             torch.full((1, 3), radiance), ones
         )
         batch = RayBatch(None, None, torch.ones(1, 3), ones, torch.ones(1, 3, dtype=torch.bool))
-        return float(photometric(buffers, batch))
+        return float(photometric(buffers, batch, Behind(torch.ones(1, 3))))
 
     assert loss(3.0) == 0 and loss(0.5) > 0.01
 

@@ -8,9 +8,9 @@ import torch
 
 from solver.kernels.backend import plain_torch
 from solver.render.radiance import render_rays
-from solver.render.random_numbers import SobolRotations
+from solver.render.random_numbers import RandomNumbers
 from solver.render.scene import RenderSettings, StepTables
-from solver.render.shade import allocate_rays, choose_retraced
+from solver.render.shade import allocate_rays, choose_systematic
 from solver.render.tonemap import linear_to_srgb, over_background, srgb_to_linear
 from tests.render.scenes import ball, camera_rays
 
@@ -19,10 +19,11 @@ SETTINGS = RenderSettings(neural=0.0, secondary_rays=64, step=0.25)
 
 def render(scene, settings=SETTINGS, seed=0, rays=None):
     origins, directions = rays or camera_rays()
-    random = SobolRotations(seed)
+    random = RandomNumbers(seed)
     return render_rays(
-        scene, StepTables.of(scene), settings, random, origins, directions, jitter=False
-    )
+        scene, StepTables.of(scene), settings, random, origins, directions,
+        torch.arange(len(origins)), jitter=False,
+    )  # fmt: skip
 
 
 def facing(scene, settings=SETTINGS):
@@ -93,7 +94,7 @@ def test_choice_of_retraced_rays_is_unbiased():
     scores, values = torch.rand(200) ** 3 + 0.05, torch.rand(200)
     estimates = []
     for i in range(2000):
-        chosen, probability = choose_retraced(scores, 40, (i + 0.5) / 2000)
+        chosen, probability = choose_systematic(scores, 40, (i + 0.5) / 2000)
         assert len(chosen) <= 41
         estimates.append((values[chosen] / probability).sum())
     torch.testing.assert_close(torch.stack(estimates).mean(), values.sum(), rtol=0.02, atol=0)
@@ -101,7 +102,7 @@ def test_choice_of_retraced_rays_is_unbiased():
 
 def test_all_rays_are_retraced_when_the_budget_allows():
     scores = torch.tensor([0.0, 0.5, 0.1, 0.0, 2.0])
-    chosen, probability = choose_retraced(scores, 3, 0.3)
+    chosen, probability = choose_systematic(scores, 3, 0.3)
     assert chosen.tolist() == [1, 2, 4]
     assert (probability == 1).all()
 

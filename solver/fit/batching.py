@@ -1,0 +1,65 @@
+"""Dynamic batching (paper §3.4): rays by the samples they take, so that memory stays the same.
+
+Early, rays go through fog and take many samples; later few. After NeRFAcc (Li et al., 2022).
+"""
+
+from __future__ import annotations
+
+from .presets import FitSettings
+
+FIRST_RAYS = 100
+SMOOTHING = 0.1
+RETRACED_START, RETRACED_MEMORY = 1000, 20
+
+
+class Batching:
+    """How many primary rays a step and a chunk take, and how many secondary rays are retraced."""
+
+    def __init__(self, settings: FitSettings, retraced_rays: int):
+        self.settings, self.first_retraced = settings, retraced_rays
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget what was observed (at the start, and after each upsampling)."""
+        self.rays_per_sample = 0.0
+        self.chunk = FIRST_RAYS
+        self.retraced = self.first_retraced
+        self.recent: list[float] = []
+
+    def chunks(self) -> list[int]:
+        """Primary rays of every chunk of the next step."""
+        settings = self.settings
+        if settings.samples <= 0:
+            return [settings.rays]
+        most = max(settings.most_rays, settings.rays)
+        total = min(max(self.chunk, settings.rays), most)
+        chunk = min(self.chunk, total)
+        whole, rest = divmod(total, chunk)
+        return [chunk] * whole + ([rest] if rest else [])
+
+    def observe(self, rays: int, samples: int, retraced: int, retraced_samples: int) -> None:
+        """Take note of a chunk: its rays and samples, primary and retraced."""
+        settings = self.settings
+        if settings.samples > 0:
+            ratio = rays / max(samples, 1)
+            mean = SMOOTHING * ratio + (1 - SMOOTHING) * self.rays_per_sample
+            self.rays_per_sample = ratio if self.rays_per_sample == 0 else min(mean, ratio)
+            self.chunk = int(settings.samples * self.rays_per_sample) + 1
+        if settings.secondary_samples > 0 and self.first_retraced > 0 and retraced > 0:
+            self.recent = [*self.recent, retraced / max(retraced_samples, 1)][-RETRACED_MEMORY:]
+            room = int(settings.secondary_samples * min(self.recent)) + 1
+            # Until the memory is full, what was seen may not be the worst.
+            full = len(self.recent) == RETRACED_MEMORY
+            self.retraced = room if full else min(room, RETRACED_START)
+
+    def state(self) -> dict:
+        """For a checkpoint."""
+        return {
+            "rays_per_sample": self.rays_per_sample, "chunk": self.chunk,
+            "retraced": self.retraced, "recent": self.recent,
+        }  # fmt: skip
+
+    def restore(self, state: dict) -> None:
+        """From a checkpoint."""
+        self.rays_per_sample, self.chunk = state["rays_per_sample"], state["chunk"]
+        self.retraced, self.recent = state["retraced"], list(state["recent"])

@@ -1,0 +1,125 @@
+"""Several fitted scenes as one, under one light, traced together (paper Fig. 'environment swap', b)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import nn
+
+from ..field.heads import Materials
+from ..light.environment import EnvironmentMap
+from .random_numbers import sample_keys
+from .scene import Samples, Scene, Surface
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A similarity: world = scale · Rz(turn) · local + position.
+
+    Attributes:
+        position: world units. scale: > 0. turn: radians about +Z.
+    """
+
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    scale: float = 1.0
+    turn: float = 0.0
+
+    def rotation(self, device) -> torch.Tensor:
+        """[3, 3], local to world."""
+        c, s = torch.cos(torch.tensor(self.turn)), torch.sin(torch.tensor(self.turn))
+        zero, one = torch.zeros(()), torch.ones(())
+        rows = [torch.stack([c, -s, zero]), torch.stack([s, c, zero]),
+                torch.stack([zero, zero, one])]  # fmt: skip
+        return torch.stack(rows).to(device)
+
+
+class Composition(nn.Module):
+    """Scenes placed in one world, with what a renderer asks of a `Scene`.
+
+    Media are superposed: every part is sampled with its own step, and the samples of all parts are
+    sorted along each ray, so parts may interpenetrate. Secondary rays see all parts.
+    """
+
+    def __init__(
+        self, parts: list[Scene], placements: list[Placement], environment: EnvironmentMap
+    ):
+        super().__init__()
+        self.parts = nn.ModuleList(parts)
+        self.placements = placements
+        self.environment = environment
+
+    @property
+    def device(self) -> torch.device:
+        return self.parts[0].device
+
+    def normal_tables(self) -> list:
+        return [part.normal_tables() for part in self.parts]
+
+    def sample(
+        self, origins, directions, keys, start, offset, step_voxels, min_transmittance
+    ) -> Samples:
+        """See `Scene.sample`."""
+        found = []
+        for part, placement in zip(self.parts, self.placements, strict=True):
+            samples = part.sample(
+                *self._to_local(placement, origins, directions), keys, start / placement.scale,
+                offset, step_voxels, min_transmittance,
+            )  # fmt: skip
+            found.append((samples.ray, samples.distance * placement.scale, samples.depth))
+        ray, distance, depth = (torch.cat(values) for values in zip(*found, strict=True))
+        part = torch.cat([torch.full_like(values[0], index) for index, values in enumerate(found)])
+        order = torch.argsort(distance, stable=True)
+        order = order[torch.argsort(ray[order], stable=True)]
+        ray, distance, depth, part = ray[order], distance[order], depth[order], part[order]
+        counts = torch.bincount(ray, minlength=len(origins))
+        offsets = torch.cat([counts.new_zeros(1), counts.cumsum(0)])
+        points = origins[ray] + distance[:, None] * directions[ray]
+        return Samples(points, depth, distance, ray, sample_keys(keys, ray, offsets), offsets, part)
+
+    def surface(self, points, part, normal_tables) -> Surface:
+        """See `Scene.surface`; `part` [S] says which part each point belongs to."""
+        size = max(scene.field.basis.out_features for scene in self.parts)
+        normals = torch.zeros_like(points)
+        features = points.new_zeros(len(points), size)
+        albedo, f0 = torch.zeros_like(points), torch.zeros_like(points)
+        alpha, reach = points.new_ones(len(points)), points.new_zeros(len(points))
+        for index, (scene, placement) in enumerate(zip(self.parts, self.placements, strict=True)):
+            mine = (part == index).nonzero()[:, 0]
+            local, _ = self._to_local(placement, points[mine], points[mine])
+            found = scene.surface(local, None, normal_tables[index])
+            turned = found.normals @ placement.rotation(points.device).T
+            normals = normals.index_copy(0, mine, turned)
+            padded = torch.nn.functional.pad(found.features, (0, size - found.features.shape[1]))
+            features = features.index_copy(0, mine, padded)
+            albedo = albedo.index_copy(0, mine, found.materials.albedo)
+            alpha = alpha.index_copy(0, mine, found.materials.alpha)
+            f0 = f0.index_copy(0, mine, found.materials.f0)
+            reach[mine] = found.reach * placement.scale
+        return Surface(normals, features, Materials(albedo, alpha, f0), reach)
+
+    def neural_term(self, part, features, half, light, alpha) -> torch.Tensor:
+        """See `Scene.neural_term`; every part has its own g, or the shared one."""
+        g = torch.ones_like(half)
+        for index, scene in enumerate(self.parts):
+            mine = (part == index).nonzero()[:, 0]
+            own = features[mine][:, : scene.field.basis.out_features]
+            values = scene.neural(own, half[mine], light[mine], alpha[mine])
+            g = g.index_copy(0, mine, values)
+        return g
+
+    def grid_transmittance(self, origins, directions, start) -> torch.Tensor:
+        """See `Scene.grid_transmittance`."""
+        passing = torch.ones_like(start)
+        for scene, placement in zip(self.parts, self.placements, strict=True):
+            local = self._to_local(placement, origins, directions)
+            passing = passing * scene.grid_transmittance(*local, start / placement.scale)
+        return passing
+
+    @staticmethod
+    def _to_local(placement: Placement, origins, directions):
+        rotation = placement.rotation(origins.device)
+        position = origins.new_tensor(placement.position)
+        return ((origins - position) @ rotation / placement.scale).contiguous(), (
+            directions @ rotation
+        ).contiguous()
