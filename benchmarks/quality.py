@@ -1,0 +1,159 @@
+"""Fit a list of scenes with a list of settings; write docs/benchmarks.md and docs/benchmarks.json.
+
+    python benchmarks/quality.py --scenes scenes/ball scenes/teapot=teapot --settings default "no neural"
+
+A scene is a capture folder with a test split; `=NAME` says that it is the paper's scene NAME, whose
+numbers then stand beside. Settings are 'default' and the rows of the paper's Table 1, or 'all'.
+Rows that the JSON holds already are left alone, a fit that was interrupted is resumed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from benchmarks.tables import write_page  # noqa: E402
+from solver.fit.presets import ABLATIONS, PRESETS  # noqa: E402
+from solver.job.folder import write_json_atomic  # noqa: E402
+
+SETTINGS = {"default": {}, **ABLATIONS}
+
+
+def main() -> None:
+    options = _options()
+    results = ROOT / "docs" / f"{options.name}.json"
+    rows = json.loads(results.read_text(encoding="utf-8"))["rows"] if results.is_file() else []
+    for setting in options.settings:
+        for text in options.scenes:
+            path, _, paper_scene = text.partition("=")
+            row = {
+                "scene": Path(path).resolve().name, "setting": setting, "preset": options.preset,
+                "seed": options.seed, "device": options.device,
+            }  # fmt: skip
+            if any(all(old.get(k) == v for k, v in row.items()) for old in rows):
+                print(f"{row['scene']}, {setting}: already there", flush=True)
+                continue
+            job = options.work / "-".join(str(value) for value in row.values()).replace(" ", "_")
+            row.update(paper_scene=paper_scene or None, **machine())
+            fit(row, Path(path), job, SETTINGS[setting])
+            if options.fit_only:
+                continue
+            row["quality"] = evaluate(Path(path), job)
+            rows.append(row)
+            write_json_atomic(results, {"rows": rows})
+            write_page(rows, results.with_suffix(".md"))
+    write_page(rows, results.with_suffix(".md"))
+    print(results.with_suffix(".md"))
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--scenes", nargs="+", required=True, metavar="FOLDER[=PAPER]")
+    parser.add_argument("--settings", nargs="+", default=["all"], choices=["all", *SETTINGS])
+    parser.add_argument("--preset", default="draft", choices=list(PRESETS))
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--work", type=Path, default=ROOT / "build" / "benchmarks")
+    parser.add_argument("--name", default="benchmarks", help="of the files written into docs/")
+    parser.add_argument("--fit-only", action="store_true", help="evaluate in a later run")
+    options = parser.parse_args()
+    if "all" in options.settings:
+        options.settings = list(SETTINGS)
+    return options
+
+
+def fit(row: dict, scene: Path, job: Path, overrides: dict) -> None:
+    """Reconstruct; adds seconds, stages, memory and commit to the row."""
+    measured = job / "benchmark.json"
+    before = json.loads(measured.read_text()) if measured.is_file() else {}
+    if not (job / "result" / "manifest.json").is_file() or not before:
+        command = [sys.executable, "-m", "solver", "reconstruct", str(scene), "--out", str(job)]
+        command += ["--preset", row["preset"], "--seed", str(row["seed"])]
+        command += ["--device", row["device"]]
+        command += ["--resume"] if (job / "job.json").is_file() else []
+        for key, value in overrides.items():
+            command += ["--set", f"{key}={value}"]
+        print(f"{row['scene']}, {row['setting']}: fitting", flush=True)
+        began = time.monotonic()
+        process = subprocess.Popen(command, cwd=ROOT)
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        before = {
+            "seconds": before.get("seconds", 0) + time.monotonic() - began,
+            "cpu_seconds": before.get("cpu_seconds", 0) + usage.ru_utime + usage.ru_stime,
+            "peak_gigabytes": max(before.get("peak_gigabytes", 0), usage.ru_maxrss * _RSS_UNIT),
+            "load_before": round(os.getloadavg()[0], 1), "commit": commit(),
+        }  # fmt: skip
+        if job.is_dir():
+            write_json_atomic(measured, before)
+        if process.returncode != 0:
+            sys.exit(f"{row['scene']}, {row['setting']}: the fit ended with {process.returncode}")
+    row.update(before, stages=stage_seconds(job))
+
+
+def stage_seconds(job: Path) -> dict[str, float]:
+    """Seconds by stage, from the job's events; those of a resumed job are added up."""
+    seconds: dict[str, float] = {}
+    current = None
+    for line in (job / "events.jsonl").read_text(encoding="utf-8").splitlines():
+        event = json.loads(line)
+        if event["ev"] == "hello":
+            current = None
+        if event["ev"] not in ("stage", "bye"):
+            continue
+        if current is not None:
+            name, since = current
+            seconds[name] = round(seconds.get(name, 0) + event["t"] - since, 1)
+        current = (event["name"], event["t"]) if event["ev"] == "stage" else None
+    return seconds
+
+
+def evaluate(scene: Path, job: Path) -> dict:
+    """`solver evaluate` on the scene's test split."""
+    print(f"{job.name}: evaluating", flush=True)
+    metrics = job / "metrics.json"
+    command = [sys.executable, "-m", "solver", "evaluate", str(job), "--out", str(metrics)]
+    command += ["--cameras", str(scene / "transforms_test.json")]
+    subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    content = json.loads(metrics.read_text(encoding="utf-8"))
+    return {key: value for key, value in content.items() if key not in ("views", "cameras")}
+
+
+def machine() -> dict:
+    """What ran it."""
+    import torch
+
+    name = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        lines = info.read_text().splitlines()
+        name = next((x.split(":", 1)[1].strip() for x in lines if x.startswith("model name")), name)
+    gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else None
+    return {
+        "machine": name, "cores": os.cpu_count(), "gpu": gpu, "system": platform.system(),
+        "python": platform.python_version(), "torch": torch.__version__,
+    }  # fmt: skip
+
+
+def commit() -> str:
+    """The commit of the code, with '+' if files were changed since."""
+    run = lambda *a: subprocess.run(("git", *a), cwd=ROOT, capture_output=True, text=True).stdout  # noqa: E731
+    changed = run("status", "--porcelain", "--untracked-files=no", "--", "solver").strip()
+    return run("rev-parse", "--short", "HEAD").strip() + ("+" if changed else "")
+
+
+_RSS_UNIT = 1e-9 if sys.platform == "darwin" else 1024e-9
+
+if __name__ == "__main__":
+    main()

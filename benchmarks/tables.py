@@ -1,0 +1,142 @@
+"""The page of a benchmark: its rows as Markdown tables, the paper's numbers beside."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+PAPER = json.loads((Path(__file__).parent / "paper.json").read_text(encoding="utf-8"))["rows"]
+
+# Title, key in a row's quality means, digits, whether more is better.
+METRICS = [
+    ("PSNR dB", "psnr", 2, True),
+    ("SSIM", "ssim", 3, True),
+    ("MS-SSIM", "ms_ssim", 3, True),
+    ("FLIP", "flip", 3, False),
+    ("LPIPS", "lpips", 3, False),
+    ("normal MAE °", "normal_mae", 2, False),
+    ("masked MAE °", "normal_mae_masked", 2, False),
+    ("albedo MAE", "albedo_mae", 3, False),
+    ("roughness MAE", "roughness_mae", 3, False),
+    ("F0 MAE", "f0_mae", 3, False),
+    ("light rel. RMSE", "environment_relative_rmse", 2, False),
+    ("light MAE, tone-mapped", "environment_mae_tonemapped", 3, False),
+    ("relit PSNR dB", "relight_psnr", 2, True),
+]
+STAGES = ("photos", "compile", "geometry", "fit", "asset", "report")
+
+
+def write_page(rows: list[dict], path: Path) -> None:
+    """Write the Markdown page of rows (as in the JSON beside it)."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    parts = [_HEAD]
+    for preset in dict.fromkeys(row["preset"] for row in rows):
+        mine = [row for row in rows if row["preset"] == preset]
+        parts.append(f"\n## Preset `{preset}`\n")
+        parts.append(quality_table(mine))
+        parts.append("\n### Against the default\n\n" + _ABLATION_NOTE + "\n")
+        parts.append(ablation_table(mine))
+        parts.append("\n### Time and memory\n\n" + _TIME_NOTE + "\n")
+        parts.append(time_table(mine))
+    path.write_text("\n".join(parts) + "\n", encoding="utf-8", newline="\n")
+
+
+def quality_table(rows: list[dict]) -> str:
+    """Every row with every metric that any row has; below it the paper's where the scene is its own."""
+    metrics = [m for m in METRICS if any(m[1] in row["quality"]["mean"] for row in rows)]
+    lines = [_line(["scene", "setting", *(m[0] for m in metrics)])]
+    lines.append(_line(["---", "---", *("---:" for _ in metrics)]))
+    for row in sorted(rows, key=lambda r: r["scene"]):
+        values = [_number(row["quality"]["mean"].get(key), digits) for _, key, digits, _ in metrics]
+        lines.append(_line([row["scene"], row["setting"], *values]))
+        if row.get("paper_scene"):
+            paper = PAPER[row["setting"]]
+            values = [
+                _number(paper.get(key, {}).get(row["paper_scene"]), digits)
+                for _, key, digits, _ in metrics
+            ]
+            lines.append(_line(["", "*paper*", *values]))
+    return "\n".join(lines) + "\n"
+
+
+def ablation_table(rows: list[dict]) -> str:
+    """Mean difference of every setting from the default, over the scenes that have both."""
+    keys = ("psnr", "ssim", "normal_mae", "relight_psnr")
+    titles = [m for m in METRICS if m[1] in keys]
+    head = ["setting", "scenes"]
+    for title, *_ in titles:
+        head += [f"Δ {title}", f"paper's Δ {title}"]
+    lines = [_line(head), _line(["---", "---:", *(["---:"] * (len(head) - 2))])]
+    base = {row["scene"]: row for row in rows if row["setting"] == "default"}
+    for setting in dict.fromkeys(row["setting"] for row in rows):
+        if setting == "default":
+            continue
+        pairs = [
+            (row, base[row["scene"]])
+            for row in rows
+            if row["setting"] == setting and row["scene"] in base
+        ]
+        if not pairs:
+            continue
+        cells = [setting, str(len(pairs))]
+        for _, key, digits, _ in titles:
+            differences = [
+                row["quality"]["mean"][key] - other["quality"]["mean"][key]
+                for row, other in pairs
+                if key in row["quality"]["mean"] and key in other["quality"]["mean"]
+            ]
+            cells.append(_signed(_mean(differences), digits))
+            paper, default = PAPER[setting].get(key, {}), PAPER["default"].get(key, {})
+            shared = [paper[s] - default[s] for s in default if s in paper]
+            cells.append(_signed(_mean(shared), digits))
+        lines.append(_line(cells))
+    return "\n".join(lines) + "\n"
+
+
+def time_table(rows: list[dict]) -> str:
+    """Minutes by stage, CPU minutes, memory, machine, commit."""
+    head = ["scene", "setting", "minutes", "CPU minutes", *STAGES, "peak GB", "machine", "commit"]
+    lines = [_line(head), _line(["---", "---", *(["---:"] * (len(head) - 4)), "---", "---"])]
+    for row in sorted(rows, key=lambda r: r["scene"]):
+        where = row["gpu"] or f"{row['cores']} × {row['machine']}"
+        lines.append(
+            _line(
+                [
+                    row["scene"], row["setting"], _number(row["seconds"] / 60, 1),
+                    _number(row["cpu_seconds"] / 60, 1),
+                    *(_number(row["stages"].get(stage, 0) / 60, 1) for stage in STAGES),
+                    _number(row["peak_gigabytes"], 2), f"{where}, {row['system']}, seed {row['seed']}",
+                    row["commit"],
+                ]
+            )
+        )  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def _line(cells: list[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def _signed(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:+.{digits}f}"
+
+
+def _mean(values: list[float]) -> float | None:
+    return sum(values) / len(values) if values else None
+
+
+_HEAD = """# Benchmarks: quality
+
+Written by `make benchmark`; do not edit. The same numbers, with every view's mean, are in the JSON
+file beside this page. Views are held out, 8-bit sRGB over white; what each metric is, is said in
+`solver/metrics` and `docs/method.md`. A dash: not measured (no truth, or LPIPS without its weights).
+Scenes are our own unless a line *paper* stands below: a name may be shared with a scene of the paper.
+"""
+_ABLATION_NOTE = """Mean over scenes of setting − default. The paper's are those of its own 14 scenes
+(6 for relighting), at its own length of training: compare signs, not sizes."""
+_TIME_NOTE = """Wall minutes of `reconstruct`, asset and report included, on a machine that may have had
+other work; CPU minutes are the process's own."""
