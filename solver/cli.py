@@ -1,4 +1,4 @@
-"""The command line: reconstruct, run, render, evaluate, export, doctor.
+"""The command line: reconstruct, run, render, compose, evaluate, export, doctor.
 
 Exit codes: 0 done, 2 bad input, 3 cancelled, 4 out of memory, 1 anything else.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import errno
+import math
 import sys
 from pathlib import Path
 
@@ -64,7 +65,7 @@ def _parser() -> argparse.ArgumentParser:
     new = commands.add_parser("reconstruct", help="photos and cameras to mesh, textures and light")
     new.add_argument("capture", type=Path, help="folder or camera file")
     new.add_argument("--out", type=Path, required=True, metavar="JOB", help="job folder, new")
-    new.add_argument("--preset", default="draft", help="draft or standard")
+    new.add_argument("--preset", default="draft", help="draft, standard or paper")
     new.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda", "mps"))
     new.add_argument("--seed", type=int, default=0)
     new.add_argument("--time-limit", type=_positive, metavar="SECONDS", help="asset included")
@@ -83,14 +84,25 @@ def _parser() -> argparse.ArgumentParser:
     render.add_argument("job", type=Path)
     render.add_argument("--cameras", type=Path, required=True, help="camera file")
     render.add_argument("--out", type=Path, required=True)
-    render.add_argument("--environment", type=Path, help="another light, equirect EXR")
-    render.add_argument("--rays", type=int, default=64, help="secondary rays a pixel")
+    _add_light(render)
     render.set_defaults(run=_render)
+
+    compose = commands.add_parser("compose", help="render several jobs in one world, one light")
+    compose.add_argument("jobs", type=Path, nargs="+", metavar="JOB")
+    compose.add_argument("--cameras", type=Path, required=True, help="camera file")
+    compose.add_argument("--out", type=Path, required=True)
+    compose.add_argument(
+        "--place", action="append", default=[], type=_placement, metavar="X,Y,Z[,SCALE[,DEGREES]]",
+        help="where each job's world goes, in order: moved, scaled, turned about +Z",
+    )  # fmt: skip
+    _add_light(compose)
+    compose.set_defaults(run=_compose)
 
     evaluate = commands.add_parser("evaluate", help="compare renders with held-out photos")
     evaluate.add_argument("job", type=Path)
     evaluate.add_argument("--cameras", type=Path, required=True, help="camera file with photos")
     evaluate.add_argument("--out", type=Path, help="metrics.json")
+    _add_neural(evaluate)
     evaluate.set_defaults(run=_evaluate)
 
     export = commands.add_parser("export", help="copy a job's asset files")
@@ -101,6 +113,30 @@ def _parser() -> argparse.ArgumentParser:
     doctor = commands.add_parser("doctor", help="what this machine can do")
     doctor.set_defaults(run=_doctor)
     return parser
+
+
+def _add_light(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--environment", type=Path, help="another light: an equirect EXR, or another job's"
+    )
+    command.add_argument("--rays", type=int, default=64, help="secondary rays a pixel")
+    _add_neural(command)
+
+
+def _add_neural(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--without-neural", action="store_const", const=0.0, dest="neural",
+        help="leave the neural term out: what Cycles can show (draft and standard end so anyway)",
+    )  # fmt: skip
+
+
+def _placement(text: str) -> tuple[float, ...]:
+    values = tuple(float(part) for part in text.split(","))
+    if not 3 <= len(values) <= 5 or not all(math.isfinite(v) for v in values):
+        raise argparse.ArgumentTypeError("write it as X,Y,Z or X,Y,Z,SCALE or X,Y,Z,SCALE,DEGREES")
+    if len(values) > 3 and values[3] <= 0:
+        raise argparse.ArgumentTypeError("SCALE must be positive")
+    return values
 
 
 def _positive(text: str) -> float:
@@ -180,15 +216,34 @@ def _render(options: argparse.Namespace) -> int:
     from .fit.render_job import render_job
 
     render_job(
-        JobFolder.open(options.job), options.cameras, options.out, options.environment, options.rays
-    )
+        JobFolder.open(options.job), options.cameras, options.out, options.environment,
+        options.rays, options.neural,
+    )  # fmt: skip
+    return DONE
+
+
+def _compose(options: argparse.Namespace) -> int:
+    from .fit.render_job import compose_jobs
+    from .render.composition import Placement
+
+    if len(options.place) > len(options.jobs):
+        raise JobError(f"--place is given {len(options.place)} times for {len(options.jobs)} jobs.")
+    places = options.place + [(0.0, 0.0, 0.0)] * (len(options.jobs) - len(options.place))
+    placements = []
+    for x, y, z, *rest in places:
+        scale, degrees = (*rest, *(1.0, 0.0)[len(rest) :])
+        placements.append(Placement((x, y, z), scale, math.radians(degrees)))
+    compose_jobs(
+        [JobFolder.open(job) for job in options.jobs], placements, options.cameras, options.out,
+        options.environment, options.rays, options.neural,
+    )  # fmt: skip
     return DONE
 
 
 def _evaluate(options: argparse.Namespace) -> int:
-    from .fit.render_job import evaluate_job
+    from .fit.evaluate import evaluate_job
 
-    evaluate_job(JobFolder.open(options.job), options.cameras, options.out)
+    evaluate_job(JobFolder.open(options.job), options.cameras, options.out, options.neural)
     return DONE
 
 

@@ -23,6 +23,7 @@ from .presets import settings_for
 from .preview import write_previews
 from .progress import Progress
 from .report import write_job_report
+from .snapshots import write_figure, write_snapshot
 from .start import new_trainer, trainer_for
 from .trainer import Trainer
 
@@ -134,6 +135,8 @@ def fit(
         if done >= 1:
             break
         terms = trainer.advance(done)
+        if trainer.step in settings.fit.snapshots:
+            write_snapshot(trainer, job.root / "snapshots", done)
         smooth = terms["psnr"] if smooth_psnr is None else 0.95 * smooth_psnr + 0.05 * terms["psnr"]
         smooth_psnr = smooth
         left = elapsed / max(done - begun, 1e-3) * (1 - done) if elapsed > 2 else None
@@ -160,6 +163,7 @@ def fit(
     progress.checkpoint(trainer.step)
     write_previews(trainer, job.preview_dir)
     progress.preview("preview/render.png")
+    write_figure(job.root / "snapshots")
 
 
 def choose_device(name: str) -> str:

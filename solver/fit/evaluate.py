@@ -1,0 +1,213 @@
+"""`solver evaluate`: a fitted scene against held-out photos and whatever truth lies beside them.
+
+Beside a photo NAME.png: NAME_normal.exr (world space), NAME_albedo.png (base colour, sRGB),
+NAME_roughness.png and NAME_metallic.png (linear), NAME_hdr.exr (linear radiance, premultiplied).
+Beside the camera file: env.exr, the true light, and transforms_relight_X.json with relight_X/env.exr,
+the same object under another light.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import imageio.v3
+import numpy as np
+
+from .. import __version__
+from ..capture.camera import Camera
+from ..capture.photos import Photo, load_photos, read_exr, srgb_to_linear
+from ..capture.read import read_capture
+from ..job.folder import JobFolder, write_json_atomic
+from ..metrics.image import flip, lpips, ms_ssim, psnr, ssim
+from ..metrics.material import environment_errors, weighted_mae
+from ..metrics.normals import normal_mae, normal_mae_masked
+from ..metrics.scale import LeastSquaresFactor
+from ..render.image import RenderedView
+from ..render.scene import Scene
+from .load import load_job, load_light, render_cameras
+from .presets import Settings
+from .preview import display, over_white
+
+RAYS = 64
+DIELECTRIC_F0 = 0.04  # Principled BSDF at IOR 1.5
+
+
+def evaluate_job(
+    job: JobFolder, cameras: Path, out: Path | None = None, neural: float | None = None
+) -> dict:
+    """Score a job's renders; prints a line a view and the means.
+
+    Args:
+        cameras: camera file with photos.
+        out: where to write everything as JSON.
+        neural: share of the neural term; None: as the fit ended.
+
+    Returns:
+        `mean` of all views' scores, the scores of all `views`, and, where there is truth,
+        `albedo_factor` and `light_factor`.
+
+    Raises:
+        CaptureError, JobError: unusable cameras, photos or job.
+    """
+    capture = read_capture(cameras)
+    photos = load_photos(capture)
+    scene, settings = load_job(job)
+    rendered = list(render_cameras(scene, settings, capture.cameras, RAYS, neural))
+    views = {}
+    for (camera, view), photo in zip(rendered, photos, strict=True):
+        views[camera.name] = scores = image_scores(display(view), over_white(photo.pixels))
+        scores.update(_normal_scores(camera, view, photo))
+        print(camera.name, _text(scores), flush=True)
+    result = {"views": views, "code_version": __version__, "cameras": str(cameras)}
+    factor = _material_scores(rendered, photos, views)
+    mean = _mean(list(views.values()))
+    if factor is not None:
+        result["albedo_factor"] = factor.tolist()
+    mean.update(_light_scores(scene, capture.source.parent / "env.exr", factor))
+    relight = _relight_scores(scene, settings, capture.source, neural)
+    if relight:
+        result["relight"] = relight
+        names = ("psnr", "ssim", "ms_ssim", "flip", "lpips", "psnr_without_factor")
+        for name in names:
+            values = [v["mean"][name] for v in relight.values() if name in v["mean"]]
+            if values:
+                mean[f"relight_{name}"] = float(np.mean(values))
+    result["mean"] = mean
+    if out is not None:
+        write_json_atomic(out, result)
+    print("mean", _text(mean))
+    return result
+
+
+def image_scores(prediction: np.ndarray, truth: np.ndarray) -> dict[str, float]:
+    """All image metrics of sRGB pictures [H, W, 3]; the prediction is rounded to 8 bits first."""
+    prediction = np.round(np.clip(prediction, 0, 1) * 255) / 255
+    scores = {
+        "psnr": psnr(prediction, truth), "ssim": ssim(prediction, truth),
+        "ms_ssim": ms_ssim(prediction, truth), "flip": flip(prediction, truth),
+        "lpips": lpips(prediction, truth),
+    }  # fmt: skip
+    return {name: value for name, value in scores.items() if value is not None}
+
+
+def _normal_scores(camera: Camera, view: RenderedView, photo: Photo) -> dict[str, float]:
+    path = _beside(camera, "_normal.exr")
+    if not path.is_file():
+        return {}
+    values = read_exr(path)[0]
+    # As they are, or coded as (n + 1)/2: then nothing is negative.
+    truth = values if (values < -1e-3).any() else values * 2 - 1
+    alpha = photo.pixels[..., 3]
+    scores = {
+        "normal_mae": normal_mae(view.normal, truth, alpha),
+        "normal_mae_masked": normal_mae_masked(view.normal, truth, alpha),
+    }
+    return {name: value for name, value in scores.items() if value is not None}
+
+
+def _material_scores(rendered, photos, views) -> np.ndarray | None:
+    """Add albedo_mae, f0_mae and roughness_mae to views; returns the albedo's factor [3].
+
+    A base colour b with metalness m means albedo b(1 − m) and F0 = 0.04(1 − m) + b·m, linear.
+    """
+    fitted, truths = LeastSquaresFactor(), {}
+    for (camera, view), photo in zip(rendered, photos, strict=True):
+        alpha = photo.pixels[..., 3]
+        roughness = _map(camera, "_roughness.png")
+        if roughness is not None:
+            error = weighted_mae(np.sqrt(view.alpha), roughness[..., 0], alpha)
+            views[camera.name]["roughness_mae"] = error
+        base = _map(camera, "_albedo.png")
+        if base is None:
+            continue
+        base, metallic = srgb_to_linear(base[..., :3]), _map(camera, "_metallic.png")
+        metallic = np.zeros_like(base[..., :1]) if metallic is None else metallic[..., :1]
+        albedo = base * (1 - metallic)
+        f0 = DIELECTRIC_F0 * (1 - metallic) + base * metallic
+        views[camera.name]["f0_mae"] = weighted_mae(view.f0, f0, alpha)
+        truths[camera.name] = albedo
+        fitted.add(view.albedo, albedo, alpha)
+    if not truths:
+        return None
+    for (camera, view), photo in zip(rendered, photos, strict=True):
+        if camera.name in truths:
+            error = weighted_mae(
+                view.albedo * fitted.value, truths[camera.name], photo.pixels[..., 3]
+            )
+            views[camera.name]["albedo_mae"] = error
+    return fitted.value
+
+
+def _light_scores(scene: Scene, path: Path, albedo_factor: np.ndarray | None) -> dict[str, float]:
+    """Errors of the recovered light, after its own factor and after the albedo's (its inverse)."""
+    if not path.is_file():
+        return {}
+    truth, _ = read_exr(path)
+    light = scene.environment.radiance().detach().permute(1, 2, 0).cpu().numpy()
+    scores = {f"environment_{k}": v for k, v in environment_errors(light, truth).items()}
+    if albedo_factor is not None and (albedo_factor > 1e-3).all():
+        errors = environment_errors(light, truth, 1 / albedo_factor)
+        scores |= {f"environment_{k}_albedo_factor": v for k, v in errors.items()}
+    return scores
+
+
+def _relight_scores(
+    scene: Scene, settings: Settings, source: Path, neural: float | None
+) -> dict[str, dict]:
+    """Scores under every other light there is, by the paper's protocol (§4).
+
+    One least-squares factor per channel for all images of a light, in linear radiance.
+    """
+    results = {}
+    own_light = scene.environment
+    for file in sorted(source.parent.glob("transforms_relight_*.json")):
+        name = re.fullmatch(r"transforms_relight_(.+)\.json", file.name).group(1)
+        light = source.parent / f"relight_{name}" / "env.exr"
+        if not light.is_file():
+            continue
+        capture = read_capture(file)
+        photos = load_photos(capture)
+        scene.environment = load_light(light, scene.device)
+        rendered = list(render_cameras(scene, settings, capture.cameras, RAYS, neural))
+        fitted = LeastSquaresFactor()
+        for (camera, view), photo in zip(rendered, photos, strict=True):
+            hdr = _beside(camera, "_hdr.exr")
+            truth = read_exr(hdr)[0] if hdr.is_file() else photo.pixels[..., :3]
+            fitted.add(view.radiance, truth)
+        views = {}
+        for (camera, view), photo in zip(rendered, photos, strict=True):
+            truth = over_white(photo.pixels)
+            cover = view.opacity[..., None]
+            scaled = np.concatenate([view.radiance * fitted.value, cover], axis=-1)
+            views[camera.name] = image_scores(over_white(scaled), truth)
+            plain = np.round(display(view) * 255) / 255
+            views[camera.name]["psnr_without_factor"] = psnr(plain, truth)
+        mean = _mean(list(views.values()))
+        print(f"relit by {name}", _text(mean), flush=True)
+        results[name] = {"mean": mean, "factor": fitted.value.tolist(), "views": views}
+    scene.environment = own_light
+    return results
+
+
+def _beside(camera: Camera, ending: str) -> Path:
+    return camera.image_path.with_name(camera.image_path.stem + ending)
+
+
+def _map(camera: Camera, ending: str) -> np.ndarray | None:
+    """A truth map [H, W, C] in [0, 1] as it is stored; None if there is none."""
+    path = _beside(camera, ending)
+    if not path.is_file():
+        return None
+    values = imageio.v3.imread(path, plugin="pillow")
+    values = values[..., None] if values.ndim == 2 else values
+    return values.astype(np.float64) / np.iinfo(values.dtype).max
+
+
+def _mean(views: list[dict[str, float]]) -> dict[str, float]:
+    names = dict.fromkeys(name for scores in views for name in scores)
+    return {n: float(np.mean([v[n] for v in views if n in v])) for n in names}
+
+
+def _text(scores: dict[str, float]) -> str:
+    return "  ".join(f"{name} {value:.3f}" for name, value in scores.items())

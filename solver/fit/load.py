@@ -1,0 +1,67 @@
+"""The fitted scene of a job, and other lights for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import torch
+
+from ..capture.camera import Camera
+from ..capture.errors import CaptureError
+from ..capture.photos import read_exr
+from ..job.folder import JobFolder
+from ..light.environment import EnvironmentMap
+from ..render.image import RenderedView, image_settings, render_view
+from ..render.scene import Scene, StepTables
+from . import checkpoint
+from .presets import Settings, neural_share
+from .reconstruct import choose_device
+
+
+def load_job(job: JobFolder) -> tuple[Scene, Settings]:
+    """The fitted scene of a job and its settings.
+
+    Raises:
+        JobError: no checkpoint.
+    """
+    scene, state, _ = checkpoint.load_scene(job.checkpoint_dir, choose_device(job.request.device))
+    return scene, checkpoint.settings_of(state)
+
+
+def load_light(path: Path, device: torch.device) -> EnvironmentMap:
+    """A light: an equirect EXR (Blender's convention, linear Rec.709), or that of another job.
+
+    Raises:
+        CaptureError: not a usable picture. JobError: a job without checkpoint.
+    """
+    if path.is_dir():
+        scene, _, _ = checkpoint.load_scene(JobFolder.open(path).checkpoint_dir, str(device))
+        return scene.environment
+    if not path.is_file():
+        raise CaptureError(path, "", "there is no such file or job", "check --environment")
+    radiance, _ = read_exr(path)
+    if radiance.shape[1] != 2 * radiance.shape[0]:
+        raise CaptureError(
+            path, "", f"it is {radiance.shape[1]} × {radiance.shape[0]} pixels",
+            "give an equirectangular map, twice as wide as high",
+        )  # fmt: skip
+    return EnvironmentMap.from_radiance(torch.from_numpy(radiance.copy())).to(device)
+
+
+def render_cameras(
+    scene: Scene, settings: Settings, cameras: tuple[Camera, ...], rays: int,
+    neural: float | None = None,
+) -> Iterator[tuple[Camera, RenderedView]]:  # fmt: skip
+    """Render cameras one by one.
+
+    Args:
+        scene: a `Scene` or a `Composition`.
+        rays: secondary rays a pixel.
+        neural: share of the neural term; None: as the fit ended.
+    """
+    neural = neural_share(settings.fit, 1.0) if neural is None else neural
+    tables = StepTables.of(scene)
+    render = image_settings(settings.render, rays, neural)
+    for camera in cameras:
+        yield camera, render_view(scene, tables, render, camera)

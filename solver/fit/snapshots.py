@@ -1,0 +1,58 @@
+"""Pictures of the fit on its way: render, weights along a scan line, light (paper's snapshots figure)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from ..render.image import image_settings, render_view
+from ..render.scan_line import scan_line_weights
+from ..render.scene import StepTables
+from .presets import neural_share
+from .preview import display, save_png, tone_mapped
+from .trainer import Trainer
+
+PARTS = ("render", "weights", "environment")
+FIGURE = "snapshots.png"
+GAP = 4  # pixels between the pictures of the figure
+
+
+def write_snapshot(trainer: Trainer, folder: Path, fraction: float) -> None:
+    """Write `render_000123.png`, `weights_…` and `environment_…` of step 123.
+
+    The render is of the first photo's camera, the weights are those along its middle row (dotted in
+    the render).
+    """
+    scene, camera = trainer.scene, trainer.bank.preview_camera
+    settings = image_settings(
+        trainer.settings.render, 32, neural_share(trainer.settings.fit, fraction)
+    )
+    picture = display(render_view(scene, StepTables.of(scene), settings, camera))
+    row = camera.height // 2
+    picture[row, ::4] = (1.0, 0.3, 0.0)
+    step = f"{trainer.step:06d}.png"
+    save_png(picture, folder / f"render_{step}")
+    weights = scan_line_weights(scene, settings, camera, row, camera.height)
+    save_png(np.repeat(1 - weights[..., None] ** 0.5, 3, axis=-1), folder / f"weights_{step}")
+    radiance = scene.environment.radiance().detach().permute(1, 2, 0).cpu().numpy()
+    save_png(tone_mapped(radiance), folder / f"environment_{step}")
+
+
+def write_figure(folder: Path) -> Path | None:
+    """Lay all snapshots of a folder side by side in `snapshots.png`; None if there are none."""
+    steps = sorted(path.stem.split("_")[1] for path in folder.glob("render_*.png"))
+    if not steps:
+        return None
+    columns = []
+    for step in steps:
+        pictures = [Image.open(folder / f"{part}_{step}.png").convert("RGB") for part in PARTS]
+        width = pictures[0].width
+        scaled = [p.resize((width, max(1, round(p.height * width / p.width)))) for p in pictures]
+        gap = np.full((GAP, width, 3), 255, np.uint8)
+        columns.append(np.concatenate([x for p in scaled for x in (np.asarray(p), gap)], axis=0))
+    gap = np.full((columns[0].shape[0], GAP, 3), 255, np.uint8)
+    figure = np.concatenate([x for column in columns for x in (column, gap)], axis=1)
+    save_png(figure.astype(np.float32) / 255, folder / FIGURE)
+    return folder / FIGURE

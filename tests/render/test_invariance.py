@@ -1,0 +1,184 @@
+"""What a picture must not depend on: batching, the world's orientation, other parts far away."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from solver.capture.camera import Camera
+from solver.light.environment import EnvironmentMap, equirect_directions
+from solver.render.composition import Composition, Placement
+from solver.render.image import image_settings, render_view
+from solver.render.scan_line import scan_line_weights
+from solver.render.scene import RenderSettings, StepTables
+from tests.render.scenes import ball, refresh
+
+SETTINGS = image_settings(RenderSettings(step=0.5), secondary_rays=32)
+TURN = torch.tensor([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # a quarter about +Z
+
+
+def camera(size=20, position=(3.0, 0.4, 0.8), turn=None):
+    back = np.array(position) / np.linalg.norm(position)
+    right = np.cross((0, 0, 1), back)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3] = np.stack([right, np.cross(back, right), back, position], 1)
+    if turn is not None:
+        pose[:3] = turn @ pose[:3]
+    return Camera("c", None, pose, size, size, 2.0 * size, 2.0 * size, size / 2, size / 2)
+
+
+def light_of(function, height=64):
+    """A light with radiance `function` [..., 3] of world directions."""
+    return EnvironmentMap.from_radiance(function(equirect_directions(height, 2 * height).float()))
+
+
+def sky(directions):
+    x, y, z = directions.unbind(-1)
+    return torch.stack([1 + 0.8 * x, 1 + 0.6 * y * x, 1 + 0.7 * z], -1)
+
+
+def lumpy(environment=None):
+    """A ball with a bump and materials that vary, so that nothing is symmetric."""
+    scene = ball(environment=environment or light_of(sky), roughness=0.3, f0=0.3, sharpness=800.0)
+    generator = torch.Generator().manual_seed(4)
+    with torch.no_grad():
+        size = scene.field.size
+        x = torch.linspace(-1, 1, size)
+        bump = torch.exp(-8 * ((x[:, None] - 0.4) ** 2 + (x[None, :] - 0.2) ** 2))
+        scene.field.density_planes[0, :, :, 0] += 12 * bump
+        for layer in (scene.field.heads.albedo, scene.field.heads.f0):
+            layer.weight.copy_(8 * torch.randn(layer.weight.shape, generator=generator))
+    refresh(scene)
+    return scene
+
+
+def picture(scene, camera, settings=SETTINGS, **more):
+    return render_view(scene, StepTables.of(scene), settings, camera, **more)
+
+
+@pytest.mark.parametrize("neural", [0.0, 1.0])
+@pytest.mark.parametrize("changes", [{}, {"visibility": False, "retrace_choice": "noisy"}])
+def test_a_picture_does_not_depend_on_how_its_pixels_are_batched(neural, changes):
+    scene = lumpy()
+    settings = dataclasses.replace(SETTINGS, neural=neural, **changes)
+    whole = picture(scene, camera(), settings)
+    pieces = picture(scene, camera(), settings, rays_per_chunk=37)
+    for name in ("radiance", "opacity", "normal", "albedo", "alpha", "f0"):
+        np.testing.assert_allclose(
+            getattr(whole, name), getattr(pieces, name), atol=2e-4, err_msg=name
+        )
+
+
+def quarter_turned(scene):
+    """The same scene turned by a quarter about +Z: (x, y) → (−y, x)."""
+    other = lumpy(light_of(lambda d: sky(d @ TURN)))
+    with torch.no_grad():
+        for name in ("density", "feature"):
+            planes, lines = (
+                getattr(other.field, f"{name}_planes"),
+                getattr(other.field, f"{name}_lines"),
+            )
+            old_planes = getattr(scene.field, f"{name}_planes")
+            old_lines = getattr(scene.field, f"{name}_lines")
+            # New value at (x', y', z) is the old one at (y', −x', z); planes xy, xz, yz, lines z, y, x.
+            planes[0] = old_planes[0].transpose(0, 1).flip(0)
+            lines[0] = old_lines[0]
+            planes[1], lines[1] = old_planes[2].flip(0), old_lines[2]
+            planes[2], lines[2] = old_planes[1], old_lines[1].flip(0)
+        if scene.field.basis.in_features:
+            width = scene.field.feature_planes.shape[-1]
+            a, b, c = scene.field.basis.weight.split(width, dim=1)
+            other.field.basis.weight.copy_(torch.cat([a, c, b], dim=1))
+        other.field.heads.load_state_dict(scene.field.heads.state_dict())
+        other.neural.load_state_dict(scene.neural.state_dict())
+    refresh(other)
+    return other
+
+
+def test_turning_the_whole_world_turns_the_picture_with_it():
+    """Cameras, field and light together; random numbers differ only through tangent frames."""
+    scene = lumpy()
+    turned = quarter_turned(scene)
+    settings = dataclasses.replace(SETTINGS, secondary_rays=256)
+    here = picture(scene, camera(), settings)
+    there = picture(turned, camera(turn=TURN.numpy()), settings)
+    np.testing.assert_allclose(here.opacity, there.opacity, atol=2e-3)
+    np.testing.assert_allclose(here.albedo, there.albedo, atol=5e-3)
+    np.testing.assert_allclose(here.normal @ TURN.numpy().T, there.normal, atol=2e-2)
+    error = here.radiance - there.radiance
+    assert np.sqrt((error**2).mean()) < 0.01
+    assert abs(error.mean()) < 2e-3
+
+
+def test_tilting_the_world_tilts_the_picture_with_it():
+    """A turn about +X moves the light's poles; an even ball needs no turned field."""
+    tilt = torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+
+    def even(light):
+        return ball(environment=light_of(light), sharpness=2000.0, f0=0.4, roughness=0.4)
+
+    here = picture(even(sky), camera())
+    there = picture(even(lambda d: sky(d @ tilt)), camera(turn=tilt.numpy()))
+    error = here.radiance - there.radiance
+    assert np.sqrt((error**2).mean()) < 0.02 and abs(error.mean()) < 3e-3
+
+
+def test_a_composition_of_one_scene_is_that_scene():
+    scene = lumpy()
+    alone = picture(scene, camera())
+    composed = picture(Composition([scene], [Placement()], scene.environment), camera())
+    np.testing.assert_allclose(composed.radiance, alone.radiance, atol=1e-3)
+    np.testing.assert_allclose(composed.opacity, alone.opacity, atol=1e-4)
+
+
+def test_a_placed_scene_looks_as_from_the_camera_placed_the_other_way():
+    scene = ball(environment=light_of(lambda d: torch.ones_like(d)), f0=0.2)
+    placement = Placement((0.5, -0.2, 0.3), 1.5, math.pi / 2)
+    composed = picture(Composition([scene], [placement], scene.environment), camera())
+    pose = camera().camera_to_world.copy()
+    turn = placement.rotation("cpu").numpy().astype(np.float64)
+    pose[:3, 3] = turn.T @ (pose[:3, 3] - placement.position) / placement.scale
+    pose[:3, :3] = turn.T @ pose[:3, :3]
+    alone = picture(scene, dataclasses.replace(camera(), camera_to_world=pose))
+    np.testing.assert_allclose(composed.opacity, alone.opacity, atol=5e-3)
+    assert np.abs(composed.radiance - alone.radiance).mean() < 5e-3
+
+
+def test_parts_that_interpenetrate_add_their_densities():
+    scene = ball(sharpness=20.0)
+    double = ball(sharpness=20.0)
+    double.field.density_scale *= 2
+    for each in (scene, double):
+        each.occupancy.occupied.fill_(True)
+    composed = Composition([scene, scene], [Placement()] * 2, scene.environment)
+    settings = dataclasses.replace(SETTINGS, step=0.1)
+    np.testing.assert_allclose(
+        picture(composed, camera(), settings).opacity, picture(double, camera(), settings).opacity,
+        atol=0.02,
+    )  # fmt: skip
+
+
+def test_parts_are_seen_in_each_others_reflections():
+    mirror = ball(albedo=1e-6, f0=1 - 1e-6, roughness=0.1, sharpness=2000.0, radius=0.45)
+    black = ball(albedo=1e-6, f0=1e-6, sharpness=2000.0, radius=0.45)
+    view = camera(30, (3.0, 0.0, 0.0))
+    alone = picture(mirror, view).radiance
+    both = picture(
+        Composition([mirror, black], [Placement(), Placement((0.0, 1.0, 0.0))], mirror.environment),
+        view,
+    ).radiance
+    # Seen from +X, +Y is on the right: near that rim the mirror shows the black ball.
+    left, right = (slice(13, 17), slice(8, 10)), (slice(13, 17), slice(21, 23))
+    assert both[right].mean() < 0.75 * alone[right].mean()
+    np.testing.assert_allclose(both[left].mean(), alone[left].mean(), atol=0.03)
+
+
+def test_scan_line_weights_sum_to_the_opacity():
+    scene = lumpy()
+    view = picture(scene, camera())
+    weights = scan_line_weights(scene, SETTINGS, camera(), 10)
+    np.testing.assert_allclose(weights.sum(0), view.opacity[10], atol=2e-3)
+    assert weights.min() >= 0
