@@ -142,6 +142,7 @@ def machine() -> dict:
     gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else None
     return {
         "machine": name, "cores": os.cpu_count(), "gpu": gpu, "system": platform.system(),
+        "threads": int(os.environ.get("OMP_NUM_THREADS", os.cpu_count())),
         "python": platform.python_version(), "torch": torch.__version__,
     }  # fmt: skip
 

@@ -98,7 +98,7 @@ def time_table(rows: list[dict]) -> str:
     head = ["scene", "setting", "minutes", "CPU minutes", *STAGES, "peak GB", "machine", "commit"]
     lines = [_line(head), _line(["---", "---", *(["---:"] * (len(head) - 4)), "---", "---"])]
     for row in sorted(rows, key=lambda r: r["scene"]):
-        where = row["gpu"] or f"{row['cores']} × {row['machine']}"
+        where = row["gpu"] or f"{row['threads']} of {row['cores']} cores, {row['machine']}"
         lines.append(
             _line(
                 [

@@ -106,10 +106,7 @@ def linear_to_srgb(linear: np.ndarray) -> np.ndarray:
 
 def read_exr(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     """Linear RGB [H, W, 3] and alpha [H, W] (None if there is none) of an OpenEXR file."""
-    try:
-        channels = OpenEXR.File(str(path), separate_channels=True).channels()
-    except Exception as error:  # the binding raises bare exceptions of several kinds
-        raise _unreadable(path, error) from error
+    channels = _exr_channels(path)
     if not all(name in channels for name in "RGB"):
         raise CaptureError(
             path, "channels", f"it has no R, G and B but {', '.join(channels)}",
@@ -118,6 +115,20 @@ def read_exr(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     rgb = np.stack([channels[name].pixels.astype(np.float32) for name in "RGB"], axis=-1)
     alpha = channels["A"].pixels.astype(np.float32) if "A" in channels else None
     return rgb, alpha
+
+
+def read_exr_channels(path: Path) -> np.ndarray:
+    """An OpenEXR file's [H, W, C]: RGB where it has them, else its one channel."""
+    channels = _exr_channels(path)
+    names = "RGB" if all(name in channels for name in "RGB") else list(channels)[:1]
+    return np.stack([channels[name].pixels.astype(np.float64) for name in names], axis=-1)
+
+
+def _exr_channels(path: Path) -> dict:
+    try:
+        return OpenEXR.File(str(path), separate_channels=True).channels()
+    except Exception as error:  # the binding raises bare exceptions of several kinds
+        raise _unreadable(path, error) from error
 
 
 def _read_image(path: Path) -> np.ndarray:

@@ -1,14 +1,15 @@
 """`solver evaluate`: a fitted scene against held-out photos and whatever truth lies beside them.
 
-Beside a photo NAME.png: NAME_normal.exr (world space), NAME_albedo.png (base colour, sRGB),
-NAME_roughness.png and NAME_metallic.png (linear), NAME_hdr.exr (linear radiance, premultiplied).
-Beside the camera file: env.exr, the true light, and transforms_relight_X.json with relight_X/env.exr,
-the same object under another light.
+Beside a photo NAME.png: NAME_normal.exr (world space), NAME_albedo (base colour; sRGB as .png, linear
+as .exr), NAME_roughness and NAME_metallic (linear, .png or .exr), NAME_hdr.exr (linear radiance,
+premultiplied). Beside the camera file: env.exr, the true light; and folders relight_X, the same object
+under another light, which is relight_X/env.exr or relight_X.exr. Their photos are those of
+transforms_relight_X.json, else those that bear the names of this camera file's.
 """
 
 from __future__ import annotations
 
-import re
+from dataclasses import replace
 from pathlib import Path
 
 import imageio.v3
@@ -16,7 +17,14 @@ import numpy as np
 
 from .. import __version__
 from ..capture.camera import Camera
-from ..capture.photos import Photo, load_photos, read_exr, srgb_to_linear
+from ..capture.capture import Capture
+from ..capture.photos import (
+    Photo,
+    load_photos,
+    read_exr,
+    read_exr_channels,
+    srgb_to_linear,
+)
 from ..capture.read import read_capture
 from ..job.folder import JobFolder, write_json_atomic
 from ..metrics.image import flip, lpips, ms_ssim, psnr, ssim
@@ -65,7 +73,7 @@ def evaluate_job(
     if factor is not None:
         result["albedo_factor"] = factor.tolist()
     mean.update(_light_scores(scene, capture.source.parent / "env.exr", factor))
-    relight = _relight_scores(scene, settings, capture.source, neural)
+    relight = _relight_scores(scene, settings, capture, neural)
     if relight:
         result["relight"] = relight
         names = ("psnr", "ssim", "ms_ssim", "flip", "lpips", "psnr_without_factor")
@@ -114,14 +122,16 @@ def _material_scores(rendered, photos, views) -> np.ndarray | None:
     fitted, truths = LeastSquaresFactor(), {}
     for (camera, view), photo in zip(rendered, photos, strict=True):
         alpha = photo.pixels[..., 3]
-        roughness = _map(camera, "_roughness.png")
+        roughness = _map(camera, "_roughness")
         if roughness is not None:
             error = weighted_mae(np.sqrt(view.alpha), roughness[..., 0], alpha)
             views[camera.name]["roughness_mae"] = error
-        base = _map(camera, "_albedo.png")
+        base = _map(camera, "_albedo")
         if base is None:
             continue
-        base, metallic = srgb_to_linear(base[..., :3]), _map(camera, "_metallic.png")
+        if _beside(camera, "_albedo.png").is_file():
+            base = srgb_to_linear(base)
+        base, metallic = base[..., :3], _map(camera, "_metallic")
         metallic = np.zeros_like(base[..., :1]) if metallic is None else metallic[..., :1]
         albedo = base * (1 - metallic)
         f0 = DIELECTRIC_F0 * (1 - metallic) + base * metallic
@@ -153,7 +163,7 @@ def _light_scores(scene: Scene, path: Path, albedo_factor: np.ndarray | None) ->
 
 
 def _relight_scores(
-    scene: Scene, settings: Settings, source: Path, neural: float | None
+    scene: Scene, settings: Settings, capture: Capture, neural: float | None
 ) -> dict[str, dict]:
     """Scores under every other light there is, by the paper's protocol (§4).
 
@@ -161,15 +171,15 @@ def _relight_scores(
     """
     results = {}
     own_light = scene.environment
-    for file in sorted(source.parent.glob("transforms_relight_*.json")):
-        name = re.fullmatch(r"transforms_relight_(.+)\.json", file.name).group(1)
-        light = source.parent / f"relight_{name}" / "env.exr"
-        if not light.is_file():
+    for folder in sorted(path for path in capture.source.parent.glob("relight_*") if path.is_dir()):
+        lights = (folder / "env.exr", folder.with_suffix(".exr"))
+        light = next((path for path in lights if path.is_file()), None)
+        relit = _relit_capture(capture, folder)
+        if light is None or relit is None:
             continue
-        capture = read_capture(file)
-        photos = load_photos(capture)
+        photos = load_photos(relit)
         scene.environment = load_light(light, scene.device)
-        rendered = list(render_cameras(scene, settings, capture.cameras, RAYS, neural))
+        rendered = list(render_cameras(scene, settings, relit.cameras, RAYS, neural))
         fitted = LeastSquaresFactor()
         for (camera, view), photo in zip(rendered, photos, strict=True):
             hdr = _beside(camera, "_hdr.exr")
@@ -184,6 +194,7 @@ def _relight_scores(
             plain = np.round(display(view) * 255) / 255
             views[camera.name]["psnr_without_factor"] = psnr(plain, truth)
         mean = _mean(list(views.values()))
+        name = folder.name.removeprefix("relight_")
         print(f"relit by {name}", _text(mean), flush=True)
         results[name] = {"mean": mean, "factor": fitted.value.tolist(), "views": views}
     scene.environment = own_light
@@ -194,9 +205,22 @@ def _beside(camera: Camera, ending: str) -> Path:
     return camera.image_path.with_name(camera.image_path.stem + ending)
 
 
+def _relit_capture(capture: Capture, folder: Path) -> Capture | None:
+    """The photos of a relight folder with their cameras; None if there are none."""
+    cameras = folder.with_name(f"transforms_{folder.name}.json")
+    if cameras.is_file():
+        return read_capture(cameras)
+    moved = [replace(c, image_path=folder / c.image_path.name) for c in capture.cameras]
+    there = tuple(camera for camera in moved if camera.image_path.is_file())
+    return replace(capture, cameras=there) if there else None
+
+
 def _map(camera: Camera, ending: str) -> np.ndarray | None:
-    """A truth map [H, W, C] in [0, 1] as it is stored; None if there is none."""
-    path = _beside(camera, ending)
+    """A truth map [H, W, C] as it is stored, PNG scaled to [0, 1]; None if there is none."""
+    path = _beside(camera, f"{ending}.exr")
+    if path.is_file():
+        return read_exr_channels(path)
+    path = path.with_suffix(".png")
     if not path.is_file():
         return None
     values = imageio.v3.imread(path, plugin="pillow")

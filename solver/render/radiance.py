@@ -16,6 +16,9 @@ SECONDARY_MIN_WEIGHT = 5.0
 RAYS_PER_TRACE = 65536
 """retraced rays at once where no gradient is wanted; bounds the memory"""
 
+GLOSS_ROUGHNESS = 0.15
+"""roughness r at which a surface's normals are held together e times less than a mirror's"""
+
 
 @dataclass
 class RayBuffers:
@@ -32,7 +35,7 @@ class RayBuffers:
     samples: int  # density samples taken by primary rays
     retraced: int  # secondary rays traced through the field
     retraced_samples: int  # density samples they took
-    bending: torch.Tensor | None = None  # [R] Σ w·(1 − n·n'), n' the normal close by
+    bending: torch.Tensor | None = None  # [R] Σ w·gloss·(1 − n·n'), n' the normal close by
     unevenness: torch.Tensor | None = None  # [R] Σ w·|materials − materials close by|
 
 
@@ -114,12 +117,17 @@ def _only(samples: Samples, kept: torch.Tensor) -> Samples:
 
 
 def _neighbours(scene, tables, settings, random, samples, shading):
-    """How much normals and materials [S] differ from those at a random point close by."""
+    """How much normals and materials [S] differ from those at a random point close by.
+
+    Normals count by gloss, e^(−r/0.15): the sharper a reflection, the more a bent normal shows, and
+    the less it is held by the photos' shading.
+    """
     spread = settings.neighbour_distance * scene.field.voxel
     offset = (random.uniform(NEIGHBOUR, samples.keys, 3) - 0.5) * (2 * 3**0.5 * spread)
     near = scene.surface(samples.points + offset, samples.part, tables.normals)
-    bend = 1 - (near.normals * shading.normals).sum(-1)
     other, here = near.materials, shading.materials
+    gloss = torch.exp(-here.alpha.detach().sqrt() / GLOSS_ROUGHNESS)
+    bend = gloss * (1 - (near.normals * shading.normals).sum(-1))
     difference = (
         (other.albedo - here.albedo).abs().mean(-1)
         + (other.alpha.sqrt() - here.alpha.sqrt()).abs()

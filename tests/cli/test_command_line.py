@@ -96,6 +96,79 @@ def test_render_writes_every_buffer_of_the_contract(job, tmp_path):
     assert np.abs(other - colour).mean() > 1e-3
 
 
+@pytest.fixture(scope="module")
+def cameras(tmp_path_factory):
+    """The sample's first two held-out cameras, from another folder."""
+    content = json.loads((DUCK / "transforms_test.json").read_text())
+    content["frames"] = content["frames"][:2]
+    for frame in content["frames"]:
+        frame["file_path"] = str(DUCK / frame["file_path"]) + ".png"
+    path = tmp_path_factory.mktemp("cameras") / "two.json"
+    path.write_text(json.dumps(content))
+    return path
+
+
+def test_evaluate_scores_all_that_has_a_truth_and_agrees_with_what_render_writes(job, tmp_path):
+    result = solver(
+        "evaluate", job, "--cameras", DUCK / "transforms_test.json", "--out", tmp_path / "m.json"
+    )
+    assert result.returncode == 0, result.stderr
+    scores = json.loads((tmp_path / "m.json").read_text())
+    names = {
+        "psnr", "ssim", "ms_ssim", "flip", "normal_mae", "normal_mae_masked", "albedo_mae",
+        "roughness_mae", "f0_mae", "environment_relative_rmse", "environment_mae_tonemapped",
+        "relight_psnr", "relight_flip",
+    }  # fmt: skip
+    assert names <= set(scores["mean"]) and set(scores["relight"]) == {"studio", "sunset"}
+    assert "lpips" not in scores["mean"] or scores["mean"]["lpips"] < 1
+    # An independent scorer: from the files that `render` writes, with nothing of ours.
+    out = tmp_path / "out"
+    assert (
+        solver("render", job, "--cameras", DUCK / "transforms_test.json", "--out", out).returncode
+        == 0
+    )
+    psnr, mae = [], []
+    for name in scores["views"]:
+        photo = np.asarray(Image.open(DUCK / "test" / f"{name}.png")).astype(float) / 255
+        truth = photo[..., :3] * photo[..., 3:] + 1 - photo[..., 3:]
+        render = np.asarray(Image.open(out / f"{name}.png")).astype(float) / 255
+        psnr.append(-10 * np.log10(((render - truth) ** 2).mean()))
+        normal, expected = (
+            read_exr(p)[0].astype(float)
+            for p in (out / f"{name}_normal.exr", DUCK / "test" / f"{name}_normal.exr")
+        )
+        length = np.linalg.norm(normal, axis=-1) * np.linalg.norm(expected, axis=-1)
+        cosine = (normal * expected).sum(-1) / np.maximum(length, 1e-9)
+        angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+        angle[np.linalg.norm(normal, axis=-1) == 0] = 90
+        mae.append((angle * photo[..., 3]).sum() / photo[..., 3].sum())
+    assert abs(np.mean(psnr) - scores["mean"]["psnr"]) < 0.01
+    assert abs(np.mean(mae) - scores["mean"]["normal_mae"]) < 0.05
+
+
+def test_two_jobs_are_composed_under_another_jobs_light(job, cameras, tmp_path):
+    common = ["--cameras", cameras, "--rays", 4]
+    two = solver(
+        "compose", job, job, "--place", "0,0,0", "--place=-1,1,0,0.5,90", "--environment", job,
+        "--out", tmp_path / "two", *common,
+    )  # fmt: skip
+    assert two.returncode == 0, two.stderr
+    assert solver("compose", job, "--out", tmp_path / "one", *common).returncode == 0
+    both = read_exr(tmp_path / "two" / "r_0_linear.exr")[1]
+    alone = read_exr(tmp_path / "one" / "r_0_linear.exr")[1]
+    assert (both >= alone - 0.02).all() and (both > alone + 0.5).sum() > 50
+    wrong = solver("compose", job, "--place", "0,0", "--out", tmp_path / "no", *common)
+    assert wrong.returncode == 2 and "X,Y,Z" in wrong.stderr
+
+
+def test_snapshots_are_laid_side_by_side(tmp_path):
+    root = tmp_path / "job"
+    result = solver("reconstruct", DUCK, "--out", root, *TINY, "--set", "fit.snapshots=1,10,24")
+    assert result.returncode == 0, result.stderr
+    names = {path.name for path in (root / "snapshots").iterdir()}
+    assert {"snapshots.png", "render_000010.png", "weights_000024.png"} <= names
+
+
 def test_export_copies_the_result_and_overwrites_nothing(job, tmp_path):
     assert solver("export", job, "--out", tmp_path / "asset").returncode == 0
     assert (tmp_path / "asset" / "mesh.ply").is_file()

@@ -3,9 +3,15 @@
 import math
 
 import numpy as np
+import pytest
+import scipy.ndimage
+import skimage.transform
 
-from solver.metrics.image import psnr, ssim
-from solver.metrics.normals import angles, normal_mae
+from solver.capture.frames import direction_from_equirect
+from solver.metrics.image import flip, lpips, ms_ssim, psnr, ssim
+from solver.metrics.material import environment_errors, weighted_mae
+from solver.metrics.normals import angles, normal_mae, normal_mae_masked
+from solver.metrics.scale import LeastSquaresFactor
 
 
 def test_psnr_of_a_known_error():
@@ -31,3 +37,96 @@ def test_normal_mae_is_weighted_by_alpha():
     truth = np.array([[0, 0, 1.0]] * 2)
     prediction = np.array([[0, 1.0, 0], [0, 0, 1.0]])
     assert math.isclose(normal_mae(prediction, truth, np.array([0.25, 0.75])), 22.5)
+
+
+def test_masked_normal_mae_leaves_out_the_silhouette_and_what_is_missing():
+    truth = np.array([[[0, 0, 1.0]] * 3])
+    prediction = np.array([[[0, 1.0, 1.0], [0, 0, 0.0], [1.0, 0, 0]]])
+    alpha = np.array([[1.0, 1.0, 0.5]])
+    assert math.isclose(normal_mae_masked(prediction, truth, alpha), 45.0)
+    assert normal_mae_masked(prediction * 0, truth, alpha) is None
+
+
+def picture(side=192):
+    smooth = skimage.transform.resize(np.random.default_rng(0).random((12, 12, 3)), (side, side))
+    return smooth.clip(0, 1)
+
+
+def reference_ms_ssim(a, b):
+    """Wang et al. 2003, from single-scale SSIM's contrast-structure and luminance maps."""
+    weights = [0.0448, 0.2856, 0.3001, 0.2363, 0.1333]
+
+    def blur(x):
+        taps = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
+        taps /= taps.sum()
+        for axis in (0, 1):
+            x = scipy.ndimage.correlate1d(x, taps, axis=axis)
+        return x[5:-5, 5:-5]
+
+    per_channel = np.ones(3)
+    for level, weight in enumerate(weights):
+        mean_a, mean_b = blur(a), blur(b)
+        var_a, var_b = blur(a * a) - mean_a**2, blur(b * b) - mean_b**2
+        cov = blur(a * b) - mean_a * mean_b
+        contrast = (2 * cov + 0.03**2) / (var_a + var_b + 0.03**2)
+        light = (2 * mean_a * mean_b + 0.01**2) / (mean_a**2 + mean_b**2 + 0.01**2)
+        value = (contrast * light if level == 4 else contrast).mean((0, 1))
+        per_channel *= np.maximum(value, 0) ** weight
+        a, b = (x.reshape(x.shape[0] // 2, 2, -1, 2, 3).mean((1, 3)) for x in (a, b))
+    return per_channel.mean()
+
+
+def test_ms_ssim_agrees_with_its_definition_and_is_absent_for_small_images():
+    image = picture()
+    noisy = (image + 0.1 * np.random.default_rng(1).standard_normal(image.shape)).clip(0, 1)
+    assert math.isclose(ms_ssim(image, image), 1.0, abs_tol=1e-9)
+    assert math.isclose(ms_ssim(noisy, image), reference_ms_ssim(noisy, image), abs_tol=2e-3)
+    assert ms_ssim(image[:100], image[:100]) is None
+
+
+def test_flip_is_zero_for_equal_images_and_one_for_black_against_white():
+    image = picture(64)
+    assert flip(image, image) == 0
+    assert flip(np.zeros((32, 32, 3)), np.ones((32, 32, 3))) > 0.95
+    assert flip(image, (image + 0.05).clip(0, 1)) < flip(image, (image + 0.2).clip(0, 1))
+
+
+def test_lpips_is_a_distance_or_absent():
+    value = lpips(picture(64), picture(64))
+    assert value is None or abs(value) < 1e-5
+
+
+def test_the_least_squares_factor_is_found_per_channel():
+    generator = np.random.default_rng(0)
+    fitted = LeastSquaresFactor()
+    for _ in range(3):
+        prediction = generator.random((5, 6, 3))
+        fitted.add(prediction, prediction * (2.0, 0.5, 1.5))
+    np.testing.assert_allclose(fitted.value, (2.0, 0.5, 1.5))
+    noisy, truth = generator.random((50, 3)), generator.random((50, 3))
+    other = LeastSquaresFactor()
+    other.add(noisy, truth)
+    for channel in range(3):
+        expected = np.linalg.lstsq(noisy[:, channel : channel + 1], truth[:, channel], rcond=None)[
+            0
+        ]
+        np.testing.assert_allclose(other.value[channel], expected[0])
+    assert LeastSquaresFactor().value.tolist() == [1, 1, 1]
+
+
+def test_weighted_mae_of_a_known_error():
+    truth, weight = np.zeros((2, 2)), np.array([[1.0, 0.0], [1.0, 0.0]])
+    assert weighted_mae(np.array([[0.1, 9.0], [0.3, 9.0]]), truth, weight) == pytest.approx(0.2)
+
+
+def test_environment_errors_are_zero_up_to_a_factor_and_count_solid_angle():
+    truth = np.random.default_rng(0).random((32, 64, 3)) + 0.1
+    same = environment_errors(truth * (2.0, 3.0, 0.5), truth)
+    assert same["relative_rmse"] < 1e-9 and same["mae_tonemapped"] < 1e-9
+    # An error of 1 in the upper hemisphere of a light of 1: half the sphere, so √½ of the truth.
+    v, u = np.mgrid[0:32, 0:64] + 0.5
+    up = direction_from_equirect(np.stack([u / 64, v / 32], -1))[..., 2] > 0
+    ones = np.ones((32, 64, 3))
+    errors = environment_errors(ones + up[..., None], ones, factor=np.ones(3))
+    assert errors["relative_rmse"] == pytest.approx(0.5**0.5, abs=1e-3)
+    assert errors["mae_tonemapped"] == pytest.approx(0.5 * (2 / 3 - 1 / 2), abs=1e-3)

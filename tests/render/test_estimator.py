@@ -177,6 +177,44 @@ def test_without_the_integral_image_a_lookup_is_a_point():
     points = dataclasses.replace(ONE_BOUNCE, integral_image=False)
 
     def values(settings):
-        return torch.stack([shaded(scene, settings, view, 16, s).radiance[0, 0] for s in range(100)])
+        return torch.stack(
+            [shaded(scene, settings, view, 16, s).radiance[0, 0] for s in range(100)]
+        )
 
     assert values(points).std() > 3 * values(ONE_BOUNCE).std()
+
+
+@pytest.mark.parametrize("roughness", [0.6, 0.1])
+def test_the_papers_rectangle_is_inverted(roughness, monkeypatch):
+    """Appendix A: a ray stands for d/(N·p) texels, not for N·p/d; d is the texels per steradian.
+
+    A small lamp in the lobe, integrated by brute force. With the inverted size a rough surface sees
+    the lamp by chance, and a mirror sees it blurred.
+    """
+    radiance = torch.full((64, 128, 3), 0.01)
+    radiance[12:15, [126, 127, 0, 1]] = 500.0
+    light = EnvironmentMap.from_radiance(radiance)
+    scene = ball(
+        sharpness=2000.0, albedo=1e-6, f0=F0, roughness=roughness, environment=light
+    )  # fmt: skip
+    view = torch.tensor([[0.6, 0.0, 0.8]])
+    expected = by_quadrature(light, roughness**2, view[0]).float()
+
+    def error():
+        values = [shaded(scene, ONE_BOUNCE, view, 16, s).radiance[0] for s in range(60)]
+        return float((torch.stack(values).detach() - expected).square().mean().sqrt())
+
+    derived = error()
+    right_size = EnvironmentMap.footprint
+
+    def inverted(self, row, solid_angle):
+        texels_per_steradian = (
+            self.height
+            * self.width
+            / (2 * math.pi**2 * torch.sin(row * math.pi / self.height).clamp(min=1e-4))
+        )
+        texels = 1 / (solid_angle * texels_per_steradian)
+        return right_size(self, row, texels / texels_per_steradian)
+
+    monkeypatch.setattr(EnvironmentMap, "footprint", inverted)
+    assert derived < 0.5 * error()

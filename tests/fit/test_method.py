@@ -1,0 +1,215 @@
+"""The paper's machinery: its preset, the ablations, batching, backgrounds, a shared decoder, snapshots."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from solver.fit import checkpoint
+from solver.fit.batching import FIRST_RAYS, Batching
+from solver.fit.errors import SettingsError
+from solver.fit.presets import ABLATIONS, PAPER, FitSettings, neural_share, settings_for
+from solver.fit.snapshots import write_figure, write_snapshot
+from solver.fit.start import background_of, new_trainer, trainer_for
+from solver.job.folder import JobFolder, JobRequest
+from tests.fit.test_fit import SMALL, ball_capture
+
+SMALL_PAPER = {
+    "field.sizes": "16,20,24", "field.size_starts": "0,0.3,0.6", "light.heights": "16",
+    "field.occupancy_cells": "32", "fit.rays": "64", "fit.most_rays": "128", "fit.samples": "4000",
+    "fit.secondary_samples": "3000", "render.secondary_rays": "16", "render.retraced_rays": "50",
+}  # fmt: skip
+
+
+def start(settings, seed=0):
+    capture, photos = ball_capture()
+    return new_trainer(capture, photos, settings, seed, None, "cpu", lambda fraction: None)
+
+
+def test_the_paper_preset_carries_the_papers_numbers():
+    render, fit, field = PAPER.render, PAPER.fit, PAPER.field
+    assert (render.secondary_rays, fit.steps, fit.warm_up) == (128, 30000, 100)
+    assert (field.sizes[0], field.sizes[-1]) == (128, 300)
+    starts = [round(fraction * fit.steps) for fraction in field.size_starts]
+    assert starts == [0, 2000, 3000, 4000, 5500, 7000]
+    # Cube-root linear in the number of voxels: the edges are evenly spaced.
+    np.testing.assert_allclose(np.diff(field.sizes), (300 - 128) / 5, atol=1)
+    assert (fit.learning_rate_grid, fit.learning_rate_network) == (0.02, 1e-3)
+    assert fit.final_learning_rate == 1e-3 and not fit.use_masks and not render.visibility
+    assert neural_share(fit, 0.0) == neural_share(fit, 1.0) == 1.0
+
+
+def test_the_learning_rate_follows_the_papers_formula_and_restarts_with_the_grid():
+    trainer = start(settings_for("paper", SMALL_PAPER))
+
+    def factor(steps, fraction, fraction_at_level=0.0):
+        trainer.steps_at_level, trainer.fraction_at_level = steps, fraction_at_level
+        return trainer._learning_rate_factor(fraction)
+
+    def formula(i, fraction):
+        warm = 0.1 + 0.9 * math.sin(0.5 * math.pi * min(i / 100, 1))
+        return warm * math.exp(fraction * math.log(1e-3))
+
+    for steps, fraction in ((0, 0.0), (37, 0.001), (100, 0.1), (9000, 1.0)):
+        assert factor(steps, fraction) == pytest.approx(formula(steps, fraction))
+    assert factor(0, 0.3, 0.3) == pytest.approx(0.1)
+    assert factor(500, 0.4, 0.3) == pytest.approx(formula(500, 0.1))
+
+
+def test_the_paper_preset_learns_from_fog_without_masks():
+    trainer = start(settings_for("paper", {**SMALL_PAPER, "fit.warm_up": "5"}))
+    assert not trainer.use_masks and trainer.background == "white"
+    assert trainer.scene.occupancy.allowed.all()
+    losses = [trainer.advance(i / 120)["image"] for i in range(120)]
+    assert np.mean(losses[-5:]) < 0.2 * np.mean(losses[:5])
+    assert trainer.scene.field.size == 24
+
+
+@pytest.mark.parametrize("name", ABLATIONS)
+@pytest.mark.parametrize("preset", ["draft", "paper"])
+def test_every_ablation_is_a_setting_that_changes_the_fit(name, preset):
+    base = SMALL_PAPER
+    if preset == "draft":
+        base = {
+            "field.sizes": "24", "field.size_starts": "0", "light.heights": "16", "fit.rays": "128",
+            "field.hull_cells": "48", "field.hull_steps": "40", "field.occupancy_cells": "32",
+        }  # fmt: skip
+    default, ablated = settings_for(preset, base), settings_for(preset, {**base, **ABLATIONS[name]})
+    assert default != ablated
+    losses = []
+    for settings in (default, ablated):
+        trainer = start(settings)
+        trainer.batching.first_retraced = trainer.batching.retraced = settings.render.retraced_rays
+        losses.append([trainer.advance(i / 10)["image"] for i in range(4)])
+    assert np.isfinite(losses).all() and losses[0] != losses[1]
+
+
+def test_batches_hold_about_the_same_number_of_samples_whatever_rays_take():
+    settings = FitSettings(rays=400, most_rays=8000, samples=10_000)
+    batching = Batching(settings, 0)
+    assert batching.chunks() == [FIRST_RAYS] * 4
+    for samples_per_ray, expected in ((250.0, 40), (2.0, 5000), (0.5, 8000)):
+        for _ in range(200):
+            rays = batching.chunks()[0]
+            batching.observe(rays, round(rays * samples_per_ray), 0, 0)
+        chunks = batching.chunks()
+        assert chunks[0] == pytest.approx(expected, rel=0.15)
+        assert 400 <= sum(chunks) <= 8000
+
+
+def test_a_sudden_fog_shrinks_the_batch_at_once():
+    batching = Batching(FitSettings(rays=400, most_rays=8000, samples=10_000), 0)
+    for _ in range(50):
+        batching.observe(100, 200, 0, 0)
+    batching.observe(100, 40_000, 0, 0)
+    assert batching.chunk < 40
+
+
+def test_retraced_rays_follow_the_samples_they_take():
+    batching = Batching(FitSettings(samples=1000, secondary_samples=50_000), 1000)
+    assert batching.retraced == 1000
+    for _ in range(30):
+        batching.observe(100, 100, batching.retraced, batching.retraced * 10)
+    assert batching.retraced == pytest.approx(5000, rel=0.01)
+    batching.observe(100, 100, 5000, 5000 * 40)
+    assert batching.retraced == pytest.approx(1250, rel=0.01)
+
+
+def test_a_step_cut_in_chunks_has_the_gradient_of_the_whole():
+    whole = start(SMALL)
+    cut = start(SMALL)
+    cut.batching.settings = dataclasses.replace(SMALL.fit, samples=10**9, most_rays=256)
+    for chunk, trainer in ((256, whole), (64, cut)):
+        trainer.batching.chunk = chunk
+        pixels = torch.arange(256) * 37 % len(trainer.bank)
+        queue = iter(pixels.split(chunk))
+        trainer.bank.draw = lambda count, generator, queue=queue: next(queue)
+        trainer.random.step = 0
+    # The optimiser keeps no gradients, so take them before it would clear them.
+    gradients = []
+    for trainer in (whole, cut):
+        assert sum(trainer.batching.chunks()) == 256
+        trainer.advance(0.0)
+        gradients.append([p.grad.clone() for p in trainer.scene.parameters() if p.grad is not None])
+    for a, b in zip(*gradients, strict=True):
+        # R retraced rays a chunk instead of R a step: a different, equally fair choice.
+        assert float((a - b).norm()) < 0.2 * float(a.norm()) + 1e-6
+
+
+def test_the_paper_preset_resumes_as_if_nothing_had_happened(tmp_path):
+    trainer = start(settings_for("paper", SMALL_PAPER))
+    for i in range(12):
+        trainer.advance(i / 30)
+    checkpoint.save_checkpoint(trainer, tmp_path / "checkpoint", 1.0, done=False)
+    expected = [trainer.advance(i / 30)["image"] for i in range(12, 20)]
+    scene, state, tensors = checkpoint.load_scene(tmp_path / "checkpoint")
+    capture, photos = ball_capture()
+    other = trainer_for(scene, capture, photos, checkpoint.settings_of(state), 0)
+    checkpoint.restore(other, state, tensors)
+    assert checkpoint.settings_of(state) == trainer.settings
+    result = [other.advance(i / 30)["image"] for i in range(12, 20)]
+    np.testing.assert_allclose(result, expected, rtol=1e-3)
+
+
+def test_an_analytical_derivative_survives_a_checkpoint(tmp_path):
+    settings = dataclasses.replace(
+        SMALL, field=dataclasses.replace(SMALL.field, smoothed_normals=False)
+    )
+    checkpoint.save_checkpoint(start(settings), tmp_path / "checkpoint", 0.0, done=True)
+    scene, *_ = checkpoint.load_scene(tmp_path / "checkpoint")
+    assert scene.field.smoothed_normals is False
+
+
+@pytest.mark.parametrize("background", ["white", "black", "random", "environment"])
+def test_a_fit_learns_before_every_background(background):
+    settings = dataclasses.replace(SMALL, fit=dataclasses.replace(SMALL.fit, background=background))
+    trainer = start(settings)
+    assert trainer.background == background
+    losses = [trainer.advance(i / 40)["image"] for i in range(40)]
+    assert np.mean(losses[-5:]) < 0.7 * losses[0]
+
+
+def test_backgrounds_that_cannot_be_are_refused():
+    _, photos = ball_capture(2)
+    opaque = [dataclasses.replace(photo, has_alpha=False) for photo in photos]
+    with pytest.raises(SettingsError, match="random"):
+        background_of(opaque, "random")
+    with pytest.raises(SettingsError, match="pink"):
+        background_of(photos, "pink")
+
+
+def test_a_decoder_can_be_taken_over_and_stays_as_it_is(tmp_path):
+    first = start(SMALL)
+    for i in range(5):
+        first.advance(i / 20)
+    job = JobFolder.create(tmp_path / "first", JobRequest(capture="none", device="cpu"))
+    checkpoint.save_checkpoint(first, job.checkpoint_dir, 0.0, done=True)
+    fit = dataclasses.replace(SMALL.fit, decoder=str(tmp_path / "first"))
+    second = start(dataclasses.replace(SMALL, fit=fit), seed=3)
+    for i in range(5):
+        second.advance(i / 20)
+    for name in ("field.basis", "field.heads", "neural"):
+        kept, new = (t.scene.get_submodule(name).state_dict() for t in (first, second))
+        assert all(torch.equal(kept[key], new[key]) for key in kept), name
+    assert not torch.equal(first.scene.field.feature_planes, second.scene.field.feature_planes)
+    fields = dataclasses.replace(SMALL.field, feature_size=8)
+    with pytest.raises(SettingsError, match="feature_size"):
+        start(dataclasses.replace(SMALL, fit=fit, field=fields))
+
+
+def test_snapshots_show_render_weights_and_light(tmp_path):
+    trainer = start(SMALL)
+    write_snapshot(trainer, tmp_path, 0.0)
+    trainer.advance(0.0)
+    write_snapshot(trainer, tmp_path, 0.1)
+    names = {path.name for path in tmp_path.iterdir()}
+    parts = ("render", "weights", "environment")
+    assert names == {f"{part}_{step:06d}.png" for part in parts for step in (0, 1)}
+    weights = np.asarray(Image.open(tmp_path / "weights_000000.png").convert("L"))
+    assert weights.min() < 128 and weights.max() == 255
+    figure = Image.open(write_figure(tmp_path))
+    assert figure.width > 2 * 32
+    assert write_figure(tmp_path / "nothing") is None
