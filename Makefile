@@ -1,5 +1,6 @@
 # make environment   .venv with everything pinned      make test        all tests
 # make demo          reconstruct the sample capture    make lint        ruff
+# make benchmark     docs/benchmarks.md of SCENES="DIR DIR=PAPERNAME …" [SETTINGS="…"] [PRESET=draft]
 # make extension     dist/….zip, to install in Blender make clean       remove what was made
 #
 # PYTHON=…           the Python to build .venv with, 3.11 or 3.13: make demo PYTHON=python3.13
@@ -16,7 +17,7 @@ STAMP := .venv/.complete
 REQUIREMENTS := solver/requirements.txt requirements/development.txt requirements/constraints.txt
 BLENDER_TOOL = $(shell find .venv/lib -path '*bl_pkg/cli/blender_ext.py' 2>/dev/null | head -n 1)
 
-.PHONY: help environment demo clean-demo test test-solver test-blender test-window lint extension clean
+.PHONY: help environment demo clean-demo benchmark test test-solver test-blender test-window lint extension clean
 
 help:
 	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
@@ -57,6 +58,12 @@ test-window: $(STAMP)
 	else export NMF_REAL_BLENDER="$(NMF_REAL_BLENDER)"; $(BIN)/python -m pytest -q tests/gui || { \
 		echo "Once more: on a busy machine a window can miss a click."; \
 		$(BIN)/python -m pytest -q tests/gui; }; fi
+
+SCENES ?= samples/duck
+SETTINGS ?= all
+PRESET ?= draft
+benchmark: $(STAMP)
+	$(BIN)/python benchmarks/quality.py --scenes $(SCENES) --settings $(SETTINGS) --preset $(PRESET)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

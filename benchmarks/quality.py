@@ -43,7 +43,7 @@ def main() -> None:
                 print(f"{row['scene']}, {setting}: already there", flush=True)
                 continue
             job = options.work / "-".join(str(value) for value in row.values()).replace(" ", "_")
-            row.update(paper_scene=paper_scene or None, **machine())
+            row["paper_scene"] = paper_scene or None
             fit(row, Path(path), job, SETTINGS[setting])
             if options.fit_only:
                 continue
@@ -74,7 +74,7 @@ def _options() -> argparse.Namespace:
 
 
 def fit(row: dict, scene: Path, job: Path, overrides: dict) -> None:
-    """Reconstruct; adds seconds, stages, memory and commit to the row."""
+    """Reconstruct; adds seconds, stages, memory, machine and commit to the row."""
     measured = job / "benchmark.json"
     before = json.loads(measured.read_text()) if measured.is_file() else {}
     if not (job / "result" / "manifest.json").is_file() or not before:
@@ -93,7 +93,7 @@ def fit(row: dict, scene: Path, job: Path, overrides: dict) -> None:
             "seconds": before.get("seconds", 0) + time.monotonic() - began,
             "cpu_seconds": before.get("cpu_seconds", 0) + usage.ru_utime + usage.ru_stime,
             "peak_gigabytes": max(before.get("peak_gigabytes", 0), usage.ru_maxrss * _RSS_UNIT),
-            "load_before": round(os.getloadavg()[0], 1), "commit": commit(),
+            "commit": commit(), **machine(),
         }  # fmt: skip
         if job.is_dir():
             write_json_atomic(measured, before)

@@ -30,7 +30,7 @@ from ..job.folder import JobFolder, write_json_atomic
 from ..metrics.image import flip, lpips, ms_ssim, psnr, ssim
 from ..metrics.material import environment_errors, weighted_mae
 from ..metrics.normals import normal_mae, normal_mae_masked
-from ..metrics.scale import LeastSquaresFactor
+from ..metrics.scale import LeastSquaresFactor, clipped_factor
 from ..render.image import RenderedView
 from ..render.scene import Scene
 from .load import load_job, load_light, render_cameras
@@ -167,7 +167,7 @@ def _relight_scores(
 ) -> dict[str, dict]:
     """Scores under every other light there is, by the paper's protocol (§4).
 
-    One least-squares factor per channel for all images of a light, in linear radiance.
+    One least-squares factor per channel for all images of a light, of linear radiance as it is seen.
     """
     results = {}
     own_light = scene.environment
@@ -180,23 +180,21 @@ def _relight_scores(
         photos = load_photos(relit)
         scene.environment = load_light(light, scene.device)
         rendered = list(render_cameras(scene, settings, relit.cameras, RAYS, neural))
-        fitted = LeastSquaresFactor()
-        for (camera, view), photo in zip(rendered, photos, strict=True):
-            hdr = _beside(camera, "_hdr.exr")
-            truth = read_exr(hdr)[0] if hdr.is_file() else photo.pixels[..., :3]
-            fitted.add(view.radiance, truth)
+        predictions = np.concatenate([view.radiance.reshape(-1, 3) for _, view in rendered])
+        truths = np.concatenate([photo.pixels[..., :3].reshape(-1, 3) for photo in photos])
+        factor = clipped_factor(predictions, truths)
         views = {}
         for (camera, view), photo in zip(rendered, photos, strict=True):
             truth = over_white(photo.pixels)
             cover = view.opacity[..., None]
-            scaled = np.concatenate([view.radiance * fitted.value, cover], axis=-1)
+            scaled = np.concatenate([view.radiance * factor, cover], axis=-1)
             views[camera.name] = image_scores(over_white(scaled), truth)
             plain = np.round(display(view) * 255) / 255
             views[camera.name]["psnr_without_factor"] = psnr(plain, truth)
         mean = _mean(list(views.values()))
         name = folder.name.removeprefix("relight_")
         print(f"relit by {name}", _text(mean), flush=True)
-        results[name] = {"mean": mean, "factor": fitted.value.tolist(), "views": views}
+        results[name] = {"mean": mean, "factor": factor.tolist(), "views": views}
     scene.environment = own_light
     return results
 

@@ -11,7 +11,7 @@ from solver.capture.frames import direction_from_equirect
 from solver.metrics.image import flip, lpips, ms_ssim, psnr, ssim
 from solver.metrics.material import environment_errors, weighted_mae
 from solver.metrics.normals import angles, normal_mae, normal_mae_masked
-from solver.metrics.scale import LeastSquaresFactor
+from solver.metrics.scale import LeastSquaresFactor, clipped_factor
 
 
 def test_psnr_of_a_known_error():
@@ -130,3 +130,14 @@ def test_environment_errors_are_zero_up_to_a_factor_and_count_solid_angle():
     errors = environment_errors(ones + up[..., None], ones, factor=np.ones(3))
     assert errors["relative_rmse"] == pytest.approx(0.5**0.5, abs=1e-3)
     assert errors["mae_tonemapped"] == pytest.approx(0.5 * (2 / 3 - 1 / 2), abs=1e-3)
+
+
+def test_the_clipped_factor_is_not_fooled_by_a_misplaced_lamp():
+    generator = np.random.default_rng(0)
+    truth = generator.random((4000, 3)) * 0.6
+    prediction = truth / (2.0, 0.5, 1.2)
+    prediction[:20], truth[20:40] = 400.0, 300.0  # a lamp's reflection, twenty pixels off
+    np.testing.assert_allclose(clipped_factor(prediction, truth), (2.0, 0.5, 1.2), rtol=0.02)
+    plain = LeastSquaresFactor()
+    plain.add(prediction, truth)
+    assert (plain.value < 0.2).all()
