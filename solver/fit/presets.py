@@ -101,11 +101,11 @@ class FitSettings:
     """of Σ w·max(0, n·d)²: visible normals face the camera"""
     opacity_weight: float = 6e-4
     """of the opacity itself: discourages floaters"""
-    bending_weight: float = 0.2
-    """of 1 − n·n' with the normal n' close by, at the start; fades as `smoothness_end`"""
+    bending_weight: float = 0.3
+    """of e^(−r/0.15)(1 − n·n') with the normal n' close by, at the start; fades as `smoothness_end`"""
     unevenness_weight: float = 0.002
     """of the difference to the materials close by, likewise"""
-    smoothness_end: float = 0.5
+    smoothness_end: float = 0.4
     """what remains of both smoothness weights at the end"""
     neighbour_distance: float = 1.5
     """how far away "close by" is, voxels"""
