@@ -10,6 +10,7 @@ Rows that the JSON holds already are left alone, a fit that was interrupted is r
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import platform
@@ -30,21 +31,22 @@ SETTINGS = {"default": {}, **ABLATIONS}
 
 def main() -> None:
     options = _options()
-    results = ROOT / "docs" / f"{options.name}.json"
+    results = options.out.with_suffix(".json")
     rows = json.loads(results.read_text(encoding="utf-8"))["rows"] if results.is_file() else []
+    changes = dict(text.split("=", 1) for text in options.set)
     for setting in options.settings:
         for text in options.scenes:
             path, _, paper_scene = text.partition("=")
             row = {
                 "scene": Path(path).resolve().name, "setting": setting, "preset": options.preset,
-                "seed": options.seed, "device": options.device,
+                "seed": options.seed, "device": options.device, "changes": options.set,
             }  # fmt: skip
             if any(all(old.get(k) == v for k, v in row.items()) for old in rows):
                 print(f"{row['scene']}, {setting}: already there", flush=True)
                 continue
-            job = options.work / "-".join(str(value) for value in row.values()).replace(" ", "_")
+            job = options.work / job_name(row)
             row["paper_scene"] = paper_scene or None
-            fit(row, Path(path), job, SETTINGS[setting])
+            fit(row, Path(path), job, SETTINGS[setting] | changes)
             if options.fit_only:
                 continue
             row["quality"] = evaluate(Path(path), job)
@@ -65,12 +67,25 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--work", type=Path, default=ROOT / "build" / "benchmarks")
-    parser.add_argument("--name", default="benchmarks", help="of the files written into docs/")
+    parser.add_argument(
+        "--out", type=Path, default=ROOT / "docs" / "benchmarks", help="of the .md and the .json"
+    )
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="section.field=value", help="for every row"
+    )
     parser.add_argument("--fit-only", action="store_true", help="evaluate in a later run")
     options = parser.parse_args()
     if "all" in options.settings:
         options.settings = list(SETTINGS)
     return options
+
+
+def job_name(row: dict) -> str:
+    """A folder name for a row's job."""
+    parts = [row["scene"], row["setting"], row["preset"], row["seed"], row["device"]]
+    if row["changes"]:
+        parts.append(hashlib.sha256(" ".join(row["changes"]).encode()).hexdigest()[:8])
+    return "-".join(str(part) for part in parts).replace(" ", "_")
 
 
 def fit(row: dict, scene: Path, job: Path, overrides: dict) -> None:

@@ -30,15 +30,20 @@ def write_page(rows: list[dict], path: Path) -> None:
     """Write the Markdown page of rows (as in the JSON beside it)."""
     path.parent.mkdir(parents=True, exist_ok=True)
     parts = [_HEAD]
-    for preset in dict.fromkeys(row["preset"] for row in rows):
-        mine = [row for row in rows if row["preset"] == preset]
-        parts.append(f"\n## Preset `{preset}`\n")
+    for group in dict.fromkeys(_group(row) for row in rows):
+        mine = [row for row in rows if _group(row) == group]
+        parts.append(f"\n## Preset {group}\n")
         parts.append(quality_table(mine))
         parts.append("\n### Against the default\n\n" + _ABLATION_NOTE + "\n")
         parts.append(ablation_table(mine))
         parts.append("\n### Time and memory\n\n" + _TIME_NOTE + "\n")
         parts.append(time_table(mine))
     path.write_text("\n".join(parts) + "\n", encoding="utf-8", newline="\n")
+
+
+def _group(row: dict) -> str:
+    """Rows that may be compared: a preset, and what was changed of it for all rows."""
+    return " ".join([f"`{row['preset']}`", *(f"`--set {text}`" for text in row["changes"])])
 
 
 def quality_table(rows: list[dict]) -> str:
