@@ -102,6 +102,7 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("job", type=Path)
     evaluate.add_argument("--cameras", type=Path, required=True, help="camera file with photos")
     evaluate.add_argument("--out", type=Path, help="metrics.json")
+    evaluate.add_argument("--rays", type=int, default=64, help="secondary rays a pixel")
     _add_neural(evaluate)
     evaluate.set_defaults(run=_evaluate)
 
@@ -243,7 +244,9 @@ def _compose(options: argparse.Namespace) -> int:
 def _evaluate(options: argparse.Namespace) -> int:
     from .fit.evaluate import evaluate_job
 
-    evaluate_job(JobFolder.open(options.job), options.cameras, options.out, options.neural)
+    evaluate_job(
+        JobFolder.open(options.job), options.cameras, options.out, options.rays, options.neural
+    )
     return DONE
 
 

@@ -37,18 +37,19 @@ from .load import load_job, load_light, render_cameras
 from .presets import Settings
 from .preview import display, over_white
 
-RAYS = 64
 DIELECTRIC_F0 = 0.04  # Principled BSDF at IOR 1.5
 
 
 def evaluate_job(
-    job: JobFolder, cameras: Path, out: Path | None = None, neural: float | None = None
-) -> dict:
+    job: JobFolder, cameras: Path, out: Path | None = None, rays: int = 64,
+    neural: float | None = None,
+) -> dict:  # fmt: skip
     """Score a job's renders; prints a line a view and the means.
 
     Args:
         cameras: camera file with photos.
         out: where to write everything as JSON.
+        rays: secondary rays a pixel.
         neural: share of the neural term; None: as the fit ended.
 
     Returns:
@@ -61,7 +62,7 @@ def evaluate_job(
     capture = read_capture(cameras)
     photos = load_photos(capture)
     scene, settings = load_job(job)
-    rendered = list(render_cameras(scene, settings, capture.cameras, RAYS, neural))
+    rendered = list(render_cameras(scene, settings, capture.cameras, rays, neural))
     views = {}
     for (camera, view), photo in zip(rendered, photos, strict=True):
         views[camera.name] = scores = image_scores(display(view), over_white(photo.pixels))
@@ -73,7 +74,7 @@ def evaluate_job(
     if factor is not None:
         result["albedo_factor"] = factor.tolist()
     mean.update(_light_scores(scene, capture.source.parent / "env.exr", factor))
-    relight = _relight_scores(scene, settings, capture, neural)
+    relight = _relight_scores(scene, settings, capture, rays, neural)
     if relight:
         result["relight"] = relight
         names = ("psnr", "ssim", "ms_ssim", "flip", "lpips", "psnr_without_factor")
@@ -163,7 +164,7 @@ def _light_scores(scene: Scene, path: Path, albedo_factor: np.ndarray | None) ->
 
 
 def _relight_scores(
-    scene: Scene, settings: Settings, capture: Capture, neural: float | None
+    scene: Scene, settings: Settings, capture: Capture, rays: int, neural: float | None
 ) -> dict[str, dict]:
     """Scores under every other light there is, by the paper's protocol (§4).
 
@@ -179,7 +180,7 @@ def _relight_scores(
             continue
         photos = load_photos(relit)
         scene.environment = load_light(light, scene.device)
-        rendered = list(render_cameras(scene, settings, relit.cameras, RAYS, neural))
+        rendered = list(render_cameras(scene, settings, relit.cameras, rays, neural))
         predictions = np.concatenate([view.radiance.reshape(-1, 3) for _, view in rendered])
         truths = np.concatenate([photo.pixels[..., :3].reshape(-1, 3) for photo in photos])
         factor = clipped_factor(predictions, truths)

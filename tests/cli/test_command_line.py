@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -98,20 +99,32 @@ def test_render_writes_every_buffer_of_the_contract(job, tmp_path):
 
 @pytest.fixture(scope="module")
 def cameras(tmp_path_factory):
-    """The sample's first two held-out cameras, from another folder."""
+    """Three of the sample's held-out cameras with all truth that belongs to them."""
+    folder = tmp_path_factory.mktemp("few")
     content = json.loads((DUCK / "transforms_test.json").read_text())
-    content["frames"] = content["frames"][:2]
+    relit = {path.name for path in (DUCK / "relight_sunset").glob("r_*.png")}
+    content["frames"] = [
+        f for f in content["frames"] if Path(f["file_path"]).name + ".png" in relit
+    ]
+    content["frames"] = content["frames"][:3]
+    for name in ("env.exr", "relight_sunset.exr", "relight_studio.exr"):
+        shutil.copy(DUCK / name, folder)
     for frame in content["frames"]:
-        frame["file_path"] = str(DUCK / frame["file_path"]) + ".png"
-    path = tmp_path_factory.mktemp("cameras") / "two.json"
+        name = Path(frame["file_path"]).name
+        for part in ("test", "relight_sunset", "relight_studio"):
+            (folder / part).mkdir(exist_ok=True)
+            for path in (DUCK / part).glob(f"{name}[._]*"):
+                shutil.copy(path, folder / part)
+    path = folder / "transforms_test.json"
     path.write_text(json.dumps(content))
     return path
 
 
-def test_evaluate_scores_all_that_has_a_truth_and_agrees_with_what_render_writes(job, tmp_path):
-    result = solver(
-        "evaluate", job, "--cameras", DUCK / "transforms_test.json", "--out", tmp_path / "m.json"
-    )
+def test_evaluate_scores_all_that_has_a_truth_and_agrees_with_what_render_writes(
+    job, cameras, tmp_path
+):
+    few = ["--cameras", cameras, "--rays", 8]
+    result = solver("evaluate", job, *few, "--out", tmp_path / "m.json")
     assert result.returncode == 0, result.stderr
     scores = json.loads((tmp_path / "m.json").read_text())
     names = {
@@ -123,10 +136,7 @@ def test_evaluate_scores_all_that_has_a_truth_and_agrees_with_what_render_writes
     assert "lpips" not in scores["mean"] or scores["mean"]["lpips"] < 1
     # An independent scorer: from the files that `render` writes, with nothing of ours.
     out = tmp_path / "out"
-    assert (
-        solver("render", job, "--cameras", DUCK / "transforms_test.json", "--out", out).returncode
-        == 0
-    )
+    assert solver("render", job, *few, "--out", out).returncode == 0
     psnr, mae = [], []
     for name in scores["views"]:
         photo = np.asarray(Image.open(DUCK / "test" / f"{name}.png")).astype(float) / 255
@@ -159,6 +169,21 @@ def test_two_jobs_are_composed_under_another_jobs_light(job, cameras, tmp_path):
     assert (both >= alone - 0.02).all() and (both > alone + 0.5).sum() > 50
     wrong = solver("compose", job, "--place", "0,0", "--out", tmp_path / "no", *common)
     assert wrong.returncode == 2 and "X,Y,Z" in wrong.stderr
+
+
+def test_the_paper_preset_goes_all_the_way_and_keeps_its_neural_term(cameras, tmp_path):
+    small = ["--set", "fit.samples=20000", "--set", "fit.most_rays=256", "--set", "fit.warm_up=5"]
+    root = tmp_path / "job"
+    sizes = [*TINY, "--set", "fit.steps=100", "--set", "fit.rays=256", *small]
+    result = solver("reconstruct", DUCK, "--out", root, "--preset", "paper", *sizes)
+    assert result.returncode == 0, result.stderr
+    scores = []
+    for extra in ([], ["--without-neural"]):
+        out = tmp_path / f"metrics{len(extra)}.json"
+        result = solver("evaluate", root, "--cameras", cameras, "--rays", 4, "--out", out, *extra)
+        assert result.returncode == 0, result.stderr
+        scores.append(json.loads(out.read_text())["mean"]["psnr"])
+    assert scores[0] > scores[1] > 5
 
 
 def test_snapshots_are_laid_side_by_side(tmp_path):
