@@ -144,4 +144,5 @@ Scenes are our own unless a line *paper* stands below: a name may be shared with
 _ABLATION_NOTE = """Mean over scenes of setting − default. The paper's are those of its own 14 scenes
 (6 for relighting), at its own length of training: compare signs, not sizes."""
 _TIME_NOTE = """Wall minutes of `reconstruct`, asset and report included, on a machine that may have had
-other work; CPU minutes are the process's own."""
+other work; CPU minutes are the process's own. Only the default bakes a full asset, the others a
+token one."""
