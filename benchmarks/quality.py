@@ -139,12 +139,13 @@ def stage_seconds(job: Path) -> dict[str, float]:
 
 
 def evaluate(scene: Path, job: Path) -> dict:
-    """`solver evaluate` on the scene's test split."""
-    print(f"{job.name}: evaluating", flush=True)
+    """`solver evaluate` on the scene's test split, once a job."""
     metrics = job / "metrics.json"
-    command = [sys.executable, "-m", "solver", "evaluate", str(job), "--out", str(metrics)]
-    command += ["--cameras", str(scene / "transforms_test.json")]
-    subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    if not metrics.is_file():
+        print(f"{job.name}: evaluating", flush=True)
+        command = [sys.executable, "-m", "solver", "evaluate", str(job), "--out", str(metrics)]
+        command += ["--cameras", str(scene / "transforms_test.json")]
+        subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
     content = json.loads(metrics.read_text(encoding="utf-8"))
     return {key: value for key, value in content.items() if key not in ("views", "cameras")}
 
