@@ -172,9 +172,19 @@ def test_two_jobs_are_composed_under_another_jobs_light(job, cameras, tmp_path):
 
 
 def test_the_paper_preset_goes_all_the_way_and_keeps_its_neural_term(cameras, tmp_path):
-    small = ["--set", "fit.samples=20000", "--set", "fit.most_rays=256", "--set", "fit.warm_up=5"]
+    small = [
+        "--set",
+        "fit.samples=20000",
+        "--set",
+        "fit.warm_up=5",
+        "--set",
+        "fit.preview_every=999",
+    ]
+    small += ["--set", "fit.secondary_samples=20000", "--set", "render.min_weight=0.01"]
+    # Masks make it a quick fit; from fog, as the preset has it: tests/fit/test_method.py.
+    small += ["--set", "fit.use_masks=yes", "--set", "field.hull_start=yes"]
     root = tmp_path / "job"
-    sizes = [*TINY, "--set", "fit.steps=100", "--set", "fit.rays=256", *small]
+    sizes = [*TINY, "--set", "fit.steps=60", *small]
     result = solver("reconstruct", DUCK, "--out", root, "--preset", "paper", *sizes)
     assert result.returncode == 0, result.stderr
     scores = []
