@@ -147,6 +147,8 @@ def evaluate(scene: Path, job: Path) -> dict:
         command += ["--cameras", str(scene / "transforms_test.json")]
         subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
     content = json.loads(metrics.read_text(encoding="utf-8"))
+    for relit in content.get("relight", {}).values():
+        relit.pop("views", None)
     return {key: value for key, value in content.items() if key not in ("views", "cameras")}
 
 
