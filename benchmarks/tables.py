@@ -136,9 +136,10 @@ def _mean(values: list[float]) -> float | None:
 
 _HEAD = """# Benchmarks: quality
 
-Written by `make benchmark`; do not edit. The same numbers are in the JSON file
-beside this page; `JOB/metrics.json` has those of every view. Views are held out, 8-bit sRGB over
-white; what each metric is, is said in `solver/metrics` and `docs/method.md`. A dash: not measured (no truth, or LPIPS without its weights).
+Written by `make benchmark`; do not edit. The same numbers are in the JSON file beside this page;
+`JOB/metrics.json` has those of every view. Views are held out, 8-bit sRGB over white; what each metric
+is, is said in `solver/metrics` and `docs/method.md`. A dash: not measured (no truth, or LPIPS without
+its weights).
 Scenes are our own unless a line *paper* stands below: a name may be shared with a scene of the paper.
 """
 _ABLATION_NOTE = """Mean over scenes of setting − default. The paper's are those of its own 14 scenes
