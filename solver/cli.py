@@ -132,12 +132,13 @@ def _add_neural(command: argparse.ArgumentParser) -> None:
 
 
 def _placement(text: str) -> tuple[float, ...]:
+    """x, y, z, scale, degrees."""
     values = tuple(float(part) for part in text.split(","))
     if not 3 <= len(values) <= 5 or not all(math.isfinite(v) for v in values):
         raise argparse.ArgumentTypeError("write it as X,Y,Z or X,Y,Z,SCALE or X,Y,Z,SCALE,DEGREES")
     if len(values) > 3 and values[3] <= 0:
         raise argparse.ArgumentTypeError("SCALE must be positive")
-    return values
+    return (*values, *(1.0, 0.0)[len(values) - 3 :])
 
 
 def _positive(text: str) -> float:
@@ -229,10 +230,9 @@ def _compose(options: argparse.Namespace) -> int:
 
     if len(options.place) > len(options.jobs):
         raise JobError(f"--place is given {len(options.place)} times for {len(options.jobs)} jobs.")
-    places = options.place + [(0.0, 0.0, 0.0)] * (len(options.jobs) - len(options.place))
+    places = options.place + [(0.0, 0.0, 0.0, 1.0, 0.0)] * (len(options.jobs) - len(options.place))
     placements = []
-    for x, y, z, *rest in places:
-        scale, degrees = (*rest, *(1.0, 0.0)[len(rest) :])
+    for x, y, z, scale, degrees in places:
         placements.append(Placement((x, y, z), scale, math.radians(degrees)))
     compose_jobs(
         [JobFolder.open(job) for job in options.jobs], placements, options.cameras, options.out,

@@ -5,14 +5,20 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import platform
+import re
 import shutil
+from pathlib import Path
 
 from . import __version__
 
-PACKAGES = (
-    "torch", "numpy", "numba", "scipy", "OpenEXR", "xatlas", "trimesh", "scikit-image",
-    "fast-simplification", "pillow", "imageio", "safetensors", "tqdm",
-)  # fmt: skip
+REQUIREMENTS = Path(__file__).with_name("requirements.txt")
+
+
+def packages() -> list[str]:
+    """Names of the packages that the solver needs, as its requirements have them."""
+    lines = REQUIREMENTS.read_text(encoding="utf-8").splitlines()
+    names = (re.match(r"[A-Za-z0-9][\w.-]*", line) for line in lines)
+    return list(dict.fromkeys(name.group() for name in names if name))
 
 
 def report() -> str:
@@ -24,7 +30,7 @@ def report() -> str:
         f"Python {platform.python_version()}, {platform.platform()}",
         f"Cores {os.cpu_count()}, torch threads {torch.get_num_threads()}",
     ]
-    for name in PACKAGES:
+    for name in packages():
         try:
             lines.append(f"{name} {importlib.metadata.version(name)}")
         except importlib.metadata.PackageNotFoundError:

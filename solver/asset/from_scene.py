@@ -51,12 +51,6 @@ class SceneSurface:
         return tuple(values.cpu().numpy() for values in materials)
 
 
-def environment_image(scene: Scene) -> np.ndarray:
-    """The light as [H, W, 3] float32 linear Rec.709, Blender's equirect convention."""
-    radiance = scene.environment.radiance().detach().permute(1, 2, 0)
-    return np.ascontiguousarray(radiance.cpu().numpy(), dtype=np.float32)
-
-
 def surface_level(scene: Scene, settings: RenderSettings, cameras: list[Camera]) -> float:
     """The extinction at which the isosurface has the silhouettes the photos see.
 

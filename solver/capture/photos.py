@@ -131,7 +131,7 @@ def _exr_channels(path: Path) -> dict:
         raise _unreadable(path, error) from error
 
 
-def _read_image(path: Path) -> np.ndarray:
+def read_image(path: Path) -> np.ndarray:
     """Pixels [H, W, 1–4] of an 8- or 16-bit image, scaled to [0, 1]; EXIF rotation applied."""
     try:
         pixels = imageio.v3.imread(path, plugin="pillow", rotate=True)
@@ -146,7 +146,7 @@ def _read_image(path: Path) -> np.ndarray:
 
 
 def _read_srgb(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
-    pixels = _read_image(path)
+    pixels = read_image(path)
     channels = pixels.shape[2]
     alpha = pixels[..., -1] if channels in (2, 4) else None
     colour = pixels[..., :3] if channels >= 3 else np.repeat(pixels[..., :1], 3, axis=-1)
@@ -158,7 +158,7 @@ def _read_mask(camera: Camera) -> np.ndarray:
         raise CaptureError(
             camera.mask_path, "mask_path", "the mask does not exist", "add it or remove mask_path"
         )
-    mask = _read_image(camera.mask_path)[..., 0]
+    mask = read_image(camera.mask_path)[..., 0]
     if mask.shape != (camera.height, camera.width):
         raise CaptureError(
             camera.mask_path, "mask_path", f"the mask is {mask.shape[1]} × {mask.shape[0]} pixels, "

@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import imageio.v3
 import numpy as np
 
 from .. import __version__
@@ -23,6 +22,7 @@ from ..capture.photos import (
     load_photos,
     read_exr,
     read_exr_channels,
+    read_image,
     srgb_to_linear,
 )
 from ..capture.read import read_capture
@@ -155,7 +155,7 @@ def _light_scores(scene: Scene, path: Path, albedo_factor: np.ndarray | None) ->
     if not path.is_file():
         return {}
     truth, _ = read_exr(path)
-    light = scene.environment.radiance().detach().permute(1, 2, 0).cpu().numpy()
+    light = scene.environment.image()
     scores = {f"environment_{k}": v for k, v in environment_errors(light, truth).items()}
     if albedo_factor is not None and (albedo_factor > 1e-3).all():
         errors = environment_errors(light, truth, 1 / albedo_factor)
@@ -220,11 +220,7 @@ def _map(camera: Camera, ending: str) -> np.ndarray | None:
     if path.is_file():
         return read_exr_channels(path)
     path = path.with_suffix(".png")
-    if not path.is_file():
-        return None
-    values = imageio.v3.imread(path, plugin="pillow")
-    values = values[..., None] if values.ndim == 2 else values
-    return values.astype(np.float64) / np.iinfo(values.dtype).max
+    return read_image(path) if path.is_file() else None
 
 
 def _mean(views: list[dict[str, float]]) -> dict[str, float]:

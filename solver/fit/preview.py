@@ -67,5 +67,4 @@ def write_previews(trainer: Trainer, folder: Path) -> None:
     normals = view.normal * 0.5 + 0.5
     normals = normals * view.opacity[..., None] + (1 - view.opacity[..., None])
     save_png(np.concatenate([reference, display(view), normals], axis=1), folder / "render.png")
-    radiance = scene.environment.radiance().detach().permute(1, 2, 0).cpu().numpy()
-    save_png(tone_mapped(radiance), folder / "environment.png")
+    save_png(tone_mapped(scene.environment.image()), folder / "environment.png")

@@ -10,7 +10,7 @@ import torch
 
 from .. import __version__
 from ..asset.build import build_asset
-from ..asset.from_scene import SceneSurface, environment_image, surface_level
+from ..asset.from_scene import SceneSurface, surface_level
 from ..capture.photos import load_photos
 from ..capture.read import read_capture
 from ..job.control import Control
@@ -84,7 +84,7 @@ def run_job(job: JobFolder, progress: Progress, control: Control) -> Path:
     scene = trainer.scene
     level = surface_level(scene, settings.render, list(capture.cameras))
     parts = build_asset(
-        SceneSurface(scene), environment_image(scene), level, job.result_dir, settings.asset,
+        SceneSurface(scene), scene.environment.image(), level, job.result_dir, settings.asset,
         lambda fraction, text: progress.fraction(fraction, text),
     )  # fmt: skip
     _stop_if_asked(control)

@@ -58,8 +58,7 @@ def write_job_report(
             files.append((name, f"report/{file.name}"))
         rows.append(Row(f"{camera.name}: {score:.1f} dB", files))
         progress((done + 1) / len(chosen))
-    radiance = scene.environment.radiance().detach().permute(1, 2, 0).cpu().numpy()
-    save_png(tone_mapped(radiance), folder / "environment.png")
+    save_png(tone_mapped(scene.environment.image()), folder / "environment.png")
     rows.append(Row("Recovered light", [("environment", "report/environment.png")]))
     kind = "held-out views" if held_out else "training photos"
     numbers = {

@@ -36,8 +36,7 @@ def write_snapshot(trainer: Trainer, folder: Path, fraction: float) -> None:
     save_png(picture, folder / f"render_{step}")
     weights = scan_line_weights(scene, settings, camera, row, camera.height)
     save_png(np.repeat(1 - weights[..., None] ** 0.5, 3, axis=-1), folder / f"weights_{step}")
-    radiance = scene.environment.radiance().detach().permute(1, 2, 0).cpu().numpy()
-    save_png(tone_mapped(radiance), folder / f"environment_{step}")
+    save_png(tone_mapped(scene.environment.image()), folder / f"environment_{step}")
 
 
 def write_figure(folder: Path) -> Path | None:

@@ -119,6 +119,11 @@ class EnvironmentMap(nn.Module):
         """Radiance [3, H, W], linear Rec.709."""
         return self.log_radiance.clamp(max=self.MAX_LOG_RADIANCE).exp()
 
+    def image(self) -> np.ndarray:
+        """Radiance [H, W, 3] float32, linear Rec.709, Blender's equirect convention."""
+        radiance = self.radiance().detach().permute(1, 2, 0)
+        return np.ascontiguousarray(radiance.cpu().numpy(), dtype=np.float32)
+
     def tables(self) -> LightTables:
         """Summed-area table and irradiance of the current map; rebuild after every step.
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-import flip_evaluator
 import numpy as np
-import pytorch_msssim
 import skimage.metrics
 import torch
 
@@ -32,6 +30,8 @@ def ssim(prediction: np.ndarray, truth: np.ndarray) -> float:
 
 def ms_ssim(prediction: np.ndarray, truth: np.ndarray) -> float | None:
     """Multi-scale SSIM (Wang et al. 2003); None for images that are too small for five scales."""
+    import pytorch_msssim  # only evaluations need it, not every reconstruction
+
     if min(prediction.shape[:2]) < MS_SSIM_MIN_SIDE:
         return None
     pair = [torch.from_numpy(_channels_first(image)).double() for image in (prediction, truth)]
@@ -40,6 +40,8 @@ def ms_ssim(prediction: np.ndarray, truth: np.ndarray) -> float | None:
 
 def flip(prediction: np.ndarray, truth: np.ndarray) -> float:
     """Mean LDR-FLIP at 67 pixels per degree (Andersson et al. 2020, doi:10.1145/3406183); 0 is best."""
+    import flip_evaluator
+
     images = [np.ascontiguousarray(i, dtype=np.float32) for i in (truth, prediction)]
     return float(flip_evaluator.evaluate(*images, "LDR", applyMagma=False)[1])
 
