@@ -12,10 +12,10 @@ from ..capture.errors import CaptureError
 from ..capture.photos import read_exr
 from ..job.folder import JobFolder
 from ..light.environment import EnvironmentMap
-from ..render.image import RenderedView, image_settings, render_view
+from ..render.image import RenderedView, render_view
 from ..render.scene import Scene, StepTables
 from . import checkpoint
-from .presets import Settings, neural_share
+from .presets import Settings, picture_settings
 from .reconstruct import choose_device
 
 
@@ -60,8 +60,7 @@ def render_cameras(
         rays: secondary rays a pixel.
         neural: share of the neural term; None: as the fit ended.
     """
-    neural = neural_share(settings.fit, 1.0) if neural is None else neural
     tables = StepTables.of(scene)
-    render = image_settings(settings.render, rays, neural)
+    render = picture_settings(settings, rays, neural=neural)
     for camera in cameras:
         yield camera, render_view(scene, tables, render, camera)

@@ -10,6 +10,7 @@ import typing
 from dataclasses import dataclass
 
 from ..asset.settings import AssetSettings
+from ..render.image import image_settings
 from ..render.scene import RenderSettings
 from .errors import SettingsError
 
@@ -197,6 +198,19 @@ def neural_share(fit: FitSettings, fraction: float) -> float:
     first, last = fit.neural_fade
     kept = 1 - min(max((fraction - first) / max(last - first, 1e-6), 0), 1)
     return fit.neural_start * kept
+
+
+def picture_settings(
+    settings: Settings, rays: int = 64, fraction: float = 1.0, neural: float | None = None
+) -> RenderSettings:
+    """Render settings of whole pictures at a fraction of the fit.
+
+    Args:
+        rays: secondary rays a pixel.
+        neural: share of the neural term; None: as it is at that fraction.
+    """
+    neural = neural_share(settings.fit, fraction) if neural is None else neural
+    return image_settings(settings.render, rays, neural)
 
 
 def _override(settings: Settings, key: str, value: object) -> Settings:

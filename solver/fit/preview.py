@@ -11,9 +11,9 @@ from PIL import Image
 from ..capture.camera import Camera
 from ..capture.photos import linear_to_srgb
 from ..job.folder import replace_file
-from ..render.image import RenderedView, image_settings, render_view
+from ..render.image import RenderedView, render_view
 from ..render.scene import StepTables
-from .presets import neural_share
+from .presets import picture_settings
 from .trainer import Trainer
 
 PREVIEW_WIDTH = 200
@@ -58,8 +58,7 @@ def write_previews(trainer: Trainer, folder: Path) -> None:
     """Write `render.png` (photo | render | normals) and `environment.png`."""
     scene, bank = trainer.scene, trainer.bank
     camera, photo = bank.preview_camera, bank.preview_photo
-    neural = neural_share(trainer.settings.fit, 1.0)
-    settings = image_settings(trainer.settings.render, secondary_rays=16, neural=neural)
+    settings = picture_settings(trainer.settings, rays=16)
     view = render_view(scene, StepTables.of(scene), settings, smaller(camera, PREVIEW_WIDTH))
     picture = Image.fromarray((over_white(photo) * 255).astype(np.uint8))
     size = (view.opacity.shape[1], view.opacity.shape[0])

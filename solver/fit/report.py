@@ -12,10 +12,10 @@ from ..capture.photos import Photo, load_photos
 from ..capture.read import has_split, read_capture
 from ..job.folder import JobFolder, write_json_atomic
 from ..metrics.image import psnr, ssim
-from ..render.image import image_settings, render_view
+from ..render.image import render_view
 from ..render.scene import Scene, StepTables
 from ..report import Row, write_report
-from .presets import Settings, neural_share
+from .presets import Settings, picture_settings
 from .preview import display, over_white, save_png, tone_mapped
 
 VIEWS = 4
@@ -36,8 +36,7 @@ def write_job_report(
             # A broken test split must not cost the person a finished reconstruction.
             held_out = False
     chosen = np.linspace(0, len(cameras) - 1, min(VIEWS, len(cameras))).astype(int)
-    neural = neural_share(settings.fit, 1.0)
-    render_settings = image_settings(settings.render, neural=neural)
+    render_settings = picture_settings(settings)
     tables = StepTables.of(scene)
     rows, scores = [], []
     folder = job.result_dir / "report"
@@ -72,7 +71,7 @@ def write_job_report(
     write_report(
         job.result_dir / "report.html", "Reconstruction",
         f"Photos beside the solver's own renders of the field ({kind}), "
-        + ("without the neural term: what Cycles can show." if neural == 0 else
+        + ("without the neural term: what Cycles can show." if render_settings.neural == 0 else
            "with the neural term, which Cycles cannot show."), rows, numbers,
     )  # fmt: skip
     return {"json": "report.json", "html": "report.html"}

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ..render.image import image_settings, render_view
+from ..render.image import render_view
 from ..render.scan_line import scan_line_weights
 from ..render.scene import StepTables
-from .presets import neural_share
+from .presets import picture_settings
 from .preview import display, save_png, tone_mapped
 from .trainer import Trainer
 
@@ -26,9 +26,7 @@ def write_snapshot(trainer: Trainer, folder: Path, fraction: float) -> None:
     the render).
     """
     scene, camera = trainer.scene, trainer.bank.preview_camera
-    settings = image_settings(
-        trainer.settings.render, 32, neural_share(trainer.settings.fit, fraction)
-    )
+    settings = picture_settings(trainer.settings, 32, fraction)
     picture = display(render_view(scene, StepTables.of(scene), settings, camera))
     row = camera.height // 2
     picture[row, ::4] = (1.0, 0.3, 0.0)

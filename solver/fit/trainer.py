@@ -104,15 +104,17 @@ class Trainer:
         chunks = self.batching.chunks()
         total = sum(chunks)
         self.optimiser.zero_grad(set_to_none=True)
+        tables, carry_gradient = StepTables.of(self.scene).cut()
         report = {"image": 0.0, "samples": 0, "rays": total}
         first = 0
         for rays in chunks:
             batch = self.bank.batch(self.bank.draw(rays, self.generator))
             keys = torch.arange(first, first + rays, device=self.scene.device)
-            terms = self._accumulate(batch, keys, fraction, rays / total)
+            terms = self._accumulate(tables, batch, keys, fraction, rays / total)
             report["image"] += terms["image"] * rays / total
             report["samples"] += terms["samples"]
             first += rays
+        carry_gradient()
         self.optimiser.step()
         self.step += 1
         self.steps_at_level += 1
@@ -120,11 +122,15 @@ class Trainer:
         return report
 
     def _accumulate(
-        self, batch: RayBatch, keys: torch.Tensor, fraction: float, share: float
+        self,
+        tables: StepTables,
+        batch: RayBatch,
+        keys: torch.Tensor,
+        fraction: float,
+        share: float,
     ) -> dict[str, float]:
         """Add the gradient of a chunk that is a `share` of the step's rays."""
         scene = self.scene
-        tables = StepTables.of(scene)
         buffers = render_rays(
             scene, tables, self.render_settings(fraction), self.random, batch.origins,
             batch.directions, keys, jitter=True,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -159,3 +160,25 @@ class StepTables:
     def of(cls, scene: Scene) -> StepTables:
         """Tables of the current parameters of a scene or a composition."""
         return cls(scene.environment.tables(), scene.normal_tables())
+
+    def cut(self) -> tuple[StepTables, Callable[[], None]]:
+        """The tables cut off from the parameters, and what carries their gradient there at last.
+
+        So that several backward passes of one step share one set of tables.
+        """
+        inner, outer = [], []
+
+        def leaf(value):
+            if isinstance(value, torch.Tensor):
+                inner.append(value.detach().requires_grad_(value.requires_grad))
+                outer.append(value)
+                return inner[-1]
+            parts = [leaf(part) for part in value]
+            return type(value)(*parts) if hasattr(value, "_fields") else type(value)(parts)
+
+        def carry() -> None:
+            pairs = [(o, i.grad) for o, i in zip(outer, inner, strict=True) if i.grad is not None]
+            if pairs:
+                torch.autograd.backward([o for o, _ in pairs], [gradient for _, gradient in pairs])
+
+        return StepTables(leaf(self.light), leaf(self.normals)), carry
