@@ -71,9 +71,25 @@ class MicrofacetField(nn.Module):
         """World directions [N, 3] per world unit of length, in box units."""
         return directions / (2 * self.half_size)
 
-    def raw_density(self, box_points: torch.Tensor) -> torch.Tensor:
-        """Raw density s [N] at box points [N, 3]; gradients to the factors."""
-        return vm_sum(box_points * (self.size - 1), self.density_planes, self.density_lines)
+    def raw_density(
+        self, box_points: torch.Tensor, known: torch.Tensor | None = None
+    ) -> torch.Tensor:
+        """Raw density s [N] at box points [N, 3]; gradients to the factors.
+
+        Args:
+            known: its values [N], where they were computed before.
+        """
+        nodes = self.size - 1
+        return vm_sum(box_points * nodes, self.density_planes, self.density_lines, known)
+
+    @torch.no_grad()
+    def raw_density_grid(self, count: int) -> torch.Tensor:
+        """Raw density [K, K, K] at `count` nodes per axis, from face to face of the box."""
+        planes, lines = upsample(self.density_planes, self.density_lines, count)
+        total = planes[0] @ lines[0].T
+        total += (planes[1] @ lines[1].T).transpose(1, 2)
+        total += (planes[2] @ lines[2].T).permute(2, 0, 1)
+        return total
 
     def extinction(self, raw: torch.Tensor) -> torch.Tensor:
         """σ [N] per world unit of raw densities [N]."""

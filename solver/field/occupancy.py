@@ -38,22 +38,10 @@ class Occupancy(nn.Module):
             min_alpha: opacity of one `step` (world units) from which a corner counts as occupied.
             dilation: cells by which the occupied set grows.
         """
-        cells, device = self.cells, self.occupied.device
-        ticks = torch.linspace(0, 1, cells + 1, device=device)
-        sigma = torch.empty(cells + 1, cells + 1, cells + 1, device=device)
-        for i in range(cells + 1):
-            y, z = torch.meshgrid(ticks, ticks, indexing="ij")
-            points = torch.stack([ticks[i].expand_as(y), y, z], dim=-1).reshape(-1, 3)
-            sigma[i] = field.extinction(field.raw_density(points)).view(cells + 1, cells + 1)
-        corners = sigma[None, None]
-        highest = F.max_pool3d(corners, 2, stride=1)[0, 0]
-        occupied = (highest > -math.log1p(-min_alpha) / step).float()
-        if dilation:
-            occupied = F.max_pool3d(
-                occupied[None, None], 2 * dilation + 1, stride=1, padding=dilation
-            )[0, 0]
-        self.occupied = (occupied > 0) & self.allowed
-        self.extinction = F.avg_pool3d(corners, 2, stride=1)[0, 0] * self.allowed
+        sigma = field.extinction(field.raw_density_grid(self.cells + 1))
+        occupied = _pairs(sigma > -math.log1p(-min_alpha) / step, torch.logical_or)
+        self.occupied = _dilated(occupied, dilation) & self.allowed
+        self.extinction = _pairs(sigma, torch.add) * (self.allowed / 8)
 
     def is_allowed(self, box_points: torch.Tensor) -> torch.Tensor:
         """True [N] where something may be, at box points [N, 3]."""
@@ -74,3 +62,22 @@ class Occupancy(nn.Module):
             else (F.interpolate(grown, size=(self.cells,) * 3, mode="nearest"))
         )
         self.allowed = (resized[0, 0] > 0).to(self.occupied.device)
+
+
+def _pairs(grid: torch.Tensor, combine) -> torch.Tensor:
+    """Combine all 2³ neighbours of a grid: [K+1, K+1, K+1] → [K, K, K]."""
+    grid = combine(grid[1:], grid[:-1])
+    grid = combine(grid[:, 1:], grid[:, :-1])
+    return combine(grid[..., 1:], grid[..., :-1])
+
+
+def _dilated(occupied: torch.Tensor, cells: int) -> torch.Tensor:
+    """A boolean grid [K, K, K] grown by a cube of so many cells."""
+    for axis in range(3):
+        for _ in range(cells):
+            grown = occupied.clone()
+            size = occupied.shape[axis] - 1
+            grown.narrow(axis, 1, size).logical_or_(occupied.narrow(axis, 0, size))
+            grown.narrow(axis, 0, size).logical_or_(occupied.narrow(axis, 1, size))
+            occupied = grown
+    return occupied

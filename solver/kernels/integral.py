@@ -35,6 +35,37 @@ class _RectangleMean(torch.autograd.Function):
         return grad_table, None, grad_centre, None
 
 
+class _PrefixSums(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, values, row_weights):
+        channels, height, width = values.shape
+        table = torch.empty(channels, height + 1, width + 1, dtype=torch.float64)
+        integral_numba.prefix_sums(values.numpy(), row_weights.numpy(), table.numpy())
+        ctx.save_for_backward(row_weights)
+        return table
+
+    @staticmethod
+    def backward(ctx, cotangent):
+        (row_weights,) = ctx.saved_tensors
+        channels, height, width = cotangent.shape
+        out = torch.empty(channels, height - 1, width - 1)
+        integral_numba.prefix_sums_backward(
+            cotangent.contiguous().numpy(), row_weights.numpy(), out.numpy()
+        )
+        return out, None
+
+
+def prefix_sums(values: torch.Tensor, row_weights: torch.Tensor) -> torch.Tensor:
+    """Summed-area table [3, H+1, W+1] of values [3, H, W] times row weights [H], for `rectangle_mean`.
+
+    In the precision of the row weights: with a sun in the map, differences of float sums turn
+    negative far from the sun.
+    """
+    if fast(values):
+        return _PrefixSums.apply(values.contiguous(), row_weights)
+    return integral_torch.prefix_sums(values, row_weights)
+
+
 def rectangle_mean(
     table: torch.Tensor, rows: torch.Tensor, centre: torch.Tensor, size: torch.Tensor
 ) -> torch.Tensor:

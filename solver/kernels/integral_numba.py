@@ -204,3 +204,31 @@ def rectangle_mean_backward(rows, centre, size, cotangent, grad):
             g = cotangent[n, c] / area
             scatter_over_poles(grad, c, x0, x1, y1, width, height, g)
             scatter_over_poles(grad, c, x0, x1, y0, width, height, -g)
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def prefix_sums(values, row_weights, table):
+    """Exclusive prefix sums [3, H+1, W+1] double of values [3, H, W] times a weight a row."""
+    height, width = values.shape[1], values.shape[2]
+    for c in numba.prange(3):
+        table[c, 0, :] = 0.0
+        for i in range(height):
+            running = 0.0
+            table[c, i + 1, 0] = 0.0
+            for j in range(width):
+                running += values[c, i, j] * row_weights[i]
+                table[c, i + 1, j + 1] = table[c, i, j + 1] + running
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def prefix_sums_backward(cotangent, row_weights, out):
+    """Adjoint of `prefix_sums`: sums over all entries below and to the right."""
+    height, width = out.shape[1], out.shape[2]
+    for c in numba.prange(3):
+        below = np.zeros(width)
+        for i in range(height - 1, -1, -1):
+            running = 0.0
+            for j in range(width - 1, -1, -1):
+                running += cotangent[c, i + 1, j + 1]
+                below[j] += running
+                out[c, i, j] = below[j] * row_weights[i]

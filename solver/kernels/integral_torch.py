@@ -5,6 +5,12 @@ from __future__ import annotations
 import torch
 
 
+def prefix_sums(values: torch.Tensor, row_weights: torch.Tensor) -> torch.Tensor:
+    """See `integral_numba.prefix_sums`."""
+    weighted = values.to(row_weights.dtype) * row_weights[:, None]
+    return torch.nn.functional.pad(weighted.cumsum(1).cumsum(2), (1, 0, 1, 0))
+
+
 def _prefix(table: torch.Tensor, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
     """Bilinear prefix sum at columns x (any, periodic) and rows y in [0, H] → [3, N]."""
     height, width = table.shape[1] - 1, table.shape[2] - 1

@@ -18,6 +18,7 @@ class Segments(NamedTuple):
     """Samples of R rays in flat form: those of ray r are `offsets[r]:offsets[r + 1]`."""
 
     distance: torch.Tensor  # [S] world units
+    raw: torch.Tensor  # [S] raw densities there, no gradient
     ray: torch.Tensor  # [S] long
     offsets: torch.Tensor  # [R + 1] long
 
@@ -45,21 +46,23 @@ def march(
             min_transmittance, min_alpha, capacity,
         ))  # fmt: skip
     rays = origins.shape[0]
-    distance = torch.empty(rays, capacity)
+    distance, raw = torch.empty(rays, capacity), torch.empty(rays, capacity)
     counts = torch.empty(rays, dtype=torch.long)
     march_numba.march(
         origins.contiguous().numpy(), directions.contiguous().numpy(), start.numpy(),
         jitter.numpy(), step, occupancy.numpy(), planes.contiguous().numpy(),
         lines.contiguous().numpy(), shift, scale, min_transmittance, min_alpha,
-        distance.numpy(), counts.numpy(),
+        distance.numpy(), raw.numpy(), counts.numpy(),
     )  # fmt: skip
     offsets = torch.cat([counts.new_zeros(1), counts.cumsum(0)])
-    flat = torch.empty(int(offsets[-1]))
-    ray = torch.empty(len(flat), dtype=torch.long)
+    count = int(offsets[-1])
+    flat, flat_raw = torch.empty(count), torch.empty(count)
+    ray = torch.empty(count, dtype=torch.long)
     march_numba.compact(
-        distance.numpy(), counts.numpy(), offsets.numpy(), flat.numpy(), ray.numpy()
-    )
-    return Segments(flat, ray, offsets)
+        distance.numpy(), raw.numpy(), counts.numpy(), offsets.numpy(), flat.numpy(),
+        flat_raw.numpy(), ray.numpy(),
+    )  # fmt: skip
+    return Segments(flat, flat_raw, ray, offsets)
 
 
 def grid_transmittance(

@@ -43,12 +43,12 @@ def extinction(raw, shift, scale):
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
 def march(
     origins, directions, start, jitter, step, occupancy, planes, lines, shift, scale,
-    min_transmittance, min_alpha, distance, counts,
+    min_transmittance, min_alpha, distance, raw, counts,
 ):  # fmt: skip
-    """Sample distances [R, capacity] of every ray in occupied space until it is opaque.
+    """Distances and raw densities [R, capacity] of every ray's samples in occupied space.
 
     Samples lie at t = entry + (i + jitter)·step. Unoccupied ones, and ones more transparent than
-    `min_alpha`, are left out; the walk ends below `min_transmittance`.
+    `min_alpha`, are left out; the walk ends where it is opaque, below `min_transmittance`.
     """
     cells = occupancy.shape[0]
     nodes = planes.shape[1] - 1
@@ -67,12 +67,11 @@ def march(
             j = min(max(int(y * cells), 0), cells - 1)
             k = min(max(int(z * cells), 0), cells - 1)
             if occupancy[i, j, k]:
-                sigma = extinction(
-                    raw_density(x * nodes, y * nodes, z * nodes, planes, lines), shift, scale
-                )
-                keep = math.exp(-sigma * step)
+                density = raw_density(x * nodes, y * nodes, z * nodes, planes, lines)
+                keep = math.exp(-extinction(density, shift, scale) * step)
                 if 1.0 - keep >= min_alpha:
                     distance[r, count] = t
+                    raw[r, count] = density
                     count += 1
                     transmittance *= keep
                     if transmittance < min_transmittance:
@@ -82,12 +81,13 @@ def march(
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def compact(distance, counts, offsets, flat, ray):
+def compact(distance, raw, counts, offsets, flat_distance, flat_raw, ray):
     """Copy the rows' leading entries into flat segments."""
     for r in numba.prange(counts.shape[0]):
         first = offsets[r]
         for i in range(counts[r]):
-            flat[first + i] = distance[r, i]
+            flat_distance[first + i] = distance[r, i]
+            flat_raw[first + i] = raw[r, i]
             ray[first + i] = r
 
 

@@ -30,7 +30,7 @@ def march(
     origins, directions, start, jitter, step, occupancy, planes, lines, shift, scale,
     min_transmittance, min_alpha, capacity,
 ):  # fmt: skip
-    """See `march_numba.march`; returns flat distances, ray indices and offsets [R + 1]."""
+    """See `march_numba.march`; returns flat distances, raw densities, ray indices, offsets."""
     near, far = box_span(origins, directions)
     near = torch.maximum(near, start)
     most = int(torch.ceil(((far - near).clamp(min=0) / step).max()).item()) + 1 if len(near) else 0
@@ -49,7 +49,7 @@ def march(
     counts = inside.sum(-1)
     offsets = torch.cat([counts.new_zeros(1), counts.cumsum(0)])
     ray = torch.arange(len(near), device=near.device).repeat_interleave(counts)
-    return t[inside], ray, offsets
+    return t[inside], raw[inside], ray, offsets
 
 
 def grid_transmittance(origins, directions, start, step, optical_depth) -> torch.Tensor:

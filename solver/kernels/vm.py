@@ -29,15 +29,17 @@ class _Products(torch.autograd.Function):
 
 class _Sum(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, points, planes, lines):
+    def forward(ctx, points, planes, lines, known):
         ctx.save_for_backward(points, planes, lines)
+        if known is not None:
+            return known.clone()
         out = torch.empty(points.shape[0])
         vm_numba.vm_sum(points.numpy(), planes.numpy(), lines.numpy(), out.numpy())
         return out
 
     @staticmethod
     def backward(ctx, cotangent):
-        return None, *_products_backward(*ctx.saved_tensors, cotangent[:, None], _NO_STRIDE)
+        return None, *_products_backward(*ctx.saved_tensors, cotangent[:, None], _NO_STRIDE), None
 
 
 class _Gradient(torch.autograd.Function):
@@ -68,6 +70,21 @@ def _products_backward(points, planes, lines, cotangent, stride):
     return grad_planes, grad_lines
 
 
+class _SmoothPlanes(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, planes, centre, side):
+        ctx.taps = centre, side
+        out = torch.empty_like(planes)
+        vm_numba.smooth_planes(planes.numpy(), centre, side, out.numpy())
+        return out
+
+    @staticmethod
+    def backward(ctx, cotangent):
+        out = torch.empty_like(cotangent, memory_format=torch.contiguous_format)
+        vm_numba.smooth_planes(cotangent.contiguous().numpy(), *ctx.taps, out.numpy())
+        return out, None, None
+
+
 def _contiguous(*tensors: torch.Tensor) -> tuple[torch.Tensor, ...]:
     return tuple(tensor.contiguous() for tensor in tensors)
 
@@ -79,15 +96,29 @@ def vm_products(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor)
     return vm_torch.vm_products(points.detach(), planes, lines)
 
 
-def vm_sum(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor) -> torch.Tensor:
-    """The sum of all products at points [N, 3] in grid units → [N]."""
+def vm_sum(
+    points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor,
+    known: torch.Tensor | None = None,
+) -> torch.Tensor:  # fmt: skip
+    """The sum of all products at points [N, 3] in grid units → [N].
+
+    Args:
+        known: the very sums [N], if they are known already; then only the gradient costs.
+    """
     if fast(planes):
-        return _Sum.apply(points.detach().contiguous(), *_contiguous(planes, lines))
+        return _Sum.apply(points.detach().contiguous(), *_contiguous(planes, lines), known)
     return vm_torch.vm_sum(points.detach(), planes, lines)
 
 
 def vm_gradient(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor) -> torch.Tensor:
-    """Gradient per grid unit of the smoothed sum at points [N, 3] → [N, 3]; see `vm_torch`."""
+    """Gradient per grid unit of the sum at points [N, 3] → [N, 3]; see `vm_torch`."""
     if fast(planes):
         return _Gradient.apply(points.detach().contiguous(), *_contiguous(planes, lines))
     return vm_torch.vm_gradient(points.detach(), planes, lines)
+
+
+def smooth_planes(planes: torch.Tensor, centre: float, side: float) -> torch.Tensor:
+    """Taps (side, centre, side) along both axes of planes [3, G, G, C]; borders continue."""
+    if fast(planes):
+        return _SmoothPlanes.apply(planes.contiguous(), np.float32(centre), np.float32(side))
+    return vm_torch.smooth_planes(planes, centre, side)

@@ -120,101 +120,148 @@ def vm_products_backward(points, planes, lines, cotangent, stride, grad_planes, 
                 grad_lines[k, m + 1, ch] += w * to_line
 
 
+@numba.njit(inline="always", fastmath=True)
+def difference_cell(x, size):
+    """`cell` with the nodes before and after it, clamped to the grid."""
+    lower, fraction = cell(x, size)
+    return max(lower - 1, 0), lower, min(lower + 2, size - 1), fraction
+
+
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
 def vm_gradient(points, planes, lines, out):
     size = planes.shape[1]
-    channels = planes.shape[4]
+    channels = planes.shape[3]
     for n in numba.prange(points.shape[0]):
         out[n, 0] = 0.0
         out[n, 1] = 0.0
         out[n, 2] = 0.0
         for k in range(3):
-            i, u = cell(points[n, _axis_a[k]], size)
-            j, v = cell(points[n, _axis_b[k]], size)
-            m, w = cell(points[n, _axis_c[k]], size)
-            w00 = (1 - u) * (1 - v)
-            w01 = (1 - u) * v
-            w10 = u * (1 - v)
-            w11 = u * v
+            i0, i, i3, u = difference_cell(points[n, _axis_a[k]], size)
+            j0, j, j3, v = difference_cell(points[n, _axis_b[k]], size)
+            m0, m, m3, w = difference_cell(points[n, _axis_c[k]], size)
+            p00, p01, p10, p11 = (
+                planes[k, i, j],
+                planes[k, i, j + 1],
+                planes[k, i + 1, j],
+                planes[k, i + 1, j + 1],
+            )
+            before_a0, before_a1 = planes[k, i0, j], planes[k, i0, j + 1]
+            after_a0, after_a1 = planes[k, i3, j], planes[k, i3, j + 1]
+            before_b0, before_b1 = planes[k, i, j0], planes[k, i + 1, j0]
+            after_b0, after_b1 = planes[k, i, j3], planes[k, i + 1, j3]
+            l0, l1, before_c, after_c = lines[k, m], lines[k, m + 1], lines[k, m0], lines[k, m3]
             along_a = np.float32(0.0)
             along_b = np.float32(0.0)
             along_c = np.float32(0.0)
-            p00 = planes[k, i, j]
-            p01 = planes[k, i, j + 1]
-            p10 = planes[k, i + 1, j]
-            p11 = planes[k, i + 1, j + 1]
-            l0 = lines[k, m]
-            l1 = lines[k, m + 1]
             for ch in range(channels):
-                value = w00 * p00[0, ch] + w01 * p01[0, ch] + w10 * p10[0, ch] + w11 * p11[0, ch]
-                da = w00 * p00[1, ch] + w01 * p01[1, ch] + w10 * p10[1, ch] + w11 * p11[1, ch]
-                db = w00 * p00[2, ch] + w01 * p01[2, ch] + w10 * p10[2, ch] + w11 * p11[2, ch]
-                line = (1 - w) * l0[0, ch] + w * l1[0, ch]
-                dc = (1 - w) * l0[1, ch] + w * l1[1, ch]
+                low_b = (1 - u) * p00[ch] + u * p10[ch]
+                high_b = (1 - u) * p01[ch] + u * p11[ch]
+                low_a = (1 - v) * p00[ch] + v * p01[ch]
+                high_a = (1 - v) * p10[ch] + v * p11[ch]
+                value = (1 - v) * low_b + v * high_b
+                # Central differences at the two nodes, interpolated; halves are applied at the end.
+                da = (1 - u) * (high_a - ((1 - v) * before_a0[ch] + v * before_a1[ch])) + u * (
+                    (1 - v) * after_a0[ch] + v * after_a1[ch] - low_a
+                )
+                db = (1 - v) * (high_b - ((1 - u) * before_b0[ch] + u * before_b1[ch])) + v * (
+                    (1 - u) * after_b0[ch] + u * after_b1[ch] - low_b
+                )
+                line = (1 - w) * l0[ch] + w * l1[ch]
+                dc = (1 - w) * (l1[ch] - before_c[ch]) + w * (after_c[ch] - l0[ch])
                 along_a += da * line
                 along_b += db * line
                 along_c += value * dc
-            out[n, _axis_a[k]] += along_a
-            out[n, _axis_b[k]] += along_b
-            out[n, _axis_c[k]] += along_c
+            out[n, _axis_a[k]] += np.float32(0.5) * along_a
+            out[n, _axis_b[k]] += np.float32(0.5) * along_b
+            out[n, _axis_c[k]] += np.float32(0.5) * along_c
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
 def vm_gradient_backward(points, planes, lines, cotangent, grad_planes, grad_lines):
     size = planes.shape[1]
-    channels = planes.shape[4]
+    channels = planes.shape[3]
     tasks_per_pair = (channels + CHANNELS_PER_TASK - 1) // CHANNELS_PER_TASK
     for task in numba.prange(3 * tasks_per_pair):
         k = task // tasks_per_pair
         first = (task % tasks_per_pair) * CHANNELS_PER_TASK
         last = min(first + CHANNELS_PER_TASK, channels)
         for n in range(points.shape[0]):
-            i, u = cell(points[n, _axis_a[k]], size)
-            j, v = cell(points[n, _axis_b[k]], size)
-            m, w = cell(points[n, _axis_c[k]], size)
-            ga = cotangent[n, _axis_a[k]]
-            gb = cotangent[n, _axis_b[k]]
-            gc = cotangent[n, _axis_c[k]]
-            p00 = planes[k, i, j]
-            p01 = planes[k, i, j + 1]
-            p10 = planes[k, i + 1, j]
-            p11 = planes[k, i + 1, j + 1]
-            q00 = grad_planes[k, i, j]
-            q01 = grad_planes[k, i, j + 1]
-            q10 = grad_planes[k, i + 1, j]
-            q11 = grad_planes[k, i + 1, j + 1]
-            l0 = lines[k, m]
-            l1 = lines[k, m + 1]
-            m0 = grad_lines[k, m]
-            m1 = grad_lines[k, m + 1]
-            w00 = (1 - u) * (1 - v)
-            w01 = (1 - u) * v
-            w10 = u * (1 - v)
-            w11 = u * v
+            i0, i, i3, u = difference_cell(points[n, _axis_a[k]], size)
+            j0, j, j3, v = difference_cell(points[n, _axis_b[k]], size)
+            m0, m, m3, w = difference_cell(points[n, _axis_c[k]], size)
+            ga = np.float32(0.5) * cotangent[n, _axis_a[k]]
+            gb = np.float32(0.5) * cotangent[n, _axis_b[k]]
+            gc = np.float32(0.5) * cotangent[n, _axis_c[k]]
+            p00, p01, p10, p11 = (
+                planes[k, i, j],
+                planes[k, i, j + 1],
+                planes[k, i + 1, j],
+                planes[k, i + 1, j + 1],
+            )
+            before_a0, before_a1 = planes[k, i0, j], planes[k, i0, j + 1]
+            after_a0, after_a1 = planes[k, i3, j], planes[k, i3, j + 1]
+            before_b0, before_b1 = planes[k, i, j0], planes[k, i + 1, j0]
+            after_b0, after_b1 = planes[k, i, j3], planes[k, i + 1, j3]
+            l0, l1, before_c, after_c = lines[k, m], lines[k, m + 1], lines[k, m0], lines[k, m3]
             for ch in range(first, last):
-                value = w00 * p00[0, ch] + w01 * p01[0, ch] + w10 * p10[0, ch] + w11 * p11[0, ch]
-                da = w00 * p00[1, ch] + w01 * p01[1, ch] + w10 * p10[1, ch] + w11 * p11[1, ch]
-                db = w00 * p00[2, ch] + w01 * p01[2, ch] + w10 * p10[2, ch] + w11 * p11[2, ch]
-                line = (1 - w) * l0[0, ch] + w * l1[0, ch]
-                dc = (1 - w) * l0[1, ch] + w * l1[1, ch]
+                low_b = (1 - u) * p00[ch] + u * p10[ch]
+                high_b = (1 - u) * p01[ch] + u * p11[ch]
+                low_a = (1 - v) * p00[ch] + v * p01[ch]
+                high_a = (1 - v) * p10[ch] + v * p11[ch]
+                value = (1 - v) * low_b + v * high_b
+                da = (1 - u) * (high_a - ((1 - v) * before_a0[ch] + v * before_a1[ch])) + u * (
+                    (1 - v) * after_a0[ch] + v * after_a1[ch] - low_a
+                )
+                db = (1 - v) * (high_b - ((1 - u) * before_b0[ch] + u * before_b1[ch])) + v * (
+                    (1 - u) * after_b0[ch] + u * after_b1[ch] - low_b
+                )
+                line = (1 - w) * l0[ch] + w * l1[ch]
+                dc = (1 - w) * (l1[ch] - before_c[ch]) + w * (after_c[ch] - l0[ch])
                 to_value = gc * dc
                 to_a = ga * line
                 to_b = gb * line
                 to_line = ga * da + gb * db
                 to_dc = gc * value
-                q00[0, ch] += w00 * to_value
-                q01[0, ch] += w01 * to_value
-                q10[0, ch] += w10 * to_value
-                q11[0, ch] += w11 * to_value
-                q00[1, ch] += w00 * to_a
-                q01[1, ch] += w01 * to_a
-                q10[1, ch] += w10 * to_a
-                q11[1, ch] += w11 * to_a
-                q00[2, ch] += w00 * to_b
-                q01[2, ch] += w01 * to_b
-                q10[2, ch] += w10 * to_b
-                q11[2, ch] += w11 * to_b
-                m0[0, ch] += (1 - w) * to_line
-                m1[0, ch] += w * to_line
-                m0[1, ch] += (1 - w) * to_dc
-                m1[1, ch] += w * to_dc
+                to_near_a = (1 - u) * to_a
+                to_far_a = u * to_a
+                to_near_b = (1 - v) * to_b
+                to_far_b = v * to_b
+                low = (1 - u) * to_value
+                high = u * to_value
+                grad_planes[k, i, j, ch] += (1 - v) * (low - to_far_a) - (1 - u) * to_far_b
+                grad_planes[k, i, j + 1, ch] += v * (low - to_far_a) + (1 - u) * to_near_b
+                grad_planes[k, i + 1, j, ch] += (1 - v) * (high + to_near_a) - u * to_far_b
+                grad_planes[k, i + 1, j + 1, ch] += v * (high + to_near_a) + u * to_near_b
+                grad_planes[k, i0, j, ch] -= (1 - v) * to_near_a
+                grad_planes[k, i0, j + 1, ch] -= v * to_near_a
+                grad_planes[k, i3, j, ch] += (1 - v) * to_far_a
+                grad_planes[k, i3, j + 1, ch] += v * to_far_a
+                grad_planes[k, i, j0, ch] -= (1 - u) * to_near_b
+                grad_planes[k, i + 1, j0, ch] -= u * to_near_b
+                grad_planes[k, i, j3, ch] += (1 - u) * to_far_b
+                grad_planes[k, i + 1, j3, ch] += u * to_far_b
+                grad_lines[k, m, ch] += (1 - w) * to_line - w * to_dc
+                grad_lines[k, m + 1, ch] += w * to_line + (1 - w) * to_dc
+                grad_lines[k, m0, ch] -= (1 - w) * to_dc
+                grad_lines[k, m3, ch] += w * to_dc
+
+
+@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+def smooth_planes(planes, centre, side, out):
+    """Three taps (side, centre, side) along both axes of planes [3, G, G, C], borders continued.
+
+    The operator is symmetric, so it is its own adjoint.
+    """
+    size, channels = planes.shape[1], planes.shape[3]
+    row = size * channels
+    for task in numba.prange(3 * size):
+        k, i = task // size, task % size
+        before, here = planes[k, max(i - 1, 0)].ravel(), planes[k, i].ravel()
+        after, into = planes[k, min(i + 1, size - 1)].ravel(), out[k, i].ravel()
+        line = np.empty(row + 2 * channels, np.float32)
+        for c in range(row):
+            line[channels + c] = side * (before[c] + after[c]) + centre * here[c]
+        line[:channels] = line[channels : 2 * channels]
+        line[-channels:] = line[-2 * channels : -channels]
+        for c in range(row):
+            into[c] = side * (line[c] + line[c + 2 * channels]) + centre * line[c + channels]

@@ -54,19 +54,42 @@ def vm_sum(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor) -> t
     return vm_products(points, planes, lines).sum(-1)
 
 
-def vm_gradient(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor) -> torch.Tensor:
-    """Gradient, per grid unit, of a smoothed VM sum at points [N, 3] → [N, 3].
+def correlate(factor: torch.Tensor, taps: tuple[float, ...], axis: int) -> torch.Tensor:
+    """Correlation along one axis; the borders continue with their last value."""
+    radius = len(taps) // 2
+    size = factor.shape[axis]
+    first, last = factor.narrow(axis, 0, 1), factor.narrow(axis, size - 1, 1)
+    padded = torch.cat([first] * radius + [factor] + [last] * radius, dim=axis)
+    terms = [
+        padded.narrow(axis, offset, size) * tap for offset, tap in enumerate(taps) if tap != 0.0
+    ]
+    return sum(terms[1:], terms[0])
 
-    planes [3, G, G, 3, C] hold the smoothed plane and its derivatives along the first and second
-    axis; lines [3, G, 2, C] the smoothed line and its derivative (see `field.smoothing`).
+
+def smooth_planes(planes: torch.Tensor, centre: float, side: float) -> torch.Tensor:
+    """Taps (side, centre, side) along both axes of planes [3, G, G, C]."""
+    return correlate(correlate(planes, (side, centre, side), 1), (side, centre, side), 2)
+
+
+def vm_gradient(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor) -> torch.Tensor:
+    """Gradient, per grid unit, of a VM sum at points [N, 3] → [N, 3].
+
+    Central differences at the nodes, interpolated between them as the values are. planes and lines
+    are those of `vm_sum`, smoothed as one likes (`field.smoothing`).
     """
     gradient = [torch.zeros_like(points[:, 0], dtype=planes.dtype) for _ in range(3)]
+    taps = (-0.5, 0.0, 0.5)
     for k, ((a, b), c) in enumerate(zip(PLANE_AXES, LINE_AXES, strict=True)):
-        plane = interpolate_plane(planes[k], points[:, a], points[:, b])
-        line = interpolate_line(lines[k], points[:, c])
-        gradient[a] = gradient[a] + (plane[:, 1] * line[:, 0]).sum(-1)
-        gradient[b] = gradient[b] + (plane[:, 2] * line[:, 0]).sum(-1)
-        gradient[c] = gradient[c] + (plane[:, 0] * line[:, 1]).sum(-1)
+        plane, line = planes[k], lines[k]
+        at = points[:, a], points[:, b]
+        value = interpolate_plane(plane, *at)
+        along_a = interpolate_plane(correlate(plane, taps, 0), *at)
+        along_b = interpolate_plane(correlate(plane, taps, 1), *at)
+        across = interpolate_line(line, points[:, c])
+        along_c = interpolate_line(correlate(line, taps, 0), points[:, c])
+        gradient[a] = gradient[a] + (along_a * across).sum(-1)
+        gradient[b] = gradient[b] + (along_b * across).sum(-1)
+        gradient[c] = gradient[c] + (value * along_c).sum(-1)
     return torch.stack(gradient, dim=-1)
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import torch
 
 from .hashing import uniform
-from .integral import rectangle_mean
+from .integral import prefix_sums, rectangle_mean
 from .march import composite, grid_transmittance, march
-from .vm import vm_gradient, vm_products, vm_sum
+from .vm import smooth_planes, vm_gradient, vm_products, vm_sum
 
 
 def compile_kernels() -> None:
@@ -21,7 +21,7 @@ def compile_kernels() -> None:
     planes, lines = leaf(3, 4, 4, 8), leaf(3, 4, 8)
     vm_sum(points, planes, lines).sum().backward()
     vm_products(points, planes, lines).sum().backward()
-    vm_gradient(points, leaf(3, 4, 4, 3, 8), leaf(3, 4, 2, 8)).sum().backward()
+    vm_gradient(points, smooth_planes(planes, 0.5, 0.25), lines).sum().backward()
     directions = torch.nn.functional.normalize(points - 0.4, dim=-1)
     occupied = torch.ones(4, 4, 4, dtype=torch.bool)
     segments = march(
@@ -31,7 +31,6 @@ def compile_kernels() -> None:
     weights, transmittance = composite(depth, segments.offsets)
     (weights.sum() + transmittance.sum()).backward()
     grid_transmittance(points, directions, torch.zeros(4), 0.1, torch.rand(4, 4, 4))
-    table = torch.rand(3, 5, 9, dtype=torch.float64, requires_grad=True)
-    centre = leaf(4, 2)
     rows = torch.linspace(0, 1, 5, dtype=torch.float64)
+    table, centre = prefix_sums(leaf(3, 4, 8), rows[1:]), leaf(4, 2)
     rectangle_mean(table, rows, centre, torch.ones(4, 2)).sum().backward()

@@ -16,7 +16,7 @@ from torch import nn
 
 from ..capture.frames import direction_from_equirect
 from ..kernels.backend import precise
-from ..kernels.integral import rectangle_mean
+from ..kernels.integral import prefix_sums, rectangle_mean
 from .spherical_harmonics import sh_basis
 
 _COSINE_LOBE = (math.pi, 2 * math.pi / 3, math.pi / 4)  # Ramamoorthi & Hanrahan 2001, l = 0, 1, 2
@@ -125,17 +125,9 @@ class EnvironmentMap(nn.Module):
         return np.ascontiguousarray(radiance.cpu().numpy(), dtype=np.float32)
 
     def tables(self) -> LightTables:
-        """Summed-area table and irradiance of the current map; rebuild after every step.
-
-        The table is in double precision: with a sun in the map, float differences of its entries
-        turn negative far from the sun.
-        """
+        """Summed-area table and irradiance of the current map; rebuild after every step."""
         radiance = self.radiance()
-        weighted = radiance.to(self.row_prefix.dtype) * self.texel_solid_angle[:, None]
-        table = torch.zeros(
-            3, self.height + 1, self.width + 1, dtype=weighted.dtype, device=weighted.device
-        )
-        table[:, 1:, 1:] = weighted.cumsum(1).cumsum(2)
+        table = prefix_sums(radiance, self.texel_solid_angle)
         weights = _map_constants(self.height, radiance.device).irradiance_weights
         irradiance = (radiance.reshape(3, -1) @ weights).T
         return LightTables(table, irradiance)

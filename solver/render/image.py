@@ -43,6 +43,7 @@ def image_settings(
     return dataclasses.replace(
         settings, secondary_rays=secondary_rays, neural=neural, neighbour_distance=0.0,
         retraced_rays=(1 << 30) if settings.retraced_rays > 0 else 0, secondary_bounce_rays=4,
+        shaded_depths=0, secondary_depths=0,
     )  # fmt: skip
 
 

@@ -7,7 +7,15 @@ from dataclasses import dataclass
 import torch
 
 from ..kernels.march import composite
-from .random_numbers import NEIGHBOUR, OFFSET, SECONDARY_OFFSET, RandomNumbers
+from .depths import heavy_depths, random_depths
+from .random_numbers import (
+    DEPTH,
+    NEIGHBOUR,
+    OFFSET,
+    SECONDARY_DEPTH,
+    SECONDARY_OFFSET,
+    RandomNumbers,
+)
 from .scene import RenderSettings, Samples, Scene, StepTables
 from .shade import shade
 
@@ -67,14 +75,17 @@ def render_rays(
         traced[0], traced[1] = traced[0] + len(origins), traced[1] + taken
         return radiance, passing
 
-    kept = (weights.detach() > settings.min_weight).nonzero()[:, 0]
-    shaded_ray, shaded_weight = ray[kept], weights[kept]
+    if settings.shaded_depths > 0:
+        u = random.uniform(DEPTH, keys)
+        chosen = random_depths(weights, samples.offsets, ray, settings.shaded_depths, u)
+    else:
+        chosen = heavy_depths(weights, ray, count, settings.min_weight)
+    kept = _only(samples, chosen.index)
+    shaded_ray, shaded_weight = kept.ray, chosen.weight
     view = -directions[shaded_ray]
     shading = shade(
-        scene, tables, settings, random, _only(samples, kept), view, shaded_weight,
-        settings.secondary_rays, trace,
-    )  # fmt: skip
-    shaded_weight = shaded_weight * _make_up(weights, kept, ray, count)[shaded_ray]
+        scene, tables, settings, random, kept, view, chosen.mass, settings.secondary_rays, trace
+    )
 
     def gather(values: torch.Tensor) -> torch.Tensor:
         weighted = values * (shaded_weight[:, None] if values.dim() == 2 else shaded_weight)
@@ -86,9 +97,7 @@ def render_rays(
         distance = torch.zeros_like(near).index_add(0, ray, weights * samples.distance)
     bending = unevenness = None
     if settings.neighbour_distance > 0:
-        away_normal, difference = _neighbours(
-            scene, tables, settings, random, _only(samples, kept), shading
-        )
+        away_normal, difference = _neighbours(scene, tables, settings, random, kept, shading)
         bending, unevenness = gather(away_normal), gather(difference)
     return RayBuffers(
         radiance=gather(shading.radiance),
@@ -136,14 +145,6 @@ def _neighbours(scene, tables, settings, random, samples, shading):
     return bend, difference
 
 
-def _make_up(weights, kept, ray, count):
-    """Factor [R] by which the shaded samples stand for the ones too faint to be shaded."""
-    with torch.no_grad():
-        total = torch.zeros(count, device=weights.device).index_add(0, ray, weights)
-        shaded = torch.zeros_like(total).index_add(0, ray[kept], weights[kept])
-        return (total / shaded.clamp(min=1e-6)).clamp(max=2.0)
-
-
 def _trace_secondary(scene, tables, settings, random, origins, directions, keys, start):
     """Radiance [K, 3] (premultiplied), transmittance [K] of secondary rays; density samples taken.
 
@@ -165,13 +166,17 @@ def _trace_secondary(scene, tables, settings, random, origins, directions, keys,
     )  # fmt: skip
     weights, transmittance = composite(samples.depth, samples.offsets)
     ray = samples.ray
-    kept = (weights.detach() > SECONDARY_MIN_WEIGHT * settings.min_weight).nonzero()[:, 0]
-    shaded_ray = ray[kept]
+    if settings.secondary_depths > 0:
+        u = random.uniform(SECONDARY_DEPTH, keys)
+        chosen = random_depths(weights, samples.offsets, ray, settings.secondary_depths, u)
+    else:
+        least = SECONDARY_MIN_WEIGHT * settings.min_weight
+        chosen = heavy_depths(weights, ray, len(directions), least)
+    kept = _only(samples, chosen.index)
     shading = shade(
-        scene, tables, settings, random, _only(samples, kept), -directions[shaded_ray],
-        weights[kept], settings.secondary_bounce_rays,
+        scene, tables, settings, random, kept, -directions[kept.ray], chosen.mass,
+        settings.secondary_bounce_rays,
     )  # fmt: skip
-    weight = weights[kept] * _make_up(weights, kept, ray, len(directions))[shaded_ray]
     radiance = directions.new_zeros(len(directions), 3)
-    radiance = radiance.index_add(0, shaded_ray, shading.radiance * weight[:, None])
+    radiance = radiance.index_add(0, kept.ray, shading.radiance * chosen.weight[:, None])
     return radiance, transmittance, len(ray)

@@ -10,7 +10,7 @@ import torch
 
 from ..kernels.hashing import uniform
 
-OFFSET, ALLOCATION, ROTATION, NEIGHBOUR, SECONDARY_OFFSET, CHOICE = range(6)
+OFFSET, ALLOCATION, ROTATION, NEIGHBOUR, SECONDARY_OFFSET, CHOICE, DEPTH, SECONDARY_DEPTH = range(8)
 SAMPLES_PER_RAY = 4096
 """room for the samples of a ray in a key; marching takes no more"""
 

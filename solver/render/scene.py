@@ -30,6 +30,10 @@ class RenderSettings:
     """M: secondary rays a pixel, shared among its samples by weight"""
     min_weight: float = 0.01
     """samples that weigh less than this are not shaded; the others make up for them"""
+    shaded_depths: int = 0
+    """density samples of a primary ray that are shaded, chosen at random by weight (0: all)"""
+    secondary_depths: int = 0
+    """the same of a retraced ray"""
     min_transmittance: float = 1e-3
     """a ray ends where less than this passes"""
     retraced_rays: int = 512
@@ -116,7 +120,7 @@ class Scene(nn.Module):
         )  # fmt: skip
         ray, distance = segments.ray, segments.distance
         points = origins[ray] + distance[:, None] * directions[ray]
-        depth = field.extinction(field.raw_density(field.to_box(points))) * step
+        depth = field.extinction(field.raw_density(field.to_box(points), segments.raw)) * step
         keys = sample_keys(keys, ray, segments.offsets)
         return Samples(points, depth, distance, ray, keys, segments.offsets)
 

@@ -124,3 +124,15 @@ def test_density_is_differentiable_down_to_the_factors():
     loss.backward()
     assert field.density_planes.grad.abs().sum() > 0
     assert field.density_lines.grad.abs().sum() > 0
+
+
+@pytest.mark.parametrize("count", [4, 9, 30])
+def test_raw_density_on_a_grid_is_that_of_its_points(count):
+    torch.manual_seed(5)
+    field = MicrofacetField(torch.zeros(3), 1.0, 9)
+    grid = field.raw_density_grid(count)
+    ticks = torch.linspace(0, 1, count)
+    points = torch.stack(torch.meshgrid(ticks, ticks, ticks, indexing="ij"), -1).reshape(-1, 3)
+    torch.testing.assert_close(
+        grid.reshape(-1), field.raw_density(points).detach(), atol=1e-5, rtol=1e-4
+    )

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from solver.kernels.backend import plain_torch
-from solver.kernels.integral import rectangle_mean
+from solver.kernels.integral import prefix_sums, rectangle_mean
 from solver.light.environment import EnvironmentMap
 
 HEIGHT, WIDTH = 16, 32
@@ -74,6 +74,19 @@ def test_kernel_agrees_with_its_twin_in_values_and_gradients():
         strict=True,
     ):
         torch.testing.assert_close(a, b, rtol=1e-4, atol=1e-4)
+
+
+def test_prefix_sums_agree_with_their_twin_in_values_and_gradients():
+    torch.manual_seed(3)
+    values = torch.rand(3, 5, 10, requires_grad=True)
+    weights = torch.rand(5, dtype=torch.float64)
+    cotangent = torch.randn(3, 6, 11, dtype=torch.float64)
+    fused = prefix_sums(values, weights)
+    with plain_torch():
+        plain = prefix_sums(values, weights)
+    torch.testing.assert_close(fused, plain)
+    a, b = (torch.autograd.grad(out, values, cotangent)[0] for out in (fused, plain))
+    torch.testing.assert_close(a, b)
 
 
 def test_twin_gradient_by_position_agrees_with_finite_differences():

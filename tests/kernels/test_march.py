@@ -39,6 +39,7 @@ def test_march_agrees_with_its_twin():
     same = counts == 0
     a, b = same[fused.ray], same[plain.ray]
     torch.testing.assert_close(fused.distance[a], plain.distance[b], rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(fused.raw[a], plain.raw[b], rtol=1e-3, atol=1e-3)
 
 
 def test_samples_lie_in_occupied_cells_of_the_box():

@@ -7,11 +7,8 @@ from solver.kernels import vm, vm_torch
 from solver.kernels.backend import plain_torch
 
 
-def factors(name, size, channels, dtype=torch.float32):
-    if name == "vm_gradient":
-        shapes = (3, size, size, 3, channels), (3, size, 2, channels)
-    else:
-        shapes = (3, size, size, channels), (3, size, channels)
+def factors(size, channels, dtype=torch.float32):
+    shapes = (3, size, size, channels), (3, size, channels)
     return [torch.randn(*shape, dtype=dtype, requires_grad=True) for shape in shapes]
 
 
@@ -21,7 +18,7 @@ def test_kernel_agrees_with_its_twin_in_values_and_gradients(name, size, channel
     torch.manual_seed(1)
     # Points outside the grid are clamped to it, by both.
     points = torch.rand(500, 3) * (size + 1) - 1
-    arguments = factors(name, size, channels)
+    arguments = factors(size, channels)
     fused = getattr(vm, name)(points, *arguments)
     with plain_torch():
         plain = getattr(vm, name)(points, *arguments)
@@ -39,7 +36,7 @@ def test_kernel_agrees_with_its_twin_in_values_and_gradients(name, size, channel
 def test_twin_gradients_agree_with_finite_differences(name):
     torch.manual_seed(2)
     points = torch.rand(6, 3, dtype=torch.float64) * 3
-    arguments = factors(name, 4, 2, torch.float64)
+    arguments = factors(4, 2, torch.float64)
     assert torch.autograd.gradcheck(lambda p, q: getattr(vm_torch, name)(points, p, q), arguments)
 
 
@@ -55,6 +52,18 @@ def test_products_reproduce_nodes():
 def test_kernels_give_the_same_bits_twice():
     torch.manual_seed(3)
     points = torch.rand(3000, 3) * 9
-    arguments = factors("vm_sum", 10, 16)
+    arguments = factors(10, 16)
     runs = [torch.autograd.grad(vm.vm_sum(points, *arguments).sum(), arguments) for _ in range(2)]
     assert all(torch.equal(a, b) for a, b in zip(*runs, strict=True))
+
+
+@pytest.mark.parametrize("size, channels", [(2, 1), (9, 16)])
+def test_smoothing_agrees_with_its_twin_in_values_and_gradients(size, channels):
+    planes = torch.randn(3, size, size, channels, requires_grad=True)
+    cotangent = torch.randn_like(planes)
+    fused = vm.smooth_planes(planes, 0.5, 0.25)
+    with plain_torch():
+        plain = vm.smooth_planes(planes, 0.5, 0.25)
+    torch.testing.assert_close(fused, plain)
+    a, b = (torch.autograd.grad(out, planes, cotangent)[0] for out in (fused, plain))
+    torch.testing.assert_close(a, b)
