@@ -8,11 +8,12 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+from ..kernels.skipping import blocking_grid, free_distance, grown
 from .field import MicrofacetField
 
 
 class Occupancy(nn.Module):
-    """A boolean grid [K, K, K] over the field's box and the extinction behind it.
+    """Grids [K, K, K] over the field's box: what may be occupied, and how much each cell dims.
 
     A cell is occupied if any of its eight corners is denser than a threshold, or a neighbour is:
     one cell of dilation lets a surface move between refreshes, so geometry that was rejected once
@@ -23,7 +24,10 @@ class Occupancy(nn.Module):
         super().__init__()
         everywhere = torch.ones(cells, cells, cells, dtype=torch.bool, device=device)
         self.register_buffer("occupied", everywhere, persistent=False)
-        self.register_buffer("extinction", torch.zeros_like(everywhere).float(), persistent=False)
+        nothing = torch.zeros_like(everywhere).float()
+        self.register_buffer("optical_depth", nothing, persistent=False)
+        self.register_buffer("free", free_distance(everywhere), persistent=False)
+        self.register_buffer("blocking", blocking_grid(nothing), persistent=False)
         self.register_buffer("allowed", everywhere.clone(), persistent=False)
 
     @property
@@ -40,8 +44,15 @@ class Occupancy(nn.Module):
         """
         sigma = field.extinction(field.raw_density_grid(self.cells + 1))
         occupied = _pairs(sigma > -math.log1p(-min_alpha) / step, torch.logical_or)
-        self.occupied = _dilated(occupied, dilation) & self.allowed
-        self.extinction = _pairs(sigma, torch.add) * (self.allowed / 8)
+        for _ in range(dilation):
+            occupied = grown(occupied, 1)
+        cell = 2 * field.half_size / self.cells
+        self.fill(occupied & self.allowed, _pairs(sigma, torch.add) * (self.allowed * cell / 8))
+
+    def fill(self, occupied: torch.Tensor, optical_depth: torch.Tensor) -> None:
+        """Take over a boolean grid of what may be occupied, and optical depths of cells."""
+        self.occupied, self.optical_depth = occupied, optical_depth
+        self.free, self.blocking = free_distance(occupied), blocking_grid(optical_depth)
 
     def is_allowed(self, box_points: torch.Tensor) -> torch.Tensor:
         """True [N] where something may be, at box points [N, 3]."""
@@ -69,15 +80,3 @@ def _pairs(grid: torch.Tensor, combine) -> torch.Tensor:
     grid = combine(grid[1:], grid[:-1])
     grid = combine(grid[:, 1:], grid[:, :-1])
     return combine(grid[..., 1:], grid[..., :-1])
-
-
-def _dilated(occupied: torch.Tensor, cells: int) -> torch.Tensor:
-    """A boolean grid [K, K, K] grown by a cube of so many cells."""
-    for axis in range(3):
-        for _ in range(cells):
-            grown = occupied.clone()
-            size = occupied.shape[axis] - 1
-            grown.narrow(axis, 1, size).logical_or_(occupied.narrow(axis, 0, size))
-            grown.narrow(axis, 0, size).logical_or_(occupied.narrow(axis, 1, size))
-            occupied = grown
-    return occupied

@@ -32,7 +32,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     tensors["generator.pixels"] = trainer.generator.get_state()
     tensors["occupancy"] = scene.occupancy.occupied
     tensors["allowed"] = scene.occupancy.allowed
-    tensors["extinction"] = scene.occupancy.extinction
+    tensors["optical_depth"] = scene.occupancy.optical_depth
     for index, state in trainer.optimiser.state_dict()["state"].items():
         for key, value in state.items():
             tensors[f"optimiser.{index}.{key}"] = torch.as_tensor(value)
@@ -103,8 +103,10 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
 
 
 def _restore_occupancy(scene: Scene, tensors: dict[str, torch.Tensor]) -> None:
-    scene.occupancy.occupied = tensors["occupancy"]
-    scene.occupancy.extinction = tensors["extinction"]
+    # Jobs of version 0.1 have the extinction per world unit.
+    depth = tensors.get("optical_depth")
+    depth = tensors["extinction"] * scene.cell if depth is None else depth
+    scene.occupancy.fill(tensors["occupancy"], depth)
     scene.occupancy.allowed = tensors["allowed"]
 
 

@@ -39,7 +39,7 @@ class _PrefixSums(torch.autograd.Function):
     @staticmethod
     def forward(ctx, values, row_weights):
         channels, height, width = values.shape
-        table = torch.empty(channels, height + 1, width + 1, dtype=torch.float64)
+        table = torch.empty(height + 1, width + 1, channels, dtype=torch.float64)
         integral_numba.prefix_sums(values.numpy(), row_weights.numpy(), table.numpy())
         ctx.save_for_backward(row_weights)
         return table
@@ -47,7 +47,7 @@ class _PrefixSums(torch.autograd.Function):
     @staticmethod
     def backward(ctx, cotangent):
         (row_weights,) = ctx.saved_tensors
-        channels, height, width = cotangent.shape
+        height, width, channels = cotangent.shape
         out = torch.empty(channels, height - 1, width - 1)
         integral_numba.prefix_sums_backward(
             cotangent.contiguous().numpy(), row_weights.numpy(), out.numpy()
@@ -56,7 +56,7 @@ class _PrefixSums(torch.autograd.Function):
 
 
 def prefix_sums(values: torch.Tensor, row_weights: torch.Tensor) -> torch.Tensor:
-    """Summed-area table [3, H+1, W+1] of values [3, H, W] times row weights [H], for `rectangle_mean`.
+    """Summed-area table [H+1, W+1, 3] of values [3, H, W] times row weights [H], for `rectangle_mean`.
 
     In the precision of the row weights: with a sun in the map, differences of float sums turn
     negative far from the sun.
@@ -72,7 +72,7 @@ def rectangle_mean(
     """Solid-angle weighted mean over rectangles on the sphere (paper Appendix A) → [N, 3] float.
 
     Args:
-        table: [3, H+1, W+1] double, exclusive prefix sums of radiance × solid angle.
+        table: [H+1, W+1, 3] double, exclusive prefix sums of radiance × solid angle.
         rows: [H+1] double, prefix sums of a texel's solid angle down the rows.
         centre, size: [N, 2] (column, row) in texels; size at most (W, H). Rectangles wrap around
             the seam and over the poles. Gradients flow to the table and the centre, not the size.

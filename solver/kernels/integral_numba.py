@@ -1,6 +1,6 @@
 """Fused CPU kernels for rectangle means of a map on the sphere; `integral_torch` is their twin.
 
-`table` [3, H+1, W+1] (double) is the exclusive prefix sum of radiance × row solid angle, `rows`
+`table` [H+1, W+1, 3] (double) is the exclusive prefix sum of radiance × row solid angle, `rows`
 [H+1] (double) the prefix sum of the row solid angles per texel column. Between texel corners the
 tables are bilinear, which is the exact integral of a map that is constant on each texel.
 """
@@ -12,115 +12,89 @@ import math
 import numba
 import numpy as np
 
+BANDS = 8  # of rows; the tasks of a scatter
+
 
 @numba.njit(inline="always")
-def prefix_x(table, channel, row, x, width):
-    """Prefix sum at table row `row` and continuous column x; periodic columns wrap around."""
+def column(x, width):
+    """Whole turns, texel and fraction of a continuous column; columns wrap around."""
     turns = math.floor(x / width)
     x -= turns * width
     i = min(int(x), width - 1)
-    f = x - i
-    left = table[channel, row, i]
-    return turns * table[channel, row, width] + left + f * (table[channel, row, i + 1] - left)
+    return turns, i, x - i
 
 
 @numba.njit(inline="always")
-def slab(table, channel, x0, x1, y, width, height):
-    """Integral over columns x0..x1 and rows 0..y for y in [0, H]."""
+def row_terms(table, j, c, width, x0, x1):
+    """Prefix sum of table row j between columns x0 and x1, and its slopes by x1 and by x0."""
+    turns0, i0, f0 = x0
+    turns1, i1, f1 = x1
+    step0 = table[j, i0 + 1, c] - table[j, i0, c]
+    step1 = table[j, i1 + 1, c] - table[j, i1, c]
+    between = (turns1 - turns0) * table[j, width, c] + table[j, i1, c] - table[j, i0, c]
+    return between + f1 * step1 - f0 * step0, step1, step0
+
+
+@numba.njit(inline="always")
+def slab(table, c, width, height, x0, x1, y):
+    """Integral over columns x0..x1 and rows 0..y, y in [0, H]; its slopes by y, x1 and x0."""
     j = min(int(y), height - 1)
     f = y - j
-    top = prefix_x(table, channel, j, x1, width) - prefix_x(table, channel, j, x0, width)
-    bottom = prefix_x(table, channel, j + 1, x1, width) - prefix_x(table, channel, j + 1, x0, width)
-    return top + f * (bottom - top)
+    top, top1, top0 = row_terms(table, j, c, width, x0, x1)
+    bottom, bottom1, bottom0 = row_terms(table, j + 1, c, width, x0, x1)
+    return (
+        top + f * (bottom - top), bottom - top, top1 + f * (bottom1 - top1),
+        top0 + f * (bottom0 - top0),
+    )  # fmt: skip
 
 
 @numba.njit(inline="always")
-def slab_over_poles(table, channel, x0, x1, y, width, height):
-    """`slab` for y in [−H, 2H]: past a pole the map goes on half a turn away, mirrored."""
-    half = 0.5 * width
+def slab_over_poles(table, c, width, height, x0, x1, far0, far1, y):
+    """`slab` for y in [−H, 2H]: past a pole the map goes on half a turn away (`far`), mirrored."""
     if y < 0.0:
-        return -slab(table, channel, x0 + half, x1 + half, -y, width, height)
+        value, by_y, by_1, by_0 = slab(table, c, width, height, far0, far1, -y)
+        return -value, by_y, -by_1, -by_0
     if y > height:
-        whole = slab(table, channel, x0, x1, height, width, height)
-        mirrored = slab(table, channel, x0 + half, x1 + half, height, width, height)
-        beyond = slab(table, channel, x0 + half, x1 + half, 2.0 * height - y, width, height)
-        return whole + mirrored - beyond
-    return slab(table, channel, x0, x1, y, width, height)
-
-
-@numba.njit(inline="always")
-def row_integral(rows, y, height):
-    """Solid angle of one texel column between row 0 and continuous row y in [0, H]."""
-    j = min(int(y), height - 1)
-    return rows[j] + (y - j) * (rows[j + 1] - rows[j])
+        bottom = float(height)
+        a, _, a1, a0 = slab(table, c, width, height, x0, x1, bottom)
+        b, _, b1, b0 = slab(table, c, width, height, far0, far1, bottom)
+        d, by_y, d1, d0 = slab(table, c, width, height, far0, far1, 2.0 * height - y)
+        return a + b - d, by_y, a1 + b1 - d1, a0 + b0 - d0
+    return slab(table, c, width, height, x0, x1, y)
 
 
 @numba.njit(inline="always")
 def row_integral_over_poles(rows, y, height):
+    """Solid angle of one texel column between row 0 and continuous row y; its slope by y."""
+    folded = -y if y < 0.0 else (2.0 * height - y if y > height else y)
+    j = min(int(folded), height - 1)
+    slope = rows[j + 1] - rows[j]
+    value = rows[j] + (folded - j) * slope
     if y < 0.0:
-        return -row_integral(rows, -y, height)
+        return -value, slope
     if y > height:
-        return 2.0 * rows[height] - row_integral(rows, 2.0 * height - y, height)
-    return row_integral(rows, y, height)
+        return 2.0 * rows[height] - value, slope
+    return value, slope
 
 
 @numba.njit(inline="always")
-def row_density(rows, y, height):
-    """Derivative of `row_integral_over_poles`: the solid angle of a texel in the row of y."""
-    if y < 0.0:
-        y = -y
-    if y > height:
-        y = 2.0 * height - y
-    j = min(int(y), height - 1)
-    return rows[j + 1] - rows[j]
-
-
-@numba.njit(inline="always")
-def edge_y(table, channel, x0, x1, y, width, height):
-    """Derivative of `slab_over_poles` with respect to y."""
-    if y < 0.0:
-        y = -y
-        x0 += 0.5 * width
-        x1 += 0.5 * width
-    elif y > height:
-        y = 2.0 * height - y
-        x0 += 0.5 * width
-        x1 += 0.5 * width
-    j = min(int(y), height - 1)
-    bottom = prefix_x(table, channel, j + 1, x1, width) - prefix_x(table, channel, j + 1, x0, width)
-    return bottom - (
-        prefix_x(table, channel, j, x1, width) - prefix_x(table, channel, j, x0, width)
-    )
-
-
-@numba.njit(inline="always")
-def column_density(table, channel, x, row, width):
-    """Derivative of `prefix_x` with respect to x."""
-    x -= math.floor(x / width) * width
-    i = min(int(x), width - 1)
-    return table[channel, row, i + 1] - table[channel, row, i]
-
-
-@numba.njit(inline="always")
-def column_slab(table, channel, x, y, width, height):
-    """Derivative of `slab` with respect to one column bound, for y in [0, H]."""
-    j = min(int(y), height - 1)
-    top = column_density(table, channel, x, j, width)
-    return top + (y - j) * (column_density(table, channel, x, j + 1, width) - top)
-
-
-@numba.njit(inline="always")
-def edge_x(table, channel, x, y, width, height):
-    half = 0.5 * width
-    if y < 0.0:
-        return -column_slab(table, channel, x + half, -y, width, height)
-    if y > height:
-        return (
-            column_slab(table, channel, x, height, width, height)
-            + column_slab(table, channel, x + half, height, width, height)
-            - column_slab(table, channel, x + half, 2.0 * height - y, width, height)
-        )
-    return column_slab(table, channel, x, y, width, height)
+def rectangle(table, rows, x, y, columns, lines, mean, slope, n):
+    """Write the mean [n, 3] over a rectangle around (x, y), and its slopes [n, 3, 2] by x and y."""
+    height, width = table.shape[0] - 1, table.shape[1] - 1
+    left, right, y0, y1 = x - 0.5 * columns, x + 0.5 * columns, y - 0.5 * lines, y + 0.5 * lines
+    x0, x1 = column(left, width), column(right, width)
+    far0, far1 = column(left + 0.5 * width, width), column(right + 0.5 * width, width)
+    below, below_slope = row_integral_over_poles(rows, y1, height)
+    above, above_slope = row_integral_over_poles(rows, y0, height)
+    area = columns * (below - above)
+    area_slope = columns * (below_slope - above_slope)
+    for c in range(3):
+        a, a_y, a_1, a_0 = slab_over_poles(table, c, width, height, x0, x1, far0, far1, y1)
+        b, b_y, b_1, b_0 = slab_over_poles(table, c, width, height, x0, x1, far0, far1, y0)
+        value = (a - b) / area
+        mean[n, c] = value
+        slope[n, c, 0] = ((a_1 - b_1) - (a_0 - b_0)) / area
+        slope[n, c, 1] = ((a_y - b_y) - value * area_slope) / area
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
@@ -129,106 +103,102 @@ def rectangle_mean(table, rows, centre, size, out, slope):
 
     centre, size [N, 2]: (column, row) in texels.
     """
-    height, width = table.shape[1] - 1, table.shape[2] - 1
     for n in numba.prange(centre.shape[0]):
-        x0, x1 = centre[n, 0] - 0.5 * size[n, 0], centre[n, 0] + 0.5 * size[n, 0]
-        y0, y1 = centre[n, 1] - 0.5 * size[n, 1], centre[n, 1] + 0.5 * size[n, 1]
-        columns = x1 - x0
-        area = columns * (
-            row_integral_over_poles(rows, y1, height) - row_integral_over_poles(rows, y0, height)
-        )
-        area_slope = columns * (row_density(rows, y1, height) - row_density(rows, y0, height))
-        for c in range(3):
-            total = slab_over_poles(table, c, x0, x1, y1, width, height) - slab_over_poles(
-                table, c, x0, x1, y0, width, height
-            )
-            mean = total / area
-            out[n, c] = mean
-            right = edge_x(table, c, x1, y1, width, height) - edge_x(
-                table, c, x1, y0, width, height
-            )
-            left = edge_x(table, c, x0, y1, width, height) - edge_x(table, c, x0, y0, width, height)
-            slope[n, c, 0] = (right - left) / area
-            rise = edge_y(table, c, x0, x1, y1, width, height) - edge_y(
-                table, c, x0, x1, y0, width, height
-            )
-            slope[n, c, 1] = (rise - mean * area_slope) / area
+        x, y = float(centre[n, 0]), float(centre[n, 1])
+        rectangle(table, rows, x, y, float(size[n, 0]), float(size[n, 1]), out, slope, n)
 
 
 @numba.njit(inline="always")
-def scatter_x(grad, channel, row, x, width, g):
-    turns = math.floor(x / width)
-    x -= turns * width
-    i = min(int(x), width - 1)
-    f = x - i
-    grad[channel, row, width] += turns * g
-    grad[channel, row, i] += (1.0 - f) * g
-    grad[channel, row, i + 1] += f * g
+def scatter_row(grad, j, low, high, width, x0, x1, g, cotangent, n):
+    if j < low or j >= high:
+        return
+    turns0, i0, f0 = x0
+    turns1, i1, f1 = x1
+    for c in range(3):
+        value = g * cotangent[n, c]
+        grad[j, width, c] += (turns1 - turns0) * value
+        grad[j, i1, c] += (1.0 - f1) * value
+        grad[j, i1 + 1, c] += f1 * value
+        grad[j, i0, c] -= (1.0 - f0) * value
+        grad[j, i0 + 1, c] -= f0 * value
 
 
 @numba.njit(inline="always")
-def scatter_slab(grad, channel, x0, x1, y, width, height, g):
+def scatter_slab(grad, low, high, width, height, x0, x1, y, g, cotangent, n):
     j = min(int(y), height - 1)
     f = y - j
-    scatter_x(grad, channel, j, x1, width, (1.0 - f) * g)
-    scatter_x(grad, channel, j, x0, width, -(1.0 - f) * g)
-    scatter_x(grad, channel, j + 1, x1, width, f * g)
-    scatter_x(grad, channel, j + 1, x0, width, -f * g)
+    scatter_row(grad, j, low, high, width, x0, x1, (1.0 - f) * g, cotangent, n)
+    scatter_row(grad, j + 1, low, high, width, x0, x1, f * g, cotangent, n)
 
 
 @numba.njit(inline="always")
-def scatter_over_poles(grad, channel, x0, x1, y, width, height, g):
-    half = 0.5 * width
+def scatter_over_poles(grad, low, high, width, height, left, right, y, g, cotangent, n):
+    x0, x1 = column(left, width), column(right, width)
+    if 0.0 <= y <= height:
+        scatter_slab(grad, low, high, width, height, x0, x1, y, g, cotangent, n)
+        return
+    far0, far1 = column(left + 0.5 * width, width), column(right + 0.5 * width, width)
     if y < 0.0:
-        scatter_slab(grad, channel, x0 + half, x1 + half, -y, width, height, -g)
-    elif y > height:
-        scatter_slab(grad, channel, x0, x1, np.float64(height), width, height, g)
-        scatter_slab(grad, channel, x0 + half, x1 + half, np.float64(height), width, height, g)
-        scatter_slab(grad, channel, x0 + half, x1 + half, 2.0 * height - y, width, height, -g)
-    else:
-        scatter_slab(grad, channel, x0, x1, y, width, height, g)
+        scatter_slab(grad, low, high, width, height, far0, far1, -y, -g, cotangent, n)
+        return
+    bottom = float(height)
+    scatter_slab(grad, low, high, width, height, x0, x1, bottom, g, cotangent, n)
+    scatter_slab(grad, low, high, width, height, far0, far1, bottom, g, cotangent, n)
+    mirrored = 2.0 * height - y
+    scatter_slab(grad, low, high, width, height, far0, far1, mirrored, -g, cotangent, n)
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def rectangle_mean_backward(rows, centre, size, cotangent, grad):
-    """Adjoint of `rectangle_mean` with respect to `table`; one thread a channel, no collisions."""
-    height, width = grad.shape[1] - 1, grad.shape[2] - 1
-    for c in numba.prange(3):
+    """Adjoint of `rectangle_mean` with respect to `table`; a task owns a band of rows: no collisions."""
+    height, width = grad.shape[0] - 1, grad.shape[1] - 1
+    for band in numba.prange(BANDS):
+        low, high = band * (height + 1) // BANDS, (band + 1) * (height + 1) // BANDS
         for n in range(centre.shape[0]):
-            x0, x1 = centre[n, 0] - 0.5 * size[n, 0], centre[n, 0] + 0.5 * size[n, 0]
-            y0, y1 = centre[n, 1] - 0.5 * size[n, 1], centre[n, 1] + 0.5 * size[n, 1]
-            area = (x1 - x0) * (
-                row_integral_over_poles(rows, y1, height)
-                - row_integral_over_poles(rows, y0, height)
-            )
-            g = cotangent[n, c] / area
-            scatter_over_poles(grad, c, x0, x1, y1, width, height, g)
-            scatter_over_poles(grad, c, x0, x1, y0, width, height, -g)
+            x, y = float(centre[n, 0]), float(centre[n, 1])
+            columns, lines = float(size[n, 0]), float(size[n, 1])
+            y0, y1 = y - 0.5 * lines, y + 0.5 * lines
+            if y0 >= 0.0 and y1 <= height and (y1 + 1.0 < low or y0 >= high):
+                continue
+            below, _ = row_integral_over_poles(rows, y1, height)
+            above, _ = row_integral_over_poles(rows, y0, height)
+            g = 1.0 / (columns * (below - above))
+            left, right = x - 0.5 * columns, x + 0.5 * columns
+            scatter_over_poles(grad, low, high, width, height, left, right, y1, g, cotangent, n)
+            scatter_over_poles(grad, low, high, width, height, left, right, y0, -g, cotangent, n)
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True)
 def prefix_sums(values, row_weights, table):
-    """Exclusive prefix sums [3, H+1, W+1] double of values [3, H, W] times a weight a row."""
+    """Exclusive prefix sums [H+1, W+1, 3] double of values [3, H, W] times a weight a row."""
     height, width = values.shape[1], values.shape[2]
-    for c in numba.prange(3):
-        table[c, 0, :] = 0.0
-        for i in range(height):
-            running = 0.0
-            table[c, i + 1, 0] = 0.0
-            for j in range(width):
-                running += values[c, i, j] * row_weights[i]
-                table[c, i + 1, j + 1] = table[c, i, j + 1] + running
+    table[0] = 0.0
+    for i in range(height):
+        table[i + 1, 0] = 0.0
+        running0, running1, running2 = 0.0, 0.0, 0.0
+        for j in range(width):
+            running0 += values[0, i, j] * row_weights[i]
+            running1 += values[1, i, j] * row_weights[i]
+            running2 += values[2, i, j] * row_weights[i]
+            table[i + 1, j + 1, 0] = table[i, j + 1, 0] + running0
+            table[i + 1, j + 1, 1] = table[i, j + 1, 1] + running1
+            table[i + 1, j + 1, 2] = table[i, j + 1, 2] + running2
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True)
 def prefix_sums_backward(cotangent, row_weights, out):
     """Adjoint of `prefix_sums`: sums over all entries below and to the right."""
     height, width = out.shape[1], out.shape[2]
-    for c in numba.prange(3):
-        below = np.zeros(width)
-        for i in range(height - 1, -1, -1):
-            running = 0.0
-            for j in range(width - 1, -1, -1):
-                running += cotangent[c, i + 1, j + 1]
-                below[j] += running
-                out[c, i, j] = below[j] * row_weights[i]
+    below = np.zeros((width, 3))
+    for i in range(height - 1, -1, -1):
+        running0, running1, running2 = 0.0, 0.0, 0.0
+        for j in range(width - 1, -1, -1):
+            running0 += cotangent[i + 1, j + 1, 0]
+            running1 += cotangent[i + 1, j + 1, 1]
+            running2 += cotangent[i + 1, j + 1, 2]
+            below[j, 0] += running0
+            below[j, 1] += running1
+            below[j, 2] += running2
+            out[0, i, j] = below[j, 0] * row_weights[i]
+            out[1, i, j] = below[j, 1] * row_weights[i]
+            out[2, i, j] = below[j, 2] * row_weights[i]

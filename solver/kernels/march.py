@@ -25,14 +25,15 @@ class Segments(NamedTuple):
 
 def march(
     origins: torch.Tensor, directions: torch.Tensor, start: torch.Tensor, jitter: torch.Tensor,
-    step: float, occupancy: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor,
+    step: float, cell: float, free: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor,
     shift: float, scale: float, min_transmittance: float = 1e-3, min_alpha: float = 0.0,
 ) -> Segments:  # fmt: skip
-    """Sample rays [R, 3] where `occupancy` [K, K, K] is set, up to the first opaque point.
+    """Sample rays [R, 3] where `free` [K, K, K] is 0, up to the first opaque point.
 
     Args:
         start: [R] distance before which nothing is sampled.
         jitter: [R] offset of the samples in steps, in [0, 1).
+        cell: edge of a cell of `free`, in the unit of distances. free: see `skipping`.
         planes, lines: density factors (`vm_torch`), used for the early stop; no gradient.
         shift, scale: σ = scale · softplus(raw + shift) per world unit.
     """
@@ -42,7 +43,7 @@ def march(
     capacity = min(capacity, 4096)
     if not fast(planes):
         return Segments(*march_torch.march(
-            origins, directions, start, jitter, step, occupancy, planes, lines, shift, scale,
+            origins, directions, start, jitter, step, cell, free, planes, lines, shift, scale,
             min_transmittance, min_alpha, capacity,
         ))  # fmt: skip
     rays = origins.shape[0]
@@ -50,7 +51,7 @@ def march(
     counts = torch.empty(rays, dtype=torch.long)
     march_numba.march(
         origins.contiguous().numpy(), directions.contiguous().numpy(), start.numpy(),
-        jitter.numpy(), step, occupancy.numpy(), planes.contiguous().numpy(),
+        jitter.numpy(), step, cell, free.numpy(), planes.contiguous().numpy(),
         lines.contiguous().numpy(), shift, scale, min_transmittance, min_alpha,
         distance.numpy(), raw.numpy(), counts.numpy(),
     )  # fmt: skip
@@ -67,15 +68,19 @@ def march(
 
 def grid_transmittance(
     origins: torch.Tensor, directions: torch.Tensor, start: torch.Tensor, step: float,
-    optical_depth: torch.Tensor,
+    blocking: torch.Tensor,
 ) -> torch.Tensor:  # fmt: skip
-    """Transmittance [R] through a coarse grid of optical depths per step; no gradient."""
-    if not fast(optical_depth):
-        return march_torch.grid_transmittance(origins, directions, start, step, optical_depth)
+    """Transmittance [R] through a coarse grid (`skipping.blocking_grid`); no gradient.
+
+    Args:
+        step: edge of the grid's cells, in the unit of distances.
+    """
+    if not fast(origins):
+        return march_torch.grid_transmittance(origins, directions, start, step, blocking)
     out = torch.empty(origins.shape[0])
     march_numba.grid_transmittance(
         origins.contiguous().numpy(), directions.contiguous().numpy(), start.contiguous().numpy(),
-        step, optical_depth.numpy(), out.numpy(),
+        step, blocking.numpy(), out.numpy(),
     )  # fmt: skip
     return out
 

@@ -11,7 +11,10 @@ import math
 import numba
 import numpy as np
 
+from .skipping import DEPTHS_PER_UNIT, EMPTY
 from .vm_numba import raw_density
+
+DEPTH_UNIT = np.float32(1 / DEPTHS_PER_UNIT)
 
 
 @numba.njit(inline="always")
@@ -42,15 +45,16 @@ def extinction(raw, shift, scale):
 
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
 def march(
-    origins, directions, start, jitter, step, occupancy, planes, lines, shift, scale,
+    origins, directions, start, jitter, step, cell, free, planes, lines, shift, scale,
     min_transmittance, min_alpha, distance, raw, counts,
 ):  # fmt: skip
     """Distances and raw densities [R, capacity] of every ray's samples in occupied space.
 
-    Samples lie at t = entry + (i + jitter)·step. Unoccupied ones, and ones more transparent than
-    `min_alpha`, are left out; the walk ends where it is opaque, below `min_transmittance`.
+    Samples lie at t = entry + (i + jitter)·step. Those where `free` is not 0, and ones more
+    transparent than `min_alpha`, are left out; the walk ends below `min_transmittance`.
     """
-    cells = occupancy.shape[0]
+    cells = free.shape[0]
+    step_cells = step / cell
     nodes = planes.shape[1] - 1
     capacity = distance.shape[1]
     for r in numba.prange(origins.shape[0]):
@@ -66,16 +70,19 @@ def march(
             i = min(max(int(x * cells), 0), cells - 1)
             j = min(max(int(y * cells), 0), cells - 1)
             k = min(max(int(z * cells), 0), cells - 1)
-            if occupancy[i, j, k]:
-                density = raw_density(x * nodes, y * nodes, z * nodes, planes, lines)
-                keep = math.exp(-extinction(density, shift, scale) * step)
-                if 1.0 - keep >= min_alpha:
-                    distance[r, count] = t
-                    raw[r, count] = density
-                    count += 1
-                    transmittance *= keep
-                    if transmittance < min_transmittance:
-                        break
+            ahead = free[i, j, k]
+            if ahead:
+                t += step * (int((ahead - 1) / step_cells) + 1)
+                continue
+            density = raw_density(x * nodes, y * nodes, z * nodes, planes, lines)
+            keep = math.exp(-extinction(density, shift, scale) * step)
+            if 1.0 - keep >= min_alpha:
+                distance[r, count] = t
+                raw[r, count] = density
+                count += 1
+                transmittance *= keep
+                if transmittance < min_transmittance:
+                    break
             t += step
         counts[r] = count
 
@@ -91,26 +98,34 @@ def compact(distance, raw, counts, offsets, flat_distance, flat_raw, ray):
             ray[first + i] = r
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
-def grid_transmittance(origins, directions, start, step, optical_depth, out):
-    """Transmittance [R] of rays through a grid of extinctions, nearest cell, until nearly opaque.
-
-    `optical_depth` [K, K, K] is the extinction of a cell times `step`.
-    """
-    cells = optical_depth.shape[0]
-    for r in numba.prange(origins.shape[0]):
-        ox, oy, oz = origins[r, 0], origins[r, 1], origins[r, 2]
-        dx, dy, dz = directions[r, 0], directions[r, 1], directions[r, 2]
-        near, far = box_span(ox, oy, oz, dx, dy, dz)
-        t = max(near, start[r])
-        depth = np.float32(0.0)
-        while t < far and depth < 7.0:
-            i = min(max(int((ox + t * dx) * cells), 0), cells - 1)
-            j = min(max(int((oy + t * dy) * cells), 0), cells - 1)
-            k = min(max(int((oz + t * dz) * cells), 0), cells - 1)
-            depth += optical_depth[i, j, k]
+@numba.njit(inline="always", fastmath=True)
+def through_grid(ox, oy, oz, dx, dy, dz, start, step, blocking):
+    """Transmittance of one ray through a grid made by `skipping.blocking_grid`, a cell a step."""
+    cells = blocking.shape[0]
+    near, far = box_span(ox, oy, oz, dx, dy, dz)
+    t = max(near, start)
+    depth = np.float32(0.0)
+    while t < far and depth < 7.0:
+        i = min(max(int((ox + t * dx) * cells), 0), cells - 1)
+        j = min(max(int((oy + t * dy) * cells), 0), cells - 1)
+        k = min(max(int((oz + t * dz) * cells), 0), cells - 1)
+        code = blocking[i, j, k]
+        if code < EMPTY:
+            depth += DEPTH_UNIT * np.float32(code)
             t += step
-        out[r] = math.exp(-depth)
+        else:
+            t += step * (code - EMPTY)
+    return math.exp(-depth)
+
+
+@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+def grid_transmittance(origins, directions, start, step, blocking, out):
+    """Transmittance [R] of rays through a grid of extinctions, nearest cell, until nearly opaque."""
+    for r in numba.prange(origins.shape[0]):
+        out[r] = through_grid(
+            origins[r, 0], origins[r, 1], origins[r, 2],
+            directions[r, 0], directions[r, 1], directions[r, 2], start[r], step, blocking,
+        )  # fmt: skip
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)

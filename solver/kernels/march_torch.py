@@ -6,6 +6,7 @@ import torch
 import torch.nn.functional as F
 
 from .backend import precise
+from .skipping import optical_depths
 from .vm_torch import vm_sum
 
 
@@ -27,7 +28,7 @@ def _cell_values(grid: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
 
 
 def march(
-    origins, directions, start, jitter, step, occupancy, planes, lines, shift, scale,
+    origins, directions, start, jitter, step, cell, free, planes, lines, shift, scale,
     min_transmittance, min_alpha, capacity,
 ):  # fmt: skip
     """See `march_numba.march`; returns flat distances, raw densities, ray indices, offsets."""
@@ -36,7 +37,7 @@ def march(
     most = int(torch.ceil(((far - near).clamp(min=0) / step).max()).item()) + 1 if len(near) else 0
     t = near[:, None] + (torch.arange(most, device=near.device) + jitter[:, None]) * step
     points = origins[:, None] + t[..., None] * directions[:, None]
-    inside = (t < far[:, None]) & _cell_values(occupancy, points).bool()
+    inside = (t < far[:, None]) & (_cell_values(free, points) == 0)
     raw = torch.zeros_like(t)
     nodes = planes.shape[1] - 1
     raw[inside] = vm_sum(points[inside] * nodes, planes, lines)
@@ -52,14 +53,14 @@ def march(
     return t[inside], raw[inside], ray, offsets
 
 
-def grid_transmittance(origins, directions, start, step, optical_depth) -> torch.Tensor:
+def grid_transmittance(origins, directions, start, step, blocking) -> torch.Tensor:
     """See `march_numba.grid_transmittance`."""
     near, far = box_span(origins, directions)
     near = torch.maximum(near, start)
     most = int(torch.ceil(((far - near).clamp(min=0) / step).max()).item()) + 1 if len(near) else 0
     t = near[:, None] + torch.arange(most, device=near.device) * step
     points = origins[:, None] + t[..., None] * directions[:, None]
-    depth = torch.where(t < far[:, None], _cell_values(optical_depth, points), 0.0)
+    depth = torch.where(t < far[:, None], _cell_values(optical_depths(blocking), points), 0.0)
     return torch.exp(-depth.sum(-1))
 
 

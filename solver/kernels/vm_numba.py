@@ -11,6 +11,7 @@ import numba
 import numpy as np
 
 CHANNELS_PER_TASK = 8
+ONE = np.float32(1)  # an integer one would make its line double precision, at half the speed
 
 _axis_a = np.array([0, 0, 1])
 _axis_b = np.array([1, 2, 2])
@@ -38,9 +39,9 @@ def raw_density(px, py, pz, planes, lines):
         i, u = cell(a, size)
         j, v = cell(b, size)
         m, w = cell(c, size)
-        w00 = (1 - u) * (1 - v)
-        w01 = (1 - u) * v
-        w10 = u * (1 - v)
+        w00 = (ONE - u) * (ONE - v)
+        w01 = (ONE - u) * v
+        w10 = u * (ONE - v)
         w11 = u * v
         for ch in range(channels):
             plane = (
@@ -49,7 +50,7 @@ def raw_density(px, py, pz, planes, lines):
                 + w10 * planes[k, i + 1, j, ch]
                 + w11 * planes[k, i + 1, j + 1, ch]
             )
-            total += plane * ((1 - w) * lines[k, m, ch] + w * lines[k, m + 1, ch])
+            total += plane * ((ONE - w) * lines[k, m, ch] + w * lines[k, m + 1, ch])
     return total
 
 
@@ -68,9 +69,9 @@ def vm_products(points, planes, lines, out):
             i, u = cell(points[n, _axis_a[k]], size)
             j, v = cell(points[n, _axis_b[k]], size)
             m, w = cell(points[n, _axis_c[k]], size)
-            w00 = (1 - u) * (1 - v)
-            w01 = (1 - u) * v
-            w10 = u * (1 - v)
+            w00 = (ONE - u) * (ONE - v)
+            w01 = (ONE - u) * v
+            w10 = u * (ONE - v)
             w11 = u * v
             for ch in range(channels):
                 plane = (
@@ -79,45 +80,77 @@ def vm_products(points, planes, lines, out):
                     + w10 * planes[k, i + 1, j, ch]
                     + w11 * planes[k, i + 1, j + 1, ch]
                 )
-                line = (1 - w) * lines[k, m, ch] + w * lines[k, m + 1, ch]
+                line = (ONE - w) * lines[k, m, ch] + w * lines[k, m + 1, ch]
                 out[n, k * channels + ch] = plane * line
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
-def vm_products_backward(points, planes, lines, cotangent, stride, grad_planes, grad_lines):
-    """Adjoint of `vm_products` (stride 1) and of `vm_sum` (stride 0: one cotangent for all)."""
-    size = planes.shape[1]
-    channels = planes.shape[3]
+@numba.njit(inline="always", fastmath=True)
+def spread(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g):
+    """Add the adjoint of one product of pair k, channel ch, with cotangent g."""
+    w00 = (ONE - u) * (ONE - v)
+    w01 = (ONE - u) * v
+    w10 = u * (ONE - v)
+    w11 = u * v
+    line = (ONE - w) * lines[k, m, ch] + w * lines[k, m + 1, ch]
+    plane = (
+        w00 * planes[k, i, j, ch]
+        + w01 * planes[k, i, j + 1, ch]
+        + w10 * planes[k, i + 1, j, ch]
+        + w11 * planes[k, i + 1, j + 1, ch]
+    )
+    to_plane = g * line
+    to_line = g * plane
+    grad_planes[k, i, j, ch] += w00 * to_plane
+    grad_planes[k, i, j + 1, ch] += w01 * to_plane
+    grad_planes[k, i + 1, j, ch] += w10 * to_plane
+    grad_planes[k, i + 1, j + 1, ch] += w11 * to_plane
+    grad_lines[k, m, ch] += (ONE - w) * to_line
+    grad_lines[k, m + 1, ch] += w * to_line
+
+
+@numba.njit(inline="always")
+def task_of(task, channels):
+    """Pair and range of channels of a task."""
     tasks_per_pair = (channels + CHANNELS_PER_TASK - 1) // CHANNELS_PER_TASK
-    for task in numba.prange(3 * tasks_per_pair):
-        k = task // tasks_per_pair
-        first = (task % tasks_per_pair) * CHANNELS_PER_TASK
-        last = min(first + CHANNELS_PER_TASK, channels)
+    first = (task % tasks_per_pair) * CHANNELS_PER_TASK
+    return task // tasks_per_pair, first, min(first + CHANNELS_PER_TASK, channels)
+
+
+@numba.njit(inline="always")
+def task_count(channels):
+    return 3 * ((channels + CHANNELS_PER_TASK - 1) // CHANNELS_PER_TASK)
+
+
+@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+def vm_products_backward(points, planes, lines, cotangent, grad_planes, grad_lines):
+    """Adjoint of `vm_products`, cotangent [N, 3·C]."""
+    size, channels = planes.shape[1], planes.shape[3]
+    for task in numba.prange(task_count(channels)):
+        k, first, last = task_of(task, channels)
         for n in range(points.shape[0]):
             i, u = cell(points[n, _axis_a[k]], size)
             j, v = cell(points[n, _axis_b[k]], size)
             m, w = cell(points[n, _axis_c[k]], size)
-            w00 = (1 - u) * (1 - v)
-            w01 = (1 - u) * v
-            w10 = u * (1 - v)
-            w11 = u * v
             for ch in range(first, last):
-                g = cotangent[n, (k * channels + ch) * stride]
-                line = (1 - w) * lines[k, m, ch] + w * lines[k, m + 1, ch]
-                plane = (
-                    w00 * planes[k, i, j, ch]
-                    + w01 * planes[k, i, j + 1, ch]
-                    + w10 * planes[k, i + 1, j, ch]
-                    + w11 * planes[k, i + 1, j + 1, ch]
-                )
-                to_plane = g * line
-                to_line = g * plane
-                grad_planes[k, i, j, ch] += w00 * to_plane
-                grad_planes[k, i, j + 1, ch] += w01 * to_plane
-                grad_planes[k, i + 1, j, ch] += w10 * to_plane
-                grad_planes[k, i + 1, j + 1, ch] += w11 * to_plane
-                grad_lines[k, m, ch] += (1 - w) * to_line
-                grad_lines[k, m + 1, ch] += w * to_line
+                g = cotangent[n, k * channels + ch]
+                spread(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g)
+
+
+@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+def vm_sum_backward(points, planes, lines, cotangent, least, grad_planes, grad_lines):
+    """Adjoint of `vm_sum`, cotangent [N]; those of at most `least` are left out."""
+    size, channels = planes.shape[1], planes.shape[3]
+    for task in numba.prange(task_count(channels)):
+        k, first, last = task_of(task, channels)
+        for n in range(points.shape[0]):
+            g = cotangent[n]
+            if abs(g) <= least:
+                continue
+            i, u = cell(points[n, _axis_a[k]], size)
+            j, v = cell(points[n, _axis_b[k]], size)
+            m, w = cell(points[n, _axis_c[k]], size)
+            for ch in range(first, last):
+                spread(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g)
 
 
 @numba.njit(inline="always", fastmath=True)
@@ -154,20 +187,20 @@ def vm_gradient(points, planes, lines, out):
             along_b = np.float32(0.0)
             along_c = np.float32(0.0)
             for ch in range(channels):
-                low_b = (1 - u) * p00[ch] + u * p10[ch]
-                high_b = (1 - u) * p01[ch] + u * p11[ch]
-                low_a = (1 - v) * p00[ch] + v * p01[ch]
-                high_a = (1 - v) * p10[ch] + v * p11[ch]
-                value = (1 - v) * low_b + v * high_b
+                low_b = (ONE - u) * p00[ch] + u * p10[ch]
+                high_b = (ONE - u) * p01[ch] + u * p11[ch]
+                low_a = (ONE - v) * p00[ch] + v * p01[ch]
+                high_a = (ONE - v) * p10[ch] + v * p11[ch]
+                value = (ONE - v) * low_b + v * high_b
                 # Central differences at the two nodes, interpolated; halves are applied at the end.
-                da = (1 - u) * (high_a - ((1 - v) * before_a0[ch] + v * before_a1[ch])) + u * (
-                    (1 - v) * after_a0[ch] + v * after_a1[ch] - low_a
+                da = (ONE - u) * (high_a - ((ONE - v) * before_a0[ch] + v * before_a1[ch])) + u * (
+                    (ONE - v) * after_a0[ch] + v * after_a1[ch] - low_a
                 )
-                db = (1 - v) * (high_b - ((1 - u) * before_b0[ch] + u * before_b1[ch])) + v * (
-                    (1 - u) * after_b0[ch] + u * after_b1[ch] - low_b
+                db = (ONE - v) * (high_b - ((ONE - u) * before_b0[ch] + u * before_b1[ch])) + v * (
+                    (ONE - u) * after_b0[ch] + u * after_b1[ch] - low_b
                 )
-                line = (1 - w) * l0[ch] + w * l1[ch]
-                dc = (1 - w) * (l1[ch] - before_c[ch]) + w * (after_c[ch] - l0[ch])
+                line = (ONE - w) * l0[ch] + w * l1[ch]
+                dc = (ONE - w) * (l1[ch] - before_c[ch]) + w * (after_c[ch] - l0[ch])
                 along_a += da * line
                 along_b += db * line
                 along_c += value * dc
@@ -204,45 +237,45 @@ def vm_gradient_backward(points, planes, lines, cotangent, grad_planes, grad_lin
             after_b0, after_b1 = planes[k, i, j3], planes[k, i + 1, j3]
             l0, l1, before_c, after_c = lines[k, m], lines[k, m + 1], lines[k, m0], lines[k, m3]
             for ch in range(first, last):
-                low_b = (1 - u) * p00[ch] + u * p10[ch]
-                high_b = (1 - u) * p01[ch] + u * p11[ch]
-                low_a = (1 - v) * p00[ch] + v * p01[ch]
-                high_a = (1 - v) * p10[ch] + v * p11[ch]
-                value = (1 - v) * low_b + v * high_b
-                da = (1 - u) * (high_a - ((1 - v) * before_a0[ch] + v * before_a1[ch])) + u * (
-                    (1 - v) * after_a0[ch] + v * after_a1[ch] - low_a
+                low_b = (ONE - u) * p00[ch] + u * p10[ch]
+                high_b = (ONE - u) * p01[ch] + u * p11[ch]
+                low_a = (ONE - v) * p00[ch] + v * p01[ch]
+                high_a = (ONE - v) * p10[ch] + v * p11[ch]
+                value = (ONE - v) * low_b + v * high_b
+                da = (ONE - u) * (high_a - ((ONE - v) * before_a0[ch] + v * before_a1[ch])) + u * (
+                    (ONE - v) * after_a0[ch] + v * after_a1[ch] - low_a
                 )
-                db = (1 - v) * (high_b - ((1 - u) * before_b0[ch] + u * before_b1[ch])) + v * (
-                    (1 - u) * after_b0[ch] + u * after_b1[ch] - low_b
+                db = (ONE - v) * (high_b - ((ONE - u) * before_b0[ch] + u * before_b1[ch])) + v * (
+                    (ONE - u) * after_b0[ch] + u * after_b1[ch] - low_b
                 )
-                line = (1 - w) * l0[ch] + w * l1[ch]
-                dc = (1 - w) * (l1[ch] - before_c[ch]) + w * (after_c[ch] - l0[ch])
+                line = (ONE - w) * l0[ch] + w * l1[ch]
+                dc = (ONE - w) * (l1[ch] - before_c[ch]) + w * (after_c[ch] - l0[ch])
                 to_value = gc * dc
                 to_a = ga * line
                 to_b = gb * line
                 to_line = ga * da + gb * db
                 to_dc = gc * value
-                to_near_a = (1 - u) * to_a
+                to_near_a = (ONE - u) * to_a
                 to_far_a = u * to_a
-                to_near_b = (1 - v) * to_b
+                to_near_b = (ONE - v) * to_b
                 to_far_b = v * to_b
-                low = (1 - u) * to_value
+                low = (ONE - u) * to_value
                 high = u * to_value
-                grad_planes[k, i, j, ch] += (1 - v) * (low - to_far_a) - (1 - u) * to_far_b
-                grad_planes[k, i, j + 1, ch] += v * (low - to_far_a) + (1 - u) * to_near_b
-                grad_planes[k, i + 1, j, ch] += (1 - v) * (high + to_near_a) - u * to_far_b
+                grad_planes[k, i, j, ch] += (ONE - v) * (low - to_far_a) - (ONE - u) * to_far_b
+                grad_planes[k, i, j + 1, ch] += v * (low - to_far_a) + (ONE - u) * to_near_b
+                grad_planes[k, i + 1, j, ch] += (ONE - v) * (high + to_near_a) - u * to_far_b
                 grad_planes[k, i + 1, j + 1, ch] += v * (high + to_near_a) + u * to_near_b
-                grad_planes[k, i0, j, ch] -= (1 - v) * to_near_a
+                grad_planes[k, i0, j, ch] -= (ONE - v) * to_near_a
                 grad_planes[k, i0, j + 1, ch] -= v * to_near_a
-                grad_planes[k, i3, j, ch] += (1 - v) * to_far_a
+                grad_planes[k, i3, j, ch] += (ONE - v) * to_far_a
                 grad_planes[k, i3, j + 1, ch] += v * to_far_a
-                grad_planes[k, i, j0, ch] -= (1 - u) * to_near_b
+                grad_planes[k, i, j0, ch] -= (ONE - u) * to_near_b
                 grad_planes[k, i + 1, j0, ch] -= u * to_near_b
-                grad_planes[k, i, j3, ch] += (1 - u) * to_far_b
+                grad_planes[k, i, j3, ch] += (ONE - u) * to_far_b
                 grad_planes[k, i + 1, j3, ch] += u * to_far_b
-                grad_lines[k, m, ch] += (1 - w) * to_line - w * to_dc
-                grad_lines[k, m + 1, ch] += w * to_line + (1 - w) * to_dc
-                grad_lines[k, m0, ch] -= (1 - w) * to_dc
+                grad_lines[k, m, ch] += (ONE - w) * to_line - w * to_dc
+                grad_lines[k, m + 1, ch] += w * to_line + (ONE - w) * to_dc
+                grad_lines[k, m0, ch] -= (ONE - w) * to_dc
                 grad_lines[k, m3, ch] += w * to_dc
 
 

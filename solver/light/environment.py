@@ -25,7 +25,7 @@ _COSINE_LOBE = (math.pi, 2 * math.pi / 3, math.pi / 4)  # Ramamoorthi & Hanrahan
 class LightTables(NamedTuple):
     """What the lookups of one optimisation step share, built once a step."""
 
-    table: torch.Tensor  # [3, H+1, W+1] double: prefix sums of radiance × solid angle
+    table: torch.Tensor  # [H+1, W+1, 3] double: prefix sums of radiance × solid angle
     irradiance: torch.Tensor  # [9, 3]: SH coefficients of the irradiance
 
 

@@ -109,7 +109,7 @@ def ray_peaks(
     step = 0.5 * settings.step * field.voxel
     segments = march(
         box_origins, box_directions, origins.new_zeros(count), origins.new_full((count,), 0.5),
-        step, scene.occupancy.occupied, field.density_planes, field.density_lines,
+        step, scene.cell, scene.occupancy.free, field.density_planes, field.density_lines,
         field.density_shift, field.density_scale, 1e-3,
     )  # fmt: skip
     box_points = (

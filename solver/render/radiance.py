@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 
 from ..kernels.march import composite
-from .depths import heavy_depths, random_depths
+from .depths import all_depths, random_depths
 from .random_numbers import (
     DEPTH,
     NEIGHBOUR,
@@ -77,20 +77,17 @@ def render_rays(
 
     if settings.shaded_depths > 0:
         u = random.uniform(DEPTH, keys)
-        chosen = random_depths(weights, samples.offsets, ray, settings.shaded_depths, u)
+        chosen = random_depths(
+            weights, samples.offsets, ray, 1 - transmittance, settings.shaded_depths, u
+        )
     else:
-        chosen = heavy_depths(weights, ray, count, settings.min_weight)
+        chosen = all_depths(weights, ray, 1 - transmittance, settings.min_weight)
     kept = _only(samples, chosen.index)
-    shaded_ray, shaded_weight = kept.ray, chosen.weight
-    view = -directions[shaded_ray]
+    view = -directions[kept.ray]
     shading = shade(
         scene, tables, settings, random, kept, view, chosen.mass, settings.secondary_rays, trace
     )
-
-    def gather(values: torch.Tensor) -> torch.Tensor:
-        weighted = values * (shaded_weight[:, None] if values.dim() == 2 else shaded_weight)
-        return values.new_zeros((count, *values.shape[1:])).index_add(0, shaded_ray, weighted)
-
+    gather = chosen.gather
     away = -(shading.normals * view).sum(-1)
     materials = shading.materials
     with torch.no_grad():
@@ -168,15 +165,15 @@ def _trace_secondary(scene, tables, settings, random, origins, directions, keys,
     ray = samples.ray
     if settings.secondary_depths > 0:
         u = random.uniform(SECONDARY_DEPTH, keys)
-        chosen = random_depths(weights, samples.offsets, ray, settings.secondary_depths, u)
+        chosen = random_depths(
+            weights, samples.offsets, ray, 1 - transmittance, settings.secondary_depths, u
+        )
     else:
         least = SECONDARY_MIN_WEIGHT * settings.min_weight
-        chosen = heavy_depths(weights, ray, len(directions), least)
+        chosen = all_depths(weights, ray, 1 - transmittance, least)
     kept = _only(samples, chosen.index)
     shading = shade(
         scene, tables, settings, random, kept, -directions[kept.ray], chosen.mass,
         settings.secondary_bounce_rays,
     )  # fmt: skip
-    radiance = directions.new_zeros(len(directions), 3)
-    radiance = radiance.index_add(0, kept.ray, shading.radiance * chosen.weight[:, None])
-    return radiance, transmittance, len(ray)
+    return chosen.gather(shading.radiance), transmittance, len(ray)

@@ -14,6 +14,7 @@ from ..field.field import MicrofacetField
 from ..field.heads import Materials
 from ..field.occupancy import Occupancy
 from ..kernels.march import grid_transmittance, march
+from ..kernels.specular import Blockers
 from ..light.environment import EnvironmentMap, LightTables
 from .random_numbers import sample_keys
 
@@ -114,7 +115,7 @@ class Scene(nn.Module):
         step = step_voxels * field.voxel
         box_origins, box_directions = field.to_box(origins), field.directions_to_box(directions)
         segments = march(
-            box_origins, box_directions, start, offset, step, self.occupancy.occupied,
+            box_origins, box_directions, start, offset, step, self.cell, self.occupancy.free,
             field.density_planes, field.density_lines, field.density_shift, field.density_scale,
             min_transmittance,
         )  # fmt: skip
@@ -140,11 +141,19 @@ class Scene(nn.Module):
     def grid_transmittance(
         self, origins: torch.Tensor, directions: torch.Tensor, start: torch.Tensor
     ) -> torch.Tensor:
-        """Transmittance [K] of world rays through the occupancy grid's extinction, no gradient."""
-        field, extinction = self.field, self.occupancy.extinction
+        """Transmittance [K] of world rays through the occupancy grid, no gradient."""
+        field = self.field
         return grid_transmittance(
             field.to_box(origins), field.directions_to_box(directions), start, self.cell,
-            extinction * self.cell,
+            self.occupancy.blocking,
+        )  # fmt: skip
+
+    def blockers(self, reach: float) -> Blockers:
+        """What `grid_transmittance` looks at, for the fused kernel."""
+        field = self.field
+        return Blockers(
+            field.centre - field.half_size, 2 * field.half_size, self.cell,
+            self.occupancy.blocking, reach,
         )  # fmt: skip
 
     @property

@@ -80,7 +80,7 @@ def test_prefix_sums_agree_with_their_twin_in_values_and_gradients():
     torch.manual_seed(3)
     values = torch.rand(3, 5, 10, requires_grad=True)
     weights = torch.rand(5, dtype=torch.float64)
-    cotangent = torch.randn(3, 6, 11, dtype=torch.float64)
+    cotangent = torch.randn(6, 11, 3, dtype=torch.float64)
     fused = prefix_sums(values, weights)
     with plain_torch():
         plain = prefix_sums(values, weights)

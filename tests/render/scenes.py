@@ -39,6 +39,12 @@ def refresh(scene):
     scene.occupancy.refresh(scene.field, 0.01, scene.field.voxel, 1)
 
 
+def fill_everywhere(scene):
+    """Let marching look everywhere."""
+    occupancy = scene.occupancy
+    occupancy.fill(torch.ones_like(occupancy.occupied), occupancy.optical_depth)
+
+
 def camera_rays(count=12, distance=3.0, extent=0.6):
     """Parallel-ish rays along −z towards the ball."""
     ticks = torch.linspace(-extent, extent, count)

@@ -14,7 +14,7 @@ from solver.light.environment import EnvironmentMap, equirect_directions
 from solver.render.radiance import render_rays
 from solver.render.random_numbers import RandomNumbers
 from solver.render.scene import RenderSettings, StepTables
-from tests.render.scenes import ball, camera_rays
+from tests.render.scenes import ball, camera_rays, fill_everywhere
 
 SETTINGS = RenderSettings(
     neural=1.0, secondary_rays=512, step=0.5, min_weight=0.0, min_transmittance=0.0,
@@ -33,7 +33,7 @@ def scene_with_structure():
             layer.weight.copy_(2 * torch.randn(layer.weight.shape, generator=generator))
         scene.neural.layers[-1].weight.mul_(20)
         scene.neural.layers[-1].bias.zero_()
-    scene.occupancy.occupied.fill_(True)
+    fill_everywhere(scene)
     return scene
 
 

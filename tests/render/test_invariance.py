@@ -13,7 +13,7 @@ from solver.render.composition import Composition, Placement
 from solver.render.image import image_settings, render_view
 from solver.render.scan_line import scan_line_weights
 from solver.render.scene import RenderSettings, StepTables
-from tests.render.scenes import ball, refresh
+from tests.render.scenes import ball, fill_everywhere, refresh
 
 SETTINGS = image_settings(RenderSettings(step=0.5), secondary_rays=32)
 TURN = torch.tensor([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # a quarter about +Z
@@ -152,7 +152,7 @@ def test_parts_that_interpenetrate_add_their_densities():
     double = ball(sharpness=20.0)
     double.field.density_scale *= 2
     for each in (scene, double):
-        each.occupancy.occupied.fill_(True)
+        fill_everywhere(each)
     composed = Composition([scene, scene], [Placement()] * 2, scene.environment)
     settings = dataclasses.replace(SETTINGS, step=0.1)
     np.testing.assert_allclose(

@@ -9,10 +9,10 @@ import torch
 from solver.kernels.backend import plain_torch
 from solver.render.radiance import render_rays
 from solver.render.random_numbers import RandomNumbers
+from solver.render.reflection import allocate_rays, choose_systematic
 from solver.render.scene import RenderSettings, StepTables
-from solver.render.shade import allocate_rays, choose_systematic
 from solver.render.tonemap import linear_to_srgb, over_background, srgb_to_linear
-from tests.render.scenes import ball, camera_rays
+from tests.render.scenes import ball, camera_rays, fill_everywhere
 
 SETTINGS = RenderSettings(neural=0.0, secondary_rays=64, step=0.25)
 
@@ -141,7 +141,7 @@ def test_gradients_of_pixels_agree_with_finite_differences(name):
 
 def test_opacity_gradient_by_density_agrees_with_finite_differences():
     scene = ball(sharpness=30.0)
-    scene.occupancy.occupied.fill_(True)
+    fill_everywhere(scene)
     parameter = scene.field.density_planes
     direction = torch.ones_like(parameter)
     render(scene).opacity.sum().backward()

@@ -1,0 +1,402 @@
+"""Fused CPU kernels for glossy reflection: sample, weigh, look up the light, add up; and the adjoint.
+
+`render.reflection` has the plain twin (`scatter` and a lookup). A sample's rays are sampled from its
+visible GGX normals, dimmed by the occupancy grid, and read means of the environment. Adjoints are
+derived by hand, step by step backwards; names g_x are cotangents of x.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from .integral_numba import rectangle
+from .march_numba import through_grid
+
+ABOVE = 1e-4  # cosine from which a reflected direction counts as above the surface
+LEAST_VIEW = 1e-3  # cosine to the viewer, at least
+SELF_SHADOW_COSINE = 0.2
+
+
+@numba.njit
+def dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@numba.njit
+def cross(a, b):
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+@numba.njit
+def plus(a, f, b):
+    """a + f·b."""
+    return (a[0] + f * b[0], a[1] + f * b[1], a[2] + f * b[2])
+
+
+@numba.njit
+def across(g, unit, length):
+    """Adjoint of normalising a vector of `length` to `unit`."""
+    along = dot(unit, g)
+    return (
+        (g[0] - along * unit[0]) / length,
+        (g[1] - along * unit[1]) / length,
+        (g[2] - along * unit[2]) / length,
+    )
+
+
+@numba.njit
+def frame(n):
+    """Tangent and bitangent of a unit normal (Duff et al. 2017)."""
+    sign = 1.0 if n[2] >= 0 else -1.0
+    a = -1.0 / (sign + n[2])
+    c = n[0] * n[1] * a
+    return (1.0 + sign * n[0] * n[0] * a, sign * c, -sign * n[0]), (
+        c,
+        sign + n[1] * n[1] * a,
+        -n[1],
+    )
+
+
+@numba.njit
+def frame_adjoint(n, g_t, g_b):
+    sign = 1.0 if n[2] >= 0 else -1.0
+    a = -1.0 / (sign + n[2])
+    x, y, a2 = n[0], n[1], a * a
+    return (
+        g_t[0] * 2 * sign * x * a + g_t[1] * sign * y * a - g_t[2] * sign + g_b[0] * y * a,
+        g_t[1] * sign * x * a + g_b[0] * x * a + g_b[1] * 2 * y * a - g_b[2],
+        g_t[0] * sign * x * x * a2 + g_t[1] * sign * x * y * a2 + g_b[0] * x * y * a2
+        + g_b[1] * y * y * a2,
+    )  # fmt: skip
+
+
+@numba.njit
+def local_view(t, b, n, v):
+    """Viewer in the frame, not below LEAST_VIEW, as a unit vector; and the length it had."""
+    x, y, z = dot(t, v), dot(b, v), max(dot(n, v), LEAST_VIEW)
+    length = math.sqrt(x * x + y * y + z * z)
+    return (x / length, y / length, z / length), length
+
+
+@numba.njit
+def stretched_frame(view, alpha):
+    """Stretched viewer, its two tangents, and what its adjoint needs (Heitz 2018)."""
+    x, y, z = alpha * view[0], alpha * view[1], view[2]
+    length = max(math.sqrt(x * x + y * y + z * z), 1e-12)
+    s = (x / length, y / length, z / length)
+    square = max(s[0] * s[0] + s[1] * s[1], 1e-14)
+    inverse = 1.0 / math.sqrt(square)
+    t1 = (1.0, 0.0, 0.0) if square <= 1e-12 else (-s[1] * inverse, s[0] * inverse, 0.0)
+    return s, t1, cross(s, t1), length, square, inverse
+
+
+@numba.njit
+def smith(cosine, alpha):
+    """Smith's Λ."""
+    c2 = min(max(cosine * cosine, 1e-8), 1.0)
+    return 0.5 * (math.sqrt(1.0 + alpha * alpha * (1.0 - c2) / c2) - 1.0)
+
+
+@numba.njit
+def smith_slopes(cosine, alpha):
+    """dΛ/dcosine, dΛ/dα."""
+    c2 = min(max(cosine * cosine, 1e-8), 1.0)
+    ratio = (1.0 - c2) / c2
+    slope = 0.25 / math.sqrt(1.0 + alpha * alpha * ratio)
+    by_cosine = -alpha * alpha / (c2 * c2) * 2.0 * cosine if 1e-8 < c2 < 1.0 else 0.0
+    return slope * by_cosine, slope * 2.0 * alpha * ratio
+
+
+@numba.njit
+def half_vector(s, t1, t2, alpha, u0, u1):
+    """Half vector of a visible normal, and what its adjoint needs."""
+    radius, phi = math.sqrt(u0), 2.0 * math.pi * u1
+    p1 = radius * math.cos(phi)
+    side, far = radius * math.sin(phi), math.sqrt(max(1.0 - p1 * p1, 0.0))
+    share = 0.5 * (1.0 + s[2])
+    p2 = (1.0 - share) * far + share * side
+    p3 = math.sqrt(max(1.0 - p1 * p1 - p2 * p2, 1e-12))
+    flat = plus(plus((p1 * t1[0], p1 * t1[1], p1 * t1[2]), p2, t2), p3, s)
+    x, y, z = alpha * flat[0], alpha * flat[1], max(flat[2], 1e-7)
+    length = math.sqrt(x * x + y * y + z * z)
+    return (x / length, y / length, z / length), length, flat, p1, p2, p3, side - far
+
+
+@numba.njit
+def to_world(t, b, n, local):
+    x = t[0] * local[0] + b[0] * local[1] + n[0] * local[2]
+    y = t[1] * local[0] + b[1] * local[1] + n[1] * local[2]
+    z = t[2] * local[0] + b[2] * local[1] + n[2] * local[2]
+    length = math.sqrt(x * x + y * y + z * z)
+    return (x / length, y / length, z / length), length
+
+
+@numba.njit
+def power5(x):
+    return x * x * x * x * x
+
+
+@numba.njit(nogil=True)
+def specular_of_sample(
+    s, normals, views, alphas, f0s, first, shares, u, masking, averaged,
+    points, reach, box_low, box_scale, cell, blocking, table, rows,
+    radiance, directions, weights, passing, light, slope, centre, size,
+):  # fmt: skip
+    """One sample of `specular`."""
+    height, width = table.shape[0] - 1, table.shape[1] - 1
+    n = (float(normals[s, 0]), float(normals[s, 1]), float(normals[s, 2]))
+    v = (float(views[s, 0]), float(views[s, 1]), float(views[s, 2]))
+    alpha = float(alphas[s])
+    t, b = frame(n)
+    view, _ = local_view(t, b, n, v)
+    st, t1, t2, _, _, _ = stretched_frame(view, alpha)
+    view_lambda = smith(view[2], alpha)
+    count = first[s + 1] - first[s]
+    sx = (points[s, 0] + reach * n[0] - box_low[0]) * box_scale
+    sy = (points[s, 1] + reach * n[1] - box_low[1]) * box_scale
+    sz = (points[s, 2] + reach * n[2] - box_low[2]) * box_scale
+    r0 = 0.0
+    r1 = 0.0
+    r2 = 0.0
+    for k in range(first[s], first[s + 1]):
+        half, _, _, _, _, _, _ = half_vector(st, t1, t2, alpha, float(u[k, 0]), float(u[k, 1]))
+        view_half = dot(view, half)
+        out = plus((-view[0], -view[1], -view[2]), 2.0 * view_half, half)
+        d, _ = to_world(t, b, n, out)
+        directions[k, 0], directions[k, 1], directions[k, 2] = d[0], d[1], d[2]
+        if out[2] <= ABOVE:
+            passing[k] = 1.0
+            centre[k, 0], centre[k, 1], size[k, 0], size[k, 1] = 0.0, 0.0, 1.0, 1.0
+            for c in range(3):
+                weights[k, c], light[k, c] = 0.0, 0.0
+                slope[k, c, 0], slope[k, c, 1] = 0.0, 0.0
+            continue
+        bend = shares[s]
+        if masking:
+            bend *= (1.0 + view_lambda) / (1.0 + view_lambda + smith(out[2], alpha))
+        m5 = power5(min(max(1.0 - view_half, 0.0), 1.0))
+        denominator = half[2] * half[2] * (alpha * alpha - 1.0) + 1.0
+        density = alpha * alpha / max(math.pi * denominator * denominator, 1e-20)
+        density /= (1.0 + view_lambda) * 4.0 * view[2]
+        solid_angle = min(1.0 / max(count * density, 1e-6), 4.0 * math.pi) if averaged else 0.0
+        column = (0.5 - math.atan2(d[1], d[0]) / (2.0 * math.pi)) * width
+        row = math.acos(min(max(d[2], -1.0 + 1e-7), 1.0 - 1e-7)) / math.pi * height
+        side = math.sqrt(solid_angle)
+        sine = max(math.sin(row * math.pi / height), 1e-4)
+        columns = min(max(side / sine * width / (2.0 * math.pi), 1.0), float(width))
+        lines = min(max(side * height / math.pi, 1.0), 0.5 * height)
+        centre[k, 0], centre[k, 1], size[k, 0], size[k, 1] = column, row, columns, lines
+        start = min(reach * (1.0 / max(out[2], SELF_SHADOW_COSINE) - 1.0), 4.0 * reach)
+        through = through_grid(
+            sx, sy, sz, d[0] * box_scale, d[1] * box_scale, d[2] * box_scale, start, cell,
+            blocking,
+        )  # fmt: skip
+        passing[k] = through
+        rectangle(table, rows, column, row, columns, lines, light, slope, k)
+        for c in range(3):
+            f0 = float(f0s[s, c])
+            weights[k, c] = (f0 + (1.0 - f0) * m5) * bend
+            light[k, c] *= through
+            slope[k, c, 0] *= through
+            slope[k, c, 1] *= through
+        r0 += weights[k, 0] * light[k, 0]
+        r1 += weights[k, 1] * light[k, 1]
+        r2 += weights[k, 2] * light[k, 2]
+    radiance[s, 0], radiance[s, 1], radiance[s, 2] = r0, r1, r2
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def specular(
+    normals, views, alphas, f0s, first, shares, u, masking, averaged,
+    points, reach, box_low, box_scale, cell, blocking, table, rows,
+    radiance, directions, weights, passing, light, slope, centre, size,
+):  # fmt: skip
+    """Reflected radiance [S, 3] of samples; what rays [K] carried, for the adjoint and for tracing.
+
+    Rays of sample s are first[s]:first[s + 1], each counting `shares[s]`. `box_low`, `box_scale`:
+    world to box units. `weights` [K, 3] are BRDF · cosine / density · share; `light` and `slope` are
+    dimmed by `passing` already.
+    """
+    for s in numba.prange(normals.shape[0]):
+        specular_of_sample(
+            s,
+            normals,
+            views,
+            alphas,
+            f0s,
+            first,
+            shares,
+            u,
+            masking,
+            averaged,
+            points,
+            reach,
+            box_low,
+            box_scale,
+            cell,
+            blocking,
+            table,
+            rows,
+            radiance,
+            directions,
+            weights,
+            passing,
+            light,
+            slope,
+            centre,
+            size,
+        )
+
+
+@numba.njit(nogil=True)
+def specular_backward_of_sample(
+    s, normals, views, alphas, f0s, first, shares, u, masking, directions, light, slope, width, height,
+    cotangent, g_normals, g_alphas, g_f0s,
+):  # fmt: skip
+    """One sample of `specular_backward`."""
+    n = (float(normals[s, 0]), float(normals[s, 1]), float(normals[s, 2]))
+    v = (float(views[s, 0]), float(views[s, 1]), float(views[s, 2]))
+    alpha = float(alphas[s])
+    t, b = frame(n)
+    view, view_length = local_view(t, b, n, v)
+    st, t1, t2, st_length, square, inverse = stretched_frame(view, alpha)
+    view_lambda = smith(view[2], alpha)
+    zero = (0.0, 0.0, 0.0)
+    g_t, g_b, g_n, g_view, g_t1, g_t2, g_st = zero, zero, zero, zero, zero, zero, zero
+    g_alpha = 0.0
+    g_view_lambda = 0.0
+    g_f0 = zero
+    for k in range(first[s], first[s + 1]):
+        half, length, flat, p1, p2, p3, by_share = half_vector(
+            st, t1, t2, alpha, float(u[k, 0]), float(u[k, 1])
+        )
+        view_half = dot(view, half)
+        out = plus((-view[0], -view[1], -view[2]), 2.0 * view_half, half)
+        if out[2] <= ABOVE:
+            continue
+        bend = shares[s]
+        out_lambda = 0.0
+        if masking:
+            out_lambda = smith(out[2], alpha)
+            bend *= (1.0 + view_lambda) / (1.0 + view_lambda + out_lambda)
+        m = min(max(1.0 - view_half, 0.0), 1.0)
+        m5 = power5(m)
+        g_column, g_row, g_m5, g_bend = 0.0, 0.0, 0.0, 0.0
+        for c in range(3):
+            f0 = float(f0s[s, c])
+            fresnel = f0 + (1.0 - f0) * m5
+            g = float(cotangent[s, c])
+            g_column += g * fresnel * bend * slope[k, c, 0]
+            g_row += g * fresnel * bend * slope[k, c, 1]
+            g_fresnel = g * bend * light[k, c]
+            g_bend += g * fresnel * light[k, c]
+            g_m5 += g_fresnel * (1.0 - f0)
+            by_f0 = g_fresnel * (1.0 - m5)
+            g_f0 = (
+                g_f0[0] + (by_f0 if c == 0 else 0.0),
+                g_f0[1] + (by_f0 if c == 1 else 0.0),
+                g_f0[2] + (by_f0 if c == 2 else 0.0),
+            )
+        g_out_z = 0.0
+        if masking:
+            total = 1.0 + view_lambda + out_lambda
+            g_ratio = g_bend * shares[s]
+            g_view_lambda += g_ratio * out_lambda / (total * total)
+            g_out_lambda = -g_ratio * (1.0 + view_lambda) / (total * total)
+            by_cosine, by_alpha = smith_slopes(out[2], alpha)
+            g_out_z += g_out_lambda * by_cosine
+            g_alpha += g_out_lambda * by_alpha
+        x, y, z = float(directions[k, 0]), float(directions[k, 1]), float(directions[k, 2])
+        square_xy = max(x * x + y * y, 1e-14)
+        turn = g_column * width / (2.0 * math.pi * square_xy)
+        fall = 0.0
+        if abs(z) < 1.0 - 1e-7:
+            fall = -g_row * height / (math.pi * math.sqrt(1.0 - z * z))
+        _, d_length = to_world(t, b, n, out)
+        g_d = across((turn * y, -turn * x, fall), (x, y, z), d_length)
+        g_t, g_b, g_n = plus(g_t, out[0], g_d), plus(g_b, out[1], g_d), plus(g_n, out[2], g_d)
+        g_out = (dot(t, g_d), dot(b, g_d), dot(n, g_d) + g_out_z)
+        g_view_half = 2.0 * dot(half, g_out) - 5.0 * m * m * m * m * g_m5
+        g_half = plus((2 * view_half * g_out[0], 2 * view_half * g_out[1], 2 * view_half * g_out[2]),
+                      g_view_half, view)  # fmt: skip
+        g_view = plus(plus(g_view, -1.0, g_out), g_view_half, half)
+        g_long = across(g_half, half, length)
+        g_alpha += g_long[0] * flat[0] + g_long[1] * flat[1]
+        g_flat = (alpha * g_long[0], alpha * g_long[1], g_long[2] if flat[2] > 1e-7 else 0.0)
+        g_p2 = dot(g_flat, t2)
+        if 1.0 - p1 * p1 - p2 * p2 > 1e-12:
+            g_p2 -= dot(g_flat, st) * p2 / p3
+        g_t1, g_t2, g_st = (
+            plus(g_t1, p1, g_flat),
+            plus(g_t2, p2, g_flat),
+            plus(g_st, p3, g_flat),
+        )
+        g_st = (g_st[0], g_st[1], g_st[2] + 0.5 * g_p2 * by_share)
+    if masking:
+        by_cosine, by_alpha = smith_slopes(view[2], alpha)
+        g_view = (g_view[0], g_view[1], g_view[2] + g_view_lambda * by_cosine)
+        g_alpha += g_view_lambda * by_alpha
+    g_st = plus(g_st, 1.0, cross(t1, g_t2))
+    g_t1 = plus(g_t1, 1.0, cross(g_t2, st))
+    if square > 1e-12:
+        g_square = -0.5 * inverse * inverse * inverse * (st[0] * g_t1[1] - st[1] * g_t1[0])
+        g_st = (
+            g_st[0] + inverse * g_t1[1] + 2.0 * st[0] * g_square,
+            g_st[1] - inverse * g_t1[0] + 2.0 * st[1] * g_square,
+            g_st[2],
+        )
+    g_raw = across(g_st, st, st_length)
+    g_alpha += g_raw[0] * view[0] + g_raw[1] * view[1]
+    g_view = (
+        g_view[0] + alpha * g_raw[0], g_view[1] + alpha * g_raw[1], g_view[2] + g_raw[2]
+    )  # fmt: skip
+    g_seen = across(g_view, view, view_length)
+    g_t, g_b = plus(g_t, g_seen[0], v), plus(g_b, g_seen[1], v)
+    if dot(n, v) > LEAST_VIEW:
+        g_n = plus(g_n, g_seen[2], v)
+    g_n = plus(g_n, 1.0, frame_adjoint(n, g_t, g_b))
+    g_alphas[s] = g_alpha
+    for c in range(3):
+        g_normals[s, c] = g_n[c]
+        g_f0s[s, c] = g_f0[c]
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def specular_backward(
+    normals, views, alphas, f0s, first, shares, u, masking, directions, light, slope, width, height,
+    cotangent, g_normals, g_alphas, g_f0s,
+):  # fmt: skip
+    """Adjoint of `specular` with respect to normals, α and F0."""
+    for s in numba.prange(normals.shape[0]):
+        specular_backward_of_sample(
+            s,
+            normals,
+            views,
+            alphas,
+            f0s,
+            first,
+            shares,
+            u,
+            masking,
+            directions,
+            light,
+            slope,
+            width,
+            height,
+            cotangent,
+            g_normals,
+            g_alphas,
+            g_f0s,
+        )
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def light_cotangents(first, cotangent, weights, passing, out):
+    """Cotangents [K, 3] of undimmed mean radiances along rays, from those [S, 3] of their samples."""
+    for s in numba.prange(first.shape[0] - 1):
+        for k in range(first[s], first[s + 1]):
+            for c in range(3):
+                out[k, c] = cotangent[s, c] * weights[k, c] * np.float32(passing[k])

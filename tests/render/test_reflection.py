@@ -1,0 +1,67 @@
+"""The fused kernel of glossy reflection against its plain twin, in values and in gradients."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from solver.field.heads import Materials
+from solver.kernels.backend import plain_torch
+from solver.light.environment import EnvironmentMap, equirect_directions
+from solver.render.random_numbers import RandomNumbers
+from solver.render.reflection import reflected
+from solver.render.scene import RenderSettings, Samples, StepTables, Surface
+from tests.render.scenes import ball
+
+COUNT = 60
+
+
+def setting(alpha):
+    """Samples all round a ball seen from all sides, some at a grazing angle; a light of many colours."""
+    torch.manual_seed(4)
+    sky = equirect_directions(32, 64).float()
+    light = EnvironmentMap.from_radiance(1.3 + torch.stack(sky.unbind(-1), -1))
+    scene = ball(environment=light)
+    # Thin everywhere, so that rays are dimmed by all sorts of amounts.
+    depths = scene.occupancy.optical_depth
+    thin = torch.rand_like(depths) * (torch.rand_like(depths) < 0.02)
+    scene.occupancy.fill(scene.occupancy.occupied, thin)
+    normals = torch.nn.functional.normalize(torch.randn(COUNT, 3), dim=-1)
+    aside = torch.nn.functional.normalize(torch.randn(COUNT, 3), dim=-1)
+    view = torch.nn.functional.normalize(normals + 1.5 * torch.rand(COUNT, 1) * aside, dim=-1)
+    view = torch.where((view * normals).sum(-1, keepdim=True) < 0.02, normals, view)
+    samples = Samples(
+        0.5 * normals, torch.ones(COUNT), torch.ones(COUNT), torch.arange(COUNT),
+        torch.arange(COUNT), torch.arange(COUNT + 1),
+    )  # fmt: skip
+    leaves = [normals, torch.full((COUNT,), alpha), torch.rand(COUNT, 3)]
+    return scene, samples, view, [leaf.requires_grad_() for leaf in leaves]
+
+
+def result(scene, samples, view, leaves, settings):
+    normals, alpha, f0 = leaves
+    surface = Surface(normals, torch.zeros(COUNT, 4), Materials(f0, alpha, f0), 0.1)
+    tables = StepTables.of(scene)
+    radiance = reflected(
+        scene, tables, settings, RandomNumbers(3), samples, surface, normals, view,
+        torch.ones(COUNT), 8,
+    )  # fmt: skip
+    weights = torch.linspace(-1, 1, COUNT * 3).view(COUNT, 3)
+    log_radiance = scene.environment.log_radiance
+    return radiance, torch.autograd.grad((radiance * weights).sum(), [*leaves, log_radiance])
+
+
+@pytest.mark.parametrize("alpha", [0.02, 0.2, 0.9])
+@pytest.mark.parametrize("change", [{}, {"light_masking": False}, {"integral_image": False}])
+def test_fused_reflection_agrees_with_its_twin_in_values_and_gradients(alpha, change):
+    settings = dataclasses.replace(RenderSettings(neural=0.0, retraced_rays=0), **change)
+    arguments = setting(alpha)
+    fused, fused_gradients = result(*arguments, settings)
+    with plain_torch():
+        plain, plain_gradients = result(*arguments, settings)
+    torch.testing.assert_close(fused, plain, rtol=2e-3, atol=2e-3)
+    for name, a, b in zip(
+        ("normals", "alpha", "f0", "light"), fused_gradients, plain_gradients, strict=True
+    ):
+        error = float((a - b).norm() / b.norm())
+        assert error < 5e-3, f"{name}: {error}"
