@@ -30,12 +30,19 @@ class Batching:
         """Primary rays of every chunk of the next step."""
         settings = self.settings
         if settings.samples <= 0:
-            return [settings.rays]
+            count = max(1, round(settings.rays / settings.chunk_rays))
+            edges = [settings.rays * i // count for i in range(count + 1)]
+            return [last - first for first, last in zip(edges, edges[1:], strict=False)]
         most = max(settings.most_rays, settings.rays)
         total = min(max(self.chunk, settings.rays), most)
         chunk = min(self.chunk, total)
         whole, rest = divmod(total, chunk)
         return [chunk] * whole + ([rest] if rest else [])
+
+    def retraced_of(self, share: float) -> int:
+        """Retraced rays of a chunk that is a `share` of its step."""
+        follows_memory = self.settings.samples > 0 or self.settings.secondary_samples > 0
+        return self.retraced if follows_memory else round(self.retraced * share)
 
     def observe(self, rays: int, samples: int, retraced: int, retraced_samples: int) -> None:
         """Take note of a chunk: its rays and samples, primary and retraced."""

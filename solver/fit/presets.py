@@ -71,6 +71,8 @@ class FitSettings:
     """optimiser steps"""
     rays: int = 1024
     """primary rays a step, at least"""
+    chunk_rays: int = 512
+    """primary rays worked on at once, where `samples` does not say; chunks share the cores"""
     most_rays: int = 0
     """primary rays a step, at most, where `samples` leaves room (0: always `rays`)"""
     samples: int = 0

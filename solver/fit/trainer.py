@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import NamedTuple
 
 import torch
 
@@ -14,6 +15,15 @@ from .batching import Batching
 from .losses import Behind, total_loss
 from .presets import Settings, neural_share
 from .ray_bank import RayBank, RayBatch
+from .workers import Workers, worker_count
+
+
+class Chunk(NamedTuple):
+    """What a worker does at once."""
+
+    pixels: torch.Tensor  # [R] long, global pixel indices
+    keys: torch.Tensor  # [R] long, for random numbers
+    colour: torch.Tensor | None  # [R, 3] sRGB behind the object, where it is random
 
 
 class Trainer:
@@ -43,6 +53,7 @@ class Trainer:
         self.level = 0
         self.steps_at_level = 0
         self.fraction_at_level = 0.0
+        self.workers: Workers | None = None
         self.optimiser = self._new_optimiser()
         self.refresh_occupancy()
 
@@ -59,6 +70,10 @@ class Trainer:
         ]
         for parameter in networks:
             parameter.requires_grad_(not self.keep_decoder)
+        if self.workers is not None:
+            self.workers.close()
+        chunks = len(self.batching.chunks()) if self.settings.fit.samples <= 0 else 1 << 30
+        self.workers = Workers(scene, min(worker_count(scene.device), chunks))
         groups = [
             {"params": grids, "base": fit.learning_rate_grid},
             {"params": networks, "base": fit.learning_rate_network},
@@ -82,7 +97,6 @@ class Trainer:
             self.settings.render,
             neural=neural_share(fit, fraction),
             neighbour_distance=fit.neighbour_distance,
-            retraced_rays=self.batching.retraced,
         )
 
     def _learning_rate_factor(self, fraction: float) -> float:
@@ -101,59 +115,69 @@ class Trainer:
         if self.step % self.OCCUPANCY_EVERY == 0:
             self.refresh_occupancy()
         self.random.step = self.step
-        chunks = self.batching.chunks()
-        total = sum(chunks)
         self.optimiser.zero_grad(set_to_none=True)
-        tables, carry_gradient = StepTables.of(self.scene).cut()
-        report = {"image": 0.0, "samples": 0, "rays": total}
-        first = 0
-        for rays in chunks:
-            batch = self.bank.batch(self.bank.draw(rays, self.generator))
-            keys = torch.arange(first, first + rays, device=self.scene.device)
-            terms = self._accumulate(tables, batch, keys, fraction, rays / total)
-            report["image"] += terms["image"] * rays / total
-            report["samples"] += terms["samples"]
-            first += rays
-        carry_gradient()
+        chunks = self._draw(self.batching.chunks())
+        total = sum(len(chunk.keys) for chunk in chunks)
+        tables, carry_gradients = StepTables.of(self.scene).cut(len(self.workers.scenes))
+        found = self.workers.run(
+            lambda worker, chunk: self._accumulate(
+                self.workers.scenes[worker], tables[worker], chunk, fraction, total
+            ),
+            chunks,
+        )
+        self.workers.gather_gradients()
+        carry_gradients()
         self.optimiser.step()
         self.step += 1
         self.steps_at_level += 1
-        report["psnr"] = -10 * math.log10(max(report["image"], 1e-12))
-        return report
+        for chunk, (_, taken) in zip(chunks, found, strict=True):
+            self.batching.observe(len(chunk.keys), *taken)
+        image = sum(loss * len(chunk.keys) for chunk, (loss, _) in zip(chunks, found, strict=True))
+        return {
+            "image": image / total, "psnr": -10 * math.log10(max(image / total, 1e-12)),
+            "samples": sum(taken[0] for _, taken in found), "rays": total,
+        }  # fmt: skip
+
+    def _draw(self, sizes: list[int]) -> list[Chunk]:
+        """Random pixels for chunks of so many rays; all random numbers of a step are drawn here."""
+        chunks, first, device = [], 0, self.scene.device
+        for size in sizes:
+            pixels = self.bank.draw(size, self.generator)
+            colour = None
+            if self.background == "random":
+                colour = torch.rand(size, 3, generator=self.generator).to(device)
+            chunks.append(Chunk(pixels, torch.arange(first, first + size, device=device), colour))
+            first += size
+        return chunks
 
     def _accumulate(
-        self,
-        tables: StepTables,
-        batch: RayBatch,
-        keys: torch.Tensor,
-        fraction: float,
-        share: float,
-    ) -> dict[str, float]:
-        """Add the gradient of a chunk that is a `share` of the step's rays."""
-        scene = self.scene
+        self, scene: Scene, tables: StepTables, chunk: Chunk, fraction: float, total: int
+    ) -> tuple[float, tuple[int, int, int]]:
+        """Add a chunk's gradient to a worker's scene; its image loss, and the samples it took."""
+        share = len(chunk.keys) / total
+        batch = self.bank.batch(chunk.pixels)
+        settings = dataclasses.replace(
+            self.render_settings(fraction), retraced_rays=self.batching.retraced_of(share)
+        )
         buffers = render_rays(
-            scene, tables, self.render_settings(fraction), self.random, batch.origins,
-            batch.directions, keys, jitter=True,
+            scene, tables, settings, self.random, batch.origins, batch.directions, chunk.keys,
+            jitter=True,
         )  # fmt: skip
         loss, terms = total_loss(
             buffers, batch, self.settings.fit, self.use_masks, fraction,
-            self._behind(batch, tables),
+            self._behind(scene, batch, tables, chunk),
         )  # fmt: skip
         (loss * share).backward()
-        self.batching.observe(
-            len(keys), buffers.samples, buffers.retraced, buffers.retraced_samples
-        )
-        terms["samples"] = buffers.samples
-        return terms
+        return terms["image"], (buffers.samples, buffers.retraced, buffers.retraced_samples)
 
-    def _behind(self, batch: RayBatch, tables: StepTables) -> Behind:
+    def _behind(self, scene: Scene, batch: RayBatch, tables: StepTables, chunk: Chunk) -> Behind:
         rays, device = len(batch.origins), batch.origins.device
         if self.background == "environment":
             pixel = batch.origins.new_full((rays,), self.bank.pixel_solid_angle)
-            light = self.scene.environment.lookup(tables.light, batch.directions, pixel)
+            light = scene.environment.lookup(tables.light, batch.directions, pixel)
             return Behind(light, is_linear=True)
-        if self.background == "random":
-            return Behind(torch.rand(rays, 3, generator=self.generator).to(device))
+        if chunk.colour is not None:
+            return Behind(chunk.colour)
         return Behind(torch.full((rays, 3), 0.0 if self.background == "black" else 1.0).to(device))
 
     def _coarse_to_fine(self, fraction: float) -> None:

@@ -174,24 +174,35 @@ class StepTables:
         """Tables of the current parameters of a scene or a composition."""
         return cls(scene.environment.tables(), scene.normal_tables())
 
-    def cut(self) -> tuple[StepTables, Callable[[], None]]:
-        """The tables cut off from the parameters, and what carries their gradient there at last.
+    def cut(self, copies: int = 1) -> tuple[list[StepTables], Callable[[], None]]:
+        """Copies cut off from the parameters, and what carries their gradients there at last.
 
         So that several backward passes of one step share one set of tables.
         """
-        inner, outer = [], []
+        inner: list[list[torch.Tensor]] = []
+        outer: list[torch.Tensor] = []
 
         def leaf(value):
             if isinstance(value, torch.Tensor):
-                inner.append(value.detach().requires_grad_(value.requires_grad))
-                outer.append(value)
-                return inner[-1]
+                inner[-1].append(value.detach().requires_grad_(value.requires_grad))
+                if len(inner) == 1:
+                    outer.append(value)
+                return inner[-1][-1]
             parts = [leaf(part) for part in value]
             return type(value)(*parts) if hasattr(value, "_fields") else type(value)(parts)
 
         def carry() -> None:
-            pairs = [(o, i.grad) for o, i in zip(outer, inner, strict=True) if i.grad is not None]
-            if pairs:
-                torch.autograd.backward([o for o, _ in pairs], [gradient for _, gradient in pairs])
+            reached, gradients = [], []
+            for value, *leaves in zip(outer, *inner, strict=True):
+                found = [leaf.grad for leaf in leaves if leaf.grad is not None]
+                if found:
+                    reached.append(value)
+                    gradients.append(sum(found[1:], found[0]))
+            if reached:
+                torch.autograd.backward(reached, gradients)
 
-        return StepTables(leaf(self.light), leaf(self.normals)), carry
+        tables = []
+        for _ in range(copies):
+            inner.append([])
+            tables.append(StepTables(leaf(self.light), leaf(self.normals)))
+        return tables, carry

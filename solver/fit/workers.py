@@ -1,0 +1,89 @@
+"""Chunks of a step side by side, on all cores: threads whose scenes share memory but not gradients.
+
+Kernels and torch let go of Python's lock, so threads do. Most of a step is many small operations,
+which use several cores well only in this way (measured in docs/decisions/0009).
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+import numba
+import torch
+from torch import nn
+
+from ..render.scene import Scene
+
+Item, Result = TypeVar("Item"), TypeVar("Result")
+
+
+def sharing(scene: Scene) -> Scene:
+    """A scene with the same parameters and grids in memory, but gradients of its own."""
+    memo: dict[int, object] = {
+        id(p): nn.Parameter(p.detach(), p.requires_grad) for p in scene.parameters()
+    }
+    memo |= {id(buffer): buffer for buffer in scene.buffers()}
+    memo[id(scene.occupancy)] = scene.occupancy
+    return copy.deepcopy(scene, memo)
+
+
+def worker_count(device: torch.device) -> int:
+    """Threads worth having: as many as numba uses, where its threading layer may be used by several."""
+    if device.type != "cpu":
+        return 1
+    try:
+        layer = numba.threading_layer()
+    except ValueError:
+        # Nothing has run in parallel yet, so nobody knows.
+        return 1
+    return numba.get_num_threads() if layer in ("omp", "tbb") else 1
+
+
+class Workers:
+    """Threads for the chunks of a step, and a scene for each.
+
+    Args:
+        scene: the first worker's; it is where gradients are gathered. count: of workers.
+    """
+
+    def __init__(self, scene: Scene, count: int):
+        self.scenes = [scene, *(sharing(scene) for _ in range(count - 1))]
+        self._pool = ThreadPoolExecutor(count, initializer=_one_thread) if count > 1 else None
+
+    def run(self, work: Callable[[int, Item], Result], items: list[Item]) -> list[Result]:
+        """work(worker, item) of all items; worker w takes items w, w + count, … in this order."""
+        count = len(self.scenes)
+        if self._pool is None or len(items) == 1:
+            return [work(0, item) for item in items]
+
+        def share(worker: int) -> list[Result]:
+            return [work(worker, item) for item in items[worker::count]]
+
+        shares = list(self._pool.map(share, range(count)))
+        return [shares[index % count][index // count] for index in range(len(items))]
+
+    def gather_gradients(self) -> None:
+        """Add all workers' gradients to the first one's, in the order of the workers."""
+        first, *others = (list(scene.parameters()) for scene in self.scenes)
+        for other in others:
+            for mine, theirs in zip(first, other, strict=True):
+                if theirs.grad is None:
+                    continue
+                if mine.grad is None:
+                    mine.grad = theirs.grad
+                else:
+                    mine.grad.add_(theirs.grad)
+                theirs.grad = None
+
+    def close(self) -> None:
+        """End the threads."""
+        if self._pool is not None:
+            self._pool.shutdown()
+
+
+def _one_thread() -> None:
+    numba.set_num_threads(1)
+    torch.set_num_threads(1)
