@@ -157,7 +157,9 @@ class Trainer:
         share = len(chunk.keys) / total
         batch = self.bank.batch(chunk.pixels)
         settings = dataclasses.replace(
-            self.render_settings(fraction), retraced_rays=self.batching.retraced_of(share)
+            self.render_settings(fraction),
+            retraced_rays=self.batching.retraced_of(share),
+            diffuse_retraced_rays=round(self.settings.render.diffuse_retraced_rays * share),
         )
         buffers = render_rays(
             scene, tables, settings, self.random, batch.origins, batch.directions, chunk.keys,

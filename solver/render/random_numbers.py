@@ -10,7 +10,8 @@ import torch
 
 from ..kernels.hashing import uniform
 
-OFFSET, ALLOCATION, ROTATION, NEIGHBOUR, SECONDARY_OFFSET, CHOICE, DEPTH, SECONDARY_DEPTH = range(8)
+OFFSET, ALLOCATION, ROTATION, NEIGHBOUR, SECONDARY_OFFSET, CHOICE = range(6)
+DEPTH, SECONDARY_DEPTH, DIFFUSE_ROTATION, DIFFUSE_CHOICE = range(6, 10)
 SAMPLES_PER_RAY = 4096
 """room for the samples of a ray in a key; marching takes no more"""
 
@@ -30,14 +31,17 @@ class RandomNumbers:
         values = uniform(keys, stream, columns)
         return values[:, 0] if columns == 1 else values
 
-    def draw(self, keys: torch.Tensor, sample: torch.Tensor, index: torch.Tensor) -> torch.Tensor:
+    def draw(
+        self, keys: torch.Tensor, sample: torch.Tensor, index: torch.Tensor,
+        purpose: int = ROTATION,
+    ) -> torch.Tensor:  # fmt: skip
         """Points [K, 2] for ray number `index` [K] of sample `sample` [K]; `keys` [S] name the samples.
 
         The first N points of one scrambled Sobol set, shifted on the torus for every sample by an
         offset from all of [0, 1)^2 (Cranley & Patterson 1976; the public code shifts by a quarter
         at most, so that a sample's one ray is biased).
         """
-        shift = self.uniform(ROTATION, keys, 2)
+        shift = self.uniform(purpose, keys, 2)
         points = self.points[index % len(self.points)] + shift[sample]
         return points - points.floor()
 

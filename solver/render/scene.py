@@ -44,6 +44,10 @@ class RenderSettings:
     largest after adding noise"""
     secondary_bounce_rays: int = 2
     """secondary rays at the end of a retraced ray"""
+    diffuse_rays: int = 0
+    """rays a sample that look for what stands before its diffuse light (0: unoccluded, the paper's)"""
+    diffuse_retraced_rays: int = 0
+    """of a batch, how many of those that are blocked are traced for what the blockers send"""
     neural: float = 1.0
     """1: the BRDF has the full neural term g; 0: g = 1; between: g blended towards 1"""
     visibility: bool = True

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import torch
 
 from ..field.heads import Materials
-from ..light.environment import irradiance
+from .diffuse import diffused
 from .random_numbers import RandomNumbers
 from .reflection import reflected
 from .scene import RenderSettings, Samples, Scene, StepTables
@@ -50,10 +49,9 @@ def shade(
     facing = (normals * view).sum(-1, keepdim=True)
     toward = torch.where(facing < 0, -normals, normals)
 
-    diffuse = diffuse_fresnel(materials.f0, facing[:, 0].abs()) * materials.albedo
-    radiance = diffuse * irradiance(tables.light, normals) / math.pi
-
+    reflectance = diffuse_fresnel(materials.f0, facing[:, 0].abs()) * materials.albedo
+    diffuse = diffused(scene, tables, settings, random, samples, surface, reflectance, mass, trace)
     glossy = reflected(
         scene, tables, settings, random, samples, surface, toward, view, mass, rays, trace
     )
-    return Shading(radiance + glossy, normals, surface.features, materials)
+    return Shading(diffuse + glossy, normals, surface.features, materials)
