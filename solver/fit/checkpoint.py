@@ -33,9 +33,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     tensors["occupancy"] = scene.occupancy.occupied
     tensors["allowed"] = scene.occupancy.allowed
     tensors["optical_depth"] = scene.occupancy.optical_depth
-    for index, state in trainer.optimiser.state_dict()["state"].items():
-        for key, value in state.items():
-            tensors[f"optimiser.{index}.{key}"] = torch.as_tensor(value)
+    tensors |= {f"optimiser.{key}": value for key, value in trainer.optimiser.state().items()}
     state = {
         "step": trainer.step, "level": trainer.level, "steps_at_level": trainer.steps_at_level,
         "fraction_at_level": trainer.fraction_at_level, "batching": trainer.batching.state(),
@@ -114,13 +112,10 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> 
     """Bring a trainer made with the checkpoint's scene to the checkpoint's state."""
     trainer.step, trainer.level = state["step"], state["level"]
     trainer.generator.set_state(tensors["generator.pixels"].cpu())
-    saved = trainer.optimiser.state_dict()
-    saved["state"] = {}
-    for key, value in tensors.items():
-        if key.startswith("optimiser."):
-            _, index, name = key.split(".")
-            saved["state"].setdefault(int(index), {})[name] = value
-    trainer.optimiser.load_state_dict(saved)
+    prefix = "optimiser."
+    trainer.optimiser.restore(
+        {key.removeprefix(prefix): v for key, v in tensors.items() if key.startswith(prefix)}
+    )
     trainer.steps_at_level = state["steps_at_level"]
     trainer.fraction_at_level = state["fraction_at_level"]
     trainer.batching.restore(state["batching"])

@@ -47,8 +47,6 @@ class FieldSettings:
     """start as the masks' visual hull, where photos have masks; else as a thin fog"""
     hull_cells: int = 128
     """cells per axis of the visual hull"""
-    hull_steps: int = 250
-    """optimisation steps that bring the density to the visual hull"""
     hull_slope: float = 100.0
     """raw density gained per world unit of depth at the hull, times the box's half size"""
 

@@ -78,10 +78,7 @@ def new_trainer(
     if use_hull:
         hull = carve(cameras, photos, cube.box, shape.hull_cells)
         distance = torch.from_numpy(signed_distance(hull)) * (2 * cube.half_size / hull.shape[0])
-        start_from_hull(
-            field, distance, shape.hull_slope / cube.half_size, -12.0, 12.0, shape.hull_steps, seed,
-            lambda step, steps: progress(0.3 + 0.7 * step / steps),
-        )  # fmt: skip
+        start_from_hull(field, distance, shape.hull_slope / cube.half_size, -12.0, 12.0)
     scene = Scene(
         field, EnvironmentMap(settings.light.heights[0], settings.light.initial),
         NeuralTerm(shape.feature_size), shape.occupancy_cells,

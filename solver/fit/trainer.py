@@ -8,9 +8,11 @@ from typing import NamedTuple
 
 import torch
 
+from ..kernels.backend import gradients_in_place
 from ..render.radiance import render_rays
 from ..render.random_numbers import RandomNumbers
 from ..render.scene import RenderSettings, Scene, StepTables
+from .adam import Adam
 from .batching import Batching
 from .losses import Behind, total_loss
 from .presets import Settings, neural_share
@@ -57,7 +59,7 @@ class Trainer:
         self.optimiser = self._new_optimiser()
         self.refresh_occupancy()
 
-    def _new_optimiser(self) -> torch.optim.Adam:
+    def _new_optimiser(self) -> Adam:
         fit, scene = self.settings.fit, self.scene
         field = scene.field
         grids = [
@@ -80,8 +82,7 @@ class Trainer:
             {"params": [scene.environment.log_radiance], "base": fit.learning_rate_light},
         ]
         self.steps_at_level = 0
-        fused = scene.device.type in ("cpu", "cuda")
-        return torch.optim.Adam(groups, lr=1e-3, betas=(0.9, 0.99), eps=1e-15, fused=fused)
+        return Adam(groups)
 
     def refresh_occupancy(self) -> None:
         """Bring the occupancy grid up to the current density."""
@@ -115,18 +116,18 @@ class Trainer:
         if self.step % self.OCCUPANCY_EVERY == 0:
             self.refresh_occupancy()
         self.random.step = self.step
-        self.optimiser.zero_grad(set_to_none=True)
         chunks = self._draw(self.batching.chunks())
         total = sum(len(chunk.keys) for chunk in chunks)
         tables, carry_gradients = StepTables.of(self.scene).cut(len(self.workers.scenes))
-        found = self.workers.run(
-            lambda worker, chunk: self._accumulate(
-                self.workers.scenes[worker], tables[worker], chunk, fraction, total
-            ),
-            chunks,
-        )
-        self.workers.gather_gradients()
-        carry_gradients()
+        with gradients_in_place():
+            found = self.workers.run(
+                lambda worker, chunk: self._accumulate(
+                    self.workers.scenes[worker], tables[worker], chunk, fraction, total
+                ),
+                chunks,
+            )
+            self.workers.gather_gradients()
+            carry_gradients()
         self.optimiser.step()
         self.step += 1
         self.steps_at_level += 1

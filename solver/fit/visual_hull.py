@@ -10,7 +10,7 @@ import torch.nn.functional as F
 from ..capture.camera import Camera
 from ..capture.photos import Photo
 from ..field.field import MicrofacetField
-from ..kernels.vm import vm_sum
+from ..kernels.vm_torch import LINE_AXES, PLANE_AXES
 
 
 def carve(
@@ -61,41 +61,55 @@ def signed_distance(hull: np.ndarray) -> np.ndarray:
 
 
 def start_from_hull(
-    field: MicrofacetField, distance: torch.Tensor, slope: float, lowest: float, highest: float,
-    steps: int, seed: int, progress=None,
-) -> float:  # fmt: skip
-    """Fit the field's raw density to a ramp across the hull; returns the final RMS error.
+    field: MicrofacetField, distance: torch.Tensor, slope: float, lowest: float, highest: float
+) -> None:
+    """Set the field's raw density to a ramp across the hull.
 
     Args:
         distance: [K, K, K] signed distance in world units over the field's box, negative inside.
         slope: raw density gained per world unit of depth.
         lowest, highest: raw density far outside and deep inside.
     """
-    parameters = [field.density_planes, field.density_lines]
-    optimiser = torch.optim.Adam(parameters, lr=0.02, betas=(0.9, 0.99), fused=True)
-    generator = torch.Generator().manual_seed(seed)
-    target_grid = (-distance * slope).clamp(lowest, highest)[None, None]
-    inside = (distance < 0.1 * 2 * field.half_size).nonzero()
-    cells = distance.shape[0]
-    error = 0.0
-    for step in range(steps):
-        for group in optimiser.param_groups:
-            group["lr"] = 0.03 * 0.05 ** (step / steps)
-        near = inside[torch.randint(len(inside), (24_000,), generator=generator)]
-        near = (near + torch.rand(near.shape, generator=generator)) / cells
-        points = torch.cat([near, torch.rand(8_000, 3, generator=generator)])
-        # grid_sample orders coordinates (z, y, x) for a grid indexed [x, y, z].
-        lookup = (points.flip(-1) * 2 - 1).view(1, -1, 1, 1, 3)
-        target = F.grid_sample(
-            target_grid, lookup, align_corners=False, padding_mode="border"
-        ).flatten()
-        nodes = field.size - 1
-        raw = vm_sum(points * nodes, field.density_planes, field.density_lines)
-        loss = ((raw - target) ** 2).mean()
-        optimiser.zero_grad(set_to_none=True)
-        loss.backward()
-        optimiser.step()
-        error = float(loss.detach()) ** 0.5
-        if progress is not None:
-            progress(step + 1, steps)
-    return error
+    ticks = torch.linspace(-1, 1, field.size)
+    nodes = torch.stack(torch.meshgrid(ticks, ticks, ticks, indexing="ij"), dim=-1)
+    ramp = (-distance * slope).clamp(lowest, highest)[None, None]
+    # grid_sample orders coordinates (z, y, x) for a grid indexed [x, y, z].
+    target = F.grid_sample(
+        ramp, nodes.flip(-1)[None], align_corners=False, padding_mode="border"
+    )[0, 0]  # fmt: skip
+    planes, lines = decompose(target, field.density_planes.shape[-1])
+    with torch.no_grad():
+        field.density_planes.copy_(planes)
+        field.density_lines.copy_(lines)
+
+
+def decompose(
+    target: torch.Tensor, components: int, sweeps: int = 2
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """VM factors [3, G, G, C], [3, G, C] of a volume [G, G, G], by singular values.
+
+    Each of the three pairs takes a third, so that all have a share in what is learned later; then in
+    turn the best approximation of what the other two leave over (block coordinate descent; for one
+    pair Eckart & Young 1936 is exact).
+    """
+    size = target.shape[0]
+    orders = [(*plane, line) for plane, line in zip(PLANE_AXES, LINE_AXES, strict=True)]
+    planes, lines = (
+        target.new_zeros(3, size, size, components),
+        target.new_zeros(3, size, components),
+    )
+    parts = [target / 3] * 3
+    for _ in range(sweeps):
+        for k, order in enumerate(orders):
+            left = target - sum(parts[other] for other in range(3) if other != k)
+            matrix = left.permute(order).reshape(size * size, size)
+            _, vectors = torch.linalg.eigh((matrix.T @ matrix).double())
+            vectors = vectors[:, -components:].flip(1).to(target.dtype)
+            scores = matrix @ vectors
+            # Plane and line of a component are to be equally large in the mean square.
+            balance = (scores.norm(dim=0) / size**0.5).clamp(min=1e-6).sqrt()
+            planes[k] = (scores / balance).view(size, size, -1)
+            lines[k] = vectors * balance
+            back = [order.index(axis) for axis in range(3)]
+            parts[k] = (scores @ vectors.T).view(size, size, size).permute(back)
+    return planes, lines

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import torch
 
-_state = {"fused": True}
+_state = {"fused": True, "in_place": False}
 
 
 def fast(tensor: torch.Tensor) -> bool:
@@ -34,3 +34,28 @@ def plain_torch() -> Iterator[None]:
         yield
     finally:
         _state["fused"] = before
+
+
+@contextlib.contextmanager
+def gradients_in_place() -> Iterator[None]:
+    """Within this block kernels add gradients of leaves to their `.grad` where it lies.
+
+    For `backward()` only: `torch.autograd.grad` would miss them. It saves a new tensor as large as a
+    grid, and an addition to the old one, for every lookup.
+    """
+    before = _state["in_place"]
+    _state["in_place"] = True
+    try:
+        yield
+    finally:
+        _state["in_place"] = before
+
+
+def gradient_buffer(tensor: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor | None]:
+    """Where a backward pass may add the gradient of an input, and what it then has to return."""
+    if _state["in_place"] and tensor.is_leaf:
+        if tensor.grad is None:
+            tensor.grad = torch.zeros_like(tensor)
+        return tensor.grad, None
+    buffer = torch.zeros_like(tensor)
+    return buffer, buffer

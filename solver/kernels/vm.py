@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from . import vm_numba, vm_torch
-from .backend import fast
+from .backend import fast, gradient_buffer
 
 NEGLIGIBLE = 1e-3
 """cotangents below this share of their mean are left out of sums over many samples"""
@@ -26,12 +26,12 @@ class _Products(torch.autograd.Function):
     @staticmethod
     def backward(ctx, cotangent):
         points, planes, lines = ctx.saved_tensors
-        grad_planes, grad_lines = torch.zeros_like(planes), torch.zeros_like(lines)
+        (grad_planes, planes_out), (grad_lines, lines_out) = map(gradient_buffer, (planes, lines))
         vm_numba.vm_products_backward(
             points.numpy(), planes.numpy(), lines.numpy(), cotangent.contiguous().numpy(),
             grad_planes.numpy(), grad_lines.numpy(),
         )  # fmt: skip
-        return None, grad_planes, grad_lines
+        return None, planes_out, lines_out
 
 
 class _Sum(torch.autograd.Function):
@@ -47,7 +47,7 @@ class _Sum(torch.autograd.Function):
     @staticmethod
     def backward(ctx, cotangent):
         points, planes, lines = ctx.saved_tensors
-        grad_planes, grad_lines = torch.zeros_like(planes), torch.zeros_like(lines)
+        (grad_planes, planes_out), (grad_lines, lines_out) = map(gradient_buffer, (planes, lines))
         # Most samples of a ray lie before or behind its surface, with next to no gradient: together
         # those left out have less than a thousandth of it.
         least = NEGLIGIBLE * float(cotangent.abs().mean()) if len(points) else 0.0
@@ -55,7 +55,7 @@ class _Sum(torch.autograd.Function):
             points.numpy(), planes.numpy(), lines.numpy(), cotangent.contiguous().numpy(), least,
             grad_planes.numpy(), grad_lines.numpy(),
         )  # fmt: skip
-        return None, grad_planes, grad_lines, None
+        return None, planes_out, lines_out, None
 
 
 class _Gradient(torch.autograd.Function):
@@ -69,12 +69,12 @@ class _Gradient(torch.autograd.Function):
     @staticmethod
     def backward(ctx, cotangent):
         points, planes, lines = ctx.saved_tensors
-        grad_planes, grad_lines = torch.zeros_like(planes), torch.zeros_like(lines)
+        (grad_planes, planes_out), (grad_lines, lines_out) = map(gradient_buffer, (planes, lines))
         vm_numba.vm_gradient_backward(
             points.numpy(), planes.numpy(), lines.numpy(), cotangent.contiguous().numpy(),
             grad_planes.numpy(), grad_lines.numpy(),
         )  # fmt: skip
-        return None, grad_planes, grad_lines
+        return None, planes_out, lines_out
 
 
 class _SmoothPlanes(torch.autograd.Function):

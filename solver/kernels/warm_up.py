@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 
+from .adam import Moments, Rates, adam_step
 from .hashing import uniform
 from .integral import prefix_sums, rectangle_mean
 from .march import composite, grid_transmittance, march
@@ -43,3 +44,5 @@ def compile_kernels() -> None:
         torch.ones(4), torch.rand(4, 2), rows, True, True, blockers,
     )  # fmt: skip
     radiance.sum().backward()
+    moments = Moments(torch.zeros(4, 3), torch.zeros(4, 3))
+    adam_step(torch.zeros(4, 3), torch.ones(4, 3), moments, Rates(0.1, 0.9, 0.99, 1e-15, 1))

@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DUCK = ROOT / "samples" / "duck"
 TINY = [
     "--set", "fit.steps=24", "--set", "fit.rays=128", "--set", "field.sizes=24,32",
-    "--set", "field.size_starts=0,0.5", "--set", "light.heights=16,32", "--set", "field.hull_steps=40",
+    "--set", "field.size_starts=0,0.5", "--set", "light.heights=16,32",
     "--set", "field.hull_cells=48", "--set", "field.occupancy_cells=32", "--set", "asset.cells=48",
     "--set", "asset.triangles=2000", "--set", "asset.texture_size=128",
     "--set", "fit.checkpoint_every=0.5", "--set", "render.secondary_rays=4",
