@@ -13,7 +13,6 @@ import argparse
 import hashlib
 import json
 import os
-import platform
 import subprocess
 import sys
 import time
@@ -22,6 +21,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
+from benchmarks.machine import commit, machine  # noqa: E402
 from benchmarks.tables import write_page  # noqa: E402
 from solver.fit.presets import ABLATIONS, PRESETS  # noqa: E402
 from solver.job.folder import write_json_atomic  # noqa: E402
@@ -150,30 +150,6 @@ def evaluate(scene: Path, job: Path) -> dict:
     for relit in content.get("relight", {}).values():
         relit.pop("views", None)
     return {key: value for key, value in content.items() if key not in ("views", "cameras")}
-
-
-def machine() -> dict:
-    """What ran it."""
-    import torch
-
-    name = platform.processor() or platform.machine()
-    info = Path("/proc/cpuinfo")
-    if info.is_file():
-        lines = info.read_text().splitlines()
-        name = next((x.split(":", 1)[1].strip() for x in lines if x.startswith("model name")), name)
-    gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else None
-    return {
-        "machine": name, "cores": os.cpu_count(), "gpu": gpu, "system": platform.system(),
-        "threads": int(os.environ.get("OMP_NUM_THREADS", os.cpu_count())),
-        "python": platform.python_version(), "torch": torch.__version__,
-    }  # fmt: skip
-
-
-def commit() -> str:
-    """The commit of the code, with '+' if files were changed since."""
-    run = lambda *a: subprocess.run(("git", *a), cwd=ROOT, capture_output=True, text=True).stdout  # noqa: E731
-    changed = run("status", "--porcelain", "--untracked-files=no", "--", "solver").strip()
-    return run("rev-parse", "--short", "HEAD").strip() + ("+" if changed else "")
 
 
 _RSS_UNIT = 1e-9 if sys.platform == "darwin" else 1024e-9

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import torch
 
+from ..kernels.backend import precise
+
 LEAST_OPACITY = 1e-3
 """rays that are more transparent than this are not shaded"""
 
@@ -53,32 +55,35 @@ def all_depths(
 
 def random_depths(
     weights: torch.Tensor, offsets: torch.Tensor, ray: torch.Tensor, opacity: torch.Tensor,
-    depths: int, u: torch.Tensor,
+    u: torch.Tensor,
 ) -> Depths:  # fmt: skip
-    """`depths` samples of every ray, by systematic sampling of its weights.
+    """D samples of every ray, drawn independently with probabilities q = weight/opacity.
 
-    A sample of weight w is chosen n times, E[n] = depths · w / opacity, so opacity · Σ n/depths · L
-    has the right expectation. So has its gradient: with q = w/opacity, Σ L ∂q = Σ (L − L̄) q ∂ log q
-    for any L̄; L̄ is the mean of what the ray's other chosen samples show, which takes nearly all of
-    the variance away, since neighbours on a surface look alike. With one depth there is no other one,
-    and only the opacity has a gradient.
+    A sample that is drawn n times stands for n/D of the opacity, which is right in the mean. So is the
+    gradient: Σ L ∂q = Σ (L − L̄) q ∂ log q for any L̄ that knows nothing of the sample; L̄ is the mean of
+    what the ray's other samples show, which takes nearly all of the variance away, since neighbours
+    on a surface look alike. (Stratified draws would know of each other: measured, twice the
+    gradient.) With one draw there are no others, and only the opacity has a gradient.
 
     Args:
         weights: [S] in flat form; those of ray r are `offsets[r]:offsets[r + 1]`.
-        opacity: [R], their sum. u: [R] uniform in [0, 1).
+        opacity: [R], their sum. u: [R, D] uniform in [0, 1).
     """
+    depths = u.shape[1]
     with torch.no_grad():
-        fixed, total = weights.detach().double(), opacity.detach()
-        running = torch.nn.functional.pad(fixed.cumsum(0), (1, 0))
-        start, end = running[offsets[:-1]], running[offsets[1:]]
-        scale = torch.where(total > LEAST_OPACITY, depths / (end - start).clamp(min=1e-12), 0.0)
-        below = ((running[:-1] - start[ray]) * scale[ray] + u[ray]).floor()
-        above = ((running[1:] - start[ray]) * scale[ray] + u[ray]).floor()
-        times = above - below
-        index = (times > 0).nonzero()[:, 0]
+        running = weights.detach().to(precise(weights.device)).cumsum(0)
+        last = (offsets[1:] - 1).clamp(min=0)
+        active = (opacity > LEAST_OPACITY) & (offsets[1:] > offsets[:-1])
+        rows = active.nonzero()[:, 0]
+        end = running[last[rows]]
+        start = running[offsets[rows]] - weights.detach()[offsets[rows]]
+        target = start[:, None] + u[rows].to(running.dtype) * (end - start)[:, None]
+        found = torch.searchsorted(running, target, right=True)
+        found = torch.minimum(torch.maximum(found, offsets[rows, None]), last[rows, None])
+        index, times = torch.unique(found, return_counts=True)
         chosen = ray[index]
-        share = (times[index] / depths).float()
-        mass = share * total[chosen]
+        share = times / depths
+        mass = share * opacity.detach()[chosen]
     slope = None
     if depths > 1:
         logarithm = weights[index].clamp(min=1e-12).log() - opacity[chosen].clamp(min=1e-12).log()

@@ -76,10 +76,8 @@ def render_rays(
         return radiance, passing
 
     if settings.shaded_depths > 0:
-        u = random.uniform(DEPTH, keys)
-        chosen = random_depths(
-            weights, samples.offsets, ray, 1 - transmittance, settings.shaded_depths, u
-        )
+        u = random.uniform(DEPTH, keys, settings.shaded_depths).view(count, -1)
+        chosen = random_depths(weights, samples.offsets, ray, 1 - transmittance, u)
     else:
         chosen = all_depths(weights, ray, 1 - transmittance, settings.min_weight)
     kept = _only(samples, chosen.index)
@@ -164,10 +162,8 @@ def _trace_secondary(scene, tables, settings, random, origins, directions, keys,
     weights, transmittance = composite(samples.depth, samples.offsets)
     ray = samples.ray
     if settings.secondary_depths > 0:
-        u = random.uniform(SECONDARY_DEPTH, keys)
-        chosen = random_depths(
-            weights, samples.offsets, ray, 1 - transmittance, settings.secondary_depths, u
-        )
+        u = random.uniform(SECONDARY_DEPTH, keys, settings.secondary_depths).view(len(keys), -1)
+        chosen = random_depths(weights, samples.offsets, ray, 1 - transmittance, u)
     else:
         least = SECONDARY_MIN_WEIGHT * settings.min_weight
         chosen = all_depths(weights, ray, 1 - transmittance, least)

@@ -15,7 +15,7 @@ from ..brdf.microfacet import (
 )
 from ..kernels.backend import fast
 from ..kernels.specular import specular
-from .random_numbers import ALLOCATION, CHOICE, RandomNumbers
+from .random_numbers import ALLOCATION, CHOICE, ROTATION, RandomNumbers
 from .scene import RenderSettings, Samples, Scene, StepTables, Surface
 
 RAYS_PER_SAMPLE = 1024
@@ -57,7 +57,10 @@ def allocate_rays(weights: torch.Tensor, rays: int, u: torch.Tensor) -> torch.Te
     return (weights * rays + u).floor().long()
 
 
-def plan_rays(keys: torch.Tensor, mass: torch.Tensor, rays: int, random: RandomNumbers) -> Plan:
+def plan_rays(
+    keys: torch.Tensor, mass: torch.Tensor, rays: int, random: RandomNumbers,
+    rotation: int = ROTATION, first_key: int = 0,
+) -> Plan:  # fmt: skip
     """Share out a pixel's `rays` among its samples by their mass [S]."""
     expected = mass * rays
     counts = allocate_rays(mass, rays, random.uniform(ALLOCATION, keys))
@@ -65,8 +68,8 @@ def plan_rays(keys: torch.Tensor, mass: torch.Tensor, rays: int, random: RandomN
     index = torch.arange(len(sample), device=counts.device) - (counts.cumsum(0) - counts)[sample]
     # A sample that was lucky to get its one ray stands for the others like it.
     share = 1 / (expected.clamp(1e-6, 1) * counts.clamp(min=1))
-    ray_keys = keys[sample] * RAYS_PER_SAMPLE + index % RAYS_PER_SAMPLE
-    return Plan(counts, sample, ray_keys, share, random.draw(keys, sample, index))
+    ray_keys = keys[sample] * RAYS_PER_SAMPLE + (first_key + index) % RAYS_PER_SAMPLE
+    return Plan(counts, sample, ray_keys, share, random.draw(keys, sample, index, rotation))
 
 
 def scatter(

@@ -45,7 +45,7 @@ class RenderSettings:
     secondary_bounce_rays: int = 2
     """secondary rays at the end of a retraced ray"""
     diffuse_rays: int = 0
-    """rays a sample that look for what stands before its diffuse light (0: unoccluded, the paper's)"""
+    """rays a pixel that look for what stands before its diffuse light (0: unoccluded, the paper's)"""
     diffuse_retraced_rays: int = 0
     """of a batch, how many of those that are blocked are traced for what the blockers send"""
     neural: float = 1.0

@@ -8,6 +8,7 @@ from solver.field.heads import Materials
 from solver.light.environment import EnvironmentMap, equirect_directions
 from solver.render.diffuse import cosine_rays, diffused
 from solver.render.random_numbers import RandomNumbers
+from solver.render.reflection import plan_rays
 from solver.render.scene import RenderSettings, Samples, StepTables, Surface
 from tests.render.scenes import ball
 
@@ -42,7 +43,8 @@ def radiance(scene, samples, surface, settings=SETTINGS, trace=None):
 def test_blocked_diffuse_light_agrees_with_brute_force():
     scene, samples, surface = setting()
     many = 40_000
-    rays = cosine_rays(samples, surface.normals, many, RandomNumbers(7, points=many))
+    random = RandomNumbers(7, points=many)
+    rays = cosine_rays(surface.normals, plan_rays(samples.keys, torch.ones(3), many, random))
     origins = samples.points[rays.sample] + 0.05 * surface.normals[rays.sample]
     start = torch.minimum(0.05 * (1 / rays.cosine.clamp(min=0.2) - 1), torch.tensor(0.2))
     passing = scene.grid_transmittance(origins, rays.direction, start)

@@ -1,0 +1,196 @@
+"""How near the fused CPU kernels come to what this machine can do, and to their plain torch twins.
+
+    python benchmarks/kernels.py            all kernels, a page for docs
+    python benchmarks/kernels.py --short    few points, for a look in CI
+
+The limit of a kernel is the larger of two times: its bytes at the machine's copy rate (an array as
+large as a grid's planes) and its operations at the machine's rate of multiply-adds (on data in the
+nearest cache, by the same compiler). Bytes count every node that a lookup touches, as if none were
+met twice; operations are counted in the source. All is measured in one run, by the best of a few.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from solver.threads import let_idle_threads_sleep  # noqa: E402
+
+let_idle_threads_sleep()
+
+import numba  # noqa: E402
+import numpy as np  # noqa: E402
+import torch  # noqa: E402
+
+from benchmarks.machine import describe_machine  # noqa: E402
+from solver.kernels import vm  # noqa: E402
+from solver.kernels.adam import Moments, Rates, adam_step  # noqa: E402
+from solver.kernels.backend import plain_torch  # noqa: E402
+from solver.kernels.integral import prefix_sums, rectangle_mean  # noqa: E402
+from solver.kernels.march import march  # noqa: E402
+from solver.kernels.skipping import free_distance  # noqa: E402
+
+SIZE, DENSITY, FEATURES, LIGHT = 160, 16, 24, 256
+FLOAT = 4
+REPEATS = 7
+
+
+class Case(NamedTuple):
+    """A kernel at work, with what it moves and computes at least."""
+
+    name: str
+    run: Callable[[], object]
+    bytes: float
+    operations: float
+    twin: bool = True
+
+
+def best(run: Callable[[], object], repeats: int = REPEATS) -> float:
+    """Shortest time, s."""
+    run()
+    times = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - started)
+    return min(times)
+
+
+@numba.njit(parallel=True, fastmath=True)
+def _multiply_add(values, rounds):
+    """Eight independent chains a thread on an array that stays in the nearest cache."""
+    for task in numba.prange(values.shape[0]):
+        row = values[task]
+        for _ in range(rounds):
+            for i in range(row.shape[0]):
+                row[i] = row[i] * np.float32(0.999) + np.float32(1e-3)
+
+
+def copy_rate() -> float:
+    """Bytes a second, read and written, of copying an array as large as a grid's planes."""
+    source = np.ones(3 * SIZE * SIZE * DENSITY, np.float32)
+    target = np.empty_like(source)
+    return 2 * source.nbytes / best(lambda: np.copyto(target, source), 30)
+
+
+def multiply_rate() -> float:
+    """Multiplications and additions a second."""
+    values = np.ones((numba.get_num_threads(), 2048), np.float32)
+    rounds = 2000
+    return 2 * values.size * rounds / best(lambda: _multiply_add(values, rounds))
+
+
+def cases(points: int) -> list[Case]:
+    """The kernels of a step, with about as many points as a step of `draft` has."""
+    generator = torch.Generator().manual_seed(0)
+
+    def rand(*shape: int) -> torch.Tensor:
+        return torch.rand(*shape, generator=generator)
+
+    density = (
+        rand(3, SIZE, SIZE, DENSITY).requires_grad_(),
+        rand(3, SIZE, DENSITY).requires_grad_(),
+    )
+    features = (
+        rand(3, SIZE, SIZE, FEATURES).requires_grad_(),
+        rand(3, SIZE, FEATURES).requires_grad_(),
+    )
+    # Samples along rays lie side by side, surface points do not.
+    start, direction = rand(points // 16, 1, 3) * (SIZE - 20) + 5, rand(points // 16, 1, 3) - 0.5
+    along = (start + torch.arange(16)[None, :, None] * direction).reshape(-1, 3).contiguous()
+    surface = rand(points // 8, 3) * (SIZE - 1)
+    shaded = len(surface)
+
+    def backward(lookup, at, factors):
+        value = lookup(at, *factors)
+        cotangent = torch.ones_like(value)
+        return lambda: torch.autograd.grad(value, factors, cotangent, retain_graph=True)
+
+    def twin_backward(lookup, at, factors):
+        return lambda: torch.autograd.grad(lookup(at, *factors).sum(), factors)
+
+    nodes = 3 * (4 + 2)  # that a lookup meets
+    smooth_nodes = 3 * (12 + 4)
+    planes_bytes = FLOAT * 3 * SIZE * SIZE
+    environment = rand(3, LIGHT, 2 * LIGHT)
+    rows = torch.linspace(0, 1, LIGHT + 1, dtype=torch.float64)
+    table = prefix_sums(environment, rows[1:])
+    centre = rand(points // 2, 2) * torch.tensor([2.0 * LIGHT, LIGHT])
+    sizes = 1 + 20 * rand(points // 2, 2)
+    rays = points // 16
+    origins = torch.nn.functional.normalize(rand(rays, 3) - 0.5, dim=-1) * 2 + 0.5
+    directions = torch.nn.functional.normalize(rand(rays, 3) - origins, dim=-1)
+    ticks = torch.linspace(-1, 1, 128)
+    radius = (ticks[:, None, None] ** 2 + ticks[None, :, None] ** 2 + ticks[None, None] ** 2).sqrt()
+    free = free_distance((radius - 0.7).abs() < 0.05)
+    parameter, gradient = rand(3, SIZE, SIZE, DENSITY), rand(3, SIZE, SIZE, DENSITY)
+    moments = Moments(torch.zeros_like(parameter), torch.zeros_like(parameter))
+    return [
+        Case("vm_sum", lambda: vm.vm_sum(along, *density), len(along) * nodes * DENSITY * FLOAT,
+             len(along) * 3 * DENSITY * 13),
+        Case("vm_sum, adjoint", backward(vm.vm_sum, along, density),
+             len(along) * 3 * nodes * DENSITY * FLOAT, len(along) * 3 * DENSITY * 26, False),
+        Case("vm_products, adjoint", backward(vm.vm_products, surface, features),
+             shaded * 3 * nodes * FEATURES * FLOAT, shaded * 3 * FEATURES * 26, False),
+        Case("vm_gradient", lambda: vm.vm_gradient(surface, *density),
+             shaded * smooth_nodes * DENSITY * FLOAT, shaded * 3 * DENSITY * 46),
+        Case("vm_gradient, adjoint", backward(vm.vm_gradient, surface, density),
+             shaded * 3 * smooth_nodes * DENSITY * FLOAT, shaded * 3 * DENSITY * 100, False),
+        Case("smooth_planes", lambda: vm.smooth_planes(density[0].detach(), 0.5, 0.25),
+             2 * planes_bytes * DENSITY, 3 * SIZE * SIZE * DENSITY * 8),
+        Case("rectangle_mean", lambda: rectangle_mean(table, rows, centre, sizes),
+             len(centre) * 8 * 3 * 8, len(centre) * 3 * 60),
+        Case("march", lambda: march(
+            origins, directions, torch.zeros(rays), torch.zeros(rays), 0.01, 1 / 128, free,
+            density[0].detach(), density[1].detach(), -4.0, 5.0),
+             rays * 12 * nodes * DENSITY * FLOAT, rays * 12 * 3 * DENSITY * 13),
+        Case("adam, all touched", lambda: (gradient.fill_(1), adam_step(
+            parameter, gradient, moments, Rates(1e-3, 0.9, 0.99, 1e-15, 5))),
+             9 * planes_bytes * DENSITY, 3 * SIZE * SIZE * DENSITY * 12),
+    ]  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--points", type=int, default=20_000, help="density samples of a step")
+    parser.add_argument("--short", action="store_true", help="few points, few repeats")
+    parser.add_argument("--out", type=Path, help="a Markdown file to write")
+    options = parser.parse_args()
+    points = 2_000 if options.short else options.points
+    torch.set_num_threads(numba.get_num_threads())
+    copies, multiplies = copy_rate(), multiply_rate()
+    lines = [
+        f"{describe_machine()}; {points} density samples, grid {SIZE}³.",
+        f"Copy {copies / 1e9:.1f} GB/s, multiply-add {multiplies / 1e9:.1f} Gop/s.", "",
+        "| kernel | ms | limit ms (by) | share of the limit reached | times faster than its twin |",
+        "| --- | ---: | ---: | ---: | ---: |",
+    ]  # fmt: skip
+    for case in cases(points):
+        seconds = best(case.run, 3 if options.short else REPEATS)
+        by_bytes, by_operations = case.bytes / copies, case.operations / multiplies
+        limit = max(by_bytes, by_operations)
+        ratio = "–"
+        if case.twin:
+            with plain_torch():
+                ratio = f"{best(case.run, 3) / seconds:.1f}"
+        by = "bytes" if by_bytes > by_operations else "operations"
+        lines.append(
+            f"| {case.name} | {1e3 * seconds:.2f} | {1e3 * limit:.2f} ({by}) | "
+            f"{100 * limit / seconds:.0f} % | {ratio} |"
+        )
+    text = "\n".join(lines) + "\n"
+    print(text)
+    if options.out:
+        options.out.write_text("# Benchmarks: kernels\n\n" + text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("PYTHONUNBUFFERED", "1")
+    main()
