@@ -1,6 +1,7 @@
 # make environment   .venv with everything pinned      make test        all tests
 # make demo          reconstruct the sample capture    make lint        ruff
 # make benchmark     docs/benchmarks.md of SCENES="DIR DIR=PAPERNAME …" [SETTINGS="…"] [PRESET=draft]
+# make benchmark-kernels, make benchmark-curves: docs/kernels.md, docs/curves.md
 # make extension     dist/….zip, to install in Blender make clean       remove what was made
 #
 # PYTHON=…           the Python to build .venv with, 3.11 or 3.13: make demo PYTHON=python3.13
@@ -17,7 +18,7 @@ STAMP := .venv/.complete
 REQUIREMENTS := solver/requirements.txt requirements/development.txt requirements/constraints.txt
 BLENDER_TOOL = $(shell find .venv/lib -path '*bl_pkg/cli/blender_ext.py' 2>/dev/null | head -n 1)
 
-.PHONY: help environment demo clean-demo benchmark test test-solver test-blender test-window lint extension clean
+.PHONY: help environment demo clean-demo benchmark benchmark-kernels benchmark-curves test test-solver test-blender test-window lint extension clean
 
 help:
 	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
@@ -64,6 +65,12 @@ SETTINGS ?= all
 PRESET ?= draft
 benchmark: $(STAMP)
 	$(BIN)/python benchmarks/quality.py --scenes $(SCENES) --settings $(SETTINGS) --preset $(PRESET)
+
+benchmark-kernels: $(STAMP)
+	$(BIN)/python benchmarks/kernels.py --out docs/kernels.md
+
+benchmark-curves: $(STAMP)
+	$(BIN)/python benchmarks/curves.py --scenes $(SCENES) --preset $(PRESET)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

@@ -26,7 +26,7 @@ from benchmarks.tables import write_page  # noqa: E402
 from solver.fit.presets import ABLATIONS, PRESETS  # noqa: E402
 from solver.job.folder import write_json_atomic  # noqa: E402
 
-SETTINGS = {"default": {}, **ABLATIONS}
+SETTINGS = {"default": {}, **ABLATIONS, "with neural": {"fit.neural_start": 1.0}}
 # What is scored is the field. Pictures on the way, and an ablation's asset, only cost time.
 NO_PREVIEWS = {"fit.preview_every": 1e9}
 TOKEN_ASSET = {"asset.cells": 48, "asset.triangles": 500, "asset.texture_size": 64}

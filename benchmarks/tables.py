@@ -55,7 +55,7 @@ def quality_table(rows: list[dict]) -> str:
         values = [_number(row["quality"]["mean"].get(key), digits) for _, key, digits, _ in metrics]
         lines.append(_line([row["scene"], row["setting"], *values]))
         if row.get("paper_scene"):
-            paper = PAPER[row["setting"]]
+            paper = PAPER.get(row["setting"], {})
             values = [
                 _number(paper.get(key, {}).get(row["paper_scene"]), digits)
                 for _, key, digits, _ in metrics
@@ -91,7 +91,7 @@ def ablation_table(rows: list[dict]) -> str:
                 if key in row["quality"]["mean"] and key in other["quality"]["mean"]
             ]
             cells.append(_signed(_mean(differences), digits))
-            paper, default = PAPER[setting].get(key, {}), PAPER["default"].get(key, {})
+            paper, default = PAPER.get(setting, {}).get(key, {}), PAPER["default"].get(key, {})
             shared = [paper[s] - default[s] for s in default if s in paper]
             cells.append(_signed(_mean(shared), digits))
         lines.append(_line(cells))

@@ -19,9 +19,9 @@ from .errors import SettingsError
 class FieldSettings:
     """The field's size and start."""
 
-    sizes: tuple[int, ...] = (64, 96, 128)
+    sizes: tuple[int, ...] = (96, 128, 160)
     """grid nodes per axis, coarse to fine"""
-    size_starts: tuple[float, ...] = (0.0, 0.25, 0.5)
+    size_starts: tuple[float, ...] = (0.0, 0.08, 0.3)
     """fractions of the fit at which each size begins"""
     density_components: int = 16
     """VM components of the density per plane–line pair"""
@@ -65,7 +65,7 @@ class LightSettings:
 class FitSettings:
     """The optimisation."""
 
-    steps: int = 2600
+    steps: int = 2800
     """optimiser steps"""
     rays: int = 1024
     """primary rays a step, at least"""
@@ -78,7 +78,7 @@ class FitSettings:
     whose gradients are summed (0: all rays of a step at once)"""
     secondary_samples: int = 0
     """density samples of retraced rays a chunk, about; R follows (0: R is `render.retraced_rays`)"""
-    learning_rate_grid: float = 0.02
+    learning_rate_grid: float = 0.04
     """of planes and lines"""
     learning_rate_network: float = 3e-3
     """of the feature basis, the heads and g"""
@@ -102,7 +102,7 @@ class FitSettings:
     """of Σ w·max(0, n·d)²: visible normals face the camera"""
     opacity_weight: float = 6e-4
     """of the opacity itself: discourages floaters"""
-    bending_weight: float = 0.3
+    bending_weight: float = 0.2
     """of e^(−r/0.15)(1 − n·n') with the normal n' close by, at the start; fades as `smoothness_end`"""
     unevenness_weight: float = 0.002
     """of the difference to the materials close by, likewise"""
@@ -110,7 +110,7 @@ class FitSettings:
     """what remains of both smoothness weights at the end"""
     neighbour_distance: float = 1.5
     """how far away "close by" is, voxels"""
-    neural_start: float = 1.0
+    neural_start: float = 0.0
     """share of the neural term g at the start; 0 switches it off"""
     neural_fade: tuple[float, float] = (0.4, 0.65)
     """fractions of the fit between which g is blended out, so that Cycles can show what is baked"""
@@ -138,7 +138,7 @@ class Settings:
 DRAFT = Settings()
 
 STANDARD = Settings(
-    field=FieldSettings(sizes=(128, 192, 256), size_starts=(0.0, 0.2, 0.4)),
+    field=FieldSettings(sizes=(128, 192, 256), size_starts=(0.0, 0.1, 0.35)),
     render=RenderSettings(secondary_rays=32, retraced_rays=2048, secondary_bounce_rays=4),
     fit=FitSettings(steps=8000, rays=2048),
     asset=AssetSettings(),
@@ -155,16 +155,19 @@ PAPER = Settings(
     light=LightSettings(heights=(512,)),
     render=RenderSettings(
         secondary_step=0.5, secondary_rays=128, min_weight=0.0, min_transmittance=1e-4,
+        shaded_depths=0, secondary_depths=0,
         retraced_rays=1000, retrace_choice="noisy", secondary_bounce_rays=8, visibility=False,
         light_masking=False,
     ),
     fit=FitSettings(
         steps=30000, rays=4096, most_rays=8000, samples=200_000, secondary_samples=1_000_000,
         learning_rate_network=1e-3, learning_rate_light=0.02, final_learning_rate=1e-3,
-        restart_schedule=True, warm_up=100, background="white", use_masks=False, mask_weight=0.0,
+        learning_rate_grid=0.02, restart_schedule=True, warm_up=100, background="white",
+        use_masks=False, mask_weight=0.0,
         # The paper sums over the three channels where `losses` takes their mean.
         orientation_weight=0.1 / 3, opacity_weight=6e-4 / 3, bending_weight=0.0,
-        unevenness_weight=0.0, neighbour_distance=0.0, neural_fade=(1.0, 1.0),
+        unevenness_weight=0.0, neighbour_distance=0.0, neural_start=1.0,
+        neural_fade=(1.0, 1.0),
     ),
 )  # fmt: skip
 

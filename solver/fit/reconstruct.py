@@ -18,6 +18,7 @@ from ..job.folder import JobFolder
 from ..kernels.backend import fast
 from ..kernels.warm_up import compile_kernels
 from . import checkpoint
+from .clock import FitClock, finishing_seconds
 from .errors import SettingsError
 from .presets import settings_for
 from .preview import write_previews
@@ -28,7 +29,6 @@ from .start import new_trainer, trainer_for
 from .trainer import Trainer
 
 STAGES = ("photos", "compile", "geometry", "fit", "asset", "report")
-ASSET_SECONDS = 45.0  # set aside within a time limit
 
 
 class Cancelled(Exception):
@@ -75,8 +75,9 @@ def run_job(job: JobFolder, progress: Progress, control: Control) -> Path:
     limit = None
     if request.time_limit is not None:
         # At least a tenth of a short limit goes to the fit: a worse picture, not a broken one.
+        finishing = finishing_seconds(trainer.scene, settings)
         used = time.monotonic() - started
-        limit = max(request.time_limit - used - ASSET_SECONDS, 0.1 * request.time_limit)
+        limit = max(request.time_limit - used - finishing, 0.1 * request.time_limit)
     if not (state and state["done"]):
         fit(trainer, job, progress, control, limit, state["seconds"] if state else 0.0)
 
@@ -120,18 +121,12 @@ def fit(
         Cancelled: asked to stop; a checkpoint is written first.
     """
     settings = trainer.settings
-    started = time.monotonic()
-    last_preview = last_checkpoint = started
     steps = settings.fit.steps
+    clock = FitClock(settings, trainer.step / steps, limit)
+    last_preview = last_checkpoint = time.monotonic()
     smooth_psnr = None
-    begun = trainer.step / steps if limit is None else 0.0
     while True:
-        now = time.monotonic()
-        elapsed = now - started
-        done = trainer.step / steps
-        if limit is not None:
-            # A fraction of wall time; never slower than the preset's own number of steps.
-            done = max(done, elapsed / limit)
+        now, elapsed, done = time.monotonic(), clock.elapsed, clock.fraction(trainer.step)
         if done >= 1:
             break
         terms = trainer.advance(done)
@@ -139,8 +134,7 @@ def fit(
             write_snapshot(trainer, job.root / "snapshots", done)
         smooth = terms["psnr"] if smooth_psnr is None else 0.95 * smooth_psnr + 0.05 * terms["psnr"]
         smooth_psnr = smooth
-        left = elapsed / max(done - begun, 1e-3) * (1 - done) if elapsed > 2 else None
-        progress.fit(trainer.step, steps, done, left, smooth_psnr)
+        progress.fit(trainer.step, steps, done, clock.seconds_left(trainer.step), smooth_psnr)
         if control.should_stop:
             checkpoint.save_checkpoint(
                 trainer, job.checkpoint_dir, seconds_before + elapsed, done=False
@@ -158,8 +152,8 @@ def fit(
             progress.checkpoint(trainer.step)
             last_checkpoint = time.monotonic()
     trainer.refresh_occupancy()
-    elapsed = time.monotonic() - started
-    checkpoint.save_checkpoint(trainer, job.checkpoint_dir, seconds_before + elapsed, done=True)
+    seconds = seconds_before + clock.elapsed
+    checkpoint.save_checkpoint(trainer, job.checkpoint_dir, seconds, done=True)
     progress.checkpoint(trainer.step)
     write_previews(trainer, job.preview_dir)
     progress.preview("preview/render.png")

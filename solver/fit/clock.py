@@ -1,0 +1,82 @@
+"""How long a fit and what follows it will take; the fit's clock within a time limit."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import torch
+
+from ..render.scene import Scene
+from .presets import Settings
+
+# A step costs about as much as 1 + (G/194)² on a grid of G nodes per axis: rays, and passes over
+# the whole grid (measured, 64 to 160 nodes).
+_GRID_AT_EQUAL_COST = 194.0
+# Mesh, textures and report take as long as this many lookups of the surface a texel, and more for
+# what does not look anything up (measured on two machines' worth of threads).
+_LOOKUPS_PER_TEXEL = 7.0
+_OTHER_LOOKUPS = 3_000_000
+_TRIAL = 30_000
+
+
+def work_done(settings: Settings, fraction: float) -> float:
+    """Share of a fit's time that its first `fraction` takes: steps on coarse grids are faster."""
+    starts = [*settings.field.size_starts, 1.0]
+    costs = [1 + (size / _GRID_AT_EQUAL_COST) ** 2 for size in settings.field.sizes]
+    spans = list(zip(starts, starts[1:], costs, strict=False))
+    whole = sum((end - start) * cost for start, end, cost in spans)
+    return sum(max(min(end, fraction) - start, 0) * cost for start, end, cost in spans) / whole
+
+
+def finishing_seconds(scene: Scene, settings: Settings) -> float:
+    """Estimate of the seconds that mesh, textures and report will take, by a trial of lookups."""
+    factors = scene.normal_tables()
+    generator = torch.Generator().manual_seed(0)
+    points = torch.rand(_TRIAL, 3, generator=generator).to(scene.device) * 2 - 1
+    points = scene.field.centre + scene.field.half_size * points
+    best = math.inf
+    with torch.no_grad():
+        for _ in range(3):
+            started = time.monotonic()
+            float(scene.surface(points, None, factors).normals.sum())
+            best = min(best, time.monotonic() - started)
+    lookups = _LOOKUPS_PER_TEXEL * settings.asset.texture_size**2 + _OTHER_LOOKUPS
+    return lookups * best / _TRIAL
+
+
+class FitClock:
+    """Tells how much of a fit is done, and when it will be over.
+
+    Args:
+        begun: fraction of the fit that was done before (a resumed fit).
+        limit: seconds of wall time for the rest, or None to count steps.
+    """
+
+    PATIENCE = 2.0  # seconds before an estimate means anything
+
+    def __init__(self, settings: Settings, begun: float, limit: float | None):
+        self.settings, self.begun, self.limit = settings, begun, limit
+        self.started = time.monotonic()
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the start."""
+        return time.monotonic() - self.started
+
+    def fraction(self, step: int) -> float:
+        """Fraction of the fit done after `step` steps: by the steps, or by a limit that is nearer."""
+        by_steps = step / self.settings.fit.steps
+        if self.limit is None:
+            return by_steps
+        return max(by_steps, self.begun + (1 - self.begun) * self.elapsed / self.limit)
+
+    def seconds_left(self, step: int) -> float | None:
+        """Seconds until the fit is over; None while nobody can tell."""
+        elapsed, done = self.elapsed, self.fraction(step)
+        if elapsed < self.PATIENCE or done <= self.begun:
+            return None
+        before = work_done(self.settings, self.begun)
+        share = work_done(self.settings, done) - before
+        by_work = elapsed / max(share, 1e-3) * (1 - before - share)
+        return by_work if self.limit is None else min(by_work, max(self.limit - elapsed, 0.0))

@@ -1,0 +1,69 @@
+"""The fit's clock: work by grid size, time left, limits."""
+
+import dataclasses
+
+import pytest
+
+from solver.fit import clock
+from solver.fit.clock import FitClock, finishing_seconds, work_done
+from solver.fit.presets import DRAFT
+from tests.render.scenes import ball
+
+
+class Time:
+    """A clock that tests set."""
+
+    now = 100.0
+
+    def monotonic(self):
+        return self.now
+
+
+@pytest.fixture
+def time(monkeypatch):
+    fake = Time()
+    monkeypatch.setattr(clock, "time", fake)
+    return fake
+
+
+def test_work_grows_with_the_fraction_and_faster_on_finer_grids():
+    done = [work_done(DRAFT, i / 20) for i in range(21)]
+    gained = [b - a for a, b in zip(done, done[1:], strict=False)]
+    assert done[0] == 0 and done[-1] == pytest.approx(1)
+    assert all(b >= a - 1e-12 for a, b in zip(gained, gained[1:], strict=False))
+    assert gained[-1] > 1.1 * gained[0]
+
+
+def test_time_left_is_right_when_steps_take_as_long_as_the_model_says(time):
+    watch = FitClock(DRAFT, 0.0, None)
+    for fraction in (0.1, 0.3, 0.7):
+        step = round(fraction * DRAFT.fit.steps)
+        time.now = 100.0 + 200.0 * work_done(DRAFT, step / DRAFT.fit.steps)
+        left = 200.0 * (1 - work_done(DRAFT, step / DRAFT.fit.steps))
+        assert watch.seconds_left(step) == pytest.approx(left, rel=0.01)
+
+
+def test_within_a_limit_time_decides_unless_the_steps_are_faster(time):
+    watch = FitClock(DRAFT, 0.0, 60.0)
+    time.now += 30
+    assert watch.fraction(10) == pytest.approx(0.5)
+    assert watch.seconds_left(10) <= 30
+    assert watch.fraction(int(0.9 * DRAFT.fit.steps)) == pytest.approx(0.9)
+    time.now += 30
+    assert watch.fraction(10) == pytest.approx(1)
+
+
+def test_a_resumed_fit_goes_on_where_it_was(time):
+    watch = FitClock(DRAFT, 0.5, 60.0)
+    assert watch.fraction(DRAFT.fit.steps // 2) == pytest.approx(0.5)
+    time.now += 30
+    assert watch.fraction(DRAFT.fit.steps // 2) == pytest.approx(0.75)
+
+
+def test_larger_textures_take_longer_to_finish():
+    scene = ball()
+    seconds = []
+    for size in (64, 4096):
+        asset = dataclasses.replace(DRAFT.asset, texture_size=size)
+        seconds.append(finishing_seconds(scene, dataclasses.replace(DRAFT, asset=asset)))
+    assert 0 < seconds[0] < seconds[1]
