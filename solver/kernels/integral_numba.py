@@ -15,7 +15,7 @@ import numpy as np
 BANDS = 8  # of rows; the tasks of a scatter
 
 
-@numba.njit(inline="always")
+@numba.njit
 def column(x, width):
     """Whole turns, texel and fraction of a continuous column; columns wrap around."""
     turns = math.floor(x / width)
@@ -24,7 +24,7 @@ def column(x, width):
     return turns, i, x - i
 
 
-@numba.njit(inline="always")
+@numba.njit
 def row_terms(table, j, c, width, x0, x1):
     """Prefix sum of table row j between columns x0 and x1, and its slopes by x1 and by x0."""
     turns0, i0, f0 = x0
@@ -35,7 +35,7 @@ def row_terms(table, j, c, width, x0, x1):
     return between + f1 * step1 - f0 * step0, step1, step0
 
 
-@numba.njit(inline="always")
+@numba.njit
 def slab(table, c, width, height, x0, x1, y):
     """Integral over columns x0..x1 and rows 0..y, y in [0, H]; its slopes by y, x1 and x0."""
     j = min(int(y), height - 1)
@@ -48,7 +48,7 @@ def slab(table, c, width, height, x0, x1, y):
     )  # fmt: skip
 
 
-@numba.njit(inline="always")
+@numba.njit
 def slab_over_poles(table, c, width, height, x0, x1, far0, far1, y):
     """`slab` for y in [−H, 2H]: past a pole the map goes on half a turn away (`far`), mirrored."""
     if y < 0.0:
@@ -63,7 +63,7 @@ def slab_over_poles(table, c, width, height, x0, x1, far0, far1, y):
     return slab(table, c, width, height, x0, x1, y)
 
 
-@numba.njit(inline="always")
+@numba.njit
 def row_integral_over_poles(rows, y, height):
     """Solid angle of one texel column between row 0 and continuous row y; its slope by y."""
     folded = -y if y < 0.0 else (2.0 * height - y if y > height else y)
@@ -77,7 +77,7 @@ def row_integral_over_poles(rows, y, height):
     return value, slope
 
 
-@numba.njit(inline="always")
+@numba.njit
 def rectangle(table, rows, x, y, columns, lines, mean, slope, n):
     """Write the mean [n, 3] over a rectangle around (x, y), and its slopes [n, 3, 2] by x and y."""
     height, width = table.shape[0] - 1, table.shape[1] - 1
@@ -108,7 +108,7 @@ def rectangle_mean(table, rows, centre, size, out, slope):
         rectangle(table, rows, x, y, float(size[n, 0]), float(size[n, 1]), out, slope, n)
 
 
-@numba.njit(inline="always")
+@numba.njit
 def scatter_row(grad, j, low, high, width, x0, x1, g, cotangent, n):
     if j < low or j >= high:
         return
@@ -123,7 +123,7 @@ def scatter_row(grad, j, low, high, width, x0, x1, g, cotangent, n):
         grad[j, i0 + 1, c] -= f0 * value
 
 
-@numba.njit(inline="always")
+@numba.njit
 def scatter_slab(grad, low, high, width, height, x0, x1, y, g, cotangent, n):
     j = min(int(y), height - 1)
     f = y - j
@@ -131,7 +131,7 @@ def scatter_slab(grad, low, high, width, height, x0, x1, y, g, cotangent, n):
     scatter_row(grad, j + 1, low, high, width, x0, x1, f * g, cotangent, n)
 
 
-@numba.njit(inline="always")
+@numba.njit
 def scatter_over_poles(grad, low, high, width, height, left, right, y, g, cotangent, n):
     x0, x1 = column(left, width), column(right, width)
     if 0.0 <= y <= height:
@@ -148,24 +148,31 @@ def scatter_over_poles(grad, low, high, width, height, left, right, y, g, cotang
     scatter_slab(grad, low, high, width, height, far0, far1, mirrored, -g, cotangent, n)
 
 
+@numba.njit(nogil=True)
+def scatter_band(rows, centre, size, cotangent, low, high, grad):
+    """Adjoint of all rectangles, as far as it falls into table rows low ≤ j < high."""
+    height, width = grad.shape[0] - 1, grad.shape[1] - 1
+    for n in range(centre.shape[0]):
+        x, y = float(centre[n, 0]), float(centre[n, 1])
+        columns, lines = float(size[n, 0]), float(size[n, 1])
+        y0, y1 = y - 0.5 * lines, y + 0.5 * lines
+        if y0 >= 0.0 and y1 <= height and (y1 + 1.0 < low or y0 >= high):
+            continue
+        below, _ = row_integral_over_poles(rows, y1, height)
+        above, _ = row_integral_over_poles(rows, y0, height)
+        g = 1.0 / (columns * (below - above))
+        left, right = x - 0.5 * columns, x + 0.5 * columns
+        scatter_over_poles(grad, low, high, width, height, left, right, y1, g, cotangent, n)
+        scatter_over_poles(grad, low, high, width, height, left, right, y0, -g, cotangent, n)
+
+
 @numba.njit(parallel=True, cache=True, nogil=True)
 def rectangle_mean_backward(rows, centre, size, cotangent, grad):
     """Adjoint of `rectangle_mean` with respect to `table`; a task owns a band of rows: no collisions."""
-    height, width = grad.shape[0] - 1, grad.shape[1] - 1
+    count = grad.shape[0]
     for band in numba.prange(BANDS):
-        low, high = band * (height + 1) // BANDS, (band + 1) * (height + 1) // BANDS
-        for n in range(centre.shape[0]):
-            x, y = float(centre[n, 0]), float(centre[n, 1])
-            columns, lines = float(size[n, 0]), float(size[n, 1])
-            y0, y1 = y - 0.5 * lines, y + 0.5 * lines
-            if y0 >= 0.0 and y1 <= height and (y1 + 1.0 < low or y0 >= high):
-                continue
-            below, _ = row_integral_over_poles(rows, y1, height)
-            above, _ = row_integral_over_poles(rows, y0, height)
-            g = 1.0 / (columns * (below - above))
-            left, right = x - 0.5 * columns, x + 0.5 * columns
-            scatter_over_poles(grad, low, high, width, height, left, right, y1, g, cotangent, n)
-            scatter_over_poles(grad, low, high, width, height, left, right, y0, -g, cotangent, n)
+        low, high = band * count // BANDS, (band + 1) * count // BANDS
+        scatter_band(rows, centre, size, cotangent, low, high, grad)
 
 
 @numba.njit(cache=True, nogil=True)
