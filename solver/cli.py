@@ -9,6 +9,7 @@ import argparse
 import errno
 import math
 import sys
+import time
 from pathlib import Path
 
 from . import __version__
@@ -29,6 +30,7 @@ _DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPE
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; returns the exit code."""
     options = _parser().parse_args(arguments)
+    options.began = time.monotonic()
     let_idle_threads_sleep()
     try:
         return options.run(options)
@@ -153,7 +155,7 @@ def _reconstruct(options: argparse.Namespace) -> int:
     from .fit.presets import settings_for
 
     if options.resume and (options.out / "job.json").exists():
-        return _run_job(JobFolder.open(options.out), events=False)
+        return _run_job(JobFolder.open(options.out), False, options.began)
     overrides = {}
     for text in options.sets:
         key, separator, value = text.partition("=")
@@ -167,14 +169,14 @@ def _reconstruct(options: argparse.Namespace) -> int:
         seed=options.seed, time_limit=options.time_limit, overrides=overrides,
         code_version=__version__,
     )  # fmt: skip
-    return _run_job(JobFolder.create(options.out, request), events=False)
+    return _run_job(JobFolder.create(options.out, request), False, options.began)
 
 
 def _run(options: argparse.Namespace) -> int:
-    return _run_job(JobFolder.open(options.job), events=options.events)
+    return _run_job(JobFolder.open(options.job), options.events, options.began)
 
 
-def _run_job(job: JobFolder, events: bool) -> int:
+def _run_job(job: JobFolder, events: bool, began: float) -> int:
     """Run a job with its heartbeat, events and log; the last line on stdout is the manifest."""
     if process_is_alive(read_status(job.status_path)):
         raise JobError(f"{job.root}: another process works on this job; cancel it first.")
@@ -192,7 +194,7 @@ def _run_job(job: JobFolder, events: bool) -> int:
 
     progress = Progress(out, heartbeat, bar=not events and sys.stderr.isatty())
     try:
-        manifest = run_job(job, progress, control)
+        manifest = run_job(job, progress, control, began)
         code = DONE
         out.emit("result", file="result/manifest.json")
     except (Cancelled, KeyboardInterrupt):

@@ -35,14 +35,20 @@ class Cancelled(Exception):
     """The job was asked to stop; its checkpoint is written."""
 
 
-def run_job(job: JobFolder, progress: Progress, control: Control) -> Path:
+def run_job(
+    job: JobFolder, progress: Progress, control: Control, began: float | None = None
+) -> Path:
     """Run or resume a job to its manifest.
+
+    Args:
+        began: when it was asked for, by `time.monotonic`: a time limit counts from there, imports
+            included. None: now.
 
     Raises:
         CaptureError, JobError, SettingsError: bad input.
         Cancelled: asked to stop.
     """
-    started = time.monotonic()
+    started = time.monotonic() if began is None else began
     request = job.request
     settings = settings_for(request.preset, request.overrides)
     device = choose_device(request.device)
