@@ -35,7 +35,8 @@ from solver.kernels.adam import Moments, Rates, adam_step  # noqa: E402
 from solver.kernels.backend import plain_torch  # noqa: E402
 from solver.kernels.integral import prefix_sums, rectangle_mean  # noqa: E402
 from solver.kernels.march import march  # noqa: E402
-from solver.kernels.skipping import free_distance  # noqa: E402
+from solver.kernels.skipping import blocking_grid, free_distance  # noqa: E402
+from solver.kernels.specular import Blockers, specular  # noqa: E402
 
 SIZE, DENSITY, FEATURES, LIGHT = 160, 16, 24, 256
 FLOAT = 4
@@ -130,6 +131,22 @@ def cases(points: int) -> list[Case]:
     ticks = torch.linspace(-1, 1, 128)
     radius = (ticks[:, None, None] ** 2 + ticks[None, :, None] ** 2 + ticks[None, None] ** 2).sqrt()
     free = free_distance((radius - 0.7).abs() < 0.05)
+    normals = torch.nn.functional.normalize(rand(shaded, 3) - 0.5, dim=-1)
+    view = torch.nn.functional.normalize(normals + rand(shaded, 3) - 0.5, dim=-1)
+    lobe = [normals.requires_grad_(), (0.05 + 0.4 * rand(shaded)).requires_grad_(),
+            rand(shaded, 3).requires_grad_(), table.detach().requires_grad_()]  # fmt: skip
+    counts = torch.full((shaded,), 5)
+    glossy_rays = int(counts.sum())
+    blockers = Blockers(torch.zeros(3), 1.0, 1 / 128, blocking_grid(3.0 * (free == 0)), 0.02)
+    u = rand(glossy_rays, 2)
+
+    def glossy():
+        return specular(
+            *lobe, view, rand(shaded, 3), counts, torch.full((shaded,), 0.2), u, rows, True, True,
+            blockers,
+        )[0]  # fmt: skip
+
+    reflected = glossy()
     parameter, gradient = rand(3, SIZE, SIZE, DENSITY), rand(3, SIZE, SIZE, DENSITY)
     moments = Moments(torch.zeros_like(parameter), torch.zeros_like(parameter))
     return [
@@ -147,6 +164,12 @@ def cases(points: int) -> list[Case]:
              2 * planes_bytes * DENSITY, 3 * SIZE * SIZE * DENSITY * 8),
         Case("rectangle_mean", lambda: rectangle_mean(table, rows, centre, sizes),
              len(centre) * 8 * 3 * 8, len(centre) * 3 * 60),
+        # Per ray: about 250 operations for direction and weight, 180 for a mean of three channels,
+        # 20 cells of the grid; the adjoint has twice the former and scatters the latter.
+        Case("specular", glossy, glossy_rays * (8 * 3 * 8 + 20 + 4 * 25), glossy_rays * 600, False),
+        Case("specular, adjoint", lambda: torch.autograd.grad(
+            reflected.sum(), lobe, retain_graph=True),
+             glossy_rays * (3 * 8 * 3 * 8 + 4 * 25) + table.numel() * 8, glossy_rays * 700, False),
         Case("march", lambda: march(
             origins, directions, torch.zeros(rays), torch.zeros(rays), 0.01, 1 / 128, free,
             density[0].detach(), density[1].detach(), -4.0, 5.0),

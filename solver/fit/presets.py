@@ -135,14 +135,16 @@ class Settings:
     asset: AssetSettings = dataclasses.field(default_factory=AssetSettings)
 
 
-DRAFT = Settings()
+DRAFT = Settings(render=RenderSettings(shaded_depths=2, secondary_depths=1))
 
 STANDARD = Settings(
     field=FieldSettings(sizes=(128, 192, 256), size_starts=(0.0, 0.1, 0.35)),
-    render=RenderSettings(secondary_rays=32, retraced_rays=2048, secondary_bounce_rays=4),
+    render=RenderSettings(
+        shaded_depths=2, secondary_depths=1, secondary_rays=32, retraced_rays=2048,
+        secondary_bounce_rays=4,
+    ),
     fit=FitSettings(steps=8000, rays=2048),
-    asset=AssetSettings(),
-)
+)  # fmt: skip
 
 # The paper's schedule; where its text and its public code differ, as decisions/0006 says.
 PAPER = Settings(
@@ -155,7 +157,6 @@ PAPER = Settings(
     light=LightSettings(heights=(512,)),
     render=RenderSettings(
         secondary_step=0.5, secondary_rays=128, min_weight=0.0, min_transmittance=1e-4,
-        shaded_depths=0, secondary_depths=0,
         retraced_rays=1000, retrace_choice="noisy", secondary_bounce_rays=8, visibility=False,
         light_masking=False,
     ),

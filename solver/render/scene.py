@@ -31,9 +31,9 @@ class RenderSettings:
     """M: secondary rays a pixel, shared among its samples by weight"""
     min_weight: float = 0.01
     """samples that weigh less than this are not shaded; the others make up for them"""
-    shaded_depths: int = 2
+    shaded_depths: int = 0
     """density samples of a primary ray that are shaded, chosen at random by weight (0: all)"""
-    secondary_depths: int = 1
+    secondary_depths: int = 0
     """the same of a retraced ray"""
     min_transmittance: float = 1e-3
     """a ray ends where less than this passes"""

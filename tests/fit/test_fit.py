@@ -13,7 +13,7 @@ from solver.capture.photos import Photo
 from solver.fit import checkpoint
 from solver.fit.errors import SettingsError
 from solver.fit.losses import Behind, photometric
-from solver.fit.presets import PRESETS, Settings, settings_for
+from solver.fit.presets import PRESETS, Settings, neural_share, settings_for
 from solver.fit.ray_bank import RayBank, RayBatch
 from solver.fit.start import background_of, new_trainer, trainer_for
 from solver.fit.visual_hull import bounding_box, carve, signed_distance
@@ -121,8 +121,8 @@ def test_a_checkpoint_interrupted_while_renaming_is_found(tmp_path):
 
 
 def test_the_neural_term_fades_out_before_the_end():
-    trainer, *_ = trained(0)
-    shares = [trainer.render_settings(f).neural for f in (0.0, 0.4, 0.5, 0.65, 1.0)]
+    fit = settings_for("draft", {"fit.neural_start": "1"}).fit
+    shares = [neural_share(fit, fraction) for fraction in (0.0, 0.4, 0.5, 0.65, 1.0)]
     assert shares[0] == 1 and shares[-1] == shares[-2] == 0
     assert all(a >= b for a, b in zip(shares, shares[1:], strict=False))
 
