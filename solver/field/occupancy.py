@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-from ..kernels.skipping import blocking_grid, free_distance, grown
+from ..kernels.skipping import blocking_grid, dilated, free_distance
 from .field import MicrofacetField
 
 
@@ -44,8 +44,7 @@ class Occupancy(nn.Module):
         """
         sigma = field.extinction(field.raw_density_grid(self.cells + 1))
         occupied = _pairs(sigma > -math.log1p(-min_alpha) / step, torch.logical_or)
-        for _ in range(dilation):
-            occupied = grown(occupied, 1)
+        occupied = dilated(occupied, dilation)
         cell = 2 * field.half_size / self.cells
         self.fill(occupied & self.allowed, _pairs(sigma, torch.add) * (self.allowed * cell / 8))
 
@@ -64,9 +63,7 @@ class Occupancy(nn.Module):
 
         Where masks say that there is nothing, no floater can settle.
         """
-        grown = F.max_pool3d(
-            grid[None, None].float().cpu(), 2 * dilation + 1, stride=1, padding=dilation
-        )
+        grown = dilated(grid.cpu(), dilation)[None, None].float()
         resized = (
             F.adaptive_max_pool3d(grown, self.cells)
             if len(grid) >= self.cells

@@ -113,9 +113,11 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> 
     trainer.step, trainer.level = state["step"], state["level"]
     trainer.generator.set_state(tensors["generator.pixels"].cpu())
     prefix = "optimiser."
-    trainer.optimiser.restore(
-        {key.removeprefix(prefix): v for key, v in tensors.items() if key.startswith(prefix)}
-    )
+    # Jobs of version 0.1 have another optimiser's moments; they go on with new ones.
+    if f"{prefix}count" in tensors:
+        trainer.optimiser.restore(
+            {key.removeprefix(prefix): v for key, v in tensors.items() if key.startswith(prefix)}
+        )
     trainer.steps_at_level = state["steps_at_level"]
     trainer.fraction_at_level = state["fraction_at_level"]
     trainer.batching.restore(state["batching"])

@@ -31,12 +31,12 @@ def work_done(settings: Settings, fraction: float) -> float:
 
 def finishing_seconds(scene: Scene, settings: Settings) -> float:
     """Estimate of the seconds that mesh, textures and report will take, by a trial of lookups."""
-    factors = scene.normal_tables()
     generator = torch.Generator().manual_seed(0)
     points = torch.rand(_TRIAL, 3, generator=generator).to(scene.device) * 2 - 1
     points = scene.field.centre + scene.field.half_size * points
     best = math.inf
     with torch.no_grad():
+        factors = scene.normal_tables()
         for _ in range(3):
             started = time.monotonic()
             float(scene.surface(points, None, factors).normals.sum())

@@ -56,7 +56,18 @@ class Trainer:
         self.steps_at_level = 0
         self.fraction_at_level = 0.0
         self.workers: Workers | None = None
+        self._begin_level()
+
+    def _begin_level(self) -> None:
+        """New workers, optimiser and occupancy, for parameters that are new tensors."""
+        if self.workers is not None:
+            self.workers.close()
         self.optimiser = self._new_optimiser()
+        count = worker_count(self.scene.device)
+        if self.settings.fit.samples <= 0:
+            count = min(count, len(self.batching.chunks()))
+        self.workers = Workers(self.scene, count)
+        self.steps_at_level = 0
         self.refresh_occupancy()
 
     def _new_optimiser(self) -> Adam:
@@ -72,16 +83,11 @@ class Trainer:
         ]
         for parameter in networks:
             parameter.requires_grad_(not self.keep_decoder)
-        if self.workers is not None:
-            self.workers.close()
-        chunks = len(self.batching.chunks()) if self.settings.fit.samples <= 0 else 1 << 30
-        self.workers = Workers(scene, min(worker_count(scene.device), chunks))
         groups = [
             {"params": grids, "base": fit.learning_rate_grid},
             {"params": networks, "base": fit.learning_rate_network},
             {"params": [scene.environment.log_radiance], "base": fit.learning_rate_light},
         ]
-        self.steps_at_level = 0
         return Adam(groups)
 
     def refresh_occupancy(self) -> None:
@@ -193,6 +199,5 @@ class Trainer:
         self.scene.field.upsample(sizes[level])
         if level < len(heights):
             self.scene.environment = self.scene.environment.resized(heights[level])
-        self.optimiser = self._new_optimiser()
         self.batching.restart()
-        self.refresh_occupancy()
+        self._begin_level()

@@ -41,6 +41,13 @@ def optical_depths(blocking: torch.Tensor) -> torch.Tensor:
     return torch.where(blocking < EMPTY, blocking.float() / DEPTHS_PER_UNIT, 0.0)
 
 
+def dilated(filled: torch.Tensor, cells: int) -> torch.Tensor:
+    """A boolean grid [K, K, K] grown by `cells` cells in all directions, diagonals included."""
+    for _ in range(cells):
+        filled = grown(filled, 1)
+    return filled
+
+
 def grown(filled: torch.Tensor, cells: int) -> torch.Tensor:
     """A boolean grid [K, K, K] with all copies of it moved by ±`cells` along any axes."""
     for axis in range(3):

@@ -82,6 +82,23 @@ def local_view(t, b, n, v):
 
 
 @numba.njit
+def seen_sample(normals, views, s):
+    """Normal, viewer, tangent, bitangent, local viewer and its length, of sample s."""
+    n = (float(normals[s, 0]), float(normals[s, 1]), float(normals[s, 2]))
+    v = (float(views[s, 0]), float(views[s, 1]), float(views[s, 2]))
+    t, b = frame(n)
+    view, length = local_view(t, b, n, v)
+    return n, v, t, b, view, length
+
+
+@numba.njit
+def mirrored(view, half):
+    """Cosine between viewer and half vector, and the viewer mirrored at it; all local."""
+    view_half = dot(view, half)
+    return view_half, plus((-view[0], -view[1], -view[2]), 2.0 * view_half, half)
+
+
+@numba.njit
 def stretched_frame(view, alpha):
     """Stretched viewer, its two tangents, and what its adjoint needs (Heitz 2018)."""
     x, y, z = alpha * view[0], alpha * view[1], view[2]
@@ -147,11 +164,8 @@ def specular_of_sample(
 ):  # fmt: skip
     """One sample of `specular`."""
     height, width = table.shape[0] - 1, table.shape[1] - 1
-    n = (float(normals[s, 0]), float(normals[s, 1]), float(normals[s, 2]))
-    v = (float(views[s, 0]), float(views[s, 1]), float(views[s, 2]))
     alpha = float(alphas[s])
-    t, b = frame(n)
-    view, _ = local_view(t, b, n, v)
+    n, _, t, b, view, _ = seen_sample(normals, views, s)
     st, t1, t2, _, _, _ = stretched_frame(view, alpha)
     view_lambda = smith(view[2], alpha)
     count = first[s + 1] - first[s]
@@ -163,8 +177,7 @@ def specular_of_sample(
     r2 = 0.0
     for k in range(first[s], first[s + 1]):
         half, _, _, _, _, _, _ = half_vector(st, t1, t2, alpha, float(u[k, 0]), float(u[k, 1]))
-        view_half = dot(view, half)
-        out = plus((-view[0], -view[1], -view[2]), 2.0 * view_half, half)
+        view_half, out = mirrored(view, half)
         d, _ = to_world(t, b, n, out)
         directions[k, 0], directions[k, 1], directions[k, 2] = d[0], d[1], d[2]
         if out[2] <= ABOVE:
@@ -222,33 +235,10 @@ def specular(
     """
     for s in numba.prange(normals.shape[0]):
         specular_of_sample(
-            s,
-            normals,
-            views,
-            alphas,
-            f0s,
-            first,
-            shares,
-            u,
-            masking,
-            averaged,
-            points,
-            reach,
-            box_low,
-            box_scale,
-            cell,
-            blocking,
-            table,
-            rows,
-            radiance,
-            directions,
-            weights,
-            passing,
-            light,
-            slope,
-            centre,
-            size,
-        )
+            s, normals, views, alphas, f0s, first, shares, u, masking, averaged,
+            points, reach, box_low, box_scale, cell, blocking, table, rows,
+            radiance, directions, weights, passing, light, slope, centre, size,
+        )  # fmt: skip
 
 
 @numba.njit(nogil=True)
@@ -257,11 +247,8 @@ def specular_backward_of_sample(
     cotangent, g_normals, g_alphas, g_f0s,
 ):  # fmt: skip
     """One sample of `specular_backward`."""
-    n = (float(normals[s, 0]), float(normals[s, 1]), float(normals[s, 2]))
-    v = (float(views[s, 0]), float(views[s, 1]), float(views[s, 2]))
     alpha = float(alphas[s])
-    t, b = frame(n)
-    view, view_length = local_view(t, b, n, v)
+    n, v, t, b, view, view_length = seen_sample(normals, views, s)
     st, t1, t2, st_length, square, inverse = stretched_frame(view, alpha)
     view_lambda = smith(view[2], alpha)
     zero = (0.0, 0.0, 0.0)
@@ -273,8 +260,7 @@ def specular_backward_of_sample(
         half, length, flat, p1, p2, p3, by_share = half_vector(
             st, t1, t2, alpha, float(u[k, 0]), float(u[k, 1])
         )
-        view_half = dot(view, half)
-        out = plus((-view[0], -view[1], -view[2]), 2.0 * view_half, half)
+        view_half, out = mirrored(view, half)
         if out[2] <= ABOVE:
             continue
         bend = shares[s]
@@ -372,25 +358,9 @@ def specular_backward(
     """Adjoint of `specular` with respect to normals, α and F0."""
     for s in numba.prange(normals.shape[0]):
         specular_backward_of_sample(
-            s,
-            normals,
-            views,
-            alphas,
-            f0s,
-            first,
-            shares,
-            u,
-            masking,
-            directions,
-            light,
-            slope,
-            width,
-            height,
-            cotangent,
-            g_normals,
-            g_alphas,
-            g_f0s,
-        )
+            s, normals, views, alphas, f0s, first, shares, u, masking, directions, light, slope,
+            width, height, cotangent, g_normals, g_alphas, g_f0s,
+        )  # fmt: skip
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)

@@ -25,13 +25,7 @@ class _Products(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx, cotangent):
-        points, planes, lines = ctx.saved_tensors
-        (grad_planes, planes_out), (grad_lines, lines_out) = map(gradient_buffer, (planes, lines))
-        vm_numba.vm_products_backward(
-            points.numpy(), planes.numpy(), lines.numpy(), cotangent.contiguous().numpy(),
-            grad_planes.numpy(), grad_lines.numpy(),
-        )  # fmt: skip
-        return None, planes_out, lines_out
+        return None, *_to_factors(vm_numba.vm_products_backward, ctx.saved_tensors, cotangent)
 
 
 class _Sum(torch.autograd.Function):
@@ -46,16 +40,11 @@ class _Sum(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx, cotangent):
-        points, planes, lines = ctx.saved_tensors
-        (grad_planes, planes_out), (grad_lines, lines_out) = map(gradient_buffer, (planes, lines))
         # Most samples of a ray lie before or behind its surface, with next to no gradient: together
         # those left out have less than a thousandth of it.
-        least = NEGLIGIBLE * float(cotangent.abs().mean()) if len(points) else 0.0
-        vm_numba.vm_sum_backward(
-            points.numpy(), planes.numpy(), lines.numpy(), cotangent.contiguous().numpy(), least,
-            grad_planes.numpy(), grad_lines.numpy(),
-        )  # fmt: skip
-        return None, planes_out, lines_out, None
+        least = NEGLIGIBLE * float(cotangent.abs().mean()) if len(cotangent) else 0.0
+        gradients = _to_factors(vm_numba.vm_sum_backward, ctx.saved_tensors, cotangent, least)
+        return None, *gradients, None
 
 
 class _Gradient(torch.autograd.Function):
@@ -68,13 +57,7 @@ class _Gradient(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx, cotangent):
-        points, planes, lines = ctx.saved_tensors
-        (grad_planes, planes_out), (grad_lines, lines_out) = map(gradient_buffer, (planes, lines))
-        vm_numba.vm_gradient_backward(
-            points.numpy(), planes.numpy(), lines.numpy(), cotangent.contiguous().numpy(),
-            grad_planes.numpy(), grad_lines.numpy(),
-        )  # fmt: skip
-        return None, planes_out, lines_out
+        return None, *_to_factors(vm_numba.vm_gradient_backward, ctx.saved_tensors, cotangent)
 
 
 class _SmoothPlanes(torch.autograd.Function):
@@ -90,6 +73,17 @@ class _SmoothPlanes(torch.autograd.Function):
         out = torch.empty_like(cotangent, memory_format=torch.contiguous_format)
         vm_numba.smooth_planes(cotangent.contiguous().numpy(), *ctx.taps, out.numpy())
         return out, None, None
+
+
+def _to_factors(kernel, saved, cotangent: torch.Tensor, *more):
+    """Run an adjoint kernel; what autograd is to get for planes and lines."""
+    points, planes, lines = saved
+    (grad_planes, planes_out), (grad_lines, lines_out) = map(gradient_buffer, (planes, lines))
+    kernel(
+        points.numpy(), planes.numpy(), lines.numpy(), cotangent.contiguous().numpy(), *more,
+        grad_planes.numpy(), grad_lines.numpy(),
+    )  # fmt: skip
+    return planes_out, lines_out
 
 
 def _contiguous(*tensors: torch.Tensor) -> tuple[torch.Tensor, ...]:

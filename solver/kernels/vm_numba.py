@@ -160,6 +160,41 @@ def difference_cell(x, size):
     return max(lower - 1, 0), lower, min(lower + 2, size - 1), fraction
 
 
+@numba.njit(inline="always", fastmath=True)
+def neighbourhood(planes, lines, k, i0, i, i3, j0, j, j3, m0, m, m3):
+    """Channels of the twelve plane nodes and the four line nodes that differences look at."""
+    return (
+        planes[k, i, j], planes[k, i, j + 1], planes[k, i + 1, j], planes[k, i + 1, j + 1],
+        planes[k, i0, j], planes[k, i0, j + 1], planes[k, i3, j], planes[k, i3, j + 1],
+        planes[k, i, j0], planes[k, i + 1, j0], planes[k, i, j3], planes[k, i + 1, j3],
+        lines[k, m], lines[k, m + 1], lines[k, m0], lines[k, m3],
+    )  # fmt: skip
+
+
+@numba.njit(inline="always", fastmath=True)
+def differences(near, u, v, w, ch):
+    """Plane, its differences along both axes, line and its difference, in one channel.
+
+    The differences are central ones at the nodes, interpolated, and twice as large as they should be.
+    """
+    (p00, p01, p10, p11, before_a0, before_a1, after_a0, after_a1,
+     before_b0, before_b1, after_b0, after_b1, l0, l1, before_c, after_c) = near  # fmt: skip
+    low_b = (ONE - u) * p00[ch] + u * p10[ch]
+    high_b = (ONE - u) * p01[ch] + u * p11[ch]
+    low_a = (ONE - v) * p00[ch] + v * p01[ch]
+    high_a = (ONE - v) * p10[ch] + v * p11[ch]
+    value = (ONE - v) * low_b + v * high_b
+    da = (ONE - u) * (high_a - ((ONE - v) * before_a0[ch] + v * before_a1[ch])) + u * (
+        (ONE - v) * after_a0[ch] + v * after_a1[ch] - low_a
+    )
+    db = (ONE - v) * (high_b - ((ONE - u) * before_b0[ch] + u * before_b1[ch])) + v * (
+        (ONE - u) * after_b0[ch] + u * after_b1[ch] - low_b
+    )
+    line = (ONE - w) * l0[ch] + w * l1[ch]
+    dc = (ONE - w) * (l1[ch] - before_c[ch]) + w * (after_c[ch] - l0[ch])
+    return value, da, db, line, dc
+
+
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
 def vm_gradient(points, planes, lines, out):
     size = planes.shape[1]
@@ -172,35 +207,12 @@ def vm_gradient(points, planes, lines, out):
             i0, i, i3, u = difference_cell(points[n, _axis_a[k]], size)
             j0, j, j3, v = difference_cell(points[n, _axis_b[k]], size)
             m0, m, m3, w = difference_cell(points[n, _axis_c[k]], size)
-            p00, p01, p10, p11 = (
-                planes[k, i, j],
-                planes[k, i, j + 1],
-                planes[k, i + 1, j],
-                planes[k, i + 1, j + 1],
-            )
-            before_a0, before_a1 = planes[k, i0, j], planes[k, i0, j + 1]
-            after_a0, after_a1 = planes[k, i3, j], planes[k, i3, j + 1]
-            before_b0, before_b1 = planes[k, i, j0], planes[k, i + 1, j0]
-            after_b0, after_b1 = planes[k, i, j3], planes[k, i + 1, j3]
-            l0, l1, before_c, after_c = lines[k, m], lines[k, m + 1], lines[k, m0], lines[k, m3]
+            near = neighbourhood(planes, lines, k, i0, i, i3, j0, j, j3, m0, m, m3)
             along_a = np.float32(0.0)
             along_b = np.float32(0.0)
             along_c = np.float32(0.0)
             for ch in range(channels):
-                low_b = (ONE - u) * p00[ch] + u * p10[ch]
-                high_b = (ONE - u) * p01[ch] + u * p11[ch]
-                low_a = (ONE - v) * p00[ch] + v * p01[ch]
-                high_a = (ONE - v) * p10[ch] + v * p11[ch]
-                value = (ONE - v) * low_b + v * high_b
-                # Central differences at the two nodes, interpolated; halves are applied at the end.
-                da = (ONE - u) * (high_a - ((ONE - v) * before_a0[ch] + v * before_a1[ch])) + u * (
-                    (ONE - v) * after_a0[ch] + v * after_a1[ch] - low_a
-                )
-                db = (ONE - v) * (high_b - ((ONE - u) * before_b0[ch] + u * before_b1[ch])) + v * (
-                    (ONE - u) * after_b0[ch] + u * after_b1[ch] - low_b
-                )
-                line = (ONE - w) * l0[ch] + w * l1[ch]
-                dc = (ONE - w) * (l1[ch] - before_c[ch]) + w * (after_c[ch] - l0[ch])
+                value, da, db, line, dc = differences(near, u, v, w, ch)
                 along_a += da * line
                 along_b += db * line
                 along_c += value * dc
@@ -213,11 +225,8 @@ def vm_gradient(points, planes, lines, out):
 def vm_gradient_backward(points, planes, lines, cotangent, grad_planes, grad_lines):
     size = planes.shape[1]
     channels = planes.shape[3]
-    tasks_per_pair = (channels + CHANNELS_PER_TASK - 1) // CHANNELS_PER_TASK
-    for task in numba.prange(3 * tasks_per_pair):
-        k = task // tasks_per_pair
-        first = (task % tasks_per_pair) * CHANNELS_PER_TASK
-        last = min(first + CHANNELS_PER_TASK, channels)
+    for task in numba.prange(task_count(channels)):
+        k, first, last = task_of(task, channels)
         for n in range(points.shape[0]):
             i0, i, i3, u = difference_cell(points[n, _axis_a[k]], size)
             j0, j, j3, v = difference_cell(points[n, _axis_b[k]], size)
@@ -225,31 +234,9 @@ def vm_gradient_backward(points, planes, lines, cotangent, grad_planes, grad_lin
             ga = np.float32(0.5) * cotangent[n, _axis_a[k]]
             gb = np.float32(0.5) * cotangent[n, _axis_b[k]]
             gc = np.float32(0.5) * cotangent[n, _axis_c[k]]
-            p00, p01, p10, p11 = (
-                planes[k, i, j],
-                planes[k, i, j + 1],
-                planes[k, i + 1, j],
-                planes[k, i + 1, j + 1],
-            )
-            before_a0, before_a1 = planes[k, i0, j], planes[k, i0, j + 1]
-            after_a0, after_a1 = planes[k, i3, j], planes[k, i3, j + 1]
-            before_b0, before_b1 = planes[k, i, j0], planes[k, i + 1, j0]
-            after_b0, after_b1 = planes[k, i, j3], planes[k, i + 1, j3]
-            l0, l1, before_c, after_c = lines[k, m], lines[k, m + 1], lines[k, m0], lines[k, m3]
+            near = neighbourhood(planes, lines, k, i0, i, i3, j0, j, j3, m0, m, m3)
             for ch in range(first, last):
-                low_b = (ONE - u) * p00[ch] + u * p10[ch]
-                high_b = (ONE - u) * p01[ch] + u * p11[ch]
-                low_a = (ONE - v) * p00[ch] + v * p01[ch]
-                high_a = (ONE - v) * p10[ch] + v * p11[ch]
-                value = (ONE - v) * low_b + v * high_b
-                da = (ONE - u) * (high_a - ((ONE - v) * before_a0[ch] + v * before_a1[ch])) + u * (
-                    (ONE - v) * after_a0[ch] + v * after_a1[ch] - low_a
-                )
-                db = (ONE - v) * (high_b - ((ONE - u) * before_b0[ch] + u * before_b1[ch])) + v * (
-                    (ONE - u) * after_b0[ch] + u * after_b1[ch] - low_b
-                )
-                line = (ONE - w) * l0[ch] + w * l1[ch]
-                dc = (ONE - w) * (l1[ch] - before_c[ch]) + w * (after_c[ch] - l0[ch])
+                value, da, db, line, dc = differences(near, u, v, w, ch)
                 to_value = gc * dc
                 to_a = ga * line
                 to_b = gb * line

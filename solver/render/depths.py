@@ -45,12 +45,12 @@ def all_depths(
     """All samples [S] heavier than `min_weight`; they make up for the others of their `ray` [S]."""
     index = (weights.detach() > min_weight).nonzero()[:, 0]
     kept, heavy = ray[index], weights[index]
-    fixed = heavy.detach()
-    total = torch.zeros_like(opacity.detach()).index_add(0, kept, fixed)
+    fixed, opacity = heavy.detach(), opacity.detach()
+    total = torch.zeros_like(opacity).index_add(0, kept, fixed)
     # Weights keep their own gradient; only the scale between heavy and all samples is fixed.
-    missing = (opacity.detach() / total.clamp(min=1e-6)).clamp(max=2.0)
-    share = heavy * missing[kept] / opacity.detach()[kept].clamp(min=1e-6)
-    return Depths(index, kept, share, fixed, opacity.detach())
+    missing = (opacity / total.clamp(min=1e-6)).clamp(max=2.0)
+    share = heavy * missing[kept] / opacity[kept].clamp(min=1e-6)
+    return Depths(index, kept, share, fixed, opacity)
 
 
 def random_depths(
