@@ -5,9 +5,10 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import platform
-import re
 import shutil
 from pathlib import Path
+
+from packaging.requirements import Requirement
 
 from . import __version__
 
@@ -15,10 +16,10 @@ REQUIREMENTS = Path(__file__).with_name("requirements.txt")
 
 
 def packages() -> list[str]:
-    """Names of the packages that the solver needs, as its requirements have them."""
+    """Names of the packages that the solver needs on this machine, as its requirements have them."""
     lines = REQUIREMENTS.read_text(encoding="utf-8").splitlines()
-    names = (re.match(r"[A-Za-z0-9][\w.-]*", line) for line in lines)
-    return list(dict.fromkeys(name.group() for name in names if name))
+    needed = [Requirement(line) for line in lines if line[:1].isalpha()]
+    return [need.name for need in needed if need.marker is None or need.marker.evaluate()]
 
 
 def report() -> str:

@@ -60,7 +60,7 @@ def run_job(
 
     progress.stage("compile", "compiling kernels (once on this machine)")
     if fast(torch.empty(0, device=device)):
-        compile_kernels()
+        compile_kernels(device)
     _stop_if_asked(control)
 
     progress.stage("geometry", "visual hull")

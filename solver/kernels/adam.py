@@ -12,7 +12,7 @@ import numba
 import numpy as np
 import torch
 
-from .backend import fast
+from .backend import fast, on_numba
 
 
 class Moments(NamedTuple):
@@ -44,7 +44,7 @@ def adam_step(
         rows = parameter.shape[-1]
         tensors = [t.view(-1, rows) for t in (parameter, gradient, *moments)]
         factors = (step, scale, rates.mean_decay, rates.square_decay, rates.epsilon)
-        if fast(parameter):
+        if fast(parameter) and on_numba(parameter.device):
             _step(*(t.detach().numpy() for t in tensors), *map(np.float32, factors))
         else:
             adam_step_torch(*tensors, *factors)

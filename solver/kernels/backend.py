@@ -1,23 +1,76 @@
-"""Which of two equal paths a computation takes: the fused CPU kernel or the plain torch twin."""
+"""Which of several equal paths a computation takes: numba on the CPU, Warp on CUDA, or plain torch.
+
+A family of kernels, "vm" for instance, is the modules `vm_numba`, `vm_warp` and `vm_torch`; the first two
+have the same functions, and the last is the twin that both are tested against.
+"""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+import importlib
+import importlib.util
+from collections.abc import Callable, Iterator
+from functools import cache
 
 import torch
 
-_state = {"fused": True, "in_place": False}
+_state = {"path": "auto", "in_place": False}
+
+
+def path_of(device: torch.device) -> str:
+    """'numba', 'warp' or 'torch': the fastest path at hand for a device, unless one is forced."""
+    if _state["path"] != "auto":
+        return _state["path"]
+    if device.type == "cpu":
+        return "numba"
+    return "warp" if device.type == "cuda" and _has_warp() else "torch"
+
+
+@cache
+def _has_warp() -> bool:
+    return importlib.util.find_spec("warp") is not None
 
 
 def fast(tensor: torch.Tensor) -> bool:
-    """True where the fused kernels apply: 32-bit tensors on the CPU, unless `plain_torch` is active."""
-    return fast_device(tensor.device) and tensor.dtype == torch.float32
+    """True where kernels apply: 32-bit tensors on a device that has a path for them."""
+    return tensor.dtype == torch.float32 and path_of(tensor.device) != "torch"
 
 
-def fast_device(device: torch.device) -> bool:
-    """True on devices that the fused kernels know, unless `plain_torch` is active."""
-    return _state["fused"] and device.type == "cpu"
+def on_numba(device: torch.device) -> bool:
+    """True where kernels that exist for the CPU only apply."""
+    return path_of(device) == "numba"
+
+
+class Kernels:
+    """A family's kernels on one path, as functions of contiguous tensors and numbers."""
+
+    def __init__(self, family: str, path: str):
+        self._module = importlib.import_module(f"{__package__}.{family}_{path}")
+        self._of_arrays = path == "numba"
+
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        kernel = getattr(self._module, name)
+        if self._of_arrays:
+            kernel = _taking_tensors(kernel)
+        setattr(self, name, kernel)
+        return kernel
+
+
+def _taking_tensors(kernel: Callable[..., None]) -> Callable[..., None]:
+    def run(*arguments) -> None:
+        kernel(*(a.detach().numpy() if isinstance(a, torch.Tensor) else a for a in arguments))
+
+    return run
+
+
+@cache
+def _family_on(family: str, path: str) -> Kernels:
+    return Kernels(family, path)
+
+
+def kernels(family: str, device: torch.device) -> Kernels:
+    """The kernels of a family for tensors on a device that is `fast`."""
+    return _family_on(family, path_of(device))
 
 
 def precise(device: torch.device) -> torch.dtype:
@@ -26,14 +79,19 @@ def precise(device: torch.device) -> torch.dtype:
 
 
 @contextlib.contextmanager
-def plain_torch() -> Iterator[None]:
-    """Within this block every computation takes the plain torch twin (tests and benchmarks)."""
-    before = _state["fused"]
-    _state["fused"] = False
+def forced_path(path: str) -> Iterator[None]:
+    """Within this block every computation takes 'numba', 'warp' or 'torch' (tests and benchmarks)."""
+    before = _state["path"]
+    _state["path"] = path
     try:
         yield
     finally:
-        _state["fused"] = before
+        _state["path"] = before
+
+
+def plain_torch():
+    """Within this block every computation takes the plain torch twin (tests and benchmarks)."""
+    return forced_path("torch")
 
 
 @contextlib.contextmanager

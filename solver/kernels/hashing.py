@@ -9,7 +9,7 @@ from __future__ import annotations
 import numba
 import torch
 
-from .backend import fast_device
+from .backend import on_numba
 
 _MASK = 0xFFFFFFFF
 _TO_UNIT = 1.0 / (1 << 24)
@@ -17,7 +17,7 @@ _TO_UNIT = 1.0 / (1 << 24)
 
 def uniform(keys: torch.Tensor, seed: int, columns: int) -> torch.Tensor:
     """Uniform numbers in [0, 1) [N, columns] float32 of non-negative integer keys [N] long."""
-    if fast_device(keys.device):
+    if on_numba(keys.device):
         out = torch.empty(len(keys), columns)
         _uniform(keys.contiguous().numpy(), seed & _MASK, out.numpy())
         return out

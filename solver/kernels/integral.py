@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import torch
 
-from . import integral_numba, integral_torch
-from .backend import fast
+from . import integral_torch
+from .backend import fast, kernels, on_numba
 
 
 class _RectangleMean(torch.autograd.Function):
     @staticmethod
     def forward(ctx, table, rows, centre, size):
-        out = torch.empty(len(centre), 3)
-        slope = torch.empty(len(centre), 3, 2)
-        integral_numba.rectangle_mean(
-            table.numpy(), rows.numpy(), centre.numpy(), size.numpy(), out.numpy(), slope.numpy()
-        )
+        out, slope = centre.new_empty(len(centre), 3), centre.new_empty(len(centre), 3, 2)
+        run = kernels("integral", centre.device)
+        run.rectangle_mean(table, rows, centre, size, out, slope)
         ctx.save_for_backward(rows, centre, size, slope)
         ctx.shape = table.shape
         return out
@@ -25,11 +23,9 @@ class _RectangleMean(torch.autograd.Function):
         rows, centre, size, slope = ctx.saved_tensors
         grad_table = grad_centre = None
         if ctx.needs_input_grad[0]:
-            grad_table = torch.zeros(ctx.shape, dtype=torch.float64)
-            integral_numba.rectangle_mean_backward(
-                rows.numpy(), centre.numpy(), size.numpy(), cotangent.contiguous().numpy(),
-                grad_table.numpy(),
-            )  # fmt: skip
+            grad_table = rows.new_zeros(ctx.shape)
+            run = kernels("integral", centre.device)
+            run.rectangle_mean_backward(rows, centre, size, cotangent.contiguous(), grad_table)
         if ctx.needs_input_grad[2]:
             grad_centre = torch.einsum("nc,ncd->nd", cotangent, slope)
         return grad_table, None, grad_centre, None
@@ -40,7 +36,7 @@ class _PrefixSums(torch.autograd.Function):
     def forward(ctx, values, row_weights):
         channels, height, width = values.shape
         table = torch.empty(height + 1, width + 1, channels, dtype=torch.float64)
-        integral_numba.prefix_sums(values.numpy(), row_weights.numpy(), table.numpy())
+        kernels("integral", values.device).prefix_sums(values, row_weights, table)
         ctx.save_for_backward(row_weights)
         return table
 
@@ -49,9 +45,8 @@ class _PrefixSums(torch.autograd.Function):
         (row_weights,) = ctx.saved_tensors
         height, width, channels = cotangent.shape
         out = torch.empty(channels, height - 1, width - 1)
-        integral_numba.prefix_sums_backward(
-            cotangent.contiguous().numpy(), row_weights.numpy(), out.numpy()
-        )
+        run = kernels("integral", cotangent.device)
+        run.prefix_sums_backward(cotangent.contiguous(), row_weights, out)
         return out, None
 
 
@@ -61,7 +56,7 @@ def prefix_sums(values: torch.Tensor, row_weights: torch.Tensor) -> torch.Tensor
     In the precision of the row weights: with a sun in the map, differences of float sums turn
     negative far from the sun.
     """
-    if fast(values):
+    if fast(values) and on_numba(values.device):  # torch scans well on a graphics card
         return _PrefixSums.apply(values.contiguous(), row_weights)
     return integral_torch.prefix_sums(values, row_weights)
 

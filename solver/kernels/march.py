@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import torch
 
-from . import march_numba, march_torch
-from .backend import fast
+from . import march_torch
+from .backend import fast, kernels
 
 
 class Segments(NamedTuple):
@@ -46,23 +46,19 @@ def march(
             origins, directions, start, jitter, step, cell, free, planes, lines, shift, scale,
             min_transmittance, min_alpha, capacity,
         ))  # fmt: skip
-    rays = origins.shape[0]
-    distance, raw = torch.empty(rays, capacity), torch.empty(rays, capacity)
-    counts = torch.empty(rays, dtype=torch.long)
-    march_numba.march(
-        origins.contiguous().numpy(), directions.contiguous().numpy(), start.numpy(),
-        jitter.numpy(), step, cell, free.numpy(), planes.contiguous().numpy(),
-        lines.contiguous().numpy(), shift, scale, min_transmittance, min_alpha,
-        distance.numpy(), raw.numpy(), counts.numpy(),
+    rays, run = len(origins), kernels("march", origins.device)
+    distance, raw = origins.new_empty(2, rays, capacity).unbind()
+    counts = torch.empty(rays, dtype=torch.long, device=origins.device)
+    run.march(
+        origins.contiguous(), directions.contiguous(), start.contiguous(), jitter.contiguous(),
+        step, cell, free, planes.contiguous(), lines.contiguous(), shift, scale, min_transmittance,
+        min_alpha, distance, raw, counts,
     )  # fmt: skip
     offsets = torch.cat([counts.new_zeros(1), counts.cumsum(0)])
     count = int(offsets[-1])
-    flat, flat_raw = torch.empty(count), torch.empty(count)
-    ray = torch.empty(count, dtype=torch.long)
-    march_numba.compact(
-        distance.numpy(), raw.numpy(), counts.numpy(), offsets.numpy(), flat.numpy(),
-        flat_raw.numpy(), ray.numpy(),
-    )  # fmt: skip
+    flat, flat_raw = origins.new_empty(2, count).unbind()
+    ray = counts.new_empty(count)
+    run.compact(distance, raw, counts, offsets, flat, flat_raw, ray)
     return Segments(flat, flat_raw, ray, offsets)
 
 
@@ -77,10 +73,9 @@ def grid_transmittance(
     """
     if not fast(origins):
         return march_torch.grid_transmittance(origins, directions, start, step, blocking)
-    out = torch.empty(origins.shape[0])
-    march_numba.grid_transmittance(
-        origins.contiguous().numpy(), directions.contiguous().numpy(), start.contiguous().numpy(),
-        step, blocking.numpy(), out.numpy(),
+    out = origins.new_empty(len(origins))
+    kernels("march", origins.device).grid_transmittance(
+        origins.contiguous(), directions.contiguous(), start.contiguous(), step, blocking, out
     )  # fmt: skip
     return out
 
@@ -89,10 +84,9 @@ class _Composite(torch.autograd.Function):
     @staticmethod
     def forward(ctx, optical_depth, offsets):
         weights = torch.empty_like(optical_depth)
-        transmittance = torch.empty(len(offsets) - 1)
-        march_numba.composite(
-            optical_depth.numpy(), offsets.numpy(), weights.numpy(), transmittance.numpy()
-        )
+        transmittance = weights.new_empty(len(offsets) - 1)
+        run = kernels("march", weights.device)
+        run.composite(optical_depth, offsets, weights, transmittance)
         ctx.save_for_backward(offsets, weights, transmittance)
         return weights, transmittance
 
@@ -100,9 +94,9 @@ class _Composite(torch.autograd.Function):
     def backward(ctx, g_weights, g_transmittance):
         offsets, weights, transmittance = ctx.saved_tensors
         out = torch.empty_like(weights)
-        march_numba.composite_backward(
-            offsets.numpy(), weights.numpy(), transmittance.numpy(),
-            g_weights.contiguous().numpy(), g_transmittance.contiguous().numpy(), out.numpy(),
+        kernels("march", weights.device).composite_backward(
+            offsets, weights, transmittance, g_weights.contiguous(), g_transmittance.contiguous(),
+            out,
         )  # fmt: skip
         return out, None
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from . import vm_numba, vm_torch
-from .backend import fast, gradient_buffer
+from . import vm_torch
+from .backend import fast, gradient_buffer, kernels
 
 NEGLIGIBLE = 1e-3
 """cotangents below this share of their mean are left out of sums over many samples"""
@@ -19,13 +19,13 @@ class _Products(torch.autograd.Function):
     @staticmethod
     def forward(ctx, points, planes, lines):
         ctx.save_for_backward(points, planes, lines)
-        out = torch.empty(points.shape[0], 3 * planes.shape[3])
-        vm_numba.vm_products(points.numpy(), planes.numpy(), lines.numpy(), out.numpy())
+        out = planes.new_empty(len(points), 3 * planes.shape[3])
+        kernels("vm", out.device).vm_products(points, planes, lines, out)
         return out
 
     @staticmethod
     def backward(ctx, cotangent):
-        return None, *_to_factors(vm_numba.vm_products_backward, ctx.saved_tensors, cotangent)
+        return None, *_to_factors("vm_products_backward", ctx.saved_tensors, cotangent)
 
 
 class _Sum(torch.autograd.Function):
@@ -34,8 +34,8 @@ class _Sum(torch.autograd.Function):
         ctx.save_for_backward(points, planes, lines)
         if known is not None:
             return known.clone()
-        out = torch.empty(points.shape[0])
-        vm_numba.vm_sum(points.numpy(), planes.numpy(), lines.numpy(), out.numpy())
+        out = planes.new_empty(len(points))
+        kernels("vm", out.device).vm_sum(points, planes, lines, out)
         return out
 
     @staticmethod
@@ -43,7 +43,7 @@ class _Sum(torch.autograd.Function):
         # Most samples of a ray lie before or behind its surface, with next to no gradient: together
         # those left out have less than a thousandth of it.
         least = NEGLIGIBLE * float(cotangent.abs().mean()) if len(cotangent) else 0.0
-        gradients = _to_factors(vm_numba.vm_sum_backward, ctx.saved_tensors, cotangent, least)
+        gradients = _to_factors("vm_sum_backward", ctx.saved_tensors, cotangent, least)
         return None, *gradients, None
 
 
@@ -51,13 +51,13 @@ class _Gradient(torch.autograd.Function):
     @staticmethod
     def forward(ctx, points, planes, lines):
         ctx.save_for_backward(points, planes, lines)
-        out = torch.empty(points.shape[0], 3)
-        vm_numba.vm_gradient(points.numpy(), planes.numpy(), lines.numpy(), out.numpy())
+        out = planes.new_empty(len(points), 3)
+        kernels("vm", out.device).vm_gradient(points, planes, lines, out)
         return out
 
     @staticmethod
     def backward(ctx, cotangent):
-        return None, *_to_factors(vm_numba.vm_gradient_backward, ctx.saved_tensors, cotangent)
+        return None, *_to_factors("vm_gradient_backward", ctx.saved_tensors, cotangent)
 
 
 class _SmoothPlanes(torch.autograd.Function):
@@ -65,24 +65,22 @@ class _SmoothPlanes(torch.autograd.Function):
     def forward(ctx, planes, centre, side):
         ctx.taps = centre, side
         out = torch.empty_like(planes)
-        vm_numba.smooth_planes(planes.numpy(), centre, side, out.numpy())
+        kernels("vm", out.device).smooth_planes(planes, centre, side, out)
         return out
 
     @staticmethod
     def backward(ctx, cotangent):
         out = torch.empty_like(cotangent, memory_format=torch.contiguous_format)
-        vm_numba.smooth_planes(cotangent.contiguous().numpy(), *ctx.taps, out.numpy())
+        kernels("vm", out.device).smooth_planes(cotangent.contiguous(), *ctx.taps, out)
         return out, None, None
 
 
-def _to_factors(kernel, saved, cotangent: torch.Tensor, *more):
+def _to_factors(adjoint: str, saved, cotangent: torch.Tensor, *more):
     """Run an adjoint kernel; what autograd is to get for planes and lines."""
     points, planes, lines = saved
     (grad_planes, planes_out), (grad_lines, lines_out) = map(gradient_buffer, (planes, lines))
-    kernel(
-        points.numpy(), planes.numpy(), lines.numpy(), cotangent.contiguous().numpy(), *more,
-        grad_planes.numpy(), grad_lines.numpy(),
-    )  # fmt: skip
+    run = getattr(kernels("vm", planes.device), adjoint)
+    run(points, planes, lines, cotangent.contiguous(), *more, grad_planes, grad_lines)
     return planes_out, lines_out
 
 

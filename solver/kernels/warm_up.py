@@ -1,10 +1,11 @@
-"""Compile the fused kernels before the clock of a fit starts; numba keeps them on disk."""
+"""Compile the fused kernels before the clock of a fit starts; numba and Warp keep them on disk."""
 
 from __future__ import annotations
 
 import torch
 
 from .adam import Moments, Rates, adam_step
+from .backend import on_numba
 from .hashing import uniform
 from .integral import prefix_sums, rectangle_mean
 from .march import composite, grid_transmittance, march
@@ -13,34 +14,50 @@ from .specular import Blockers, specular
 from .vm import smooth_planes, vm_gradient, vm_products, vm_sum
 
 
-def compile_kernels() -> None:
-    """Run every kernel once, forwards and backwards, on a handful of numbers."""
+def compile_kernels(device: torch.device | str = "cpu") -> None:
+    """Run every kernel once, forwards and backwards, on a handful of numbers on a device."""
+    with torch.device(device):
+        _run_shared()
+        if on_numba(torch.device(device)):
+            _run_numba()
+
+
+def _leaf(*shape: int) -> torch.Tensor:
+    return torch.rand(*shape, requires_grad=True)
+
+
+def _rays() -> tuple[torch.Tensor, torch.Tensor]:
     points = torch.rand(4, 3)
-    uniform(torch.arange(4), 0, 2)
+    return points, torch.nn.functional.normalize(points - 0.4, dim=-1)
 
-    def leaf(*shape: int) -> torch.Tensor:
-        return torch.rand(*shape, requires_grad=True)
 
-    planes, lines = leaf(3, 4, 4, 8), leaf(3, 4, 8)
+def _run_shared() -> None:
+    points, directions = _rays()
+    planes, lines = _leaf(3, 4, 4, 8), _leaf(3, 4, 8)
     vm_sum(points, planes, lines).sum().backward()
     vm_products(points, planes, lines).sum().backward()
     vm_gradient(points, smooth_planes(planes, 0.5, 0.25), lines).sum().backward()
-    directions = torch.nn.functional.normalize(points - 0.4, dim=-1)
     segments = march(
         points, directions, torch.zeros(4), torch.zeros(4), 0.1, 0.25, torch.zeros(4, 4, 4).byte(),
         planes, lines, -4.0, 25.0,
     )  # fmt: skip
-    depth = torch.rand(len(segments.ray), requires_grad=True)
+    depth = _leaf(len(segments.ray))
     weights, transmittance = composite(depth, segments.offsets)
     (weights.sum() + transmittance.sum()).backward()
-    blockers = Blockers(torch.zeros(3), 1.0, 0.25, blocking_grid(torch.rand(4, 4, 4)), 0.1)
-    grid_transmittance(points, directions, torch.zeros(4), 0.25, blockers.blocking)
+    grid_transmittance(points, directions, torch.zeros(4), 0.25, blocking_grid(torch.rand(4, 4, 4)))
     rows = torch.linspace(0, 1, 5, dtype=torch.float64)
-    table, centre = prefix_sums(leaf(3, 4, 8), rows[1:]), leaf(4, 2)
-    rectangle_mean(table, rows, centre, torch.ones(4, 2)).sum().backward(retain_graph=True)
-    normals = directions.clone().requires_grad_()
+    table, centre = prefix_sums(_leaf(3, 4, 8), rows[1:]), _leaf(4, 2)
+    rectangle_mean(table, rows, centre, torch.ones(4, 2)).sum().backward()
+
+
+def _run_numba() -> None:
+    points, directions = _rays()
+    uniform(torch.arange(4), 0, 2)
+    blockers = Blockers(torch.zeros(3), 1.0, 0.25, blocking_grid(torch.rand(4, 4, 4)), 0.1)
+    rows = torch.linspace(0, 1, 5, dtype=torch.float64)
+    table, normals = prefix_sums(_leaf(3, 4, 8), rows[1:]), directions.clone().requires_grad_()
     radiance, _ = specular(
-        normals, leaf(4), leaf(4, 3), table, directions, points, torch.ones(4, dtype=torch.long),
+        normals, _leaf(4), _leaf(4, 3), table, directions, points, torch.ones(4, dtype=torch.long),
         torch.ones(4), torch.rand(4, 2), rows, True, True, blockers,
     )  # fmt: skip
     radiance.sum().backward()

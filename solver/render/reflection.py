@@ -13,7 +13,7 @@ from ..brdf.microfacet import (
     tangent_frame,
     visible_normal_pdf,
 )
-from ..kernels.backend import fast
+from ..kernels.backend import fast, on_numba
 from ..kernels.specular import specular
 from .random_numbers import ALLOCATION, CHOICE, ROTATION, RandomNumbers
 from .scene import RenderSettings, Samples, Scene, StepTables, Surface
@@ -170,7 +170,8 @@ def reflected(
         rays, trace: see `shade`.
     """
     plan = plan_rays(samples.keys, mass, rays, random)
-    if settings.visibility and settings.neural == 0 and samples.part is None and fast(toward):
+    fused = settings.visibility and settings.neural == 0 and samples.part is None
+    if fused and fast(toward) and on_numba(toward.device):
         radiance, (_, weights, passing) = specular(
             toward, surface.materials.alpha, surface.materials.f0, tables.light.table, view,
             samples.points, plan.counts, plan.share, plan.u, scene.environment.row_prefix,

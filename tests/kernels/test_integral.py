@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from solver.kernels.backend import plain_torch
+from solver.kernels.backend import forced_path, plain_torch
 from solver.kernels.integral import prefix_sums, rectangle_mean
 from solver.light.environment import EnvironmentMap
+from tests.kernels.paths import PATHS, to_device
 
 HEIGHT, WIDTH = 16, 32
 
@@ -57,22 +58,23 @@ def test_rectangle_mean_agrees_with_brute_force(centre, size):
     np.testing.assert_allclose(mean[0].detach().numpy(), expected, rtol=5e-3)
 
 
-def test_kernel_agrees_with_its_twin_in_values_and_gradients():
+@pytest.mark.parametrize("path, device", PATHS)
+def test_kernel_agrees_with_its_twin_in_values_and_gradients(path, device):
     environment = random_map()
     table = environment.tables().table.detach().requires_grad_()
     torch.manual_seed(1)
     centre = (torch.rand(300, 2) * torch.tensor([WIDTH, HEIGHT])).requires_grad_()
     size = 1 + torch.rand(300, 2) * torch.tensor([20.0, 7.0])
     cotangent = torch.randn(300, 3)
-    fused = rectangle_mean(table, environment.row_prefix, centre, size)
+    arguments = table, environment.row_prefix, centre, size, cotangent
+    table, rows, centre, size, cotangent = to_device(arguments, device)
+    with forced_path(path):
+        fused = rectangle_mean(table, rows, centre, size)
+        gradients = torch.autograd.grad(fused, (table, centre), cotangent)
     with plain_torch():
-        plain = rectangle_mean(table, environment.row_prefix, centre, size)
+        plain = rectangle_mean(table, rows, centre, size)
     torch.testing.assert_close(fused, plain, rtol=1e-5, atol=1e-5)
-    for a, b in zip(
-        torch.autograd.grad(fused, (table, centre), cotangent),
-        torch.autograd.grad(plain, (table, centre), cotangent),
-        strict=True,
-    ):
+    for a, b in zip(gradients, torch.autograd.grad(plain, (table, centre), cotangent), strict=True):
         torch.testing.assert_close(a, b, rtol=1e-4, atol=1e-4)
 
 

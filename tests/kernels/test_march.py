@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from solver.kernels.backend import plain_torch
+from solver.kernels.backend import forced_path, plain_torch
 from solver.kernels.march import composite, grid_transmittance, march
 from solver.kernels.skipping import blocking_grid, free_distance, optical_depths
+from tests.kernels.paths import PATHS, to_device
 
 
 def rays(count=200):
@@ -28,7 +29,8 @@ def homogeneous(raw):
 @pytest.mark.parametrize(
     "cells, filled, step", [(6, 0.4, 0.02), (40, 0.002, 0.011), (40, 0.05, 0.05)]
 )
-def test_march_agrees_with_its_twin(cells, filled, step):
+@pytest.mark.parametrize("path, device", PATHS)
+def test_march_agrees_with_its_twin(cells, filled, step, path, device):
     origins, directions = rays()
     torch.manual_seed(4)
     arguments = (
@@ -36,7 +38,9 @@ def test_march_agrees_with_its_twin(cells, filled, step):
         free_distance(torch.rand(cells, cells, cells) < filled),
         torch.randn(3, 8, 8, 4), torch.randn(3, 8, 4), -1.0, 8.0,
     )  # fmt: skip
-    fused = march(*arguments, min_alpha=0.01)
+    arguments = to_device(arguments, device)
+    with forced_path(path):
+        fused = march(*arguments, min_alpha=0.01)
     with plain_torch():
         plain = march(*arguments, min_alpha=0.01)
     # A sample within rounding of a cell's face may fall on either side.
@@ -96,18 +100,20 @@ def test_weights_of_a_homogeneous_medium_have_their_closed_form():
     assert math.isclose(float(weights.sum() + passing), 1.0, rel_tol=1e-5)
 
 
-def test_composite_agrees_with_its_twin_in_values_and_gradients():
+@pytest.mark.parametrize("path, device", PATHS)
+def test_composite_agrees_with_its_twin_in_values_and_gradients(path, device):
     torch.manual_seed(5)
     offsets = torch.tensor([0, 0, 3, 10, 10, 30])  # empty rays at the start and in between
     depth = torch.rand(30, requires_grad=True)
     cotangents = torch.randn(30), torch.randn(5)
-    fused = composite(depth, offsets)
-    with plain_torch():
-        plain = composite(depth, offsets)
-    for a, b in zip(fused, plain, strict=True):
-        torch.testing.assert_close(a, b)
-    g = [torch.autograd.grad(out, depth, cotangents)[0] for out in (fused, plain)]
-    torch.testing.assert_close(*g, rtol=1e-4, atol=1e-5)
+    depth, offsets, *cotangents = to_device([depth, offsets, *cotangents], device)
+    results = []
+    for taken in (path, "torch"):
+        with forced_path(taken):
+            values = composite(depth, offsets)
+            results.append([*values, torch.autograd.grad(values, depth, cotangents)[0]])
+    for a, b in zip(*results, strict=True):
+        torch.testing.assert_close(a, b, rtol=1e-4, atol=1e-5)
 
 
 def test_composite_twin_gradients_agree_with_finite_differences():
@@ -118,19 +124,23 @@ def test_composite_twin_gradients_agree_with_finite_differences():
     assert torch.autograd.gradcheck(lambda d: march_torch.composite(d, offsets), depth)
 
 
-def test_grid_transmittance_agrees_with_its_twin_and_with_an_empty_grid():
+@pytest.mark.parametrize("path, device", PATHS)
+def test_grid_transmittance_agrees_with_its_twin_and_with_an_empty_grid(path, device):
     origins, directions = rays()
     torch.manual_seed(6)
     depths = 0.5 * torch.rand(30, 30, 30) * (torch.rand(30, 30, 30) < 0.05)
     arguments = origins, directions, torch.zeros(200), 1 / 30
-    grid = blocking_grid(depths)
-    fused = grid_transmittance(*arguments, grid)
+    grid, *arguments = to_device([blocking_grid(depths), *arguments], device)
+    empty = blocking_grid(torch.zeros(3, 3, 3, device=device))
+    with forced_path(path):
+        fused = grid_transmittance(*arguments, grid)
+        through_nothing = grid_transmittance(*arguments, empty)
     with plain_torch():
         plain = grid_transmittance(*arguments, grid)
     assert (fused < 0.9).float().mean() > 0.2
     # A sample within rounding of a cell's face may fall on either side.
     assert ((fused - plain).abs() > 1e-3).float().mean() < 0.1
-    assert (grid_transmittance(*arguments, blocking_grid(torch.zeros(3, 3, 3))) == 1).all()
+    assert (through_nothing == 1).all()
 
 
 def test_free_distance_never_reaches_a_blocked_cell():

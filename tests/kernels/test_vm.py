@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from solver.kernels import vm, vm_torch
-from solver.kernels.backend import plain_torch
+from solver.kernels.backend import forced_path, plain_torch
+from tests.kernels.paths import PATHS, to_device
 
 
 def factors(size, channels, dtype=torch.float32):
@@ -14,21 +15,21 @@ def factors(size, channels, dtype=torch.float32):
 
 @pytest.mark.parametrize("name", ["vm_sum", "vm_products", "vm_gradient"])
 @pytest.mark.parametrize("size, channels", [(2, 1), (7, 16), (9, 24), (5, 13)])
-def test_kernel_agrees_with_its_twin_in_values_and_gradients(name, size, channels):
+@pytest.mark.parametrize("path, device", PATHS)
+def test_kernel_agrees_with_its_twin_in_values_and_gradients(name, size, channels, path, device):
     torch.manual_seed(1)
     # Points outside the grid are clamped to it, by both.
     points = torch.rand(500, 3) * (size + 1) - 1
-    arguments = factors(size, channels)
-    fused = getattr(vm, name)(points, *arguments)
+    points, *arguments = to_device([points, *factors(size, channels)], device)
+    with forced_path(path):
+        fused = getattr(vm, name)(points, *arguments)
     with plain_torch():
         plain = getattr(vm, name)(points, *arguments)
     cotangent = torch.randn_like(plain)
     torch.testing.assert_close(fused, plain, rtol=1e-4, atol=1e-4)
-    for a, b in zip(
-        torch.autograd.grad(fused, arguments, cotangent),
-        torch.autograd.grad(plain, arguments, cotangent),
-        strict=True,
-    ):
+    with forced_path(path):
+        gradients = torch.autograd.grad(fused, arguments, cotangent)
+    for a, b in zip(gradients, torch.autograd.grad(plain, arguments, cotangent), strict=True):
         torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-3)
 
 

@@ -6,18 +6,21 @@ import torch
 
 from solver.fit.presets import settings_for
 from solver.fit.start import new_trainer
-from solver.kernels.backend import plain_torch
+from solver.kernels.backend import forced_path, plain_torch
 from solver.kernels.hashing import uniform
 from tests.fit.test_fit import SMALL, ball_capture
 from tests.fit.test_method import SMALL_PAPER
+from tests.kernels.paths import WITHOUT_CARD
 from tests.render.test_invariance import camera, lumpy, picture
 
-DEVICES = [
-    "cpu",
-    pytest.param("cuda", marks=pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA")),
-    pytest.param(
-        "mps", marks=pytest.mark.skipif(not torch.backends.mps.is_available(), reason="no MPS")
-    ),
+WITHOUT_MPS = pytest.mark.skipif(not torch.backends.mps.is_available(), reason="no MPS")
+DEVICES = ["cpu", pytest.param("cuda", marks=WITHOUT_CARD), pytest.param("mps", marks=WITHOUT_MPS)]
+WAYS = [
+    pytest.param("torch", "cpu", id="torch-cpu"),
+    pytest.param("warp", "cpu", id="warp-cpu"),
+    pytest.param("torch", "cuda", id="torch-cuda", marks=WITHOUT_CARD),
+    pytest.param("warp", "cuda", id="warp-cuda", marks=WITHOUT_CARD),
+    pytest.param("torch", "mps", id="torch-mps", marks=WITHOUT_MPS),
 ]
 
 
@@ -29,11 +32,11 @@ def test_random_numbers_are_the_same_bits(device):
     assert torch.equal(result.cpu(), uniform(keys, 3, 2))
 
 
-@pytest.mark.parametrize("device", DEVICES)
-def test_a_picture_is_the_same(device):
+@pytest.mark.parametrize("path, device", WAYS)
+def test_a_picture_is_the_same(path, device):
     expected = picture(lumpy(), camera())
     scene = lumpy().to(device)
-    with plain_torch():
+    with forced_path(path):
         result = picture(scene, camera())
     for name in ("radiance", "opacity", "albedo", "alpha", "f0"):
         error = np.abs(getattr(result, name) - getattr(expected, name))
@@ -44,8 +47,8 @@ def test_a_picture_is_the_same(device):
 
 
 @pytest.mark.parametrize("preset", ["draft", "paper"])
-@pytest.mark.parametrize("device", DEVICES)
-def test_a_fit_learns_the_same(device, preset):
+@pytest.mark.parametrize("path, device", WAYS)
+def test_a_fit_learns_the_same(path, device, preset):
     settings = SMALL if preset == "draft" else settings_for("paper", SMALL_PAPER)
     capture, photos = ball_capture()
 
@@ -54,6 +57,6 @@ def test_a_fit_learns_the_same(device, preset):
         return [trainer.advance(i / 12)["image"] for i in range(8)]
 
     expected = losses("cpu")
-    with plain_torch():
+    with forced_path(path):
         result = losses(device)
     np.testing.assert_allclose(result, expected, rtol=0.05)

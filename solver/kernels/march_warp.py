@@ -1,0 +1,205 @@
+"""Walking rays and compositing in Warp, for CUDA; `march_torch` is the plain twin.
+
+Functions take the arguments of `march_numba`, as tensors; a thread takes a ray.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from .skipping import DEPTHS_PER_UNIT
+from .skipping import EMPTY as EMPTY_CODE
+from .vm_warp import raw_density
+from .warp_device import launch
+
+wp.set_module_options({"enable_backward": False, "fast_math": True})
+
+EMPTY = wp.constant(EMPTY_CODE)
+DEPTH_UNIT = wp.constant(1.0 / DEPTHS_PER_UNIT)
+
+
+@wp.func
+def row_of(values: wp.array2d(dtype=float), n: int):
+    return wp.vec3(values[n, 0], values[n, 1], values[n, 2])
+
+
+@wp.func
+def box_span(origin: wp.vec3, direction: wp.vec3):
+    """Entry and exit distance of a ray through [0, 1]^3 (slab test); entry > exit if it misses."""
+    near = float(-1.0e30)
+    far = float(1.0e30)
+    missed = bool(False)
+    for axis in range(3):
+        o = origin[axis]
+        d = direction[axis]
+        if wp.abs(d) < 1.0e-12:
+            if o < 0.0 or o > 1.0:
+                missed = True
+        else:
+            t0 = -o / d
+            t1 = (1.0 - o) / d
+            near = wp.max(near, wp.min(t0, t1))
+            far = wp.min(far, wp.max(t0, t1))
+    if missed:
+        near = 1.0
+        far = 0.0
+    return wp.vec2(near, far)
+
+
+@wp.func
+def code_at(grid: wp.array3d(dtype=wp.uint8), point: wp.vec3):
+    cells = grid.shape[0]
+    i = wp.clamp(int(point[0] * float(cells)), 0, cells - 1)
+    j = wp.clamp(int(point[1] * float(cells)), 0, cells - 1)
+    k = wp.clamp(int(point[2] * float(cells)), 0, cells - 1)
+    return int(grid[i, j, k])
+
+
+@wp.func
+def extinction(raw: float, shift: float, scale: float):
+    """σ = scale · softplus(raw + shift), per world unit."""
+    x = raw + shift
+    softplus = x
+    if x <= 20.0:
+        # For large negative x, log(1 + e^x) loses e^x to rounding.
+        e = wp.exp(x)
+        softplus = wp.where(e < 1.0e-4, e, wp.log(1.0 + e))
+    return scale * softplus
+
+
+@wp.kernel
+def _march(
+    origins: wp.array2d(dtype=float), directions: wp.array2d(dtype=float),
+    start: wp.array(dtype=float), jitter: wp.array(dtype=float), step: float, cell: float,
+    free: wp.array3d(dtype=wp.uint8), planes: wp.array4d(dtype=float),
+    lines: wp.array3d(dtype=float), shift: float, scale: float, min_transmittance: float,
+    min_alpha: float, distance: wp.array2d(dtype=float), raw: wp.array2d(dtype=float),
+    counts: wp.array(dtype=wp.int64),
+):  # fmt: skip
+    r = wp.tid()
+    origin = row_of(origins, r)
+    direction = row_of(directions, r)
+    span = box_span(origin, direction)
+    far = span[1]
+    step_cells = step / cell
+    nodes = float(planes.shape[1] - 1)
+    count = int(0)
+    transmittance = float(1.0)
+    t = float(wp.max(span[0], start[r]) + jitter[r] * step)
+    walking = bool(True)
+    while walking and t < far and count < distance.shape[1]:
+        point = origin + t * direction
+        ahead = code_at(free, point)
+        if ahead > 0:
+            t += step * float(int(float(ahead - 1) / step_cells) + 1)
+        else:
+            density = raw_density(point * nodes, planes, lines)
+            keep = wp.exp(-extinction(density, shift, scale) * step)
+            if 1.0 - keep >= min_alpha:
+                distance[r, count] = t
+                raw[r, count] = density
+                count += 1
+                transmittance *= keep
+                walking = transmittance >= min_transmittance
+            t += step
+    counts[r] = wp.int64(count)
+
+
+@wp.kernel
+def _compact(
+    distance: wp.array2d(dtype=float), raw: wp.array2d(dtype=float),
+    counts: wp.array(dtype=wp.int64), offsets: wp.array(dtype=wp.int64),
+    flat_distance: wp.array(dtype=float), flat_raw: wp.array(dtype=float),
+    ray: wp.array(dtype=wp.int64),
+):  # fmt: skip
+    r = wp.tid()
+    first = int(offsets[r])
+    for i in range(int(counts[r])):
+        flat_distance[first + i] = distance[r, i]
+        flat_raw[first + i] = raw[r, i]
+        ray[first + i] = wp.int64(r)
+
+
+@wp.kernel
+def _grid_transmittance(
+    origins: wp.array2d(dtype=float), directions: wp.array2d(dtype=float),
+    start: wp.array(dtype=float), step: float, blocking: wp.array3d(dtype=wp.uint8),
+    out: wp.array(dtype=float),
+):  # fmt: skip
+    r = wp.tid()
+    origin = row_of(origins, r)
+    direction = row_of(directions, r)
+    span = box_span(origin, direction)
+    t = float(wp.max(span[0], start[r]))
+    depth = float(0.0)
+    while t < span[1] and depth < 7.0:
+        code = code_at(blocking, origin + t * direction)
+        if code < EMPTY:
+            depth += DEPTH_UNIT * float(code)
+            t += step
+        else:
+            t += step * float(code - EMPTY)
+    out[r] = wp.exp(-depth)
+
+
+@wp.kernel
+def _composite(
+    optical_depth: wp.array(dtype=float), offsets: wp.array(dtype=wp.int64),
+    weights: wp.array(dtype=float), transmittance: wp.array(dtype=float),
+):  # fmt: skip
+    r = wp.tid()
+    passing = float(1.0)
+    for i in range(int(offsets[r]), int(offsets[r + 1])):
+        keep = wp.exp(-optical_depth[i])
+        weights[i] = passing * (1.0 - keep)
+        passing *= keep
+    transmittance[r] = passing
+
+
+@wp.kernel
+def _composite_backward(
+    offsets: wp.array(dtype=wp.int64), weights: wp.array(dtype=float),
+    transmittance: wp.array(dtype=float), g_weights: wp.array(dtype=float),
+    g_transmittance: wp.array(dtype=float), out: wp.array(dtype=float),
+):  # fmt: skip
+    r = wp.tid()
+    first = int(offsets[r])
+    count = int(offsets[r + 1]) - first
+    behind = g_transmittance[r] * transmittance[r]
+    passing = float(transmittance[r])
+    for back in range(count):
+        i = first + count - 1 - back
+        out[i] = g_weights[i] * passing - behind
+        behind += g_weights[i] * weights[i]
+        passing += weights[i]
+
+
+def march(
+    origins, directions, start, jitter, step, cell, free, planes, lines, shift, scale,
+    min_transmittance, min_alpha, distance, raw, counts,
+) -> None:  # fmt: skip
+    launch(
+        _march, len(origins), origins, directions, start, jitter, step, cell, free, planes, lines,
+        shift, scale, min_transmittance, min_alpha, distance, raw, counts,
+    )  # fmt: skip
+
+
+def compact(distance, raw, counts, offsets, flat_distance, flat_raw, ray) -> None:
+    launch(
+        _compact, len(counts), distance, raw, counts, offsets, flat_distance, flat_raw, ray
+    )  # fmt: skip
+
+
+def grid_transmittance(origins, directions, start, step, blocking, out) -> None:
+    launch(_grid_transmittance, len(origins), origins, directions, start, step, blocking, out)
+
+
+def composite(optical_depth, offsets, weights, transmittance) -> None:
+    launch(_composite, len(transmittance), optical_depth, offsets, weights, transmittance)
+
+
+def composite_backward(offsets, weights, transmittance, g_weights, g_transmittance, out) -> None:
+    launch(
+        _composite_backward, len(transmittance), offsets, weights, transmittance, g_weights,
+        g_transmittance, out,
+    )  # fmt: skip

@@ -1,0 +1,310 @@
+"""VM lookups in Warp, for CUDA; `vm_torch` is their plain twin and describes the layout.
+
+Functions take the arguments of `vm_numba`, as tensors. A thread takes a point, or, where it reads or
+writes one number a channel, a point and a channel, so that neighbouring threads meet neighbouring
+addresses. Adjoints add atomically: sums may differ in their last bits from run to run.
+"""
+
+from __future__ import annotations
+
+import torch
+import warp as wp
+
+from . import vm_torch
+from .warp_device import launch
+
+wp.set_module_options({"enable_backward": False, "fast_math": True})
+
+
+@wp.struct
+class Cell:
+    """Where a coordinate lies among the nodes of an axis, and the nodes before and after."""
+
+    before: int
+    lower: int
+    after: int
+    fraction: float
+
+
+@wp.struct
+class Stencil:
+    """A plane and a line around a point in one channel, with their differences (twice too large)."""
+
+    value: float
+    along_a: float
+    along_b: float
+    line: float
+    along_c: float
+
+
+@wp.func
+def axis_a(k: int):
+    return wp.where(k == 2, 1, 0)
+
+
+@wp.func
+def axis_b(k: int):
+    return wp.where(k == 0, 1, 2)
+
+
+@wp.func
+def axis_c(k: int):
+    return 2 - k
+
+
+@wp.func
+def cell_of(x: float, size: int):
+    cell = Cell()
+    clamped = wp.clamp(x, 0.0, float(size - 1))
+    cell.lower = wp.min(int(clamped), size - 2)
+    cell.before = wp.max(cell.lower - 1, 0)
+    cell.after = wp.min(cell.lower + 2, size - 1)
+    cell.fraction = clamped - float(cell.lower)
+    return cell
+
+
+@wp.func
+def plane_at(planes: wp.array4d(dtype=float), k: int, a: Cell, b: Cell, ch: int):
+    u = a.fraction
+    v = b.fraction
+    i = a.lower
+    j = b.lower
+    near = planes[k, i, j, ch] * (1.0 - v) + planes[k, i, j + 1, ch] * v
+    far = planes[k, i + 1, j, ch] * (1.0 - v) + planes[k, i + 1, j + 1, ch] * v
+    return near * (1.0 - u) + far * u
+
+
+@wp.func
+def line_at(lines: wp.array3d(dtype=float), k: int, c: Cell, ch: int):
+    return lines[k, c.lower, ch] * (1.0 - c.fraction) + lines[k, c.lower + 1, ch] * c.fraction
+
+
+@wp.func
+def raw_density(point: wp.vec3, planes: wp.array4d(dtype=float), lines: wp.array3d(dtype=float)):
+    """The VM sum at one point in grid units."""
+    size = planes.shape[1]
+    total = float(0.0)
+    for k in range(3):
+        a = cell_of(point[axis_a(k)], size)
+        b = cell_of(point[axis_b(k)], size)
+        c = cell_of(point[axis_c(k)], size)
+        for ch in range(planes.shape[3]):
+            total += plane_at(planes, k, a, b, ch) * line_at(lines, k, c, ch)
+    return total
+
+
+@wp.func
+def point_of(points: wp.array2d(dtype=float), n: int):
+    return wp.vec3(points[n, 0], points[n, 1], points[n, 2])
+
+
+@wp.kernel
+def _sum(
+    points: wp.array2d(dtype=float), planes: wp.array4d(dtype=float),
+    lines: wp.array3d(dtype=float), out: wp.array(dtype=float),
+):  # fmt: skip
+    n = wp.tid()
+    out[n] = raw_density(point_of(points, n), planes, lines)
+
+
+@wp.kernel
+def _products(
+    points: wp.array2d(dtype=float), planes: wp.array4d(dtype=float),
+    lines: wp.array3d(dtype=float), out: wp.array2d(dtype=float),
+):  # fmt: skip
+    n, ch = wp.tid()
+    size = planes.shape[1]
+    for k in range(3):
+        a = cell_of(points[n, axis_a(k)], size)
+        b = cell_of(points[n, axis_b(k)], size)
+        c = cell_of(points[n, axis_c(k)], size)
+        product = plane_at(planes, k, a, b, ch) * line_at(lines, k, c, ch)
+        out[n, k * planes.shape[3] + ch] = product
+
+
+@wp.func
+def spread(
+    planes: wp.array4d(dtype=float), lines: wp.array3d(dtype=float),
+    grad_planes: wp.array4d(dtype=float), grad_lines: wp.array3d(dtype=float),
+    k: int, a: Cell, b: Cell, c: Cell, ch: int, g: float,
+):  # fmt: skip
+    """Add the adjoint of one product of pair k, channel ch, with cotangent g."""
+    u = a.fraction
+    v = b.fraction
+    w = c.fraction
+    to_plane = g * line_at(lines, k, c, ch)
+    to_line = g * plane_at(planes, k, a, b, ch)
+    wp.atomic_add(grad_planes, k, a.lower, b.lower, ch, (1.0 - u) * (1.0 - v) * to_plane)
+    wp.atomic_add(grad_planes, k, a.lower, b.lower + 1, ch, (1.0 - u) * v * to_plane)
+    wp.atomic_add(grad_planes, k, a.lower + 1, b.lower, ch, u * (1.0 - v) * to_plane)
+    wp.atomic_add(grad_planes, k, a.lower + 1, b.lower + 1, ch, u * v * to_plane)
+    wp.atomic_add(grad_lines, k, c.lower, ch, (1.0 - w) * to_line)
+    wp.atomic_add(grad_lines, k, c.lower + 1, ch, w * to_line)
+
+
+@wp.kernel
+def _sum_backward(
+    points: wp.array2d(dtype=float), planes: wp.array4d(dtype=float),
+    lines: wp.array3d(dtype=float), cotangent: wp.array(dtype=float), least: float,
+    grad_planes: wp.array4d(dtype=float), grad_lines: wp.array3d(dtype=float),
+):  # fmt: skip
+    n, ch = wp.tid()
+    g = cotangent[n]
+    if wp.abs(g) <= least:
+        return
+    size = planes.shape[1]
+    for k in range(3):
+        a = cell_of(points[n, axis_a(k)], size)
+        b = cell_of(points[n, axis_b(k)], size)
+        c = cell_of(points[n, axis_c(k)], size)
+        spread(planes, lines, grad_planes, grad_lines, k, a, b, c, ch, g)
+
+
+@wp.kernel
+def _products_backward(
+    points: wp.array2d(dtype=float), planes: wp.array4d(dtype=float),
+    lines: wp.array3d(dtype=float), cotangent: wp.array2d(dtype=float),
+    grad_planes: wp.array4d(dtype=float), grad_lines: wp.array3d(dtype=float),
+):  # fmt: skip
+    n, ch = wp.tid()
+    size = planes.shape[1]
+    for k in range(3):
+        a = cell_of(points[n, axis_a(k)], size)
+        b = cell_of(points[n, axis_b(k)], size)
+        c = cell_of(points[n, axis_c(k)], size)
+        g = cotangent[n, k * planes.shape[3] + ch]
+        spread(planes, lines, grad_planes, grad_lines, k, a, b, c, ch, g)
+
+
+@wp.func
+def stencil_at(
+    planes: wp.array4d(dtype=float), lines: wp.array3d(dtype=float), k: int, a: Cell, b: Cell,
+    c: Cell, ch: int,
+):  # fmt: skip
+    u = a.fraction
+    v = b.fraction
+    w = c.fraction
+    i = a.lower
+    j = b.lower
+    low_b = (1.0 - u) * planes[k, i, j, ch] + u * planes[k, i + 1, j, ch]
+    high_b = (1.0 - u) * planes[k, i, j + 1, ch] + u * planes[k, i + 1, j + 1, ch]
+    low_a = (1.0 - v) * planes[k, i, j, ch] + v * planes[k, i, j + 1, ch]
+    high_a = (1.0 - v) * planes[k, i + 1, j, ch] + v * planes[k, i + 1, j + 1, ch]
+    before_a = (1.0 - v) * planes[k, a.before, j, ch] + v * planes[k, a.before, j + 1, ch]
+    after_a = (1.0 - v) * planes[k, a.after, j, ch] + v * planes[k, a.after, j + 1, ch]
+    before_b = (1.0 - u) * planes[k, i, b.before, ch] + u * planes[k, i + 1, b.before, ch]
+    after_b = (1.0 - u) * planes[k, i, b.after, ch] + u * planes[k, i + 1, b.after, ch]
+    l0 = lines[k, c.lower, ch]
+    l1 = lines[k, c.lower + 1, ch]
+    found = Stencil()
+    found.value = (1.0 - v) * low_b + v * high_b
+    found.along_a = (1.0 - u) * (high_a - before_a) + u * (after_a - low_a)
+    found.along_b = (1.0 - v) * (high_b - before_b) + v * (after_b - low_b)
+    found.line = (1.0 - w) * l0 + w * l1
+    found.along_c = (1.0 - w) * (l1 - lines[k, c.before, ch]) + w * (lines[k, c.after, ch] - l0)
+    return found
+
+
+@wp.kernel
+def _gradient(
+    points: wp.array2d(dtype=float), planes: wp.array4d(dtype=float),
+    lines: wp.array3d(dtype=float), out: wp.array2d(dtype=float),
+):  # fmt: skip
+    n = wp.tid()
+    size = planes.shape[1]
+    total = wp.vec3(0.0)
+    for k in range(3):
+        a = cell_of(points[n, axis_a(k)], size)
+        b = cell_of(points[n, axis_b(k)], size)
+        c = cell_of(points[n, axis_c(k)], size)
+        for ch in range(planes.shape[3]):
+            here = stencil_at(planes, lines, k, a, b, c, ch)
+            total[axis_a(k)] += 0.5 * here.along_a * here.line
+            total[axis_b(k)] += 0.5 * here.along_b * here.line
+            total[axis_c(k)] += 0.5 * here.value * here.along_c
+    for axis in range(3):
+        out[n, axis] = total[axis]
+
+
+@wp.kernel
+def _gradient_backward(
+    points: wp.array2d(dtype=float), planes: wp.array4d(dtype=float),
+    lines: wp.array3d(dtype=float), cotangent: wp.array2d(dtype=float),
+    grad_planes: wp.array4d(dtype=float), grad_lines: wp.array3d(dtype=float),
+):  # fmt: skip
+    n, ch = wp.tid()
+    size = planes.shape[1]
+    for k in range(3):
+        a = cell_of(points[n, axis_a(k)], size)
+        b = cell_of(points[n, axis_b(k)], size)
+        c = cell_of(points[n, axis_c(k)], size)
+        here = stencil_at(planes, lines, k, a, b, c, ch)
+        to_along_a = 0.5 * cotangent[n, axis_a(k)]
+        to_along_b = 0.5 * cotangent[n, axis_b(k)]
+        to_along_c = 0.5 * cotangent[n, axis_c(k)]
+        u = a.fraction
+        v = b.fraction
+        w = c.fraction
+        i = a.lower
+        j = b.lower
+        to_value = to_along_c * here.along_c
+        to_a = to_along_a * here.line
+        to_b = to_along_b * here.line
+        low = (1.0 - u) * to_value
+        high = u * to_value
+        to_p00 = (1.0 - v) * (low - u * to_a) - (1.0 - u) * v * to_b
+        to_p01 = v * (low - u * to_a) + (1.0 - u) * (1.0 - v) * to_b
+        to_p10 = (1.0 - v) * (high + (1.0 - u) * to_a) - u * v * to_b
+        to_p11 = v * (high + (1.0 - u) * to_a) + u * (1.0 - v) * to_b
+        wp.atomic_add(grad_planes, k, i, j, ch, to_p00)
+        wp.atomic_add(grad_planes, k, i, j + 1, ch, to_p01)
+        wp.atomic_add(grad_planes, k, i + 1, j, ch, to_p10)
+        wp.atomic_add(grad_planes, k, i + 1, j + 1, ch, to_p11)
+        wp.atomic_add(grad_planes, k, a.before, j, ch, -(1.0 - v) * (1.0 - u) * to_a)
+        wp.atomic_add(grad_planes, k, a.before, j + 1, ch, -v * (1.0 - u) * to_a)
+        wp.atomic_add(grad_planes, k, a.after, j, ch, (1.0 - v) * u * to_a)
+        wp.atomic_add(grad_planes, k, a.after, j + 1, ch, v * u * to_a)
+        wp.atomic_add(grad_planes, k, i, b.before, ch, -(1.0 - u) * (1.0 - v) * to_b)
+        wp.atomic_add(grad_planes, k, i + 1, b.before, ch, -u * (1.0 - v) * to_b)
+        wp.atomic_add(grad_planes, k, i, b.after, ch, (1.0 - u) * v * to_b)
+        wp.atomic_add(grad_planes, k, i + 1, b.after, ch, u * v * to_b)
+        to_line = to_along_a * here.along_a + to_along_b * here.along_b
+        to_dc = to_along_c * here.value
+        wp.atomic_add(grad_lines, k, c.lower, ch, (1.0 - w) * to_line - w * to_dc)
+        wp.atomic_add(grad_lines, k, c.lower + 1, ch, w * to_line + (1.0 - w) * to_dc)
+        wp.atomic_add(grad_lines, k, c.before, ch, -(1.0 - w) * to_dc)
+        wp.atomic_add(grad_lines, k, c.after, ch, w * to_dc)
+
+
+def vm_sum(points, planes, lines, out) -> None:
+    launch(_sum, len(points), points, planes, lines, out)
+
+
+def vm_sum_backward(points, planes, lines, cotangent, least, grad_planes, grad_lines) -> None:
+    dim = len(points), planes.shape[3]
+    launch(
+        _sum_backward, dim, points, planes, lines, cotangent, least, grad_planes, grad_lines
+    )  # fmt: skip
+
+
+def vm_products(points, planes, lines, out) -> None:
+    launch(_products, (len(points), planes.shape[3]), points, planes, lines, out)
+
+
+def vm_products_backward(points, planes, lines, cotangent, grad_planes, grad_lines) -> None:
+    dim = len(points), planes.shape[3]
+    launch(_products_backward, dim, points, planes, lines, cotangent, grad_planes, grad_lines)
+
+
+def vm_gradient(points, planes, lines, out) -> None:
+    launch(_gradient, len(points), points, planes, lines, out)
+
+
+def vm_gradient_backward(points, planes, lines, cotangent, grad_planes, grad_lines) -> None:
+    dim = len(points), planes.shape[3]
+    launch(_gradient_backward, dim, points, planes, lines, cotangent, grad_planes, grad_lines)
+
+
+def smooth_planes(planes: torch.Tensor, centre: float, side: float, out: torch.Tensor) -> None:
+    # Wide elementwise operations, which torch does well on a graphics card.
+    out.copy_(vm_torch.smooth_planes(planes, float(centre), float(side)))
