@@ -56,6 +56,8 @@ def total_loss(
     loss = loss + settings.orientation_weight * buffers.backfacing.mean()
     if use_masks and settings.mask_weight > 0:
         loss = loss + settings.mask_weight * (buffers.opacity - batch.alpha).square().mean()
+    if settings.roughness_weight > 0:
+        loss = loss + (1 - fraction) * settings.roughness_weight * buffers.alpha.mean()
     if buffers.bending is not None:
         fade = settings.smoothness_end**fraction
         loss = loss + fade * settings.bending_weight * buffers.bending.mean()
