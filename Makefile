@@ -2,6 +2,7 @@
 # make demo          reconstruct the sample capture    make lint        ruff
 # make benchmark     docs/benchmarks.md of SCENES="DIR DIR=PAPERNAME …" [SETTINGS="…"] [PRESET=draft]
 # make benchmark-kernels, make benchmark-curves: docs/kernels.md, docs/curves.md
+# make benchmark-step    a step of the fit on every path of a device [DEVICE=cuda] [CAPTURE=DIR]
 # make extension     dist/….zip, to install in Blender make clean       remove what was made
 #
 # PYTHON=…           the Python to build .venv with, 3.11 or 3.13: make demo PYTHON=python3.13
@@ -18,7 +19,7 @@ STAMP := .venv/.complete
 REQUIREMENTS := solver/requirements.txt requirements/development.txt requirements/constraints.txt
 BLENDER_TOOL = $(shell find .venv/lib -path '*bl_pkg/cli/blender_ext.py' 2>/dev/null | head -n 1)
 
-.PHONY: help environment demo clean-demo benchmark benchmark-kernels benchmark-curves test test-solver test-blender test-window lint extension clean
+.PHONY: help environment demo clean-demo benchmark benchmark-kernels benchmark-curves benchmark-step test test-solver test-blender test-window lint extension clean
 
 help:
 	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
@@ -71,6 +72,11 @@ benchmark-kernels: $(STAMP)
 
 benchmark-curves: $(STAMP)
 	$(BIN)/python benchmarks/curves.py --scenes $(SCENES) --preset $(PRESET)
+
+DEVICE ?= cpu
+CAPTURE ?= samples/duck
+benchmark-step: $(STAMP)
+	$(BIN)/python benchmarks/step.py --device $(DEVICE) --capture $(CAPTURE) --preset $(PRESET)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

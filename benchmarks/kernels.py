@@ -30,6 +30,7 @@ import numpy as np  # noqa: E402
 import torch  # noqa: E402
 
 from benchmarks.machine import describe_machine  # noqa: E402
+from solver.field.smoothing import gaussian_taps  # noqa: E402
 from solver.kernels import vm  # noqa: E402
 from solver.kernels.adam import Moments, Rates, adam_step  # noqa: E402
 from solver.kernels.backend import plain_torch  # noqa: E402
@@ -147,6 +148,7 @@ def cases(points: int) -> list[Case]:
         )[0]  # fmt: skip
 
     reflected = glossy()
+    taps = gaussian_taps(1.5)
     parameter, gradient = rand(3, SIZE, SIZE, DENSITY), rand(3, SIZE, SIZE, DENSITY)
     moments = Moments(torch.zeros_like(parameter), torch.zeros_like(parameter))
     return [
@@ -160,8 +162,8 @@ def cases(points: int) -> list[Case]:
              shaded * smooth_nodes * DENSITY * FLOAT, shaded * 3 * DENSITY * 46),
         Case("vm_gradient, adjoint", backward(vm.vm_gradient, surface, density),
              shaded * 3 * smooth_nodes * DENSITY * FLOAT, shaded * 3 * DENSITY * 100, False),
-        Case("smooth_planes", lambda: vm.smooth_planes(density[0].detach(), 0.5, 0.25),
-             2 * planes_bytes * DENSITY, 3 * SIZE * SIZE * DENSITY * 8),
+        Case("smooth_planes", lambda: vm.smooth_planes(density[0].detach(), taps),
+             2 * planes_bytes * DENSITY, 3 * SIZE * SIZE * DENSITY * 4 * len(taps)),
         Case("rectangle_mean", lambda: rectangle_mean(table, rows, centre, sizes),
              len(centre) * 8 * 3 * 8, len(centre) * 3 * 60),
         # Per ray: about 250 operations for direction and weight, 180 for a mean of three channels,

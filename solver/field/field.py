@@ -9,7 +9,7 @@ from torch import nn
 from ..kernels.vm import vm_gradient, vm_products, vm_sum
 from ..kernels.vm_torch import vm_interpolation_gradient
 from .heads import MaterialHeads, Materials
-from .smoothing import smoothed_factors, upsample
+from .smoothing import gaussian_taps, smoothed_factors, upsample
 
 
 class MicrofacetField(nn.Module):
@@ -24,6 +24,9 @@ class MicrofacetField(nn.Module):
         size: grid nodes per axis.
         smoothed_normals: normals from the Gaussian-smoothed finite difference (paper §3.1), not
             from the derivative of the interpolation.
+
+    `smoothing` is the standard deviation of that Gaussian as a share of the box's edge; where it is
+    narrower than the paper's kernel, as at the start, the paper's is taken.
     """
 
     def __init__(
@@ -46,6 +49,7 @@ class MicrofacetField(nn.Module):
         self.half_size = float(half_size)
         self.density_shift, self.density_scale = density_shift, density_scale
         self.smoothed_normals = smoothed_normals
+        self.smoothing = 0.0
         self.density_planes = _factor(3, size, size, density_components)
         self.density_lines = _factor(3, size, density_components)
         self.feature_planes = _factor(3, size, size, feature_components)
@@ -99,7 +103,8 @@ class MicrofacetField(nn.Module):
         """Factors of the gradient; build once a step and hand to `normals`."""
         if not self.smoothed_normals:
             return self.density_planes, self.density_lines
-        return smoothed_factors(self.density_planes, self.density_lines)
+        taps = gaussian_taps(self.smoothing * (self.size - 1))
+        return smoothed_factors(self.density_planes, self.density_lines, taps)
 
     def normals(
         self, box_points: torch.Tensor, factors: tuple[torch.Tensor, torch.Tensor]

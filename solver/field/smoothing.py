@@ -7,21 +7,34 @@ kernel (the authors' public code damps them by 0.452 instead).
 
 from __future__ import annotations
 
+import math
+
 import torch
 import torch.nn.functional as F
 
 from ..kernels.vm import smooth_planes
-from ..kernels.vm_torch import correlate
+from ..kernels.vm_torch import smooth
 
-SMOOTHING = (0.274068619, 0.451862762, 0.274068619)  # a Gaussian of σ = 1 voxel on three taps
+PAPER_TAPS = torch.tensor([0.274068619, 0.451862762, 0.274068619])
+"""the paper's kernel: a Gaussian of σ = 1 voxel, cut off after one"""
+PAPER_SIGMA = (2 * float(PAPER_TAPS[0])) ** 0.5
+"""its standard deviation once cut off, voxels"""
+
+
+def gaussian_taps(sigma: float) -> torch.Tensor:
+    """A Gaussian of standard deviation `sigma` voxels, up to three of them; at least `PAPER_TAPS`."""
+    if sigma <= PAPER_SIGMA:
+        return PAPER_TAPS
+    reach = math.ceil(3 * sigma)
+    taps = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / sigma) ** 2)
+    return taps / taps.sum()
 
 
 def smoothed_factors(
-    planes: torch.Tensor, lines: torch.Tensor
+    planes: torch.Tensor, lines: torch.Tensor, taps: torch.Tensor = PAPER_TAPS
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Factors of `vm_gradient`: planes [3, G, G, C] and lines [3, G, C], each smoothed along its axes."""
-    side, centre, _ = SMOOTHING
-    return smooth_planes(planes, centre, side), correlate(lines, SMOOTHING, 1)
+    return smooth_planes(planes, taps), smooth(lines, taps, 1)
 
 
 def upsample(planes: torch.Tensor, lines: torch.Tensor, size: int):

@@ -45,6 +45,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
             "feature_components": settings.field.feature_components,
             "feature_size": settings.field.feature_size,
             "smoothed_normals": scene.field.smoothed_normals,
+            "smoothing": scene.field.smoothing,
             "occupancy_cells": scene.occupancy.cells,
         },
         "environment_height": scene.environment.height,
@@ -89,6 +90,7 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
         shape["density_components"], shape["feature_components"], shape["feature_size"],
         smoothed_normals=shape["smoothed_normals"],
     )  # fmt: skip
+    field.smoothing = shape.get("smoothing", 0.0)  # jobs of version 0.1 have none
     scene = Scene(
         field, EnvironmentMap(state["environment_height"]), NeuralTerm(shape["feature_size"]),
         shape["occupancy_cells"],

@@ -31,6 +31,9 @@ class FieldSettings:
     """length of a feature vector"""
     smoothed_normals: bool = True
     """normals from the Gaussian-smoothed finite difference; else the analytical derivative"""
+    smoothing: tuple[float, float] = (0.03, 0.0066)
+    """standard deviation of the normals' smoothing at the start and at the end, as shares of the box's
+    edge; never narrower than the paper's kernel (0: that one)"""
     initial_albedo: float = 0.5
     """albedo of every point at the start"""
     initial_roughness: float = 0.4
@@ -154,7 +157,7 @@ PAPER = Settings(
     field=FieldSettings(
         sizes=(128, 162, 196, 231, 265, 300),
         size_starts=(0.0, 2000 / 30000, 3000 / 30000, 4000 / 30000, 5500 / 30000, 7000 / 30000),
-        hull_start=False, initial_albedo=0.91, initial_roughness=0.6, initial_f0=0.5,
+        hull_start=False, smoothing=(0.0, 0.0), initial_albedo=0.91, initial_roughness=0.6, initial_f0=0.5,
         occupancy_min_alpha=0.001,
     ),
     light=LightSettings(heights=(512,)),
@@ -198,6 +201,17 @@ def settings_for(preset: str, overrides: dict[str, object] | None = None) -> Set
     for key, value in (overrides or {}).items():
         settings = _override(settings, key, value)
     return settings
+
+
+def smoothing_width(field: FieldSettings, fraction: float) -> float:
+    """The normals' smoothing at a fraction of the fit, as a share of the box's edge.
+
+    Wide first, so that a bumpy hull reflects like the shape it stands for; narrower quickly.
+    """
+    first, last = field.smoothing
+    if min(first, last) <= 0:
+        return last
+    return last * (first / last) ** ((1 - fraction) ** 2)
 
 
 def neural_share(fit: FitSettings, fraction: float) -> float:

@@ -15,7 +15,7 @@ from ..render.scene import RenderSettings, Scene, StepTables
 from .adam import Adam
 from .batching import Batching
 from .losses import Behind, total_loss
-from .presets import Settings, neural_share
+from .presets import Settings, neural_share, smoothing_width
 from .ray_bank import RayBank, RayBatch
 from .workers import Workers, worker_count
 
@@ -50,7 +50,11 @@ class Trainer:
         self.keep_decoder = keep_decoder
         self.random = RandomNumbers(seed, scene.device)
         self.generator = torch.Generator().manual_seed(seed)
-        self.batching = Batching(settings.fit, settings.render.retraced_rays)
+        fit = settings.fit
+        if scene.device.type != "cpu":
+            # A graphics card is busy only with many rays at once.
+            fit = dataclasses.replace(fit, chunk_rays=fit.rays)
+        self.batching = Batching(fit, settings.render.retraced_rays)
         self.step = 0
         self.level = 0
         self.steps_at_level = 0
@@ -116,6 +120,7 @@ class Trainer:
     def advance(self, fraction: float) -> dict[str, float]:
         """One optimiser step at `fraction` in [0, 1) of the fit; returns what to report."""
         self._coarse_to_fine(fraction)
+        self.scene.field.smoothing = smoothing_width(self.settings.field, fraction)
         factor = self._learning_rate_factor(fraction)
         for group in self.optimiser.param_groups:
             group["lr"] = group["base"] * factor

@@ -5,7 +5,6 @@ Shapes and layout are those of `vm_torch`. Gradients flow to the factors only, n
 
 from __future__ import annotations
 
-import numpy as np
 import torch
 
 from . import vm_torch
@@ -62,17 +61,18 @@ class _Gradient(torch.autograd.Function):
 
 class _SmoothPlanes(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, planes, centre, side):
-        ctx.taps = centre, side
+    def forward(ctx, planes, taps):
+        ctx.save_for_backward(taps)
         out = torch.empty_like(planes)
-        kernels("vm", out.device).smooth_planes(planes, centre, side, out)
+        kernels("vm", out.device).smooth_planes(planes, taps, out)
         return out
 
     @staticmethod
     def backward(ctx, cotangent):
+        (taps,) = ctx.saved_tensors
         out = torch.empty_like(cotangent, memory_format=torch.contiguous_format)
-        kernels("vm", out.device).smooth_planes(cotangent.contiguous(), *ctx.taps, out)
-        return out, None, None
+        kernels("vm", out.device).smooth_planes(cotangent.contiguous(), taps, out)
+        return out, None
 
 
 def _to_factors(adjoint: str, saved, cotangent: torch.Tensor, *more):
@@ -116,8 +116,8 @@ def vm_gradient(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor)
     return vm_torch.vm_gradient(points.detach(), planes, lines)
 
 
-def smooth_planes(planes: torch.Tensor, centre: float, side: float) -> torch.Tensor:
-    """Taps (side, centre, side) along both axes of planes [3, G, G, C]; borders continue."""
+def smooth_planes(planes: torch.Tensor, taps: torch.Tensor) -> torch.Tensor:
+    """Odd, symmetric taps [2r + 1] along both axes of planes [3, G, G, C]; borders are mirrored."""
     if fast(planes):
-        return _SmoothPlanes.apply(planes.contiguous(), np.float32(centre), np.float32(side))
-    return vm_torch.smooth_planes(planes, centre, side)
+        return _SmoothPlanes.apply(planes.contiguous(), taps.float().cpu())
+    return vm_torch.smooth_planes(planes, taps)

@@ -266,22 +266,45 @@ def vm_gradient_backward(points, planes, lines, cotangent, grad_planes, grad_lin
                 grad_lines[k, m3, ch] += w * to_dc
 
 
+@numba.njit(inline="always")
+def mirrored(index, size):
+    """An index beyond an axis' ends, reflected there: … b a | a b c …"""
+    index = index % (2 * size)
+    return 2 * size - 1 - index if index >= size else index
+
+
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
-def smooth_planes(planes, centre, side, out):
-    """Three taps (side, centre, side) along both axes of planes [3, G, G, C], borders continued.
+def smooth_planes(planes, taps, out):
+    """Odd, symmetric taps along both axes of planes [3, G, G, C], borders mirrored.
 
     The operator is symmetric, so it is its own adjoint.
     """
-    size, channels = planes.shape[1], planes.shape[3]
+    size, channels, reach = planes.shape[1], planes.shape[3], len(taps) // 2
     row = size * channels
     for task in numba.prange(3 * size):
         k, i = task // size, task % size
-        before, here = planes[k, max(i - 1, 0)].ravel(), planes[k, i].ravel()
-        after, into = planes[k, min(i + 1, size - 1)].ravel(), out[k, i].ravel()
-        line = np.empty(row + 2 * channels, np.float32)
+        line = np.empty(row + 2 * reach * channels, np.float32)
+        inner = line[reach * channels : reach * channels + row]
+        here, middle = planes[k, i].ravel(), taps[reach]
         for c in range(row):
-            line[channels + c] = side * (before[c] + after[c]) + centre * here[c]
-        line[:channels] = line[channels : 2 * channels]
-        line[-channels:] = line[-2 * channels : -channels]
+            inner[c] = middle * here[c]
+        for away in range(1, reach + 1):
+            weight = taps[reach + away]
+            before = planes[k, mirrored(i - away, size)].ravel()
+            after = planes[k, mirrored(i + away, size)].ravel()
+            for c in range(row):
+                inner[c] += weight * (before[c] + after[c])
+        for beyond in range(reach):
+            left = mirrored(-1 - beyond, size) * channels
+            right = mirrored(size + beyond, size) * channels
+            for c in range(channels):
+                line[(reach - 1 - beyond) * channels + c] = inner[left + c]
+                line[(reach + size + beyond) * channels + c] = inner[right + c]
+        into = out[k, i].ravel()
         for c in range(row):
-            into[c] = side * (line[c] + line[c + 2 * channels]) + centre * line[c + channels]
+            into[c] = middle * inner[c]
+        for away in range(1, reach + 1):
+            weight = taps[reach + away]
+            low, high = line[(reach - away) * channels :], line[(reach + away) * channels :]
+            for c in range(row):
+                into[c] += weight * (low[c] + high[c])

@@ -66,9 +66,19 @@ def correlate(factor: torch.Tensor, taps: tuple[float, ...], axis: int) -> torch
     return sum(terms[1:], terms[0])
 
 
-def smooth_planes(planes: torch.Tensor, centre: float, side: float) -> torch.Tensor:
-    """Taps (side, centre, side) along both axes of planes [3, G, G, C]."""
-    return correlate(correlate(planes, (side, centre, side), 1), (side, centre, side), 2)
+def smooth(factor: torch.Tensor, taps: torch.Tensor, axis: int) -> torch.Tensor:
+    """Correlation with odd, symmetric taps along one axis; the borders are mirrored (b a | a b c)."""
+    size, reach = factor.shape[axis], len(taps) // 2
+    index = torch.arange(-reach, size + reach, device=factor.device) % (2 * size)
+    index = torch.where(index >= size, 2 * size - 1 - index, index)
+    padded = factor.index_select(axis, index)
+    terms = [padded.narrow(axis, k, size) * float(tap) for k, tap in enumerate(taps)]
+    return sum(terms[1:], terms[0])
+
+
+def smooth_planes(planes: torch.Tensor, taps: torch.Tensor) -> torch.Tensor:
+    """Odd, symmetric taps along both axes of planes [3, G, G, C], borders mirrored."""
+    return smooth(smooth(planes, taps, 1), taps, 2)
 
 
 def vm_gradient(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor) -> torch.Tensor:

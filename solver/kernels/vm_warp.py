@@ -305,6 +305,6 @@ def vm_gradient_backward(points, planes, lines, cotangent, grad_planes, grad_lin
     launch(_gradient_backward, dim, points, planes, lines, cotangent, grad_planes, grad_lines)
 
 
-def smooth_planes(planes: torch.Tensor, centre: float, side: float, out: torch.Tensor) -> None:
+def smooth_planes(planes: torch.Tensor, taps: torch.Tensor, out: torch.Tensor) -> None:
     # Wide elementwise operations, which torch does well on a graphics card.
-    out.copy_(vm_torch.smooth_planes(planes, float(centre), float(side)))
+    out.copy_(vm_torch.smooth_planes(planes, taps))

@@ -36,7 +36,9 @@ def _run_shared() -> None:
     planes, lines = _leaf(3, 4, 4, 8), _leaf(3, 4, 8)
     vm_sum(points, planes, lines).sum().backward()
     vm_products(points, planes, lines).sum().backward()
-    vm_gradient(points, smooth_planes(planes, 0.5, 0.25), lines).sum().backward()
+    vm_gradient(
+        points, smooth_planes(planes, torch.tensor([0.25, 0.5, 0.25])), lines
+    ).sum().backward()
     segments = march(
         points, directions, torch.zeros(4), torch.zeros(4), 0.1, 0.25, torch.zeros(4, 4, 4).byte(),
         planes, lines, -4.0, 25.0,

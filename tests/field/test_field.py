@@ -7,7 +7,7 @@ import torch
 
 from solver.field.field import MicrofacetField
 from solver.field.occupancy import Occupancy
-from solver.field.smoothing import SMOOTHING, smoothed_factors
+from solver.field.smoothing import PAPER_SIGMA, gaussian_taps, smoothed_factors
 from solver.kernels.vm import vm_gradient, vm_sum
 
 SIZE = 12
@@ -22,24 +22,30 @@ def dense(planes, lines):
     )
 
 
-def test_smoothed_gradient_is_that_of_the_gaussian_filtered_3d_grid():
+@pytest.mark.parametrize("sigma", [0.0, 1.3, 5.0])
+def test_smoothed_gradient_is_that_of_the_gaussian_filtered_3d_grid(sigma):
     """Filtering the factors equals filtering the field; no axis is damped (an erratum of the code)."""
     torch.manual_seed(0)
     planes, lines = torch.randn(3, SIZE, SIZE, 4), torch.randn(3, SIZE, 4)
-    grid = dense(planes, lines).numpy()
+    grid, taps = dense(planes, lines).numpy(), gaussian_taps(sigma)
     for axis in range(3):
-        grid = scipy.ndimage.correlate1d(grid, SMOOTHING, axis=axis, mode="nearest")
+        grid = scipy.ndimage.correlate1d(grid, taps.numpy(), axis=axis, mode="reflect")
     expected = np.stack(
         [scipy.ndimage.correlate1d(grid, [-0.5, 0, 0.5], axis=a, mode="nearest") for a in range(3)],
         -1,
     )
     nodes = np.stack(np.meshgrid(*[np.arange(SIZE)] * 3, indexing="ij"), -1).reshape(-1, 3)
-    result = vm_gradient(torch.from_numpy(nodes).float(), *smoothed_factors(planes, lines))
+    result = vm_gradient(torch.from_numpy(nodes).float(), *smoothed_factors(planes, lines, taps))
     np.testing.assert_allclose(result.numpy(), expected.reshape(-1, 3), atol=2e-4)
 
 
-def test_the_smoothing_kernel_is_normalised():
-    assert abs(sum(SMOOTHING) - 1) < 1e-6
+@pytest.mark.parametrize("sigma", [0.0, 0.7, 0.75, 2.0, 6.0])
+def test_the_smoothing_kernel_is_normalised_and_as_wide_as_asked_for(sigma):
+    taps = gaussian_taps(sigma)
+    offsets = torch.arange(len(taps)) - len(taps) // 2
+    assert abs(float(taps.sum()) - 1) < 1e-6
+    width = float((taps * offsets**2).sum() ** 0.5)
+    assert width == pytest.approx(max(sigma, PAPER_SIGMA), rel=0.02)
 
 
 def field_of_slope(direction, half_size=1.0):

@@ -13,7 +13,7 @@ from solver.capture.photos import Photo
 from solver.fit import checkpoint
 from solver.fit.errors import SettingsError
 from solver.fit.losses import Behind, photometric
-from solver.fit.presets import PRESETS, Settings, neural_share, settings_for
+from solver.fit.presets import PRESETS, Settings, neural_share, settings_for, smoothing_width
 from solver.fit.ray_bank import RayBank, RayBatch
 from solver.fit.start import background_of, new_trainer, trainer_for
 from solver.fit.visual_hull import bounding_box, carve, signed_distance
@@ -125,6 +125,23 @@ def test_the_neural_term_fades_out_before_the_end():
     shares = [neural_share(fit, fraction) for fraction in (0.0, 0.4, 0.5, 0.65, 1.0)]
     assert shares[0] == 1 and shares[-1] == shares[-2] == 0
     assert all(a >= b for a, b in zip(shares, shares[1:], strict=False))
+
+
+def test_the_smoothing_of_normals_narrows_to_its_end():
+    field = settings_for("draft").field
+    widths = [smoothing_width(field, fraction) for fraction in np.linspace(0, 1, 9)]
+    assert (np.diff(widths) < 0).all()
+    np.testing.assert_allclose([widths[0], widths[-1]], field.smoothing, rtol=1e-6)
+    assert smoothing_width(settings_for("paper").field, 0.0) == 0.0
+
+
+def test_a_finished_fit_keeps_the_normals_it_ended_with(tmp_path):
+    trainer, *_ = trained(1)
+    checkpoint.save_checkpoint(trainer, tmp_path / "checkpoint", 1.0, done=True)
+    scene, _, _ = checkpoint.load_scene(tmp_path / "checkpoint")
+    assert scene.field.smoothing == trainer.scene.field.smoothing > 0
+    for ours, theirs in zip(scene.normal_tables(), trainer.scene.normal_tables(), strict=True):
+        torch.testing.assert_close(ours, theirs)
 
 
 def test_presets_are_valid_and_settings_convert():

@@ -58,13 +58,20 @@ def test_kernels_give_the_same_bits_twice():
     assert all(torch.equal(a, b) for a, b in zip(*runs, strict=True))
 
 
-@pytest.mark.parametrize("size, channels", [(2, 1), (9, 16)])
-def test_smoothing_agrees_with_its_twin_in_values_and_gradients(size, channels):
+@pytest.mark.parametrize("size, channels, reach", [(2, 1, 1), (9, 16, 2), (5, 3, 13)])
+@pytest.mark.parametrize("path, device", PATHS)
+def test_smoothing_agrees_with_its_twin_in_values_and_gradients(
+    size, channels, reach, path, device
+):
+    torch.manual_seed(4)
     planes = torch.randn(3, size, size, channels, requires_grad=True)
-    cotangent = torch.randn_like(planes)
-    fused = vm.smooth_planes(planes, 0.5, 0.25)
-    with plain_torch():
-        plain = vm.smooth_planes(planes, 0.5, 0.25)
-    torch.testing.assert_close(fused, plain)
-    a, b = (torch.autograd.grad(out, planes, cotangent)[0] for out in (fused, plain))
-    torch.testing.assert_close(a, b)
+    half = torch.rand(reach)
+    taps = torch.cat([half, torch.ones(1), half.flip(0)]) / (1 + 2 * half.sum())
+    planes, cotangent = to_device([planes, torch.randn_like(planes)], device)
+    results = []
+    for taken in (path, "torch"):
+        with forced_path(taken):
+            out = vm.smooth_planes(planes, taps)
+            results.append((out, *torch.autograd.grad(out, planes, cotangent)))
+    for a, b in zip(*results, strict=True):
+        torch.testing.assert_close(a, b)

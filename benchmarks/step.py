@@ -1,0 +1,90 @@
+"""How long a step of the fit takes on each path that a device has, in one run.
+
+    python benchmarks/step.py                           the CPU: numba, Warp and plain torch
+    python benchmarks/step.py --device cuda --capture scenes/materials --preset standard
+
+Steps are those of a fit that has just begun on its finest grid; the paths take them in turn, so that a
+machine that gets slower does so for all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from solver.threads import let_idle_threads_sleep  # noqa: E402
+
+let_idle_threads_sleep()
+
+import numpy as np  # noqa: E402
+import torch  # noqa: E402
+
+from benchmarks.machine import describe_machine  # noqa: E402
+from solver.capture.photos import load_photos  # noqa: E402
+from solver.capture.read import read_capture  # noqa: E402
+from solver.fit.presets import settings_for  # noqa: E402
+from solver.fit.start import new_trainer  # noqa: E402
+from solver.kernels.backend import forced_path  # noqa: E402
+from solver.kernels.warm_up import compile_kernels  # noqa: E402
+
+PATHS = {"cpu": ("torch", "numba", "warp"), "cuda": ("torch", "warp"), "mps": ("torch",)}
+WARM_UP, ROUNDS = 2, 3
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--capture", type=Path, default=ROOT / "samples" / "duck")
+    parser.add_argument("--preset", default="draft")
+    parser.add_argument("--device", default="cpu", choices=list(PATHS))
+    parser.add_argument("--steps", type=int, default=10, help="a round")
+    parser.add_argument("--set", action="append", default=[], metavar="section.field=value")
+    options = parser.parse_args()
+    settings = settings_for(
+        options.preset, dict(text.split("=", 1) for text in options.set)
+    )  # fmt: skip
+    capture = read_capture(options.capture)
+    photos = load_photos(capture)
+    paths = PATHS[options.device]
+    trainers, seconds = {}, {path: [] for path in paths}
+    for path in paths:
+        with forced_path(path):
+            if path != "torch":
+                compile_kernels(options.device)
+            trainers[path] = new_trainer(
+                capture, photos, settings, 0, None, options.device, lambda fraction: None
+            )
+            take_steps(trainers[path], WARM_UP, options.device)
+    for _ in range(ROUNDS):
+        for path in paths:
+            with forced_path(path):
+                took = take_steps(trainers[path], options.steps, options.device)
+                seconds[path].append(took / options.steps)
+    print(f"{describe_machine()}; {capture.source.name}, {options.preset}, {options.device}.\n")
+    print("| path | ms a step | times faster than plain torch |\n| --- | ---: | ---: |")
+    for path in paths:
+        best = min(seconds[path])
+        print(f"| {path} | {1e3 * best:.1f} | {min(seconds['torch']) / best:.1f} |")
+    if options.device == "cuda":
+        print(f"\nPeak {torch.cuda.max_memory_allocated() / 2**30:.1f} GiB of its memory.")
+
+
+def take_steps(trainer, count: int, device: str) -> float:
+    """Seconds of steps on the finest grid."""
+    finest = np.nextafter(1.0, 0.0)
+    started = time.perf_counter()
+    for _ in range(count):
+        trainer.advance(finest)
+    if device == "cuda":
+        torch.cuda.synchronize()
+    return time.perf_counter() - started
+
+
+if __name__ == "__main__":
+    main()
