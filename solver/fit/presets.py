@@ -31,7 +31,7 @@ class FieldSettings:
     """length of a feature vector"""
     smoothed_normals: bool = True
     """normals from the Gaussian-smoothed finite difference; else the analytical derivative"""
-    smoothing: tuple[float, float] = (0.03, 0.0066)
+    smoothing: tuple[float, float] = (0.03, 0.0093)
     """standard deviation of the normals' smoothing at the start and at the end, as shares of the box's
     edge; never narrower than the paper's kernel (0: that one)"""
     initial_albedo: float = 0.5
@@ -206,12 +206,12 @@ def settings_for(preset: str, overrides: dict[str, object] | None = None) -> Set
 def smoothing_width(field: FieldSettings, fraction: float) -> float:
     """The normals' smoothing at a fraction of the fit, as a share of the box's edge.
 
-    Wide first, so that a bumpy hull reflects like the shape it stands for; narrower quickly.
+    Wide first, so that a bumpy hull reflects like the shape it stands for.
     """
     first, last = field.smoothing
     if min(first, last) <= 0:
         return last
-    return last * (first / last) ** ((1 - fraction) ** 2)
+    return last * (first / last) ** (1 - fraction)
 
 
 def neural_share(fit: FitSettings, fraction: float) -> float:
