@@ -24,6 +24,7 @@ let_idle_threads_sleep()
 import numpy as np  # noqa: E402
 
 from benchmarks.machine import describe_machine  # noqa: E402
+from benchmarks.plots import line_charts  # noqa: E402
 from solver.capture.photos import load_photos, read_exr  # noqa: E402
 from solver.capture.read import read_capture  # noqa: E402
 from solver.fit.presets import Settings, picture_settings, settings_for  # noqa: E402
@@ -87,10 +88,11 @@ def score(trainer: Trainer, scene: Path) -> dict[str, float]:
     return result | ({"normal_mae": float(np.mean(angles))} if angles else {})
 
 
-def page(curves: dict[str, list[dict[str, float]]], title: str) -> str:
+def page(curves: dict[str, list[dict[str, float]]], title: str, picture: str) -> str:
     """All curves as a Markdown page."""
     lines = ["# Benchmarks: quality over time", "", "Written by `benchmarks/curves.py`; do not edit.",
              f"{title} {VIEWS} held-out views at {RAYS} rays a pixel.", ""]  # fmt: skip
+    lines += [f"![PSNR and normal error over CPU seconds]({picture})", ""]
     lines += ["| scene | step | CPU s | wall s | PSNR dB | normal MAE ° |"]
     lines += ["| --- | ---: | ---: | ---: | ---: | ---: |"]
     for name, rows in curves.items():
@@ -121,7 +123,19 @@ def main() -> None:
     old = json.loads(results.read_text(encoding="utf-8")) if results.is_file() else {}
     curves = old.get("curves", {}) | curves
     results.write_text(json.dumps({"about": title, "curves": curves}, indent=1), encoding="utf-8")
-    options.out.with_suffix(".md").write_text(page(curves, title), encoding="utf-8")
+    picture = Path("images") / f"{options.out.name}.png"
+    text = page(curves, title, picture.as_posix())
+    options.out.with_suffix(".md").write_text(text, encoding="utf-8", newline="\n")
+    line_charts(
+        options.out.parent / picture,
+        [
+            {"x": "CPU seconds", "y": label, "log_x": True,
+             "lines": {name: [(row["cpu"], row[key]) for row in rows if key in row]
+                       for name, rows in curves.items()}}
+            for label, key in (("PSNR dB", "psnr"), ("normal MAE °", "normal_mae"))
+        ],
+        columns=2,
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ class FieldSettings:
     """length of a feature vector"""
     smoothed_normals: bool = True
     """normals from the Gaussian-smoothed finite difference; else the analytical derivative"""
-    smoothing: tuple[float, float] = (0.03, 0.0093)
+    smoothing: tuple[float, float] = (0.03, 0.0046)
     """standard deviation of the normals' smoothing at the start and at the end, as shares of the box's
     edge; never narrower than the paper's kernel (0: that one)"""
     initial_albedo: float = 0.5
@@ -85,7 +85,7 @@ class FitSettings:
     """of planes and lines"""
     learning_rate_network: float = 3e-3
     """of the feature basis, the heads and g"""
-    learning_rate_light: float = 0.1
+    learning_rate_light: float = 0.06
     """of the environment map's logarithm"""
     final_learning_rate: float = 0.05
     """all rates at the end, as a share of their start"""

@@ -1,0 +1,43 @@
+"""Line charts for the pages of docs, all drawn alike."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+SIZE = 2.6  # inches of a chart
+
+
+def line_charts(path: Path, charts: list[dict], columns: int) -> None:
+    """Draw charts side by side, `columns` a row, and write a PNG.
+
+    Args:
+        charts: each with 'x' and 'y', the axes' labels, 'lines', points [(x, y), …] by the name of a
+            line, and, if wanted, 'log_x'.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    count = -(-len(charts) // columns)
+    figure, axes = plt.subplots(
+        count, columns, figsize=(SIZE * columns, 0.8 * SIZE * count), squeeze=False
+    )
+    for axis, chart in zip(axes.flat, charts, strict=False):
+        for name, points in chart["lines"].items():
+            axis.plot(*zip(*points, strict=True), marker="o", markersize=3, label=name)
+        axis.set_xlabel(chart["x"])
+        axis.set_ylabel(chart["y"])
+        if chart.get("log_x"):
+            axis.set_xscale("log")
+        else:
+            axis.set_ylim(bottom=0)
+        axis.grid(alpha=0.3)
+        if any(chart["lines"]):
+            axis.legend(fontsize=7)
+    for axis in axes.flat[len(charts) :]:
+        axis.remove()
+    figure.tight_layout()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
