@@ -31,9 +31,9 @@ class FieldSettings:
     """length of a feature vector"""
     smoothed_normals: bool = True
     """normals from the Gaussian-smoothed finite difference; else the analytical derivative"""
-    smoothing: tuple[float, float] = (0.03, 0.0046)
+    smoothing: tuple[float, float] = (0.0, 0.0)
     """standard deviation of the normals' smoothing at the start and at the end, as shares of the box's
-    edge; never narrower than the paper's kernel (0: that one)"""
+    edge; never narrower than the paper's kernel (0: that one). Wide is better in short fits"""
     initial_albedo: float = 0.5
     """albedo of every point at the start"""
     initial_roughness: float = 0.4

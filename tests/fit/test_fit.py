@@ -128,7 +128,7 @@ def test_the_neural_term_fades_out_before_the_end():
 
 
 def test_the_smoothing_of_normals_narrows_to_its_end():
-    field = settings_for("draft").field
+    field = settings_for("draft", {"field.smoothing": "0.03,0.01"}).field
     widths = [smoothing_width(field, fraction) for fraction in np.linspace(0, 1, 9)]
     assert (np.diff(widths) < 0).all()
     np.testing.assert_allclose([widths[0], widths[-1]], field.smoothing, rtol=1e-6)
@@ -136,7 +136,10 @@ def test_the_smoothing_of_normals_narrows_to_its_end():
 
 
 def test_a_finished_fit_keeps_the_normals_it_ended_with(tmp_path):
-    trainer, *_ = trained(1)
+    wide = dataclasses.replace(SMALL, field=dataclasses.replace(SMALL.field, smoothing=(0.1, 0.05)))
+    capture, photos = ball_capture()
+    trainer = new_trainer(capture, photos, wide, 0, None, "cpu", lambda fraction: None)
+    trainer.advance(0.5)
     checkpoint.save_checkpoint(trainer, tmp_path / "checkpoint", 1.0, done=True)
     scene, _, _ = checkpoint.load_scene(tmp_path / "checkpoint")
     assert scene.field.smoothing == trainer.scene.field.smoothing > 0
