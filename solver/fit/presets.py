@@ -85,7 +85,7 @@ class FitSettings:
     """of planes and lines"""
     learning_rate_network: float = 3e-3
     """of the feature basis, the heads and g"""
-    learning_rate_light: float = 0.06
+    learning_rate_light: float = 0.03
     """of the environment map's logarithm"""
     final_learning_rate: float = 0.05
     """all rates at the end, as a share of their start"""
@@ -111,9 +111,9 @@ class FitSettings:
     """of the difference to the materials close by, likewise"""
     smoothness_end: float = 0.4
     """what remains of both smoothness weights at the end"""
-    roughness_weight: float = 0.002
+    roughness_weight: float = 0.0
     """of α = r² at the start, falling to nothing at the end: a wide lobe under a blurred light fits
-    most photos, so roughness that starts wide stays there (docs/decisions/0009)"""
+    most photos, so roughness that starts wide stays there; 0.002 helps glazes (docs/decisions/0009)"""
     neighbour_distance: float = 1.5
     """how far away "close by" is, voxels"""
     neural_start: float = 0.0
@@ -157,7 +157,7 @@ PAPER = Settings(
     field=FieldSettings(
         sizes=(128, 162, 196, 231, 265, 300),
         size_starts=(0.0, 2000 / 30000, 3000 / 30000, 4000 / 30000, 5500 / 30000, 7000 / 30000),
-        hull_start=False, smoothing=(0.0, 0.0), initial_albedo=0.91, initial_roughness=0.6, initial_f0=0.5,
+        hull_start=False, initial_albedo=0.91, initial_roughness=0.6, initial_f0=0.5,
         occupancy_min_alpha=0.001,
     ),
     light=LightSettings(heights=(512,)),
@@ -173,7 +173,7 @@ PAPER = Settings(
         use_masks=False, mask_weight=0.0,
         # The paper sums over the three channels where `losses` takes their mean.
         orientation_weight=0.1 / 3, opacity_weight=6e-4 / 3, bending_weight=0.0,
-        unevenness_weight=0.0, roughness_weight=0.0, neighbour_distance=0.0, neural_start=1.0,
+        unevenness_weight=0.0, neighbour_distance=0.0, neural_start=1.0,
         neural_fade=(1.0, 1.0),
     ),
 )  # fmt: skip
