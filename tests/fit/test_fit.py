@@ -193,6 +193,22 @@ def test_a_saturated_pixel_forgives_more_light_but_not_less():
     assert loss(3.0) == 0 and loss(0.5) > 0.01
 
 
+def test_the_pull_on_roughness_makes_surfaces_sharper_and_is_gone_at_the_end():
+    def mean_roughness(weight, fraction):
+        pulled = dataclasses.replace(SMALL.fit, roughness_weight=weight)
+        settings = dataclasses.replace(SMALL, fit=pulled)
+        capture, photos = ball_capture()
+        trainer = new_trainer(capture, photos, settings, 0, None, "cpu", lambda fraction: None)
+        for _ in range(12):
+            trainer.advance(fraction)
+        features = trainer.scene.field.features(torch.rand(500, 3))
+        return float(trainer.scene.field.materials(features).alpha.mean())
+
+    last = np.nextafter(1.0, 0.0)
+    assert mean_roughness(10.0, 0.1) < mean_roughness(0.0, 0.1) - 1e-3
+    assert mean_roughness(10.0, last) == pytest.approx(mean_roughness(0.0, last), rel=1e-3)
+
+
 def test_the_background_is_recognised():
     _, masked = ball_capture(2)
     white = [Photo(np.ones((8, 8, 4), np.float32), False, False)] * 2
