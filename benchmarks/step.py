@@ -66,7 +66,9 @@ def main() -> None:
             with forced_path(path):
                 took = take_steps(trainers[path], options.steps, options.device)
                 seconds[path].append(took / options.steps)
-    print(f"{describe_machine()}; {options.capture.resolve().name}, {options.preset}, {options.device}.\n")
+    print(
+        f"{describe_machine()}; {options.capture.resolve().name}, {options.preset}, {options.device}.\n"
+    )
     print("| path | ms a step | times faster than plain torch |\n| --- | ---: | ---: |")
     for path in paths:
         best = min(seconds[path])
