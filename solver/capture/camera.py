@@ -53,6 +53,11 @@ class Camera:
         """Unit world direction [3] of the optical axis."""
         return -self.camera_to_world[:3, 2]
 
+    @property
+    def pixel_angle(self) -> float:
+        """Angular width of a pixel on the optical axis, rad; the root of its solid angle."""
+        return (self.fx * self.fy) ** -0.5
+
     def rays(self, columns: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """World origins and unit directions [N, 3] through pixel positions [N].
 

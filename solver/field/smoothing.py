@@ -8,6 +8,7 @@ kernel (the authors' public code damps them by 0.452 instead).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import torch
 import torch.nn.functional as F
@@ -21,10 +22,18 @@ PAPER_SIGMA = (2 * float(PAPER_TAPS[0])) ** 0.5
 """its standard deviation once cut off, voxels"""
 
 
+LEAST_STEP_SIGMA = 1 / 3
+"""voxels; narrower than that, a Gaussian on the grid does nothing"""
+
+
 def gaussian_taps(sigma: float) -> torch.Tensor:
     """A Gaussian of standard deviation `sigma` voxels, up to three of them; at least `PAPER_TAPS`."""
     if sigma <= PAPER_SIGMA:
         return PAPER_TAPS
+    return _gaussian(sigma)
+
+
+def _gaussian(sigma: float) -> torch.Tensor:
     reach = math.ceil(3 * sigma)
     taps = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / sigma) ** 2)
     return taps / taps.sum()
@@ -35,6 +44,22 @@ def smoothed_factors(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Factors of `vm_gradient`: planes [3, G, G, C] and lines [3, G, C], each smoothed along its axes."""
     return smooth_planes(planes, taps), smooth(lines, taps, 1)
+
+
+def step_smoothing(sigma: float) -> Callable[[torch.Tensor], torch.Tensor] | None:
+    """What smooths a change of planes or lines by a Gaussian of `sigma` voxels; None below a third.
+
+    A fit whose every step is smooth finds smooth surfaces first and bends them only where the photos
+    insist; Adam alone makes steps of one size everywhere, also where there is but noise to follow.
+    Nicolet et al., "Large Steps in Inverse Rendering of Geometry", 2021 (doi:10.1145/3478513.3480501),
+    do so for meshes.
+    """
+    if sigma < LEAST_STEP_SIGMA:
+        return None
+    taps = _gaussian(sigma)
+    return lambda change: (
+        smooth_planes(change, taps) if change.dim() == 4 else smooth(change, taps, 1)
+    )
 
 
 def upsample(planes: torch.Tensor, lines: torch.Tensor, size: int):

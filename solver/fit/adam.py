@@ -15,6 +15,7 @@ class Adam:
 
     Args:
         groups: of 'params', a list of tensors, and 'base', the group's rate; 'lr' is what counts.
+            'smooth', if there and not None, gets every tensor's change and returns what is made.
     """
 
     DECAYS, EPSILON = (0.9, 0.99), 1e-15
@@ -35,7 +36,12 @@ class Adam:
         for (group, parameter), moments in zip(self._parameters(), self._moments, strict=True):
             if parameter.grad is not None:
                 rates = Rates(group["lr"], *self.DECAYS, self.EPSILON, self.count)
+                smooth = group.get("smooth")
+                before = parameter.detach().clone() if smooth else None
                 adam_step(parameter.detach(), parameter.grad, moments, rates)
+                if smooth:
+                    with torch.no_grad():
+                        parameter.copy_(before + smooth(parameter - before))
 
     def state(self) -> dict[str, torch.Tensor]:
         """For a checkpoint."""

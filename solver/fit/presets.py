@@ -34,6 +34,9 @@ class FieldSettings:
     smoothing: tuple[float, float] = (0.0, 0.0)
     """standard deviation of the normals' smoothing at the start and at the end, as shares of the box's
     edge; never narrower than the paper's kernel (0: that one). Wide is better in short fits"""
+    step_smoothing: tuple[float, float] = (0.0, 0.0)
+    """standard deviation of the smoothing of the density's every step, at the start and at the end, as
+    shares of the box's edge (0: none): surfaces are smooth unless the photos insist"""
     initial_albedo: float = 0.5
     """albedo of every point at the start"""
     initial_roughness: float = 0.4
@@ -164,7 +167,7 @@ PAPER = Settings(
     render=RenderSettings(
         secondary_step=0.5, secondary_rays=128, min_weight=0.0, min_transmittance=1e-4,
         retraced_rays=1000, retrace_choice="noisy", secondary_bounce_rays=8, visibility=False,
-        light_masking=False,
+        light_masking=False, pixel_footprint=False,
     ),
     fit=FitSettings(
         steps=30000, rays=4096, most_rays=8000, samples=200_000, secondary_samples=1_000_000,
@@ -208,7 +211,16 @@ def smoothing_width(field: FieldSettings, fraction: float) -> float:
 
     Wide first, so that a bumpy hull reflects like the shape it stands for.
     """
-    first, last = field.smoothing
+    return _between(field.smoothing, fraction)
+
+
+def step_width(field: FieldSettings, fraction: float) -> float:
+    """The smoothing of the density's steps at a fraction of the fit, as a share of the box's edge."""
+    return _between(field.step_smoothing, fraction)
+
+
+def _between(ends: tuple[float, float], fraction: float) -> float:
+    first, last = ends
     if min(first, last) <= 0:
         return last
     return last * (first / last) ** (1 - fraction)

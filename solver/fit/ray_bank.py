@@ -20,6 +20,7 @@ class RayBatch(NamedTuple):
     colour: torch.Tensor  # [B, 3] sRGB-encoded, straight (not premultiplied)
     alpha: torch.Tensor  # [B] coverage; 1 where the photo has none
     clipped: torch.Tensor  # [B, 3] true where the photo is saturated
+    pixel_angle: torch.Tensor  # [B] angular width of the pixel, rad
 
 
 class RayBank:
@@ -63,7 +64,7 @@ class RayBank:
         self.lens_start = torch.tensor(lens_start, device=device)
         self.likely = None
         self.preview_camera, self.preview_photo = cameras[0], photos[0].pixels
-        self.pixel_solid_angle = float(np.median([1 / (c.fx * c.fy) for c in cameras]))
+        self.pixel_angle = torch.tensor([c.pixel_angle for c in cameras], device=device)
 
     def __len__(self) -> int:
         return self.first_pixel[-1]
@@ -80,7 +81,9 @@ class RayBank:
         origins, directions, photo = self.rays(pixel)
         colour = self.colour[pixel].float()
         clipped = (colour >= 0.998) & ~self.is_hdr[photo][:, None]
-        return RayBatch(origins, directions, colour, self.alpha[pixel].float(), clipped)
+        return RayBatch(
+            origins, directions, colour, self.alpha[pixel].float(), clipped, self.pixel_angle[photo]
+        )
 
     def restrict(self, likely: torch.Tensor) -> None:
         """Draw mostly from the pixels in `likely` [P] bool (rays that can meet the object)."""

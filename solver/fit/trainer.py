@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import torch
 
+from ..field.smoothing import step_smoothing
 from ..kernels.backend import gradients_in_place
 from ..render.radiance import render_rays
 from ..render.random_numbers import RandomNumbers
@@ -15,7 +16,7 @@ from ..render.scene import RenderSettings, Scene, StepTables
 from .adam import Adam
 from .batching import Batching
 from .losses import Behind, total_loss
-from .presets import Settings, neural_share, smoothing_width
+from .presets import Settings, neural_share, smoothing_width, step_width
 from .ray_bank import RayBank, RayBatch
 from .workers import Workers, worker_count
 
@@ -77,9 +78,8 @@ class Trainer:
     def _new_optimiser(self) -> Adam:
         fit, scene = self.settings.fit, self.scene
         field = scene.field
-        grids = [
-            field.density_planes, field.density_lines, field.feature_planes, field.feature_lines
-        ]  # fmt: skip
+        density = [field.density_planes, field.density_lines]
+        features = [field.feature_planes, field.feature_lines]
         networks = [
             *field.basis.parameters(),
             *field.heads.parameters(),
@@ -88,7 +88,8 @@ class Trainer:
         for parameter in networks:
             parameter.requires_grad_(not self.keep_decoder)
         groups = [
-            {"params": grids, "base": fit.learning_rate_grid},
+            {"params": density, "base": fit.learning_rate_grid, "smooth": None},
+            {"params": features, "base": fit.learning_rate_grid},
             {"params": networks, "base": fit.learning_rate_network},
             {"params": [scene.environment.log_radiance], "base": fit.learning_rate_light},
         ]
@@ -124,6 +125,8 @@ class Trainer:
         factor = self._learning_rate_factor(fraction)
         for group in self.optimiser.param_groups:
             group["lr"] = group["base"] * factor
+        width = step_width(self.settings.field, fraction) * (self.scene.field.size - 1)
+        self.optimiser.param_groups[0]["smooth"] = step_smoothing(width)
         if self.step % self.OCCUPANCY_EVERY == 0:
             self.refresh_occupancy()
         self.random.step = self.step
@@ -175,7 +178,7 @@ class Trainer:
         )
         buffers = render_rays(
             scene, tables, settings, self.random, batch.origins, batch.directions, chunk.keys,
-            jitter=True,
+            jitter=True, pixel_angle=batch.pixel_angle,
         )  # fmt: skip
         loss, terms = total_loss(
             buffers, batch, self.settings.fit, self.use_masks, fraction,
@@ -187,8 +190,7 @@ class Trainer:
     def _behind(self, scene: Scene, batch: RayBatch, tables: StepTables, chunk: Chunk) -> Behind:
         rays, device = len(batch.origins), batch.origins.device
         if self.background == "environment":
-            pixel = batch.origins.new_full((rays,), self.bank.pixel_solid_angle)
-            light = scene.environment.lookup(tables.light, batch.directions, pixel)
+            light = scene.environment.lookup(tables.light, batch.directions, batch.pixel_angle**2)
             return Behind(light, is_linear=True)
         if chunk.colour is not None:
             return Behind(chunk.colour)

@@ -33,7 +33,7 @@ class Carried(NamedTuple):
 class _Specular(torch.autograd.Function):
     @staticmethod
     def forward(ctx, normals, alphas, f0s, table, views, points, first, shares, u, rows, masking,
-                averaged, blockers):  # fmt: skip
+                averaged, blockers, spread):  # fmt: skip
         samples, rays = len(normals), len(u)
         radiance = torch.empty(samples, 3)
         directions, weights, light = torch.empty(3, rays, 3).unbind()
@@ -42,7 +42,8 @@ class _Specular(torch.autograd.Function):
         inputs = [normals, views, alphas, f0s, first, shares, u]
         arrays = [value.detach().contiguous().numpy() for value in inputs]
         specular_numba.specular(
-            *arrays, masking, averaged, points.contiguous().numpy(), blockers.reach,
+            *arrays, masking, averaged, spread.contiguous().numpy(), points.contiguous().numpy(),
+            blockers.reach,
             blockers.low.double().numpy(), 1 / blockers.edge, blockers.cell,
             blockers.blocking.numpy(), table.numpy(), rows.numpy(), radiance.numpy(),
             directions.numpy(), weights.numpy(), passing.numpy(), light.numpy(), slope.numpy(),
@@ -75,13 +76,14 @@ class _Specular(torch.autograd.Function):
         integral_numba.rectangle_mean_backward(
             rows.numpy(), centre.numpy(), size.numpy(), to_light.numpy(), g_table.numpy()
         )
-        return g_normals, g_alphas, g_f0s, g_table, *[None] * 9
+        return g_normals, g_alphas, g_f0s, g_table, *[None] * 10
 
 
 def specular(
     normals: torch.Tensor, alphas: torch.Tensor, f0s: torch.Tensor, table: torch.Tensor,
     views: torch.Tensor, points: torch.Tensor, counts: torch.Tensor, shares: torch.Tensor,
     u: torch.Tensor, rows: torch.Tensor, masking: bool, averaged: bool, blockers: Blockers,
+    spread: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, Carried]:  # fmt: skip
     """Radiance [S, 3] that samples reflect from the environment, as far as the grid lets it through.
 
@@ -91,12 +93,14 @@ def specular(
         counts: [S] rays of each sample. shares: [S] by how much each of them counts.
         u: [K, 2] uniform in [0, 1), K = Σ counts.
         masking: weigh by G2/G1. averaged: a ray stands for its share of the solid angle.
+        spread: [S, 2, 3] what the pixel adds to that (`footprint.reflected_spread`); none: nothing.
 
     Gradients flow to normals, alphas, f0s and the table.
     """
     first = torch.nn.functional.pad(counts.cumsum(0), (1, 0))
+    spread = normals.new_zeros(len(normals), 2, 3) if spread is None else spread
     radiance, *carried = _Specular.apply(
         normals, alphas, f0s, table, views, points, first, shares, u, rows, masking, averaged,
-        blockers,
+        blockers, spread,
     )  # fmt: skip
     return radiance, Carried(*carried)

@@ -158,7 +158,7 @@ def power5(x):
 
 @numba.njit(nogil=True)
 def specular_of_sample(
-    s, normals, views, alphas, f0s, first, shares, u, masking, averaged,
+    s, normals, views, alphas, f0s, first, shares, u, masking, averaged, spread,
     points, reach, box_low, box_scale, cell, blocking, table, rows,
     radiance, directions, weights, passing, light, slope, centre, size,
 ):  # fmt: skip
@@ -197,10 +197,18 @@ def specular_of_sample(
         solid_angle = min(1.0 / max(count * density, 1e-6), 4.0 * math.pi) if averaged else 0.0
         column = (0.5 - math.atan2(d[1], d[0]) / (2.0 * math.pi)) * width
         row = math.acos(min(max(d[2], -1.0 + 1e-7), 1.0 - 1e-7)) / math.pi * height
-        side = math.sqrt(solid_angle)
         sine = max(math.sin(row * math.pi / height), 1e-4)
-        columns = min(max(side / sine * width / (2.0 * math.pi), 1.0), float(width))
-        lines = min(max(side * height / math.pi, 1.0), 0.5 * height)
+        wide, high = solid_angle, solid_angle
+        if averaged:
+            flat = max(math.sqrt(d[0] * d[0] + d[1] * d[1]), 1e-4)
+            for e in range(2):
+                x, y, z = spread[s, e, 0], spread[s, e, 1], spread[s, e, 2]
+                east = (y * d[0] - x * d[1]) / flat
+                south = (x * d[0] + y * d[1]) * d[2] / flat - z * flat
+                wide += east * east
+                high += south * south
+        columns = min(max(math.sqrt(wide) / sine * width / (2.0 * math.pi), 1.0), float(width))
+        lines = min(max(math.sqrt(high) * height / math.pi, 1.0), 0.5 * height)
         centre[k, 0], centre[k, 1], size[k, 0], size[k, 1] = column, row, columns, lines
         start = min(reach * (1.0 / max(out[2], SELF_SHADOW_COSINE) - 1.0), 4.0 * reach)
         through = through_grid(
@@ -223,7 +231,7 @@ def specular_of_sample(
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def specular(
-    normals, views, alphas, f0s, first, shares, u, masking, averaged,
+    normals, views, alphas, f0s, first, shares, u, masking, averaged, spread,
     points, reach, box_low, box_scale, cell, blocking, table, rows,
     radiance, directions, weights, passing, light, slope, centre, size,
 ):  # fmt: skip
@@ -235,7 +243,7 @@ def specular(
     """
     for s in numba.prange(normals.shape[0]):
         specular_of_sample(
-            s, normals, views, alphas, f0s, first, shares, u, masking, averaged,
+            s, normals, views, alphas, f0s, first, shares, u, masking, averaged, spread,
             points, reach, box_low, box_scale, cell, blocking, table, rows,
             radiance, directions, weights, passing, light, slope, centre, size,
         )  # fmt: skip

@@ -133,27 +133,51 @@ class EnvironmentMap(nn.Module):
         return LightTables(table, irradiance)
 
     def lookup(
-        self, tables: LightTables, directions: torch.Tensor, solid_angle: torch.Tensor
-    ) -> torch.Tensor:
+        self, tables: LightTables, directions: torch.Tensor, solid_angle: torch.Tensor,
+        spread: torch.Tensor | None = None,
+    ) -> torch.Tensor:  # fmt: skip
         """Mean radiance [N, 3] over a square of `solid_angle` [N] sr around directions [N, 3].
 
         The square is one of latitude and longitude: height √(area·sinθ), width √(area/sinθ) in
         texels (paper Appendix A with the rectangle's size put right: a sample stands for the solid
         angle 1/(N·p)). It is never smaller than a texel, so a lookup is at least bilinear.
+
+        Args:
+            spread: [N, 2, 3] edges of a parallelogram of directions, rad, over which the square is
+                blurred: the rectangle gets the variance of both along either axis. No gradient.
         """
         centre = equirect_coordinates(directions, self.height, self.width)
-        size = self.footprint(centre.detach()[:, 1], solid_angle.detach())
+        with torch.no_grad():
+            blur = None if spread is None else self._variance(directions, spread)
+            size = self.footprint(centre[:, 1], solid_angle, blur)
         return rectangle_mean(tables.table, self.row_prefix, centre, size)
 
-    def footprint(self, row: torch.Tensor, solid_angle: torch.Tensor) -> torch.Tensor:
-        """(columns, rows) [N, 2] of a square of the given solid angle [N] at continuous rows [N]."""
+    def footprint(
+        self, row: torch.Tensor, solid_angle: torch.Tensor, blur: torch.Tensor | None = None
+    ) -> torch.Tensor:
+        """(columns, rows) [N, 2] of a square of the given solid angle [N] at continuous rows [N].
+
+        Args:
+            blur: [N, 2] squared widths, rad², along longitude and latitude, added to the square's.
+        """
         sine = torch.sin(row * (math.pi / self.height)).clamp(min=1e-4)
-        side = solid_angle.clamp(0, 4 * math.pi).sqrt()
-        rows = side * (self.height / math.pi)
-        columns = side / sine * (self.width / (2 * math.pi))
+        square = solid_angle.clamp(0, 4 * math.pi)[:, None]
+        side = (square if blur is None else square + blur).sqrt()
+        rows = side[:, -1] * (self.height / math.pi)
+        columns = side[:, 0] / sine * (self.width / (2 * math.pi))
         return torch.stack(
             [columns.clamp(1.0, float(self.width)), rows.clamp(1.0, 0.5 * self.height)], dim=-1
         )
+
+    @staticmethod
+    def _variance(directions: torch.Tensor, spread: torch.Tensor) -> torch.Tensor:
+        """Squared widths [N, 2], rad², along longitude and latitude, of parallelograms [N, 2, 3]."""
+        x, y, z = directions.unbind(-1)
+        sine = (x * x + y * y).sqrt().clamp(min=1e-4)
+        east = torch.stack([-y / sine, x / sine, torch.zeros_like(z)], dim=-1)
+        south = torch.stack([x * z / sine, y * z / sine, -sine], dim=-1)
+        axes = torch.stack([east, south], dim=1)
+        return torch.einsum("nij,nkj->nki", spread, axes).square().sum(-1)
 
     def resized(self, height: int) -> EnvironmentMap:
         """The same light on a map of another height (coarse to fine)."""

@@ -98,6 +98,16 @@ class Composition(nn.Module):
             reach[mine] = found.reach * placement.scale
         return Surface(normals, features, Materials(albedo, alpha, f0), reach)
 
+    def surface_normals(self, points, part, normal_tables) -> torch.Tensor:
+        """See `Scene.surface_normals`."""
+        normals = torch.zeros_like(points)
+        for index, (scene, placement) in enumerate(zip(self.parts, self.placements, strict=True)):
+            mine = (part == index).nonzero()[:, 0]
+            local, _ = self._to_local(placement, points[mine], points[mine])
+            found = scene.surface_normals(local, None, normal_tables[index])
+            normals[mine] = found @ placement.rotation(points.device).T
+        return normals
+
     def neural_term(self, part, features, half, light, alpha) -> torch.Tensor:
         """See `Scene.neural_term`; every part has its own g, or the shared one."""
         g = torch.ones_like(half)

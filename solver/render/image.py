@@ -66,13 +66,14 @@ def render_view(
     origins = torch.from_numpy(origins).float().to(device)
     directions = torch.from_numpy(directions).float().to(device)
     pixels = torch.arange(len(origins), device=device)
+    pixel_angle = torch.full((len(origins),), camera.pixel_angle, device=device)
     parts = []
     for first in range(0, len(origins), rays_per_chunk):
         chunk = slice(first, first + rays_per_chunk)
         parts.append(
             render_rays(
                 scene, tables, settings, random, origins[chunk], directions[chunk], pixels[chunk],
-                jitter=False,
+                jitter=False, pixel_angle=pixel_angle[chunk],
             )
         )  # fmt: skip
         if progress is not None:

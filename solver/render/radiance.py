@@ -50,6 +50,7 @@ class RayBuffers:
 def render_rays(
     scene: Scene, tables: StepTables, settings: RenderSettings, random: RandomNumbers,
     origins: torch.Tensor, directions: torch.Tensor, keys: torch.Tensor, jitter: bool,
+    pixel_angle: torch.Tensor | None = None,
 ) -> RayBuffers:  # fmt: skip
     """Trace primary rays (origins, unit directions [R, 3], world).
 
@@ -57,6 +58,7 @@ def render_rays(
         scene: a `Scene` or a `Composition`.
         keys: [R] a number per ray, such as its pixel's; equal keys get equal random numbers.
         jitter: a random offset of the samples of each ray (training); else half a step.
+        pixel_angle: [R] angular width of each ray's pixel, rad; None: rays have no width.
     """
     count = len(origins)
     offset = random.uniform(OFFSET, keys) if jitter else origins.new_full((count,), 0.5)
@@ -83,8 +85,9 @@ def render_rays(
     kept = _only(samples, chosen.index)
     view = -directions[kept.ray]
     shading = shade(
-        scene, tables, settings, random, kept, view, chosen.mass, settings.secondary_rays, trace
-    )
+        scene, tables, settings, random, kept, view, chosen.mass, settings.secondary_rays, trace,
+        pixel_angle,
+    )  # fmt: skip
     gather = chosen.gather
     away = -(shading.normals * view).sum(-1)
     materials = shading.materials

@@ -47,6 +47,7 @@ class SecondaryRays(NamedTuple):
     weight: torch.Tensor  # [K, 3] BRDF · cosine / density
     solid_angle: torch.Tensor  # [K] 1 / (N · pdf)
     cosine: torch.Tensor  # [K] of the direction to the normal
+    spread: torch.Tensor | None = None  # [K, 2, 3] what the pixel adds to the solid angle, rad
 
 
 def allocate_rays(weights: torch.Tensor, rays: int, u: torch.Tensor) -> torch.Tensor:
@@ -74,9 +75,13 @@ def plan_rays(
 
 def scatter(
     surface: Surface, normals: torch.Tensor, view: torch.Tensor, part: torch.Tensor | None,
-    plan: Plan, scene: Scene, settings: RenderSettings,
+    plan: Plan, scene: Scene, settings: RenderSettings, spread: torch.Tensor | None = None,
 ) -> SecondaryRays:  # fmt: skip
-    """Sample secondary rays at samples with `normals` facing unit `view` [S, 3]."""
+    """Sample secondary rays at samples with `normals` facing unit `view` [S, 3].
+
+    Args:
+        spread: [S, 2, 3] see `footprint.reflected_spread`.
+    """
     sample = plan.sample
     tangent, bitangent = tangent_frame(normals)
     frame = torch.stack([tangent, bitangent, normals], dim=1)
@@ -107,7 +112,10 @@ def scatter(
             solid_angle = torch.zeros_like(solid_angle)
     direction = torch.einsum("nij,ni->nj", frame, light)
     direction = direction / direction.norm(dim=-1, keepdim=True)
-    return SecondaryRays(sample, plan.keys, direction, weight, solid_angle, light[:, 2].detach())
+    spread = None if spread is None or not settings.integral_image else spread[sample]
+    return SecondaryRays(
+        sample, plan.keys, direction, weight, solid_angle, light[:, 2].detach(), spread
+    )
 
 
 def secondary_origins(
@@ -158,7 +166,7 @@ def choose_systematic(
 def reflected(
     scene: Scene, tables: StepTables, settings: RenderSettings, random: RandomNumbers,
     samples: Samples, surface: Surface, toward: torch.Tensor, view: torch.Tensor,
-    mass: torch.Tensor, rays: int, trace=None,
+    mass: torch.Tensor, rays: int, trace=None, spread: torch.Tensor | None = None,
 ) -> torch.Tensor:  # fmt: skip
     """Radiance [S, 3] that samples reflect glossily along unit `view` [S, 3].
 
@@ -167,7 +175,7 @@ def reflected(
 
     Args:
         toward: [S, 3] unit normals on the viewer's side. mass: see `shade`.
-        rays, trace: see `shade`.
+        rays, trace: see `shade`. spread: [S, 2, 3] see `footprint.reflected_spread`.
     """
     plan = plan_rays(samples.keys, mass, rays, random)
     fused = settings.visibility and settings.neural == 0 and samples.part is None
@@ -175,11 +183,13 @@ def reflected(
         radiance, (_, weights, passing) = specular(
             toward, surface.materials.alpha, surface.materials.f0, tables.light.table, view,
             samples.points, plan.counts, plan.share, plan.u, scene.environment.row_prefix,
-            settings.light_masking, settings.integral_image, scene.blockers(surface.reach),
+            settings.light_masking, settings.integral_image, scene.blockers(surface.reach), spread,
         )  # fmt: skip
     else:
-        secondary = scatter(surface, toward, view, samples.part, plan, scene, settings)
-        light = scene.environment.lookup(tables.light, secondary.direction, secondary.solid_angle)
+        secondary = scatter(surface, toward, view, samples.part, plan, scene, settings, spread)
+        light = scene.environment.lookup(
+            tables.light, secondary.direction, secondary.solid_angle, secondary.spread
+        )
         weights, passing = secondary.weight, light.new_ones(len(light))
         if settings.visibility:
             with torch.no_grad():
@@ -203,10 +213,12 @@ def reflected(
         chosen, probability = choose_systematic(importance, settings.retraced_rays, u)
     if len(chosen) == 0:
         return radiance
-    again = scatter(surface, toward, view, samples.part, plan.only(chosen), scene, settings)
+    again = scatter(surface, toward, view, samples.part, plan.only(chosen), scene, settings, spread)
     origins, start = secondary_origins(samples, toward, again, surface.reach)
     bounced, transmittance = trace(origins, again.direction, again.keys, start)
     if not settings.visibility:
-        light = scene.environment.lookup(tables.light, again.direction, again.solid_angle)
+        light = scene.environment.lookup(
+            tables.light, again.direction, again.solid_angle, again.spread
+        )
         bounced = bounced - (1 - transmittance)[:, None] * light
     return radiance.index_add(0, again.sample, again.weight * bounced / probability[:, None])

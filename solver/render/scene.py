@@ -52,6 +52,8 @@ class RenderSettings:
     """1: the BRDF has the full neural term g; 0: g = 1; between: g blended towards 1"""
     visibility: bool = True
     """all secondary rays see the environment through the occupancy grid's extinction"""
+    pixel_footprint: bool = True
+    """the environment is also averaged over what the pixel covers of it, widened by the surface's bend"""
     integral_image: bool = True
     """the environment is averaged over what a secondary ray stands for; else a point lookup"""
     neighbour_distance: float = 0.0
@@ -137,6 +139,12 @@ class Scene(nn.Module):
         normals = field.normals(box_points, normal_tables)
         reach = SELF_SHADOW_VOXELS * max(self.cell, field.voxel)
         return Surface(normals, features, field.materials(features), reach)
+
+    def surface_normals(
+        self, points: torch.Tensor, part: torch.Tensor | None, normal_tables
+    ) -> torch.Tensor:
+        """Unit outward normals [S, 3] at world points [S, 3]."""
+        return self.field.normals(self.field.to_box(points), normal_tables)
 
     def neural_term(self, part, features, half, light, alpha) -> torch.Tensor:
         """g [N, 3] of local directions (see `NeuralTerm`)."""

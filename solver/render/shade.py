@@ -8,6 +8,7 @@ import torch
 
 from ..field.heads import Materials
 from .diffuse import diffused
+from .footprint import reflected_spread
 from .random_numbers import RandomNumbers
 from .reflection import reflected
 from .scene import RenderSettings, Samples, Scene, StepTables
@@ -35,6 +36,7 @@ def diffuse_fresnel(f0: torch.Tensor, cosine: torch.Tensor) -> torch.Tensor:
 def shade(
     scene: Scene, tables: StepTables, settings: RenderSettings, random: RandomNumbers,
     samples: Samples, view: torch.Tensor, mass: torch.Tensor, rays: int, trace=None,
+    pixel_angle: torch.Tensor | None = None,
 ) -> Shading:  # fmt: skip
     """Shade samples [S] seen along unit `view` [S, 3] (towards the viewer).
 
@@ -43,6 +45,7 @@ def shade(
         rays: secondary rays a pixel.
         trace: traces secondary rays through the field: (origins, directions, keys, start) →
             (radiance [K, 3], transmittance [K]); None at the last bounce.
+        pixel_angle: [R] angular width of each ray's pixel, rad; None: rays have no width.
     """
     surface = scene.surface(samples.points, samples.part, tables.normals)
     normals, materials = surface.normals, surface.materials
@@ -51,7 +54,10 @@ def shade(
 
     reflectance = diffuse_fresnel(materials.f0, facing[:, 0].abs()) * materials.albedo
     diffuse = diffused(scene, tables, settings, random, samples, surface, reflectance, mass, trace)
+    spread = None
+    if pixel_angle is not None and settings.pixel_footprint:
+        spread = reflected_spread(scene, tables, samples, normals, view, pixel_angle)
     glossy = reflected(
-        scene, tables, settings, random, samples, surface, toward, view, mass, rays, trace
+        scene, tables, settings, random, samples, surface, toward, view, mass, rays, trace, spread
     )
     return Shading(diffuse + glossy, normals, surface.features, materials)

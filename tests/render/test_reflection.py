@@ -38,13 +38,13 @@ def setting(alpha):
     return scene, samples, view, [leaf.requires_grad_() for leaf in leaves]
 
 
-def result(scene, samples, view, leaves, settings):
+def result(scene, samples, view, leaves, settings, spread=None):
     normals, alpha, f0 = leaves
     surface = Surface(normals, torch.zeros(COUNT, 4), Materials(f0, alpha, f0), 0.1)
     tables = StepTables.of(scene)
     radiance = reflected(
         scene, tables, settings, RandomNumbers(3), samples, surface, normals, view,
-        torch.ones(COUNT), 8,
+        torch.ones(COUNT), 8, spread=spread,
     )  # fmt: skip
     weights = torch.linspace(-1, 1, COUNT * 3).view(COUNT, 3)
     log_radiance = scene.environment.log_radiance
@@ -53,12 +53,14 @@ def result(scene, samples, view, leaves, settings):
 
 @pytest.mark.parametrize("alpha", [0.02, 0.2, 0.9])
 @pytest.mark.parametrize("change", [{}, {"light_masking": False}, {"integral_image": False}])
-def test_fused_reflection_agrees_with_its_twin_in_values_and_gradients(alpha, change):
+@pytest.mark.parametrize("pixel", [0.0, 0.3])
+def test_fused_reflection_agrees_with_its_twin_in_values_and_gradients(alpha, change, pixel):
     settings = dataclasses.replace(RenderSettings(neural=0.0, retraced_rays=0), **change)
     arguments = setting(alpha)
-    fused, fused_gradients = result(*arguments, settings)
+    spread = pixel * torch.randn(COUNT, 2, 3) if pixel else None
+    fused, fused_gradients = result(*arguments, settings, spread)
     with plain_torch():
-        plain, plain_gradients = result(*arguments, settings)
+        plain, plain_gradients = result(*arguments, settings, spread)
     torch.testing.assert_close(fused, plain, rtol=2e-3, atol=2e-3)
     for name, a, b in zip(
         ("normals", "alpha", "f0", "light"), fused_gradients, plain_gradients, strict=True

@@ -1,0 +1,47 @@
+"""How far a mirror spreads a pixel: what its reflection covers of the light, from the normals' bend.
+
+A pixel is a small square, not a ray. A curved mirror widens it: on a ball that fills a hundred
+pixels, each of them reflects several degrees of the environment. One ray through the pixel's centre
+cannot match a photo that averages over all that, however exact the surface is (docs/decisions/0011).
+Igehy, "Tracing Ray Differentials", SIGGRAPH 1999.
+"""
+
+from __future__ import annotations
+
+import torch
+
+from ..brdf.microfacet import tangent_frame
+from .scene import Samples, Scene, StepTables
+
+LEAST_COSINE = 0.1
+"""between surface and viewer, for how far a pixel reaches along the surface"""
+
+
+@torch.no_grad()
+def reflected_spread(
+    scene: Scene, tables: StepTables, samples: Samples, normals: torch.Tensor, view: torch.Tensor,
+    pixel_angle: torch.Tensor,
+) -> torch.Tensor:  # fmt: skip
+    """By how much mirrored directions differ across a pixel [S, 2, 3], rad, one row for each of the
+    pixel's two edges; world. No gradient.
+
+    Args:
+        normals, view: [S, 3] world, unit; the sign of a normal does not matter.
+        pixel_angle: [R] angular width of each ray's pixel, rad.
+    """
+    angle = pixel_angle[samples.ray][:, None]
+    facing = (normals * view).sum(-1, keepdim=True)
+    sign = torch.where(facing < 0, -1.0, 1.0)
+    slope = facing.abs().clamp(min=LEAST_COSINE) * sign
+    spread = []
+    for edge in tangent_frame(view):
+        # The pixel's edge, slid along the view onto the surface's tangent plane.
+        along = edge - (edge * normals).sum(-1, keepdim=True) / slope * view
+        points = samples.points + angle * samples.distance[:, None] * along
+        other = scene.surface_normals(points, samples.part, tables.normals)
+        bend = other - normals
+        turn = angle * edge
+        # Of r = d − 2 (d·n) n with d = −view: dr = dd − 2 (dd·n + d·dn) n − 2 (d·n) dn.
+        change = (turn * normals).sum(-1, keepdim=True) - (view * bend).sum(-1, keepdim=True)
+        spread.append(turn - 2 * change * normals + 2 * facing * bend)
+    return torch.stack(spread, dim=1)

@@ -1,0 +1,42 @@
+"""The optimiser's steps, smoothed on their way to the density."""
+
+import pytest
+import torch
+
+from solver.field.smoothing import step_smoothing
+from solver.fit.adam import Adam
+from solver.fit.presets import FieldSettings, step_width
+
+
+def stepped(smooth):
+    torch.manual_seed(5)
+    planes, lines = torch.randn(3, 20, 20, 4), torch.randn(3, 20, 4)
+    start = [planes.clone(), lines.clone()]
+    parameters = [torch.nn.Parameter(planes), torch.nn.Parameter(lines)]
+    optimiser = Adam([{"params": parameters, "base": 0.1, "smooth": smooth}])
+    for parameter in parameters:
+        parameter.grad = torch.randn_like(parameter)
+    optimiser.step()
+    return [(p.detach() - s) for p, s in zip(parameters, start, strict=True)]
+
+
+def test_smooth_steps_are_the_smoothing_of_plain_steps():
+    smooth = step_smoothing(1.7)
+    for plain, made in zip(stepped(None), stepped(smooth), strict=True):
+        torch.testing.assert_close(made, smooth(plain), atol=1e-6, rtol=1e-5)
+        assert made.square().mean() < 0.2 * plain.square().mean()
+
+
+def test_smoothing_leaves_a_constant_step_as_it_is():
+    for constant in (torch.full((3, 16, 16, 2), 0.3), torch.full((3, 16, 2), 0.3)):
+        torch.testing.assert_close(step_smoothing(2.0)(constant), constant)
+
+
+def test_steps_narrower_than_a_third_of_a_voxel_are_not_smoothed():
+    assert step_smoothing(0.3) is None
+
+
+@pytest.mark.parametrize("fraction, width", [(0.0, 0.04), (0.5, 0.02), (1.0, 0.01)])
+def test_the_width_of_steps_falls_geometrically(fraction, width):
+    field = FieldSettings(step_smoothing=(0.04, 0.01))
+    assert step_width(field, fraction) == pytest.approx(width)
