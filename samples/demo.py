@@ -63,7 +63,7 @@ def main() -> int:
         cameras = held_out_cameras(package)
         render_all(package, cameras, out / "renders")
     say("5/5 the solver's own renders, for comparison")
-    transforms = importlib.import_module(f"{package.__name__}.solver.capture.transforms")
+    transforms = importlib.import_module(f"{package.__name__}.solver.capture.formats.transforms")
     transforms.write_transforms(out / "renders" / "held_out.json", list(cameras.values()))
     code = solver_renders(out / "job", out / "renders")
     report = [sys.executable, str(ROOT / "samples" / "demo_report.py"), str(out)]

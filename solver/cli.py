@@ -67,6 +67,8 @@ def _parser() -> argparse.ArgumentParser:
     new = commands.add_parser("reconstruct", help="photos and cameras to mesh, textures and light")
     new.add_argument("capture", type=Path, help="folder or camera file")
     new.add_argument("--out", type=Path, required=True, metavar="JOB", help="job folder, new")
+    new.add_argument("--photos", type=Path, metavar="DIR", help="if not below the capture's folder")
+    new.add_argument("--masks", type=Path, metavar="DIR", help="if not in a folder 'masks' there")
     new.add_argument("--preset", default="draft", help="draft, standard or paper")
     new.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda", "mps"))
     new.add_argument("--seed", type=int, default=0)
@@ -163,13 +165,19 @@ def _reconstruct(options: argparse.Namespace) -> int:
             raise JobError(f"--set {text}: write it as section.field=value.")
         overrides[key] = value
     settings_for(options.preset, overrides)
-    read_capture(options.capture)  # bad input is refused before a folder is made
+    read_capture(
+        options.capture, photos=options.photos, masks=options.masks
+    )  # bad input is refused before a folder is made
     request = JobRequest(
         capture=str(options.capture.absolute()), preset=options.preset, device=options.device,
         seed=options.seed, time_limit=options.time_limit, overrides=overrides,
-        code_version=__version__,
+        photos=_absolute(options.photos), masks=_absolute(options.masks), code_version=__version__,
     )  # fmt: skip
     return _run_job(JobFolder.create(options.out, request), False, options.began)
+
+
+def _absolute(path: Path | None) -> str | None:
+    return None if path is None else str(path.absolute())
 
 
 def _run(options: argparse.Namespace) -> int:

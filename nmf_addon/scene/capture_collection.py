@@ -14,8 +14,8 @@ from mathutils import Matrix
 
 from ...solver.capture.capture import Capture, region_seen_by
 from ...solver.capture.errors import CaptureError
+from ...solver.capture.formats.transforms import write_transforms
 from ...solver.capture.read import camera_file, read_capture
-from ...solver.capture.transforms import write_transforms
 from .cameras import add_camera, photo_of, to_solver
 
 SOURCE, ROOT, REGION = "nmf_source", "nmf_root", "nmf_region"

@@ -19,6 +19,9 @@ class Capture:
         region: [2, 3] world box (min, max) that holds what the cameras look at; generous.
         warnings: sentences about what was left out.
         format: the reader's name.
+        points: [N, 3] sparse points of the surroundings, world; None if the file has none.
+        up: [3] the world's direction that points up, if the format says so.
+        metric: world units are metres.
     """
 
     source: Path
@@ -26,14 +29,38 @@ class Capture:
     region: np.ndarray
     warnings: tuple[str, ...] = ()
     format: str = "transforms"
+    points: np.ndarray | None = None
+    up: np.ndarray | None = None
+    metric: bool = False
 
 
-def region_seen_by(cameras: list[Camera]) -> np.ndarray:
-    """World cube [2, 3] around the point where the optical axes meet, as big as the views.
+FEWEST_POINTS = 100
+"""sparse points from which they say more about the object's bounds than the cameras do"""
 
-    The centre minimises the squared distance to all axes; the half edge is what the median camera
-    sees to either side of it.
+
+def region_seen_by(cameras: list[Camera], points: np.ndarray | None = None) -> np.ndarray:
+    """World box [2, 3] of what the cameras look at.
+
+    A cube around the point where the optical axes meet, as big as the views: the centre minimises
+    the squared distance to all axes, the half edge is what the median camera sees to either side.
+    Sparse points within it, where there are many, draw its faces closer.
+
+    Args:
+        points: [N, 3] sparse points, world.
     """
+    cube = _cube_seen_by(cameras)
+    if points is None:
+        return cube
+    inside = points[((points >= cube[0]) & (points <= cube[1])).all(axis=1)]
+    if len(inside) < FEWEST_POINTS:
+        return cube
+    low, high = np.percentile(inside, (0.5, 99.5), axis=0)
+    # Shiny and plain parts have no points, so the box stays generous.
+    margin = 0.15 * (cube[1] - cube[0])
+    return np.stack([np.maximum(low - margin, cube[0]), np.minimum(high + margin, cube[1])])
+
+
+def _cube_seen_by(cameras: list[Camera]) -> np.ndarray:
     positions = np.stack([camera.position for camera in cameras])
     axes = np.stack([camera.view_direction for camera in cameras])
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]

@@ -1,22 +1,34 @@
-"""Find the camera file a person meant and read it."""
+"""Find the camera file a person meant and read it, whatever program wrote it."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from types import ModuleType
 
 from .capture import Capture
-from .errors import CaptureError
-from .transforms import is_transforms, read_json, read_transforms
+from .errors import CaptureError, shown
+from .formats import transforms
+from .image_header import EXTENSIONS as PICTURES
+from .photo_finder import PhotoFinder, capture_folder
+
+FORMATS: tuple[ModuleType, ...] = (transforms,)
+"""readers, the likeliest first"""
+CAMERA_FILES = tuple(sorted({extension for reader in FORMATS for extension in reader.EXTENSIONS}))
+"""extensions of camera files, for file dialogs and drops"""
 
 _FILES_OF_SPLIT = {
     "train": ("transforms_train.json", "transforms.json"),
     "test": ("transforms_test.json", "transforms_val.json"),
     "val": ("transforms_val.json", "transforms_test.json"),
 }
+_DEEPEST, _MOST_TRIED = 3, 200
 
 
 def camera_file(path: Path | str, split: str = "train") -> Path:
     """The camera file meant by a folder or a file's path.
+
+    A folder is searched for files by their conventional names, then for any file that a reader
+    recognises by what is in it.
 
     Raises:
         CaptureError: nothing there.
@@ -32,11 +44,20 @@ def camera_file(path: Path | str, split: str = "train") -> Path:
     for name in wanted:
         if (path / name).is_file():
             return path / name
-    if not any(path.iterdir()):
+    try:
+        empty = not any(path.iterdir())
+    except OSError as error:
+        raise CaptureError(
+            path, "", f"it cannot be read ({error.strerror})", "check its permissions"
+        ) from error
+    if empty:
         raise CaptureError(path, "", "the folder is empty", "give a folder with photos and cameras")
+    if split == "train" and (file := _search(path)) is not None:
+        return file
     raise CaptureError(
         path, "", f"there is no camera file for '{split}' in this folder",
-        f"add {' or '.join(wanted)}, or give the camera file itself",
+        "give the camera file itself, or solve the cameras from the photos"
+        if split == "train" else f"add {' or '.join(wanted)}",
     )  # fmt: skip
 
 
@@ -46,20 +67,70 @@ def has_split(path: Path | str, split: str) -> bool:
     return (folder / f"transforms_{split}.json").is_file()
 
 
-def read_capture(path: Path | str, split: str = "train") -> Capture:
+def read_capture(
+    path: Path | str, split: str = "train", photos: Path | None = None, masks: Path | None = None,
+    trusted: bool = False,
+) -> Capture:  # fmt: skip
     """Read a capture from a folder or a camera file.
 
     Args:
         split: which camera file of a folder: 'train', 'test', …, by conventional names.
+        photos: where the photos are, if not below the capture's folder.
+        masks: where their masks are, if not in a folder `masks` there.
+        trusted: this program wrote the file; it may name photos anywhere by absolute paths.
 
     Raises:
         CaptureError: with file, field and remedy.
     """
     file = camera_file(path, split).absolute()
-    if is_transforms(content := read_json(file)):
-        return read_transforms(file)
-    kind = type(content).__name__
-    raise CaptureError(
-        file, "frames", f"this JSON ({kind}) is no camera file that is known here",
-        "give a transforms.json of NeRF-synthetic, instant-ngp or nerfstudio",
-    )  # fmt: skip
+    reader = reader_of(file)
+    if reader is None:
+        raise CaptureError(
+            file, "", "this is no camera file that is known here",
+            "give one of " + ", ".join(known.NAME for known in FORMATS),
+        )  # fmt: skip
+    for folder, what in ((photos, "photos"), (masks, "masks")):
+        if folder is not None and not Path(folder).is_dir():
+            raise CaptureError(folder, what, "there is no such folder", "check its path")
+    if photos is not None:
+        folder = Path(photos)
+    else:
+        folder = Path(path) if Path(path).is_dir() else capture_folder(file)
+    finder = PhotoFinder(folder, None if masks is None else Path(masks), trusted)
+    try:
+        return reader.read(file, finder)
+    except (ArithmeticError, LookupError, TypeError, ValueError, MemoryError) as error:
+        if isinstance(error, CaptureError):
+            raise
+        # A reader must foresee what a file can hold; where one does not, nobody sees a traceback.
+        raise CaptureError(
+            file, "", f"it cannot be understood as {reader.NAME} ({shown(str(error))})",
+            "export it again",
+        ) from error  # fmt: skip
+
+
+def reader_of(file: Path) -> ModuleType | None:
+    """The reader that recognises a file, those for its extension first; None if there is none."""
+    extension = file.suffix.lower()
+    ordered = sorted(FORMATS, key=lambda reader: extension not in reader.EXTENSIONS)
+    return next((reader for reader in ordered if reader.recognises(file)), None)
+
+
+def _search(folder: Path) -> Path | None:
+    """The likeliest camera file below a folder."""
+    for reader in FORMATS:
+        for pattern in reader.PATTERNS:
+            for file in sorted(folder.glob(pattern)):
+                if file.is_file() and reader.recognises(file):
+                    return file
+    tried = 0
+    for depth in range(_DEEPEST + 1):
+        for file in sorted(folder.glob("/".join(["*"] * (depth + 1)))):
+            if file.suffix.lower() in PICTURES or not file.is_file():
+                continue
+            tried += 1
+            if tried > _MOST_TRIED:
+                return None
+            if reader_of(file) is not None:
+                return file
+    return None

@@ -12,9 +12,9 @@ from .. import __version__
 from ..asset.build import build_asset
 from ..asset.from_scene import SceneSurface, surface_level
 from ..capture.photos import load_photos
-from ..capture.read import read_capture
 from ..job.control import Control
 from ..job.folder import JobFolder
+from ..job.inputs import capture_of
 from ..kernels.backend import fast
 from ..kernels.warm_up import compile_kernels
 from . import checkpoint
@@ -53,7 +53,7 @@ def run_job(
     settings = settings_for(request.preset, request.overrides)
     device = choose_device(request.device)
     progress.stage("photos")
-    capture = read_capture(request.capture)
+    capture = capture_of(job)
     for warning in capture.warnings:
         progress.warning(warning)
     photos = load_photos(capture, lambda done, count: progress.fraction(done / count))

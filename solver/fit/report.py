@@ -9,8 +9,9 @@ import numpy as np
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
 from ..capture.photos import Photo, load_photos
-from ..capture.read import has_split, read_capture
+from ..capture.read import has_split
 from ..job.folder import JobFolder, write_json_atomic
+from ..job.inputs import capture_of
 from ..metrics.image import psnr, ssim
 from ..render.image import render_view
 from ..render.scene import Scene, StepTables
@@ -30,7 +31,7 @@ def write_job_report(
     cameras, images = list(capture.cameras), photos
     if has_split(job.request.capture, "test"):
         try:
-            test = read_capture(job.request.capture, "test")
+            test = capture_of(job, "test")
             cameras, images, held_out = list(test.cameras), load_photos(test), True
         except CaptureError:
             # A broken test split must not cost the person a finished reconstruction.

@@ -29,6 +29,7 @@ class JobRequest:
 
     Attributes:
         capture: absolute path of the capture's folder or camera file.
+        photos, masks: absolute paths of their folders, if they are not below the capture's.
         region: world box {"min": [3], "max": [3]} that holds the object, or None to find it.
         overrides: settings by `section.field`.
         time_limit: seconds of wall time, asset included, or None.
@@ -39,6 +40,8 @@ class JobRequest:
     device: str = "auto"
     seed: int = 0
     time_limit: float | None = None
+    photos: str | None = None
+    masks: str | None = None
     region: dict[str, list[float]] | None = None
     overrides: dict[str, Any] = field(default_factory=dict)
     code_version: str = ""
@@ -72,6 +75,8 @@ class JobRequest:
             "device": isinstance(self.device, str),
             "seed": isinstance(self.seed, int) and not isinstance(self.seed, bool),
             "time_limit": limit is None or (_is_number(limit) and limit > 0),
+            "photos": self.photos is None or isinstance(self.photos, str),
+            "masks": self.masks is None or isinstance(self.masks, str),
             "region": self.region is None or _is_box(self.region),
             "overrides": isinstance(self.overrides, dict),
             "code_version": isinstance(self.code_version, str),

@@ -43,7 +43,12 @@ def test_spread_is_the_change_of_mirrored_rays_across_a_pixel_of_a_ball():
     index = torch.arange(len(points))
     samples = Samples(points, distance, distance, index, index, index)
     spread = reflected_spread(
-        scene, StepTables.of(scene), samples, normals, -directions, torch.full((len(points),), PIXEL)
+        scene,
+        StepTables.of(scene),
+        samples,
+        normals,
+        -directions,
+        torch.full((len(points),), PIXEL),
     )
     for row, edge in enumerate(tangent_frame(-directions)):
         aside = torch.nn.functional.normalize(directions + PIXEL * edge, dim=-1)
@@ -76,7 +81,9 @@ def test_spread_of_a_placed_scene_turns_with_it():
         return torch.einsum("nei,nej->nij", edges, edges)
 
     expected = turn @ gram(here) @ turn.T
-    torch.testing.assert_close(gram(there), expected, atol=1e-2 * float(expected.abs().max()), rtol=0)
+    torch.testing.assert_close(
+        gram(there), expected, atol=1e-2 * float(expected.abs().max()), rtol=0
+    )
 
 
 def test_a_blurred_lookup_has_the_variance_of_square_and_parallelogram():

@@ -1,0 +1,162 @@
+"""Text, JSON and XML from files that may be cut off, huge or hostile; with the standard library alone."""
+
+from __future__ import annotations
+
+import json
+import math
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .errors import CaptureError, shown
+
+LARGEST_TEXT = 1 << 28
+"""bytes; a camera file of a thousand photos with all its sparse points has a tenth of that"""
+
+
+def read_bytes(path: Path, largest: int = LARGEST_TEXT) -> bytes:
+    """All of a file.
+
+    Raises:
+        CaptureError: it cannot be read, or is larger than any camera file.
+    """
+    try:
+        if path.stat().st_size > largest:
+            raise CaptureError(
+                path, "", f"it has more than {largest >> 20} MB, which no camera file has",
+                "give the camera file",
+            )  # fmt: skip
+        return path.read_bytes()
+    except OSError as error:
+        raise CaptureError(
+            path, "", f"it cannot be read ({error.strerror})", "check the path and its permissions"
+        ) from error
+
+
+def head_of(path: Path, count: int = 1 << 16) -> bytes:
+    """The first bytes of a file; empty if it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(count)
+    except OSError:
+        return b""
+
+
+def read_text(path: Path) -> str:
+    """A text file in UTF-8, with or without a byte order mark, or in UTF-16 with one.
+
+    Raises:
+        CaptureError: as `read_bytes`; also for anything but text.
+    """
+    content = read_bytes(path)
+    encoding = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    try:
+        text = content.decode(encoding)
+    except UnicodeDecodeError as error:
+        raise CaptureError(path, "", "this is not a text file", "give a camera file") from error
+    if "\0" in text:
+        raise CaptureError(path, "", "this is not a text file", "give a camera file")
+    return text
+
+
+def read_json(path: Path) -> Any:
+    """Parsed JSON.
+
+    Raises:
+        CaptureError: as `read_text`; also with the line where the JSON breaks off.
+    """
+    try:
+        return json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        raise CaptureError(
+            path, f"line {error.lineno}", f"this is not valid JSON ({error.msg})",
+            "the file seems cut off or edited; export it again",
+        ) from error  # fmt: skip
+    except (RecursionError, ValueError) as error:
+        if isinstance(error, CaptureError):
+            raise
+        problem = "its JSON is nested too deeply or holds a number of absurd length"
+        raise CaptureError(path, "", problem, "export it again") from error
+
+
+def read_xml(path: Path) -> ElementTree.Element:
+    """The root of an XML file; files that define entities are refused.
+
+    Raises:
+        CaptureError: as `read_bytes`; also with the line where the XML breaks off.
+    """
+    content = read_bytes(path)
+    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+        raise CaptureError(path, "DOCTYPE", "no camera file has one", "export it again")
+    try:
+        return ElementTree.fromstring(content)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        line = getattr(error, "position", (0, 0))[0]
+        raise CaptureError(
+            path, f"line {line}", "this is not valid XML",
+            "the file seems cut off or edited; export it again",
+        ) from error  # fmt: skip
+    except RecursionError as error:
+        raise CaptureError(path, "", "its XML is nested too deeply", "export it again") from error
+
+
+def number(path: Path, field: str, value: Any) -> float:
+    """A finite number from a number or its text.
+
+    Raises:
+        CaptureError: anything else.
+    """
+    try:
+        if isinstance(value, (int, float, str)) and not isinstance(value, bool):
+            found = float(value)
+            if math.isfinite(found):
+                return found
+    except (ValueError, OverflowError):
+        pass
+    raise CaptureError(path, field, f"'{shown(value)}' is not a number", "correct the value")
+
+
+def numbers(path: Path, field: str, values: Any, count: int | None = None) -> np.ndarray:
+    """Finite numbers [N] double, from a list or from text with blanks or commas between them.
+
+    Args:
+        count: how many there must be, if that is known.
+
+    Raises:
+        CaptureError: anything else.
+    """
+    if isinstance(values, str):
+        values = values.replace(",", " ").split()
+    if not isinstance(values, (list, tuple)) or (count is not None and len(values) != count):
+        wanted = "numbers" if count is None else f"{count} numbers"
+        raise CaptureError(path, field, f"'{shown(values)}' is not {wanted}", "export it again")
+    return np.array([number(path, field, value) for value in values], dtype=np.float64)
+
+
+def rigid_pose(path: Path, field: str, value: Any) -> np.ndarray:
+    """A rigid [4, 4] double from a [4, 4] or [3, 4] matrix; a uniform scale of its axes is dropped.
+
+    Raises:
+        CaptureError: no such matrix, or one that is singular, sheared or mirrors the world.
+    """
+    remedy = "solve or export the cameras again"
+    try:
+        matrix = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        matrix = np.zeros(0)
+    if matrix.shape not in ((4, 4), (3, 4)):
+        raise CaptureError(path, field, "a pose must be a 4 × 4 matrix of numbers", remedy)
+    if not np.isfinite(matrix).all() or np.abs(matrix).max() > 1e12:
+        raise CaptureError(path, field, "the pose holds a value that is not a number", remedy)
+    u, scale, vt = np.linalg.svd(matrix[:3, :3])
+    if scale[2] < 1e-6 * max(scale[0], 1e-12):
+        raise CaptureError(path, field, "the pose's rotation is singular", remedy)
+    if scale[0] > 1.02 * scale[2]:
+        raise CaptureError(path, field, "the pose's axes are not at right angles", remedy)
+    if np.linalg.det(matrix[:3, :3]) < 0:
+        raise CaptureError(path, field, "the pose mirrors the world", remedy)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = u @ vt, matrix[:3, 3]
+    return pose

@@ -1,0 +1,181 @@
+"""From what a camera file says to a capture: what all readers share."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from .camera import Camera
+from .capture import Capture, region_seen_by
+from .errors import CaptureError, shown
+from .files import rigid_pose
+from .image_header import EXTENSIONS, image_size
+from .photo_finder import PhotoFinder
+
+MIN_CAMERAS = 3
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """A lens on a sensor; see `Camera` for the fields."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    lens: str = "pinhole"
+    distortion: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A camera as a file states it.
+
+    Attributes:
+        where: the field or line that states it, for errors.
+        stated: what the file calls its photo.
+        photo: the picture; None if there is none.
+        camera_to_world: [4, 4] or [3, 4], OpenGL camera axes; checked by `assemble`.
+        intrinsics: for the photo as the file knew it; None only if there is no photo.
+        mask: the mask the file names, as `PhotoFinder.mask_of` gives it; None looks for one.
+    """
+
+    where: str
+    stated: str
+    photo: Path | None
+    camera_to_world: object
+    intrinsics: Intrinsics | None
+    mask: Path | None = None
+
+
+def assemble(
+    source: Path, format: str, found: list[Found], photos: PhotoFinder, *,
+    points: np.ndarray | None = None, up: tuple[float, float, float] | None = None,
+    metric: bool = False, warnings: tuple[str, ...] = (),
+) -> Capture:  # fmt: skip
+    """A capture of all cameras whose photos are there.
+
+    Cameras without a photo are left out with a warning, as long as half of them and at least three
+    are there. Intrinsics follow a photo that was made smaller or larger since.
+
+    Args:
+        source: the camera file. format: the reader's name.
+        points: [N, 3] sparse points in the file's world.
+        up: the world's axis that points up, if the format says so.
+        metric: world units are metres.
+
+    Raises:
+        CaptureError: anything that cannot be used, with file, field and remedy.
+    """
+    if not found:
+        raise CaptureError(source, "cameras", "there are none in it", "export the cameras again")
+    missing = [item.stated for item in found if item.photo is None]
+    there = [item for item in found if item.photo is not None]
+    if len(there) < MIN_CAMERAS or len(missing) > len(there):
+        if missing:
+            raise CaptureError(
+                source, "photos", f"{len(missing)} of {len(found)} photos are missing, "
+                f"the first is '{shown(missing[0])}'",
+                f"put the photos below {photos.folder}, or say where they are",
+            )  # fmt: skip
+        raise CaptureError(
+            source, "cameras", f"there are only {len(there)} cameras",
+            f"a reconstruction needs at least {MIN_CAMERAS}, better 50",
+        )  # fmt: skip
+    notes = list(warnings)
+    if missing:
+        notes.insert(0, f"{source.name}: {len(missing)} of {len(found)} listed photos do not exist "
+                     f"and are left out (the first: {shown(missing[0])})")  # fmt: skip
+    names: set[str] = set()
+    cameras, resized = [], []
+    for item in there:
+        pose = rigid_pose(source, item.where, item.camera_to_world)
+        intrinsics, changed = _for_photo(source, item)
+        if changed:
+            resized.append(item.photo.name)
+        mask = item.mask if item.mask is not None else photos.mask_of(item.photo)
+        cameras.append(
+            Camera(
+                name=_unique_name(item.photo.name, names), image_path=item.photo,
+                camera_to_world=pose, mask_path=mask, **vars(intrinsics),
+            )
+        )  # fmt: skip
+    if resized:
+        notes.append(f"{len(resized)} photos have another size than the cameras say; the lenses were "
+                     f"scaled with them (the first: {resized[0]})")  # fmt: skip
+    notes += _same_places(cameras)
+    points = _usable(points)
+    return Capture(
+        source, tuple(cameras), region_seen_by(cameras, points), tuple(notes), format, points,
+        None if up is None else np.array(up, dtype=np.float64), metric,
+    )  # fmt: skip
+
+
+def _for_photo(source: Path, item: Found) -> tuple[Intrinsics, bool]:
+    """Intrinsics for the picture as it is now, and whether they had to be scaled."""
+    intrinsics = item.intrinsics
+    if intrinsics is None:
+        raise CaptureError(source, item.where, "the camera has no lens", "export it again")
+    values = (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, *intrinsics.distortion)
+    if not np.isfinite(values).all() or min(intrinsics.fx, intrinsics.fy) <= 0:
+        raise CaptureError(
+            source, item.where, "the lens has a value that is no positive, finite number",
+            "correct it, or export it again",
+        )  # fmt: skip
+    if (
+        min(intrinsics.width, intrinsics.height) < 1
+        or max(intrinsics.width, intrinsics.height) > 1e6
+    ):
+        raise CaptureError(source, item.where, "the photo has no size", "export it again")
+    width, height = image_size(item.photo)
+    told = (intrinsics.width, intrinsics.height)
+    if told in ((width, height), (height, width)):
+        return intrinsics, False
+    across, down = width / intrinsics.width, height / intrinsics.height
+    # A picture made smaller has its size rounded to whole pixels.
+    if abs(across - down) > 1 / intrinsics.width + 1 / intrinsics.height:
+        raise CaptureError(
+            item.photo, "", f"the photo is {width} × {height} pixels, but {source.name} says "
+            f"{told[0]} × {told[1]}", "give the photos that the cameras were solved with",
+        )  # fmt: skip
+    return replace(
+        intrinsics, width=width, height=height, fx=intrinsics.fx * across, fy=intrinsics.fy * down,
+        cx=intrinsics.cx * across, cy=intrinsics.cy * down,
+    ), True  # fmt: skip
+
+
+def _usable(points: np.ndarray | None) -> np.ndarray | None:
+    if points is None or len(points) == 0:
+        return None
+    points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    points = points[np.isfinite(points).all(axis=1) & (np.abs(points) < 1e12).all(axis=1)]
+    return points if len(points) else None
+
+
+def _unique_name(file_name: str, taken: set[str]) -> str:
+    """A name for output files: the photo's stem, numbered if it is taken."""
+    stem = file_name
+    for extension in EXTENSIONS:
+        if stem.lower().endswith(extension):
+            stem = stem[: -len(extension)]
+    stem = re.sub(r"[^\w.\-]+", "_", stem).strip("._")[:80] or "photo"
+    name, number = stem, 2
+    while name.lower() in taken:
+        name, number = f"{stem}_{number}", number + 1
+    taken.add(name.lower())
+    return name
+
+
+def _same_places(cameras: list[Camera]):
+    """Warnings for cameras with one pose."""
+    seen: dict[bytes, str] = {}
+    for camera in cameras:
+        key = np.round(camera.camera_to_world, 6).tobytes()
+        if key in seen:
+            yield f"{camera.name} and {seen[key]} have the same pose"
+        seen[key] = camera.name
