@@ -1,0 +1,111 @@
+"""Stand a capture upright, at a size and place that suit a scene: which way is up, how big, where.
+
+Structure from motion leaves all three open. People hold cameras level, so one axis of each picture
+is horizontal; that of all of them together says which way is up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from .camera import Camera
+from .capture import Capture, region_seen_by
+
+UP = np.array([0.0, 0.0, 1.0])
+SIZE = 2.0
+"""edge of what the cameras look at, world units, where the file's unit means nothing"""
+FAR = 100.0
+"""distance from the origin, in sizes of the region, from which a capture is moved to it"""
+LEVEL = 0.35
+"""sine of the roll, at most, at which a camera counts as held level"""
+
+
+def suggest_placement(capture: Capture) -> np.ndarray:
+    """A similarity [4, 4] from the file's world to one that is upright (+Z), in place and in size.
+
+    Files that say which way is up are turned only if it is not +Z, and keep their scale. All others
+    are turned by `estimate_up`, made `SIZE` units big and moved to the origin.
+    """
+    up = estimate_up(list(capture.cameras)) if capture.up is None else np.asarray(capture.up)
+    rotation = rotation_between(up / np.linalg.norm(up), UP)
+    low, high = capture.region
+    centre, size = (low + high) / 2, float((high - low).max())
+    matrix = np.eye(4)
+    scale = SIZE / size if capture.up is None and not capture.metric else 1.0
+    matrix[:3, :3] = scale * rotation
+    if capture.up is None or np.linalg.norm(centre) > FAR * size:
+        matrix[:3, 3] = -scale * rotation @ centre
+    return matrix
+
+
+def placed(capture: Capture, matrix: np.ndarray) -> Capture:
+    """The capture in another world: `matrix` [4, 4] is a similarity from its own to that."""
+    scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
+    rotation, shift = matrix[:3, :3] / scale, matrix[:3, 3]
+    cameras = []
+    for camera in capture.cameras:
+        pose = np.eye(4)
+        pose[:3, :3] = rotation @ camera.camera_to_world[:3, :3]
+        pose[:3, 3] = scale * rotation @ camera.position + shift
+        cameras.append(replace(camera, camera_to_world=pose))
+    points = None if capture.points is None else capture.points @ matrix[:3, :3].T + shift
+    up = None if capture.up is None else rotation @ capture.up
+    return replace(
+        capture, cameras=tuple(cameras), points=points, up=up,
+        region=region_seen_by(cameras, points), metric=capture.metric and abs(scale - 1) < 1e-9,
+    )  # fmt: skip
+
+
+def estimate_up(cameras: list[Camera]) -> np.ndarray:
+    """Unit world direction [3] that is up, from how cameras are held.
+
+    Of several guesses the one is taken under which most cameras have one image axis horizontal, so
+    portrait photos count as much as landscape ones; its sign is that of the upper edges of photos
+    held level, else the one that lets cameras look down.
+    """
+    across = np.stack([camera.camera_to_world[:3, 0] for camera in cameras])
+    upward = np.stack([camera.camera_to_world[:3, 1] for camera in cameras])
+    forward = np.stack([camera.view_direction for camera in cameras])
+    positions = np.stack([camera.position for camera in cameras])
+    guesses = [upward.mean(0)]
+    guesses += [np.linalg.svd(axes)[2][2] for axes in (across, upward)]
+    guesses.append(np.linalg.svd(positions - positions.mean(0), full_matrices=True)[2][2])
+    guesses = [_unit(guess) for guess in guesses if np.linalg.norm(guess) > 1e-6]
+
+    def unlevel(guess: np.ndarray) -> float:
+        return float(np.median(np.minimum(np.abs(across @ guess), np.abs(upward @ guess))))
+
+    best = min(guesses, key=unlevel)
+    for _ in range(10):
+        # Least squares over the axis of each camera that is horizontal, bad ones left out.
+        rolled = np.abs(upward @ best) < np.abs(across @ best)
+        level = np.where(rolled[:, None], upward, across)
+        residual = np.abs(level @ best)
+        kept = level[residual <= max(2 * float(np.median(residual)), 1e-6)]
+        if len(kept) < 2 or np.linalg.matrix_rank(kept, tol=0.1) < 2:
+            break
+        # One camera more or less upright settles what a single direction of sight leaves open.
+        system = kept.T @ kept - 1e-3 * np.outer(best, best)
+        best = _unit(np.linalg.eigh(system)[1][:, 0])
+    held_level = np.abs(across @ best) < LEVEL
+    vote = float((upward @ best)[held_level].sum()) if held_level.mean() > 0.5 else 0.0
+    if abs(vote) < 1e-6:
+        vote = -float((forward @ best).sum())
+    return best if vote >= 0 else -best
+
+
+def rotation_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """The smallest rotation [3, 3] that takes unit `first` [3] to unit `second` [3]."""
+    cosine = float(first @ second)
+    if cosine < -1 + 1e-9:
+        axis = _unit(np.cross(first, np.eye(3)[np.argmin(np.abs(first))]))
+        return 2 * np.outer(axis, axis) - np.eye(3)
+    x, y, z = np.cross(first, second)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + cross + cross @ cross / (1 + cosine)
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / np.linalg.norm(vector)
