@@ -7,41 +7,87 @@ from pathlib import Path
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from ..nmf_addon.scene.capture_collection import import_capture, warnings_of
+from ..nmf_addon.scene.capture_collection import import_captures, warnings_of
 from ..solver.capture.errors import CaptureError
+from ..solver.capture.read import CAMERA_FILES
+
+FILTER = ";".join(f"*{extension}" for extension in CAMERA_FILES)
 
 
 class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
-    """Import photos with known cameras as a capture"""
+    """Import photos with known cameras as a capture: pick a camera file, or a folder that has one"""
 
     bl_idname = "nmf.import_capture"
     bl_label = "Import Capture"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"REGISTER", "UNDO", "PRESET"}
 
-    filter_glob: bpy.props.StringProperty(default="*.json", options={"HIDDEN"})
-    filename_ext = ".json"
+    filter_glob: bpy.props.StringProperty(default=FILTER, options={"HIDDEN"})
+    files: bpy.props.CollectionProperty(
+        type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"}
+    )
+    directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
+    photos: bpy.props.StringProperty(
+        name="Photos",
+        description="Folder of the photos, if they are not below that of the cameras",
+        options={"SKIP_SAVE"},
+    )
+    masks: bpy.props.StringProperty(
+        name="Masks",
+        description="Folder of the masks, if it is not a folder 'masks' beside the photos",
+        options={"SKIP_SAVE"},
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Import."""
-        path = Path(bpy.path.abspath(self.filepath))
+        """Import all that was picked, or nothing."""
         try:
-            collection = import_capture(context, path)
+            made = import_captures(
+                context, self._paths(), _folder(self.photos), _folder(self.masks)
+            )
         except CaptureError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        context.scene.nmf.capture = collection
-        for text in warnings_of(path):
-            self.report({"WARNING"}, text)
+        context.scene.nmf.capture = made[-1]
+        for collection in made:
+            for text in warnings_of(collection):
+                self.report({"WARNING"}, text)
         return {"FINISHED"}
 
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Import what was dropped, else ask for a file."""
+        if self.directory and any(entry.name for entry in self.files):
+            return self.execute(context)
+        return ImportHelper.invoke(self, context, event)
 
-class NMF_FH_transforms(bpy.types.FileHandler):
-    """Drop of a camera file into the 3D View."""
+    def draw(self, context: bpy.types.Context) -> None:
+        """The file browser's sidebar."""
+        column = self.layout.column()
+        column.use_property_split, column.use_property_decorate = True, False
+        column.prop(self, "photos")
+        column.prop(self, "masks")
+        column.label(text="A folder may be picked as well", icon="INFO")
 
-    bl_idname = "NMF_FH_transforms"
+    def _paths(self) -> list[Path]:
+        """The files that were picked, or the folder."""
+        folder = Path(bpy.path.abspath(self.directory)) if self.directory else None
+        names = [entry.name for entry in self.files if entry.name]
+        if folder is not None and names:
+            return [folder / name for name in names]
+        if self.filepath:
+            return [Path(bpy.path.abspath(self.filepath))]
+        return [folder or Path()]
+
+
+def _folder(text: str) -> Path | None:
+    return Path(bpy.path.abspath(text)) if text.strip() else None
+
+
+class NMF_FH_capture(bpy.types.FileHandler):
+    """Drop of camera files into the 3D View."""
+
+    bl_idname = "NMF_FH_capture"
     bl_label = "Capture for a microfacet field"
     bl_import_operator = "nmf.import_capture"
-    bl_file_extensions = ".json"
+    bl_file_extensions = ";".join(CAMERA_FILES)
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
@@ -52,8 +98,8 @@ class NMF_FH_transforms(bpy.types.FileHandler):
 def draw_menu(self, context: bpy.types.Context) -> None:
     """Entry of File › Import."""
     self.layout.operator(
-        NMF_OT_import_capture.bl_idname, text="Capture for Microfacet Field (.json)"
+        NMF_OT_import_capture.bl_idname, text="Capture for Microfacet Field (photos with cameras)"
     )
 
 
-classes = (NMF_OT_import_capture, NMF_FH_transforms)
+classes = (NMF_OT_import_capture, NMF_FH_capture)

@@ -13,10 +13,19 @@ from ...solver.capture.errors import CaptureError
 
 SENSOR_WIDTH = 36.0  # mm; only its ratio to the focal length matters
 LENS, DISTORTION, ASPECT, MASK = "nmf_lens", "nmf_distortion", "nmf_fy_over_fx", "nmf_mask"
+UNDISTORTED = "nmf_undistorted"
+"""mark of an image that shows another one without its lens' distortion"""
 
 
-def add_camera(camera: Camera, image: bpy.types.Image | None) -> bpy.types.Object:
-    """A camera object with the photo as background; linked to nothing yet."""
+def add_camera(
+    camera: Camera, image: bpy.types.Image | None, shown: bpy.types.Image | None = None
+) -> bpy.types.Object:
+    """A camera object with the photo as background; linked to nothing yet.
+
+    Args:
+        shown: what to show in place of the photo, such as its undistorted copy; the photo is kept
+            as a second background that is off.
+    """
     data = bpy.data.cameras.new(camera.name)
     data.sensor_fit = "HORIZONTAL"
     data.sensor_width = SENSOR_WIDTH
@@ -26,11 +35,13 @@ def add_camera(camera: Camera, image: bpy.types.Image | None) -> bpy.types.Objec
     data.display_size = 0.2
     if image is not None:
         data.show_background_images = True
-        background = data.background_images.new()
-        background.image = image
-        background.alpha = 1.0
-        background.display_depth = "BACK"
-        background.frame_method = "FIT"
+        for picture in filter(None, (shown, image)):
+            background = data.background_images.new()
+            background.image = picture
+            background.alpha = 1.0
+            background.display_depth = "BACK"
+            background.frame_method = "FIT"
+            background.show_background_image = picture is (shown or image)
     data[LENS] = camera.lens
     data[DISTORTION] = list(camera.distortion) or [0.0]
     data[ASPECT] = camera.fy / camera.fx
@@ -42,9 +53,9 @@ def add_camera(camera: Camera, image: bpy.types.Image | None) -> bpy.types.Objec
 
 
 def photo_of(item: bpy.types.Object) -> bpy.types.Image | None:
-    """The background image of a camera object."""
+    """The photo among the background images of a camera object."""
     for background in item.data.background_images:
-        if background.image is not None:
+        if background.image is not None and not background.image.get(UNDISTORTED):
             return background.image
     return None
 

@@ -12,43 +12,113 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ...solver.capture.camera import Camera
 from ...solver.capture.capture import Capture, region_seen_by
 from ...solver.capture.errors import CaptureError
 from ...solver.capture.formats.transforms import write_transforms
-from ...solver.capture.read import camera_file, read_capture
+from ...solver.capture.placement import placed, suggest_placement
+from ...solver.capture.read import read_capture
+from .background import is_distorted, undistorted_copy
 from .cameras import add_camera, photo_of, to_solver
 
-SOURCE, ROOT, REGION = "nmf_source", "nmf_root", "nmf_region"
+SOURCE, ROOT, REGION, WARNINGS = "nmf_source", "nmf_root", "nmf_region", "nmf_warnings"
+FILE_TO_CAPTURE = "nmf_file_to_capture"
+MOST_POINTS = 200_000
 
 
-def import_capture(context: bpy.types.Context, path: Path) -> bpy.types.Collection:
-    """Read cameras and show them with their photos. Nothing changes if reading fails.
+def import_capture(
+    context: bpy.types.Context, path: Path, photos: Path | None = None, masks: Path | None = None
+) -> bpy.types.Collection:
+    """Read a capture and show it; see `import_captures`."""
+    return import_captures(context, [path], photos, masks)[0]
+
+
+def import_captures(
+    context: bpy.types.Context, paths: list[Path], photos: Path | None = None,
+    masks: Path | None = None,
+) -> list[bpy.types.Collection]:  # fmt: skip
+    """Read cameras and show them with their photos, upright, in a box for the object.
+
+    All is read before anything is added: nothing changes if reading fails half way. Several files
+    of one model (COLMAP's) are one capture.
+
+    Args:
+        photos, masks: their folders, if they are not below the capture's.
 
     Raises:
         CaptureError: with file, field and remedy.
     """
-    capture = read_capture(path)
+    captures = {}
+    for path in paths:
+        capture = read_capture(path, photos=photos, masks=masks)
+        captures[capture.source] = capture
+    images = _load_photos([camera for c in captures.values() for camera in c.cameras])
+    return [_add_capture(context, capture, images) for capture in captures.values()]
+
+
+def _add_capture(
+    context: bpy.types.Context, capture: Capture, images: dict[Path, bpy.types.Image]
+) -> bpy.types.Collection:
+    matrix = suggest_placement(capture)
+    capture = placed(capture, matrix)
     collection = bpy.data.collections.new(_capture_name(capture))
-    collection[SOURCE] = str(camera_file(path).absolute())
+    collection[SOURCE], collection[WARNINGS] = str(capture.source), list(capture.warnings)
     context.scene.collection.children.link(collection)
     root = bpy.data.objects.new(f"{collection.name} Transform", None)
     root[ROOT] = True
+    root[FILE_TO_CAPTURE] = matrix.ravel().tolist()
     root.empty_display_type = "ARROWS"
     collection.objects.link(root)
     for camera in capture.cameras:
-        image = bpy.data.images.load(str(camera.image_path), check_existing=True)
-        item = add_camera(camera, image)
+        image = images[camera.image_path]
+        shown = undistorted_copy(camera, image) if is_distorted(camera) else None
+        item = add_camera(camera, image, shown)
         item.parent = root
         collection.objects.link(item)
+    if capture.points is not None:
+        _add_points(collection, capture.points, root)
+    _new_box(collection, capture.region, root)
     first = next(item for item in collection.objects if item.type == "CAMERA")
     if context.scene.camera is None:
         context.scene.camera = first
     return collection
 
 
-def warnings_of(path: Path) -> tuple[str, ...]:
-    """What `read_capture` had to say about a file that was imported."""
-    return read_capture(path).warnings
+def warnings_of(collection: bpy.types.Collection) -> list[str]:
+    """What reading the capture had to say."""
+    return [str(text) for text in collection.get(WARNINGS, ())]
+
+
+def _load_photos(cameras: list[Camera]) -> dict[Path, bpy.types.Image]:
+    """Images of the cameras' photos; those that were loaded go again if one cannot be."""
+    before = set(bpy.data.images)
+    images = {}
+    for camera in cameras:
+        try:
+            image = bpy.data.images.load(str(camera.image_path), check_existing=True)
+        except RuntimeError as error:
+            for image in set(bpy.data.images) - before:
+                bpy.data.images.remove(image)
+            raise CaptureError(
+                camera.image_path, "", "Blender cannot open the photo", "replace or convert it"
+            ) from error
+        images[camera.image_path] = image
+    return images
+
+
+def _add_points(
+    collection: bpy.types.Collection, points: np.ndarray, root: bpy.types.Object
+) -> bpy.types.Object:
+    """Sparse points as a mesh of vertices, to see the object in while fitting the box."""
+    points = points[:: max(len(points) // MOST_POINTS, 1)]
+    mesh = bpy.data.meshes.new(f"{collection.name} Points")
+    mesh.vertices.add(len(points))
+    mesh.vertices.foreach_set("co", np.ascontiguousarray(points, dtype=np.float32).ravel())
+    mesh.update()
+    item = bpy.data.objects.new(mesh.name, mesh)
+    item.parent, item.hide_render, item.hide_select = root, True, True
+    collection.objects.link(item)
+    return item
 
 
 def capture_collections(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
@@ -105,12 +175,19 @@ def add_region_box(
     if existing is not None:
         return existing
     matrix = to_capture_space(collection)
-    low, high = region_seen_by([to_solver(item, matrix) for item in _photo_cameras(collection)])
+    cameras = [to_solver(item, matrix) for item in _photo_cameras(collection)]
+    return _new_box(collection, region_seen_by(cameras), root_of(collection))
+
+
+def _new_box(
+    collection: bpy.types.Collection, region: np.ndarray, root: bpy.types.Object | None
+) -> bpy.types.Object:
+    low, high = region
     box = bpy.data.objects.new(f"{collection.name} Region", None)
     box[REGION] = True
     box.empty_display_type, box.empty_display_size = "CUBE", 1.0
     box.location, box.scale = (low + high) / 2, (high - low) / 2
-    box.parent = root_of(collection)
+    box.parent = root
     collection.objects.link(box)
     return box
 

@@ -58,9 +58,9 @@ def install_result(
     item = bpy.data.objects.new(name, mesh)
     item[JOB] = str(job.root)
     (collection or context.scene.collection).objects.link(item)
-    if collection is not None:
-        item.parent = root_of(collection)
-    world = build_world(f"{name} light", folder / manifest["environment"]["file"])
+    root = None if collection is None else root_of(collection)
+    item.parent = root
+    world = build_world(f"{name} light", folder / manifest["environment"]["file"], root)
     if context.scene.world is not None:
         context.scene.world.use_fake_user = True
     context.scene.world = world

@@ -7,8 +7,11 @@ from pathlib import Path
 import bpy
 
 
-def build_world(name: str, path: Path) -> bpy.types.World:
-    """A World lit by an equirectangular HDRI, unrotated, strength 1, linear Rec.709.
+def build_world(name: str, path: Path, follow: bpy.types.Object | None = None) -> bpy.types.World:
+    """A World lit by an equirectangular HDRI, strength 1, linear Rec.709.
+
+    Args:
+        follow: an object whose turns the light follows, such as a capture's empty; else unrotated.
 
     Raises:
         RuntimeError: Blender cannot load the image.
@@ -26,9 +29,29 @@ def build_world(name: str, path: Path) -> bpy.types.World:
     background = tree.nodes.new("ShaderNodeBackground")
     output = tree.nodes.new("ShaderNodeOutputWorld")
     texture.location, background.location, output.location = (-600, 0), (-250, 0), (0, 0)
+    if follow is not None:
+        _turn_with(tree, texture, follow)
     tree.links.new(texture.outputs["Color"], background.inputs["Color"])
     tree.links.new(background.outputs["Background"], output.inputs["Surface"])
     return world
+
+
+def _turn_with(tree: bpy.types.NodeTree, texture: bpy.types.Node, item: bpy.types.Object) -> None:
+    """Look the light up in the axes of `item`, by drivers, so that it keeps to them."""
+    coordinates = tree.nodes.new("ShaderNodeTexCoord")
+    mapping = tree.nodes.new("ShaderNodeMapping")
+    mapping.vector_type = "TEXTURE"  # the inverse of the turn: from the world's axes to the item's
+    coordinates.location, mapping.location = (-1000, 0), (-800, 0)
+    tree.links.new(coordinates.outputs["Generated"], mapping.inputs["Vector"])
+    tree.links.new(mapping.outputs["Vector"], texture.inputs["Vector"])
+    for index, axis in enumerate("XYZ"):
+        driver = mapping.inputs["Rotation"].driver_add("default_value", index).driver
+        driver.type = "SUM"
+        variable = driver.variables.new()
+        variable.type = "TRANSFORMS"
+        target = variable.targets[0]
+        target.id, target.transform_type = item, f"ROT_{axis}"
+        target.rotation_mode, target.transform_space = "XYZ", "WORLD_SPACE"
 
 
 def relight(scene: bpy.types.Scene, path: Path) -> bpy.types.World:

@@ -87,7 +87,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             Found(f"{where}.transform_matrix", stated, photo, frame.get("transform_matrix"),
                   intrinsics, mask)
         )  # fmt: skip
-    return assemble(path, NAME, found, photos)
+    return assemble(path, NAME, found, photos, up=(0.0, 0.0, 1.0))
 
 
 def write_transforms(path: Path, cameras: list[Camera]) -> None:

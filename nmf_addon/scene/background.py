@@ -1,0 +1,87 @@
+"""Undistorted copies of photos: what a camera without a lens would have seen, for Blender to show.
+
+Blender's cameras have no distortion. The solver works on the photos as they are; these copies only
+stand behind the scene, so they are small and live in the .blend.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import bpy
+import numpy as np
+
+from ...solver.capture.camera import Camera
+from .cameras import UNDISTORTED
+
+WIDEST = 1024  # pixels
+
+
+def is_distorted(camera: Camera) -> bool:
+    """True if straight lines are not straight in the photo."""
+    return camera.lens != "pinhole" and (camera.lens != "opencv" or any(camera.distortion))
+
+
+def undistorted_copy(camera: Camera, photo: bpy.types.Image) -> bpy.types.Image:
+    """A packed image of at most `WIDEST` pixels that shows `photo` through a pinhole.
+
+    What the lens does not reach is transparent.
+    """
+    width, height = photo.size
+    name = f"{camera.name} undistorted"
+    shrink = max(width, height, 1) / WIDEST
+    size = tuple(max(1, round(side / max(shrink, 1.0))) for side in (camera.width, camera.height))
+    small = bpy.data.images.new(name, *size, alpha=True, float_buffer=photo.is_float)
+    small[UNDISTORTED] = True
+    small.colorspace_settings.name = photo.colorspace_settings.name
+    if width and height:
+        was_loaded = photo.has_data
+        source = np.empty(width * height * photo.channels, dtype=np.float32)
+        photo.pixels.foreach_get(source)
+        pixels = undistorted(camera, source.reshape(height, width, photo.channels)[::-1], size)
+        small.pixels.foreach_set(np.ascontiguousarray(pixels[::-1]).ravel())
+        small.update()
+        if not was_loaded:
+            photo.buffers_free()
+    small.pack()
+    return small
+
+
+def undistorted(camera: Camera, pixels: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Pixels [h, w, 4] as the pinhole of the camera's fx, fy, cx, cy sees them, bilinear.
+
+    Args:
+        pixels: [H, W, C] of the photo, row 0 on top, C = 1, 3 or 4.
+        size: (w, h) of the result.
+    """
+    width, height = size
+    pinhole = replace(camera, lens="pinhole", distortion=(), camera_to_world=np.eye(4))
+    lens = replace(camera, camera_to_world=np.eye(4))
+    row, column = np.mgrid[0:height, 0:width] + 0.5
+    _, rays = pinhole.rays(
+        column.ravel() * camera.width / width, row.ravel() * camera.height / height
+    )
+    found, _ = lens.project(rays)
+    found *= np.array([pixels.shape[1] / camera.width, pixels.shape[0] / camera.height])
+    x, y = found[:, 0] - 0.5, found[:, 1] - 0.5
+    with np.errstate(invalid="ignore"):
+        seen = (x > -1) & (y > -1) & (x < pixels.shape[1]) & (y < pixels.shape[0])
+    x, y = np.where(seen, x, 0), np.where(seen, y, 0)
+    x, y = np.clip(x, 0, pixels.shape[1] - 1), np.clip(y, 0, pixels.shape[0] - 1)
+    left = np.minimum(x.astype(int), max(pixels.shape[1] - 2, 0))
+    top = np.minimum(y.astype(int), max(pixels.shape[0] - 2, 0))
+    right, bottom = (
+        np.minimum(left + 1, pixels.shape[1] - 1),
+        np.minimum(top + 1, pixels.shape[0] - 1),
+    )
+    a, b = (x - left)[:, None], (y - top)[:, None]
+    upper = (1 - a) * pixels[top, left] + a * pixels[top, right]
+    lower = (1 - a) * pixels[bottom, left] + a * pixels[bottom, right]
+    values = (1 - b) * upper + b * lower
+    out = np.ones((height * width, 4), dtype=np.float32)
+    channels = pixels.shape[2]
+    out[:, :3] = values[:, :3] if channels >= 3 else values[:, :1]
+    if channels in (2, 4):
+        out[:, 3] = values[:, -1]
+    out[~seen] = 0
+    return out.reshape(height, width, 4)

@@ -1,0 +1,126 @@
+"""Imported captures: distortion, placement, points, several files; the light turns with them."""
+
+import json
+import math
+
+import bpy
+import fake_capture
+import numpy as np
+import OpenEXR
+import pytest
+from mathutils import Euler, Matrix
+
+
+def edit(path, change):
+    content = json.loads(path.read_text(encoding="utf-8"))
+    change(content)
+    path.write_text(json.dumps(content), encoding="utf-8")
+    return path
+
+
+def test_a_distorted_photo_is_shown_without_its_distortion_and_solved_with_it(extension, tmp_path):
+    scene, cameras = extension("scene.capture_collection"), extension("scene.cameras")
+    path = fake_capture.write_capture(tmp_path / "photos")
+    edit(path, lambda c: c.update(k1=-0.2, k2=0.02, p1=0.0, p2=0.0))
+    collection = scene.import_capture(bpy.context, path)
+    item = next(i for i in collection.objects if i.type == "CAMERA")
+    shown, kept = item.data.background_images
+    assert shown.show_background_image and shown.image.get("nmf_undistorted")
+    assert shown.image.packed_file is not None
+    assert not kept.show_background_image and cameras.photo_of(item) == kept.image
+    solver = cameras.to_solver(item, Matrix.Identity(4))
+    assert solver.lens == "opencv" and solver.distortion[0] == pytest.approx(-0.2)
+    assert solver.image_path.is_file() and tmp_path in solver.image_path.parents
+
+
+def test_undistortion_moves_every_pixel_to_where_its_ray_meets_a_pinhole(extension):
+    background = extension("scene.background")
+    from neural_microfacet_fields.solver.capture.camera import Camera
+
+    camera = Camera("c", None, np.eye(4), 90, 60, 70.0, 65.0, 43.0, 31.0, "opencv",
+                    (-0.25, 0.05, 0.002, -0.001, 0.0))  # fmt: skip
+    row, column = np.mgrid[0:60, 0:90] + 0.5
+    # A photo whose colour is the direction its lens sees there.
+    _, rays = camera.rays(column.ravel(), row.ravel())
+    photo = np.ones((60, 90, 4), np.float32)
+    photo[..., :2] = (rays[:, :2] / -rays[:, 2:]).reshape(60, 90, 2)
+    shown = background.undistorted(camera, photo, (90, 60))
+    seen = shown[..., 3] == 1
+    assert 0.5 < seen.mean() <= 1
+    expected = np.stack([(column - camera.cx) / camera.fx, -(row - camera.cy) / camera.fy], -1)
+    inner = np.abs(expected).max(-1) < 0.35
+    np.testing.assert_allclose(shown[inner][:, :2], expected[inner], atol=2e-3)
+
+
+def test_picking_a_good_and_a_broken_file_imports_neither(extension, tmp_path):
+    good = fake_capture.write_capture(tmp_path / "photos")
+    (good.parent / "broken.json").write_text('{"frames": [')
+    before = {name: len(getattr(bpy.data, name)) for name in ("objects", "collections", "images")}
+    with pytest.raises(RuntimeError, match="broken.json.*not valid JSON"):
+        bpy.ops.nmf.import_capture(
+            directory=str(good.parent), files=[{"name": good.name}, {"name": "broken.json"}]
+        )
+    after = {name: len(getattr(bpy.data, name)) for name in before}
+    assert after == before
+
+
+def test_two_files_picked_are_two_captures(extension, tmp_path):
+    first = fake_capture.write_capture(tmp_path / "photos")
+    (first.parent / "again.json").write_bytes(first.read_bytes())
+    result = bpy.ops.nmf.import_capture(
+        directory=str(first.parent), files=[{"name": first.name}, {"name": "again.json"}]
+    )
+    assert result == {"FINISHED"}
+    assert len(extension("scene.capture_collection").capture_collections(bpy.context.scene)) == 2
+
+
+def test_a_folder_is_imported_by_what_it_holds(extension, tmp_path):
+    path = fake_capture.write_capture(tmp_path / "photos")
+    path.rename(path.with_name("whatever it is.json"))
+    assert bpy.ops.nmf.import_capture(filepath=str(path.parent)) == {"FINISHED"}
+
+
+def test_the_recovered_light_turns_with_the_capture(extension, capture, result_job, tmp_path):
+    """The world is seen along +X; turned a quarter about Z, what was seen along −Y is there."""
+    scene = extension("scene.capture_collection")
+    install, world = extension("scene.install"), extension("scene.world")
+    height, width = 16, 32
+    azimuth = (0.5 - (np.arange(width) + 0.5) / width) * 2 * math.pi
+    sky = np.zeros((height, width, 3), np.float32)
+    sky[..., 0], sky[..., 1] = 0.5 + 0.4 * np.cos(azimuth), 0.5 + 0.4 * np.sin(azimuth)
+    OpenEXR.File({}, {"RGB": sky}).write(str(tmp_path / "sky.exr"))
+    root = scene.root_of(capture)
+    bpy.context.scene.world = world.build_world("sky", tmp_path / "sky.exr", root)
+    data = bpy.data.cameras.new("eye")
+    data.lens = 200
+    eye = bpy.data.objects.new("eye", data)
+    bpy.context.scene.collection.objects.link(eye)
+    eye.rotation_euler = (math.pi / 2, 0, -math.pi / 2)  # along +X
+    settings = bpy.context.scene
+    settings.camera = eye
+    settings.render.engine = "CYCLES"
+    settings.cycles.device, settings.cycles.samples = "CPU", 16
+    settings.cycles.use_denoising = False  # it tints
+    settings.render.resolution_x = settings.render.resolution_y = 4
+    settings.render.resolution_percentage = 100
+    settings.render.image_settings.file_format = "OPEN_EXR"
+
+    def colour(name):
+        settings.render.filepath = str(tmp_path / name)
+        bpy.ops.render.render(write_still=True)
+        picture = bpy.data.images.load(str(tmp_path / f"{name}.exr"))
+        values = np.empty(64, np.float32)
+        picture.pixels.foreach_get(values)
+        return values.reshape(16, 4).mean(0)[:2]
+
+    np.testing.assert_allclose(colour("straight"), (0.9, 0.5), atol=0.02)
+    root.rotation_euler = Euler((0, 0, math.pi / 2))
+    bpy.context.view_layer.update()
+    np.testing.assert_allclose(colour("turned"), (0.5, 0.1), atol=0.02)
+    asset = install.install_result(bpy.context, result_job, capture)
+    mapping = next(n for n in asset.world.node_tree.nodes if n.type == "MAPPING")
+    bpy.context.view_layer.update()
+    assert asset.object.parent == root
+    evaluated = bpy.context.evaluated_depsgraph_get()
+    turned = asset.world.evaluated_get(evaluated).node_tree.nodes[mapping.name]
+    assert turned.inputs["Rotation"].default_value[2] == pytest.approx(math.pi / 2, abs=1e-5)
