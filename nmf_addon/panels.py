@@ -44,7 +44,10 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
             row.scale_y = 1.4
             row.operator("nmf.import_capture", icon="IMPORT")
             _note(
-                layout, context, "Photos with known cameras: a transforms.json, or drop one here."
+                layout,
+                context,
+                "Photos with known cameras, from COLMAP, Metashape, RealityScan, Meshroom, "
+                "transforms.json and others; or drop a camera file here.",
             )
             return
         row = layout.row(align=True)
@@ -58,6 +61,7 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
             layout.operator("nmf.add_region_box", icon="CUBE")
         else:
             layout.label(text="Region box: fit it to the object", icon="CUBE")
+        layout.operator("nmf.set_scale", icon="DRIVER_DISTANCE")
 
 
 class NMF_PT_reconstruct(Sidebar, bpy.types.Panel):

@@ -12,6 +12,7 @@ from ..operators import (
     reconstruct,
     region,
     relight,
+    set_scale,
     setup_solver,
 )
 from . import panels, preferences, properties, runtime, setup_monitor, thumbnails
@@ -19,7 +20,7 @@ from .jobs import monitor
 from .names import BASE_PACKAGE
 
 _class_modules = (
-    properties, preferences, import_capture, region, reconstruct, install_result, relight,
+    properties, preferences, import_capture, region, set_scale, reconstruct, install_result, relight,
     match_solver, job_files, setup_solver, panels,
 )  # fmt: skip
 _classes = [cls for module in _class_modules for cls in module.classes]

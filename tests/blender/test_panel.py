@@ -67,7 +67,11 @@ def draw(extension):
 
 def test_without_a_capture_the_first_step_is_to_import_one(draw):
     drawn, words = draw("capture")
-    assert ("operator", "nmf.import_capture") in drawn and "transforms.json" in words
+    assert (
+        ("operator", "nmf.import_capture") in drawn
+        and "transforms.json" in words
+        and "COLMAP" in words
+    )
     assert not [item for item in drawn if item[0] == "prop"]
 
 

@@ -100,7 +100,7 @@ def test_the_recovered_light_turns_with_the_capture(extension, capture, result_j
     settings.camera = eye
     settings.render.engine = "CYCLES"
     settings.cycles.device, settings.cycles.samples = "CPU", 16
-    settings.cycles.use_denoising = False  # it tints
+    settings.cycles.use_denoising = False  # it tints flat pictures
     settings.render.resolution_x = settings.render.resolution_y = 4
     settings.render.resolution_percentage = 100
     settings.render.image_settings.file_format = "OPEN_EXR"
@@ -124,3 +124,50 @@ def test_the_recovered_light_turns_with_the_capture(extension, capture, result_j
     evaluated = bpy.context.evaluated_depsgraph_get()
     turned = asset.world.evaluated_get(evaluated).node_tree.nodes[mapping.name]
     assert turned.inputs["Rotation"].default_value[2] == pytest.approx(math.pi / 2, abs=1e-5)
+
+
+def two_empties(first, second):
+    for item in bpy.context.view_layer.objects.selected:
+        item.select_set(False)
+    for position in (first, second):
+        empty = bpy.data.objects.new("point", None)
+        empty.location = position
+        bpy.context.scene.collection.objects.link(empty)
+        empty.select_set(True)
+    bpy.context.view_layer.update()
+
+
+def test_two_points_of_known_distance_scale_the_capture_about_the_first(extension, capture):
+    scene = extension("scene.capture_collection")
+    camera = next(item for item in capture.objects if item.type == "CAMERA")
+    region = scene.region_of(capture)
+    before = camera.matrix_world.translation.copy()
+    two_empties((1, 0, 0), (1, 0, 0.5))
+    assert bpy.ops.nmf.set_scale(distance=2.0) == {"FINISHED"}
+    bpy.context.view_layer.update()
+    expected = 4 * (np.array(before) - (1, 0, 0)) + (1, 0, 0)
+    np.testing.assert_allclose(camera.matrix_world.translation, expected, atol=1e-4)
+    # The solver works in capture space, which does not notice.
+    np.testing.assert_allclose(scene.region_of(capture)["max"], region["max"], atol=1e-4)
+
+
+def test_vertices_picked_in_edit_mode_are_measured(extension, capture):
+    mesh = bpy.data.meshes.new("m")
+    mesh.from_pydata([(0, 0, 0), (3, 0, 0), (9, 9, 9)], [], [])
+    item = bpy.data.objects.new("m", mesh)
+    item.location = (0, 0, 1)
+    bpy.context.scene.collection.objects.link(item)
+    bpy.context.view_layer.objects.active = item
+    for vertex, chosen in zip(mesh.vertices, (True, True, False), strict=True):
+        vertex.select = chosen
+    bpy.ops.object.mode_set(mode="EDIT")
+    first, second = extension("scene.measure").picked_points(bpy.context)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert (second - first).length == pytest.approx(3) and first.z == pytest.approx(1)
+
+
+def test_one_point_is_not_enough_to_measure(extension, capture):
+    for item in bpy.context.view_layer.objects.selected:
+        item.select_set(False)
+    with pytest.raises(RuntimeError, match="0 objects are selected; select two"):
+        bpy.ops.nmf.set_scale(distance=2.0)

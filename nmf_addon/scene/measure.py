@@ -1,0 +1,62 @@
+"""Metric scale: two points of a known distance."""
+
+from __future__ import annotations
+
+import bpy
+from mathutils import Matrix, Vector
+
+from .capture_collection import root_of
+
+LEAST = 1e-6  # distance of two points, Blender units
+
+
+class MeasureError(ValueError):
+    """There are no two points to measure between; one sentence with the way out."""
+
+
+def picked_points(context: bpy.types.Context) -> tuple[Vector, Vector]:
+    """World positions of the two points the person picked.
+
+    In Edit Mode the two selected vertices of the mesh, else the origins of the two selected objects.
+
+    Raises:
+        MeasureError: there are not two.
+    """
+    item = context.active_object
+    if item is not None and item.type == "MESH" and item.mode == "EDIT":
+        item.update_from_editmode()
+        chosen = [vertex.co for vertex in item.data.vertices if vertex.select]
+        points = [item.matrix_world @ co for co in chosen]
+        what = "vertices"
+    else:
+        points = [item.matrix_world.translation.copy() for item in context.selected_objects]
+        what = "objects"
+    if len(points) != 2:
+        raise MeasureError(
+            f"{len(points)} {what} are selected; select two vertices in Edit Mode, or two objects."
+        )
+    if (points[0] - points[1]).length < LEAST:
+        raise MeasureError("The two points are at one place; select two that are apart.")
+    return points[0], points[1]
+
+
+def scale_to(
+    collection: bpy.types.Collection, points: tuple[Vector, Vector], distance: float
+) -> float:
+    """Scale a capture about the first point so that its two points are `distance` apart (metres).
+
+    Cameras, region, mesh and points hang on the capture's empty and follow. Returns the factor.
+
+    Raises:
+        MeasureError: the capture has no empty of ours.
+    """
+    root = root_of(collection)
+    if root is None:
+        raise MeasureError(
+            f"{collection.name} has no transform empty; scale its cameras by hand, or import it."
+        )
+    first, second = points
+    factor = distance / (second - first).length
+    about = Matrix.Translation(first) @ Matrix.Scale(factor, 4) @ Matrix.Translation(-first)
+    root.matrix_world = about @ root.matrix_world
+    return factor

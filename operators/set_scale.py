@@ -1,0 +1,50 @@
+"""Set a capture's scale from two points of a known distance."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..nmf_addon.scene.capture_collection import active_capture
+from ..nmf_addon.scene.measure import LEAST, MeasureError, picked_points, scale_to
+
+
+class NMF_OT_set_scale(bpy.types.Operator):
+    """Give the distance of two points you picked: two vertices in Edit Mode, or two objects"""
+
+    bl_idname = "nmf.set_scale"
+    bl_label = "Set Scale"
+    bl_options = {"REGISTER", "UNDO"}
+
+    distance: bpy.props.FloatProperty(
+        name="Distance", description="Distance of the two points in the real world",
+        default=1.0, min=LEAST, subtype="DISTANCE", unit="LENGTH",
+    )  # fmt: skip
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """With a capture."""
+        cls.poll_message_set("Import a capture first")
+        return active_capture(context) is not None
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the distance; what it measures now is the default."""
+        try:
+            first, second = picked_points(context)
+        except MeasureError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.distance = (first - second).length
+        return context.window_manager.invoke_props_dialog(self)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Scale the capture."""
+        try:
+            factor = scale_to(active_capture(context), picked_points(context), self.distance)
+        except MeasureError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.report({"INFO"}, f"The capture was scaled by {factor:.4g}")
+        return {"FINISHED"}
+
+
+classes = (NMF_OT_set_scale,)
