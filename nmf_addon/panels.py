@@ -131,6 +131,7 @@ def _draw_settings(layout: bpy.types.UILayout, settings) -> None:
     column.use_property_split, column.use_property_decorate = True, False
     column.prop(settings, "preset")
     column.prop(settings, "device")
+    column.prop(settings, "exposure")
     row = column.row(heading="Time Limit")
     row.prop(settings, "use_time_limit", text="")
     limited = row.row()

@@ -35,6 +35,20 @@ class NMF_scene(bpy.types.PropertyGroup):
         default="auto",
         description="What the solver runs on",
     )
+    exposure: bpy.props.EnumProperty(
+        name="Exposure",
+        items=(
+            ("fixed", "As Shot", "All photos have one exposure and white balance"),
+            ("gain", "Even Out", "Find each photo's exposure: the camera was on automatic"),
+            (
+                "white_balance",
+                "Even Out With Colour",
+                "Find each photo's exposure and white balance",
+            ),
+        ),
+        default="fixed",
+        description="Whether photos differ in brightness or tint",
+    )
     use_time_limit: bpy.props.BoolProperty(
         name="Time Limit", description="Plan the reconstruction to end within a given time"
     )

@@ -36,6 +36,7 @@ class NMF_OT_reconstruct(bpy.types.Operator):
                 collection, new_job_root(collection.name), preset=settings.preset,
                 device=settings.device, seed=settings.seed,
                 time_limit=60 * settings.time_limit if settings.use_time_limit else None,
+                overrides={} if settings.exposure == "fixed" else {"fit.exposure": settings.exposure},
             )  # fmt: skip
             monitor.start(python, job)
         except (CaptureError, JobError, RuntimeMissing, OSError) as error:

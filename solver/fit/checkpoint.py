@@ -34,6 +34,8 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     tensors["allowed"] = scene.occupancy.allowed
     tensors["optical_depth"] = scene.occupancy.optical_depth
     tensors |= {f"optimiser.{key}": value for key, value in trainer.optimiser.state().items()}
+    if trainer.exposures is not None:
+        tensors |= {f"exposures.{key}": v for key, v in trainer.exposures.state().items()}
     state = {
         "step": trainer.step, "level": trainer.level, "steps_at_level": trainer.steps_at_level,
         "fraction_at_level": trainer.fraction_at_level, "batching": trainer.batching.state(),
@@ -118,6 +120,11 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> 
     # Jobs of version 0.1 have another optimiser's moments; they go on with new ones.
     if f"{prefix}count" in tensors:
         trainer.optimiser.restore(
+            {key.removeprefix(prefix): v for key, v in tensors.items() if key.startswith(prefix)}
+        )
+    if trainer.exposures is not None:
+        prefix = "exposures."
+        trainer.exposures.restore(
             {key.removeprefix(prefix): v for key, v in tensors.items() if key.startswith(prefix)}
         )
     trainer.steps_at_level = state["steps_at_level"]

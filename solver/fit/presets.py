@@ -100,6 +100,9 @@ class FitSettings:
     """what stands behind the object: 'white', 'black', 'random' (a colour a ray, photos with alpha
     only), 'environment' (the fitted light itself), or 'auto': white for photos with alpha or before
     plain white, else environment"""
+    exposure: str = "fixed"
+    """'gain' finds each photo's exposure, 'white_balance' a gain per channel, for photos that were shot
+    on automatic; 'fixed' takes them as they are"""
     use_masks: bool = True
     """photos' alpha tells where the object is; else it is only used to lay them over a background"""
     mask_weight: float = 0.5

@@ -21,6 +21,7 @@ class RayBatch(NamedTuple):
     alpha: torch.Tensor  # [B] coverage; 1 where the photo has none
     clipped: torch.Tensor  # [B, 3] true where the photo is saturated
     pixel_angle: torch.Tensor  # [B] angular width of the pixel, rad
+    photo: torch.Tensor  # [B] long, index of the photo
 
 
 class RayBank:
@@ -66,6 +67,10 @@ class RayBank:
         self.preview_camera, self.preview_photo = cameras[0], photos[0].pixels
         self.pixel_angle = torch.tensor([c.pixel_angle for c in cameras], device=device)
 
+    @property
+    def photo_count(self) -> int:
+        return len(self.first_pixel) - 1
+
     def __len__(self) -> int:
         return self.first_pixel[-1]
 
@@ -82,7 +87,13 @@ class RayBank:
         colour = self.colour[pixel].float()
         clipped = (colour >= 0.998) & ~self.is_hdr[photo][:, None]
         return RayBatch(
-            origins, directions, colour, self.alpha[pixel].float(), clipped, self.pixel_angle[photo]
+            origins,
+            directions,
+            colour,
+            self.alpha[pixel].float(),
+            clipped,
+            self.pixel_angle[photo],
+            photo,
         )
 
     def restrict(self, likely: torch.Tensor) -> None:

@@ -15,6 +15,7 @@ from ..render.random_numbers import RandomNumbers
 from ..render.scene import RenderSettings, Scene, StepTables
 from .adam import Adam
 from .batching import Batching
+from .exposure import exposures_for
 from .losses import Behind, total_loss
 from .presets import Settings, neural_share, smoothing_width, step_width
 from .ray_bank import RayBank, RayBatch
@@ -27,6 +28,14 @@ class Chunk(NamedTuple):
     pixels: torch.Tensor  # [R] long, global pixel indices
     keys: torch.Tensor  # [R] long, for random numbers
     colour: torch.Tensor | None  # [R, 3] sRGB behind the object, where it is random
+
+
+class Taken(NamedTuple):
+    """What came of a chunk."""
+
+    image: float  # its image loss
+    samples: tuple[int, int, int]  # density samples, retraced rays, their samples
+    to_exposures: torch.Tensor | None  # [P, C] gradient of the photos' log gains
 
 
 class Trainer:
@@ -49,6 +58,7 @@ class Trainer:
         self.scene, self.bank, self.settings, self.seed = scene, bank, settings, seed
         self.use_masks, self.background = use_masks, background
         self.keep_decoder = keep_decoder
+        self.exposures = exposures_for(settings.fit.exposure, bank.photo_count, scene.device)
         self.random = RandomNumbers(seed, scene.device)
         self.generator = torch.Generator().manual_seed(seed)
         fit = settings.fit
@@ -143,14 +153,17 @@ class Trainer:
             self.workers.gather_gradients()
             carry_gradients()
         self.optimiser.step()
+        if self.exposures is not None:
+            self.exposures.step([taken.to_exposures for taken in found], factor)
         self.step += 1
         self.steps_at_level += 1
-        for chunk, (_, taken) in zip(chunks, found, strict=True):
-            self.batching.observe(len(chunk.keys), *taken)
-        image = sum(loss * len(chunk.keys) for chunk, (loss, _) in zip(chunks, found, strict=True))
+        image = 0.0
+        for chunk, taken in zip(chunks, found, strict=True):
+            self.batching.observe(len(chunk.keys), *taken.samples)
+            image += taken.image * len(chunk.keys)
         return {
             "image": image / total, "psnr": -10 * math.log10(max(image / total, 1e-12)),
-            "samples": sum(taken[0] for _, taken in found), "rays": total,
+            "samples": sum(taken.samples[0] for taken in found), "rays": total,
         }  # fmt: skip
 
     def _draw(self, sizes: list[int]) -> list[Chunk]:
@@ -167,8 +180,8 @@ class Trainer:
 
     def _accumulate(
         self, scene: Scene, tables: StepTables, chunk: Chunk, fraction: float, total: int
-    ) -> tuple[float, tuple[int, int, int]]:
-        """Add a chunk's gradient to a worker's scene; its image loss, and the samples it took."""
+    ) -> Taken:
+        """Add a chunk's gradient to a worker's scene."""
         share = len(chunk.keys) / total
         batch = self.bank.batch(chunk.pixels)
         settings = dataclasses.replace(
@@ -180,12 +193,15 @@ class Trainer:
             scene, tables, settings, self.random, batch.origins, batch.directions, chunk.keys,
             jitter=True, pixel_angle=batch.pixel_angle,
         )  # fmt: skip
+        log_gain = None if self.exposures is None else self.exposures.cut()
+        gain = None if log_gain is None else log_gain[batch.photo].exp()
         loss, terms = total_loss(
             buffers, batch, self.settings.fit, self.use_masks, fraction,
-            self._behind(scene, batch, tables, chunk),
+            self._behind(scene, batch, tables, chunk), gain,
         )  # fmt: skip
         (loss * share).backward()
-        return terms["image"], (buffers.samples, buffers.retraced, buffers.retraced_samples)
+        samples = (buffers.samples, buffers.retraced, buffers.retraced_samples)
+        return Taken(terms["image"], samples, None if log_gain is None else log_gain.grad)
 
     def _behind(self, scene: Scene, batch: RayBatch, tables: StepTables, chunk: Chunk) -> Behind:
         rays, device = len(batch.origins), batch.origins.device

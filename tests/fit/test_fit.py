@@ -187,7 +187,8 @@ def test_a_saturated_pixel_forgives_more_light_but_not_less():
         buffers = dataclasses.make_dataclass("B", ["radiance", "opacity"])(
             torch.full((1, 3), radiance), ones
         )
-        batch = RayBatch(None, None, torch.ones(1, 3), ones, torch.ones(1, 3, dtype=torch.bool))
+        clipped = torch.ones(1, 3, dtype=torch.bool)
+        batch = RayBatch(None, None, torch.ones(1, 3), ones, clipped, ones, torch.zeros(1).long())
         return float(photometric(buffers, batch, Behind(torch.ones(1, 3))))
 
     assert loss(3.0) == 0 and loss(0.5) > 0.01

@@ -1,0 +1,77 @@
+"""Exposure and white balance of each photo, found along with the rest where a person asks for it."""
+
+from __future__ import annotations
+
+import torch
+
+from .adam import Adam
+from .errors import SettingsError
+
+CHANNELS = {"gain": 1, "white_balance": 3}
+RATE = 0.01  # of the logarithms, at the start of the fit
+PULL = 1e-3  # of (log gain)²: what photos do not tell stays as it was shot
+
+
+class Exposures:
+    """A gain for each photo, by which radiance is multiplied before it is compared with the photo.
+
+    Their product over all photos is held at 1, so that it cannot trade places with the light.
+
+    Args:
+        photos: how many. channels: 1 (exposure) or 3 (white balance as well).
+    """
+
+    def __init__(self, photos: int, channels: int, device="cpu"):
+        self.log_gain = torch.zeros(photos, channels, device=device)
+        self.log_gain.requires_grad_()
+        self.optimiser = Adam([{"params": [self.log_gain], "base": RATE}])
+
+    def cut(self) -> torch.Tensor:
+        """The logarithms [P, C], cut off, for one worker's backward pass."""
+        return self.log_gain.detach().clone().requires_grad_()
+
+    def step(self, gradients: list[torch.Tensor | None], factor: float) -> None:
+        """Move by the sum of the workers' gradients [P, C]; `factor` scales the rate."""
+        found = [gradient for gradient in gradients if gradient is not None]
+        if not found:
+            return
+        self.optimiser.param_groups[0]["lr"] = RATE * factor
+        seen = (sum(found) != 0).any(-1, keepdim=True)
+        self.log_gain.grad = sum(found) + torch.where(seen, 2 * PULL * self.log_gain.detach(), 0.0)
+        self.optimiser.step()
+        with torch.no_grad():
+            self.log_gain -= self.log_gain.mean(0)
+
+    def gains(self) -> torch.Tensor:
+        """The gains [P, C]."""
+        return self.log_gain.detach().exp()
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """For a checkpoint."""
+        return {"log_gain": self.log_gain.detach()} | {
+            f"optimiser.{key}": value for key, value in self.optimiser.state().items()
+        }
+
+    def restore(self, tensors: dict[str, torch.Tensor]) -> None:
+        """From a checkpoint."""
+        with torch.no_grad():
+            self.log_gain.copy_(tensors["log_gain"])
+        prefix = "optimiser."
+        self.optimiser.restore(
+            {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
+        )
+
+
+def exposures_for(kind: str, photos: int, device="cpu") -> Exposures | None:
+    """What `fit.exposure` asks for; None for 'fixed'.
+
+    Raises:
+        SettingsError: no such kind.
+    """
+    if kind == "fixed":
+        return None
+    if kind not in CHANNELS:
+        raise SettingsError(
+            f"Setting 'fit.exposure': there is no '{kind}'; choose fixed, {', '.join(CHANNELS)}."
+        )
+    return Exposures(photos, CHANNELS[kind], device)

@@ -1,0 +1,80 @@
+"""Exposure and white balance of photos shot on automatic."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from solver.capture.photos import Photo
+from solver.fit import checkpoint
+from solver.fit.errors import SettingsError
+from solver.fit.exposure import Exposures, exposures_for
+from solver.fit.start import new_trainer, trainer_for
+from tests.fit.test_fit import SMALL, ball_capture
+
+
+def uneven_capture(gains):
+    """Photos of the ball, each times its gains [P, 3]."""
+    capture, photos = ball_capture(len(gains))
+    uneven = []
+    for photo, gain in zip(photos, gains, strict=True):
+        pixels = photo.pixels.copy()
+        pixels[..., :3] *= gain
+        uneven.append(Photo(pixels.astype(np.float32), True, False))
+    return capture, uneven
+
+
+def fitted(gains, kind, steps=260):
+    settings = dataclasses.replace(SMALL, fit=dataclasses.replace(SMALL.fit, exposure=kind))
+    capture, photos = uneven_capture(gains)
+    trainer = new_trainer(capture, photos, settings, 0, None, "cpu", lambda fraction: None)
+    losses = [trainer.advance(i / steps)["image"] for i in range(steps)]
+    return trainer, float(np.mean(losses[-30:])), capture, photos, settings
+
+
+GAINS = np.exp(0.25 * np.array([-1, 1, 0.5, -0.5, 0.8, -0.8, 0.2, -0.2, 0.6, -0.6]))
+
+
+def test_gains_of_photos_are_found_and_the_fit_is_better_for_it():
+    trainer, loss, *_ = fitted(np.tile(GAINS[:, None], 3), "gain")
+    found = trainer.exposures.gains()[:, 0].numpy()
+    assert np.corrcoef(np.log(found), np.log(GAINS))[0, 1] > 0.97
+    np.testing.assert_allclose(found.prod(), 1, rtol=1e-4)
+    np.testing.assert_allclose(np.log(found), np.log(GAINS), atol=0.12)
+    assert loss < 0.5 * fitted(np.tile(GAINS[:, None], 3), "fixed")[1]
+
+
+def test_white_balance_finds_a_gain_for_each_channel():
+    gains = np.stack([GAINS, np.ones(10), 1 / GAINS], axis=1)
+    found = fitted(gains, "white_balance")[0].exposures.gains().numpy()
+    for channel, sign in ((0, 1), (2, -1)):
+        assert np.corrcoef(np.log(found[:, channel]), sign * np.log(GAINS))[0, 1] > 0.95
+    assert np.abs(np.log(found[:, 1])).max() < 0.1
+
+
+def test_a_checkpoint_carries_the_exposures_on(tmp_path):
+    trainer, _, capture, photos, settings = fitted(np.tile(GAINS[:, None], 3), "gain", steps=20)
+    checkpoint.save_checkpoint(trainer, tmp_path / "c", 1.0, done=False)
+    scene, state, tensors = checkpoint.load_scene(tmp_path / "c")
+    other = trainer_for(scene, capture, photos, settings, 0)
+    checkpoint.restore(other, state, tensors)
+    torch.testing.assert_close(other.exposures.log_gain, trainer.exposures.log_gain)
+    losses = [t.advance(0.5)["image"] for t in (trainer, other)]
+    assert losses[0] == pytest.approx(losses[1], rel=1e-5)
+    torch.testing.assert_close(other.exposures.log_gain, trainer.exposures.log_gain)
+
+
+def test_photos_without_rays_keep_their_exposure_but_for_the_common_mean():
+    exposures = Exposures(4, 1)
+    gradient = torch.tensor([[1.0], [0.0], [0.0], [0.0]])
+    exposures.step([gradient, None], 1.0)
+    log_gain = exposures.log_gain.detach()[:, 0]
+    assert log_gain[0] < log_gain[1] == log_gain[2] == log_gain[3]
+    assert float(log_gain.sum()) == pytest.approx(0, abs=1e-7)
+
+
+def test_an_unknown_kind_of_exposure_is_named():
+    with pytest.raises(SettingsError, match="fit.exposure.*'bright'.*gain"):
+        exposures_for("bright", 3)
+    assert exposures_for("fixed", 3) is None
