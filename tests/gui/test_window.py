@@ -55,6 +55,12 @@ def report(tmp_path_factory):
     return json.loads((out / "report.json").read_text())
 
 
+def test_one_undo_takes_an_import_back(report):
+    assert len(report["imported"]) > len(report["cameras_before"])
+    assert report["after_import_undo"] == report["cameras_before"]
+    assert report["imported_again"] == report["imported"]
+
+
 def test_reconstruct_is_pressed_and_shows_progress_and_a_preview(report):
     assert report["started"] and report["previewed"]
     assert 0.3 < report["overall"] < 1

@@ -31,10 +31,22 @@ def steps(ui):
     yield 1.0
     ui.shot(str(OUT / "1_no_capture.png"))
 
-    with ui.override():
-        # True: with an undo step, as from the menu.
-        bpy.ops.nmf.import_capture("EXEC_DEFAULT", True, filepath=CAPTURE)
-        bpy.ops.nmf.add_region_box("EXEC_DEFAULT", True)
+    def cameras():
+        return [item.name for item in bpy.data.objects if item.type == "CAMERA"]
+
+    report["cameras_before"] = cameras()
+    for attempt in ("imported", "imported_again"):
+        with ui.override():
+            # True: with an undo step, as from the menu.
+            bpy.ops.nmf.import_capture("EXEC_DEFAULT", True, filepath=CAPTURE)
+        report[attempt] = cameras()
+        if attempt == "imported":
+            yield 0.5
+            ui.move(400, 500)
+            yield 0.2
+            ui.key("ctrl+z")
+            yield 1.0
+            report["after_import_undo"] = cameras()
     area.tag_redraw()
     yield 0.5
     ui.shot(str(OUT / "2_capture.png"))
