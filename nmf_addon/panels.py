@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import textwrap
 
 import bpy
@@ -9,11 +10,13 @@ import bpy
 from . import preferences, runtime, thumbnails
 from .jobs.model import JobModel, clock
 from .jobs.monitor import monitor
+from .jobs.side_task import side_task
 from .scene.cameras import photo_of
-from .scene.capture_collection import active_capture, region_box
+from .scene.capture_collection import FINDINGS, active_capture, region_box
 
 UNIT = 20  # pixels of a button's height at a resolution scale of 1
 ERROR_LINES = 3
+MOST_FINDINGS = 6
 OUTCOME_ICONS = {"done": "CHECKMARK", "cancelled": "PAUSE", "failed": "ERROR", "lost": "ERROR",
                  "elsewhere": "INFO"}  # fmt: skip
 
@@ -43,16 +46,16 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
             row = layout.row()
             row.scale_y = 1.4
             row.operator("nmf.import_capture", icon="IMPORT")
-            _note(
-                layout,
-                context,
-                "Photos with known cameras, from COLMAP, Metashape, RealityScan, Meshroom, "
-                "transforms.json and others; or drop a camera file here.",
-            )
+            layout.operator("nmf.solve_cameras", icon="CON_CAMERASOLVER")
+            _note(layout, context, "Photos with known cameras, from COLMAP, Metashape, RealityScan, "
+                  "Meshroom, transforms.json and others; or drop a camera file here. Photos alone: "
+                  "Solve Cameras.")  # fmt: skip
+            _draw_task(layout, context)
             return
         row = layout.row(align=True)
         row.prop(context.scene.nmf, "capture", text="", placeholder=collection.name)
         row.operator("nmf.import_capture", text="", icon="IMPORT")
+        row.operator("nmf.solve_cameras", text="", icon="CON_CAMERASOLVER")
         cameras = sum(
             i.type == "CAMERA" and photo_of(i) is not None for i in collection.all_objects
         )
@@ -61,7 +64,11 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
             layout.operator("nmf.add_region_box", icon="CUBE")
         else:
             layout.label(text="Region box: fit it to the object", icon="CUBE")
-        layout.operator("nmf.set_scale", icon="DRIVER_DISTANCE")
+        row = layout.row(align=True)
+        row.operator("nmf.set_scale", icon="DRIVER_DISTANCE")
+        row.operator("nmf.check_capture", icon="VIEWZOOM")
+        _draw_task(layout, context)
+        _draw_findings(layout, context, collection)
 
 
 class NMF_PT_reconstruct(Sidebar, bpy.types.Panel):
@@ -113,6 +120,43 @@ class NMF_PT_result(Sidebar, bpy.types.Panel):
         column.operator("nmf.install_result", icon="APPEND_BLEND")
         column.operator("nmf.open_report", icon="URL")
         column.operator("nmf.open_job_folder", icon="FILE_FOLDER")
+
+
+def _draw_task(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    model = side_task.model
+    if side_task.running:
+        layout.label(text="Cancelling…" if model.cancelling else model.text, icon="SORTTIME")
+        column = layout.column(align=True)
+        parts = [f"{100 * model.overall:.0f} %", model.time_left]
+        column.progress(factor=model.overall, text="   ".join(filter(None, parts)), type="BAR")
+        column.operator("nmf.cancel_task", icon="X")
+    elif model.state in OUTCOME_ICONS:
+        _paragraph(layout, context, model.text, icon=OUTCOME_ICONS[model.state])
+        for line in short_error(model.error):
+            _note(layout, context, line)
+        _draw_warnings(layout, context, model)
+
+
+def _draw_findings(
+    layout: bpy.types.UILayout, context: bpy.types.Context, collection: bpy.types.Collection
+) -> None:
+    """What Check Capture found, warnings first."""
+    try:
+        report = json.loads(collection.get(FINDINGS, "{}"))
+    except ValueError:
+        return
+    if not report:
+        return
+    findings = report.get("findings", [])
+    box = layout.box()
+    for finding in findings[:MOST_FINDINGS]:
+        about = f"{finding['photo']}: " if finding.get("photo") else ""
+        icon = "ERROR" if finding.get("level") == "warning" else "INFO"
+        _paragraph(box, context, about + finding.get("text", ""), icon=icon)
+    if len(findings) > MOST_FINDINGS:
+        _note(box, context, f"and {len(findings) - MOST_FINDINGS} more")
+    if report.get("estimate", {}).get("text"):
+        _paragraph(box, context, report["estimate"]["text"], icon="TIME")
 
 
 def _draw_missing_solver(

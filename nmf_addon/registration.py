@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..operators import (
+    check_capture,
     import_capture,
     install_result,
     job_files,
@@ -14,13 +15,15 @@ from ..operators import (
     relight,
     set_scale,
     setup_solver,
+    solve_cameras,
 )
 from . import panels, preferences, properties, runtime, setup_monitor, thumbnails
-from .jobs import monitor
+from .jobs import monitor, side_task
 from .names import BASE_PACKAGE
 
 _class_modules = (
-    properties, preferences, import_capture, region, set_scale, reconstruct, install_result, relight,
+    properties, preferences, import_capture, solve_cameras, region, set_scale, check_capture,
+    reconstruct, install_result, relight,
     match_solver, job_files, setup_solver, panels,
 )  # fmt: skip
 _classes = [cls for module in _class_modules for cls in module.classes]
@@ -54,7 +57,7 @@ def _register() -> None:
             continue
         bpy.utils.register_class(cls)
         _undo.append(lambda cls=cls: bpy.utils.unregister_class(cls))
-    for module in (properties, thumbnails, monitor):
+    for module in (properties, thumbnails, monitor, side_task):
         module.register()
         _undo.append(module.unregister)
     _undo.append(setup_monitor.unregister)

@@ -13,6 +13,8 @@ from ...solver.job.status import process_is_alive, read_status
 STAGE_TEXTS = {
     "photos": "Reading photos", "compile": "Preparing the solver (first run: a minute)",
     "geometry": "Finding the shape", "fit": "Fitting shape, materials and light",
+    "features": "Finding features", "matching": "Comparing photos",
+    "mapping": "Placing cameras", "adjustment": "Refining cameras",
     "asset": "Making mesh and textures", "report": "Writing the report",
 }  # fmt: skip
 CANCELLED = 3  # the solver's exit codes

@@ -22,7 +22,7 @@ from .background import is_distorted, undistorted_copy
 from .cameras import add_camera, photo_of, to_solver
 
 SOURCE, ROOT, REGION, WARNINGS = "nmf_source", "nmf_root", "nmf_region", "nmf_warnings"
-FILE_TO_CAPTURE = "nmf_file_to_capture"
+FILE_TO_CAPTURE, FINDINGS = "nmf_file_to_capture", "nmf_findings"
 MOST_POINTS = 200_000
 
 

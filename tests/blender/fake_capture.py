@@ -39,19 +39,25 @@ def write_preview(path: Path, shade: float, size: int = 120) -> None:
 
 def write_capture(folder: Path, count: int = 3, size: int = 16) -> Path:
     """Photos on a ring around the origin and their transforms_train.json."""
-    frames = []
     y, x = np.mgrid[-1 : 1 : 1j * size, -1 : 1 : 1j * size]
     disc = (x**2 + y**2 < 0.5)[..., None]
-    for n in range(count):
-        angle = 2 * np.pi * n / count
+    names = [f"photos/r_{n}.png" for n in range(count)]
+    for name in names:
+        write_pixels(folder / name, np.where(disc, [0.7, 0.3, 0.2], 1.0))
+    return write_cameras(folder / "transforms_train.json", names)
+
+
+def write_cameras(path: Path, names: list[str]) -> Path:
+    """A transforms file of cameras on a ring around the origin for photos of these names."""
+    frames = []
+    for n, name in enumerate(names):
+        angle = 2 * np.pi * n / len(names)
         position = np.array([4 * np.cos(angle), 4 * np.sin(angle), 1.0])
         back = position / np.linalg.norm(position)
         right = np.cross([0, 0, 1.0], back)
         right /= np.linalg.norm(right)
         pose = np.eye(4)
         pose[:3, :4] = np.stack([right, np.cross(back, right), back, position], axis=1)
-        frames.append({"file_path": f"photos/r_{n}.png", "transform_matrix": pose.tolist()})
-        write_pixels(folder / "photos" / f"r_{n}.png", np.where(disc, [0.7, 0.3, 0.2], 1.0))
-    path = folder / "transforms_train.json"
+        frames.append({"file_path": name, "transform_matrix": pose.tolist()})
     path.write_text(json.dumps({"camera_angle_x": 0.7, "frames": frames}), encoding="utf-8")
     return path

@@ -1,6 +1,7 @@
 """Stands in for `solver/bootstrap.py` in tests: speaks its protocol, needs no torch.
 
     python fake_solver.py run JOB --events        (how it behaves: NMF_FAKE_MODE)
+    python fake_solver.py solve PHOTOS --out FOLDER --events | check JOB --json
 
 normal   every stage, a preview, a complete result
 slow     the same, but its fit takes NMF_FAKE_SECONDS (20); resumed, it finishes
@@ -168,11 +169,63 @@ class StandIn:
 setattr(StandIn, "raise", lambda self: 1 // 0)
 
 
+def solve(photos: Path, out: Path) -> int:
+    """Cameras on a ring for the photos of a folder, by the protocol of `solver solve`."""
+    stream = take_stdout_for_events()
+    control = Control(out / "cancel")
+    control.start()
+    out.mkdir(parents=True)
+    events = EventStream(out / "events.jsonl", stream)
+    mode, pause = os.environ.get("NMF_FAKE_MODE", "normal"), 0.02
+    names = sorted(path.name for path in photos.glob("*.png"))
+    for index, stage in enumerate(("features", "matching", "mapping", "adjustment")):
+        events.emit("stage", name=stage, index=index, count=4)
+        events.emit("progress", stage=stage, text=stage, fraction=0.5, overall=(index + 0.5) / 4,
+                    seconds_left=3.0)  # fmt: skip
+        until = time.monotonic() + (20 if mode == "slow" else pause)
+        while time.monotonic() < until:
+            time.sleep(0.01)
+            if control.should_stop:
+                events.emit("bye", exit_code=3)
+                return 3
+    if mode == "fail":
+        events.emit(
+            "error", code=2, message=f"{photos}, photos: {names[0]} is plain; photograph it."
+        )
+        events.emit("bye", exit_code=2)
+        return 2
+    fake_capture.write_cameras(out / "transforms_train.json", names)
+    events.emit("warning", text="the last photo overlaps no other")
+    events.emit("result", file="transforms_train.json", placed=len(names), photos=len(names) + 1)
+    events.emit("bye", exit_code=0)
+    return 0
+
+
+def check(job: Path) -> int:
+    """One finding for the first camera of a job, by the protocol of `solver check --json`."""
+    import json
+
+    request = JobFolder.open(job).request
+    frames = json.loads(Path(request.capture).read_text(encoding="utf-8"))["frames"]
+    findings = [
+        {"level": "warning", "photo": frames[0]["name"], "text": "it is blurred; leave it out"},
+        {"level": "note", "photo": None, "text": f"{len(frames)} photos"},
+    ]
+    print("a library's banner")
+    estimate = {"text": "about 5 minutes and 1.6 GB", "seconds": 300.0}
+    print(json.dumps({"findings": findings, "estimate": estimate}))
+    return 0
+
+
 def main() -> int:
     """Run; returns the exit code."""
     if sys.argv[1] == "doctor":
         print("Neural Microfacet Fields (stand-in)\nCUDA not available: the CPU is used")
         return 0
+    if sys.argv[1] == "solve":
+        return solve(Path(sys.argv[2]), Path(sys.argv[sys.argv.index("--out") + 1]))
+    if sys.argv[1] == "check":
+        return check(Path(sys.argv[2]))
     job = JobFolder.open(sys.argv[2])
     mode = os.environ.get("NMF_FAKE_MODE", "normal")
     return StandIn(job, mode, float(os.environ.get("NMF_FAKE_PAUSE", "0.01"))).run()

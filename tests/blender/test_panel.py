@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import types
 
 import bpy
@@ -84,6 +85,16 @@ def test_a_capture_is_counted_and_gets_a_region_box(draw, capture):
     bpy.ops.nmf.add_region_box()
     drawn, words = draw("capture")
     assert ("operator", "nmf.add_region_box") not in drawn and "Region box" in words
+
+
+def test_what_a_check_found_is_shown_warnings_with_their_photo(draw, capture):
+    finding = {"level": "warning", "photo": "IMG_3", "text": "it is blurred; leave it out"}
+    more = [{"level": "note", "photo": None, "text": f"note {n}"} for n in range(9)]
+    report = {"findings": [finding, *more], "estimate": {"text": "about 5 minutes"}}
+    capture["nmf_findings"] = json.dumps(report)
+    drawn, words = draw("capture")
+    assert "IMG_3: it is" in words and "about 5 minutes" in words and "and 4 more" in words
+    assert ("operator", "nmf.check_capture") in drawn and ("operator", "nmf.set_scale") in drawn
 
 
 def test_a_solver_that_is_not_there_is_said_with_a_button(draw, extension, monkeypatch):

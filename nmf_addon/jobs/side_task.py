@@ -1,0 +1,139 @@
+"""What the solver does besides reconstructing: solve cameras, check a capture. One at a time, by timer."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+
+from ...solver.job.events import Event
+from ..names import BASE_PACKAGE
+from ..runtime import bootstrap_script, clean_environment
+from .model import JobModel
+from .monitor import INTERVAL, redraw_panels
+from .process import JobProcess
+
+_log = logging.getLogger(BASE_PACKAGE)
+
+
+class TaskError(RuntimeError):
+    """Another task is running; one sentence."""
+
+
+@dataclass(frozen=True)
+class TaskFolder:
+    """Where a task runs and writes its log."""
+
+    root: Path
+
+    @property
+    def log_path(self) -> Path:
+        """The solver's stderr."""
+        return self.root / "log.txt"
+
+
+class SideTask:
+    """The task that runs or ran last.
+
+    Attributes:
+        title: what it is for, in the panel.
+        model: what is known of it.
+        events: all its events so far but progress.
+    """
+
+    def __init__(self) -> None:
+        self.process: JobProcess | None = None
+        self.title = ""
+        self.model = JobModel(state="new", text="")
+        self.events: list[Event] = []
+        self._done: Callable[[SideTask], None] | None = None
+
+    @property
+    def running(self) -> bool:
+        """True while it works."""
+        return self.process is not None
+
+    def start(
+        self, title: str, python: Path, words: list[str], folder: Path,
+        done: Callable[[SideTask], None],
+    ) -> None:  # fmt: skip
+        """Run `python -m solver WORDS` in a folder; `done` is called once it has succeeded.
+
+        Raises:
+            TaskError: a task is running. OSError: the Python cannot be started.
+        """
+        if self.running:
+            raise TaskError(f"{self.title} is running; wait for it or cancel it.")
+        folder.mkdir(parents=True, exist_ok=True)
+        options = ["-I", "-u", "-X", "utf8"]
+        command = [str(python), *options, str(bootstrap_script()), *words]
+        self.process = JobProcess(command, TaskFolder(folder), clean_environment())
+        self.title, self.model, self.events, self._done = title, JobModel(), [], done
+        if not bpy.app.timers.is_registered(_tick):
+            bpy.app.timers.register(_tick, first_interval=INTERVAL, persistent=True)
+
+    def cancel(self) -> None:
+        """Ask it to stop."""
+        if self.process is not None:
+            self.process.cancel()
+            self.model.ask_to_cancel()
+            redraw_panels()
+
+    def tick(self) -> float | None:
+        """Take in what happened; the seconds until the next call, or None at the end."""
+        if self.process is None:
+            return None
+        changed = False
+        for event in self.process.messages():
+            changed |= self.model.apply(event)
+            if event.kind != "progress":
+                self.events.append(event)
+        self.process.escalate()
+        code = self.process.exit_code
+        if code is not None:
+            self.model.ended(code, self.process.said_bye, self.process.log_tail())
+            self.process.close()
+            self.process = None
+            changed = True
+            if code == 0:
+                self._finish()
+        if changed:
+            redraw_panels()
+        return INTERVAL if self.running else None
+
+    def _finish(self) -> None:
+        windows = bpy.context.window_manager.windows
+        try:
+            with bpy.context.temp_override(window=windows[0] if windows else None):
+                self._done(self)
+        except Exception as error:  # whatever fails, the panel has to say so
+            _log.exception("%s: the result could not be used", self.title)
+            self.model.state, self.model.text = "failed", f"{self.title}: the result is of no use"
+            self.model.error = str(error).removeprefix("Error: ").strip()
+
+    def shut_down(self) -> None:
+        """Blender quits or the extension is disabled: hang up on the child."""
+        if bpy.app.timers.is_registered(_tick):
+            bpy.app.timers.unregister(_tick)
+        if self.process is not None:
+            self.process.close()
+        self.__init__()
+
+
+side_task = SideTask()
+
+
+def _tick() -> float | None:
+    return side_task.tick()
+
+
+def register() -> None:
+    """Nothing to do before the first task."""
+
+
+def unregister() -> None:
+    """Stop watching."""
+    side_task.shut_down()

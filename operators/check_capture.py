@@ -1,0 +1,61 @@
+"""Look at a capture before the long run."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from pathlib import Path
+
+import bpy
+
+from ..nmf_addon import preferences
+from ..nmf_addon.jobs.create import create_job
+from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
+from ..nmf_addon.runtime import RuntimeMissing, solver_python
+from ..nmf_addon.scene.capture_collection import FINDINGS, active_capture
+from ..solver.capture.errors import CaptureError
+from ..solver.job.folder import JobError
+
+
+class NMF_OT_check_capture(bpy.types.Operator):
+    """Look for blurred, badly exposed and missing views, and tell time and memory; takes seconds"""
+
+    bl_idname = "nmf.check_capture"
+    bl_label = "Check Capture"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """With a capture, while no other task runs."""
+        cls.poll_message_set(
+            f"{side_task.title} is running" if side_task.running else "Import a capture first"
+        )
+        return not side_task.running and active_capture(context) is not None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Start the check."""
+        collection, settings = active_capture(context), context.scene.nmf
+        folder = Path(tempfile.mkdtemp(prefix="nmf-check-", dir=bpy.app.tempdir))
+        name = collection.name
+
+        def done(task: SideTask) -> None:
+            answer = next(e for e in reversed(task.events) if e.kind == "log")
+            report = json.loads(answer.data["text"])
+            found = bpy.data.collections.get(name)
+            if found is not None:
+                found[FINDINGS] = json.dumps(report)
+            count = sum(finding["level"] == "warning" for finding in report["findings"])
+            plural = "" if count == 1 else "s"
+            task.model.text = f"Check: {count or 'no'} warning{plural}"
+
+        try:
+            python = solver_python(preferences.chosen_python(), preferences.chosen_runtime())
+            job = create_job(collection, folder / "job", preset=settings.preset)
+            words = ["check", str(job.root), "--preset", settings.preset, "--json"]
+            side_task.start("Check Capture", python, words, folder, done)
+        except (CaptureError, JobError, TaskError, RuntimeMissing, OSError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+classes = (NMF_OT_check_capture,)

@@ -1,0 +1,92 @@
+"""Find the cameras of photos that have none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ..nmf_addon import preferences
+from ..nmf_addon.jobs.create import jobs_folder, new_job_root
+from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
+from ..nmf_addon.runtime import RuntimeMissing, solver_python
+from ..solver.capture.image_header import EXTENSIONS
+
+
+class NMF_OT_solve_cameras(bpy.types.Operator):
+    """Find out from where a folder of photos was taken, and import them; minutes for a hundred photos"""
+
+    bl_idname = "nmf.solve_cameras"
+    bl_label = "Solve Cameras"
+
+    directory: bpy.props.StringProperty(
+        name="Photos", description="Folder of the photos", subtype="DIR_PATH", options={"SKIP_SAVE"}
+    )
+    filter_glob: bpy.props.StringProperty(
+        default=";".join(f"*{extension}" for extension in EXTENSIONS), options={"HIDDEN"}
+    )
+    sequential: bpy.props.BoolProperty(
+        name="In Order", description="The photos were taken one after the other, as in a film"
+    )
+    single_camera: bpy.props.BoolProperty(
+        name="One Lens", description="All photos were taken with one lens at one zoom and focus"
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """While no other task runs."""
+        cls.poll_message_set(f"{side_task.title} is running")
+        return not side_task.running
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the folder."""
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Start the solver."""
+        photos = Path(bpy.path.abspath(self.directory))
+        if not self.directory or not photos.is_dir():
+            self.report({"ERROR"}, f"{photos}: there is no such folder; choose the photos' folder.")
+            return {"CANCELLED"}
+        out = new_job_root(f"{photos.name} cameras", jobs_folder())
+        words = ["solve", str(photos), "--out", str(out), "--events"]
+        words += ["--matcher", "sequential"] if self.sequential else []
+        words += ["--single-camera"] if self.single_camera else []
+
+        def done(task: SideTask) -> None:
+            # True: an operator called from Python makes no undo step of its own accord.
+            bpy.ops.nmf.import_capture("EXEC_DEFAULT", True, filepath=str(out), photos=str(photos))
+            result = next(e.data for e in task.events if e.kind == "result")
+            task.model.text = (
+                f"{result.get('placed')} of {result.get('photos')} photos have a camera"
+            )
+
+        try:
+            python = solver_python(preferences.chosen_python(), preferences.chosen_runtime())
+            # The log lies beside the folder, which has to be new.
+            side_task.start("Solve Cameras", python, words, jobs_folder() / "logs", done)
+        except (TaskError, RuntimeMissing, OSError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+class NMF_OT_cancel_task(bpy.types.Operator):
+    """Stop solving or checking"""
+
+    bl_idname = "nmf.cancel_task"
+    bl_label = "Cancel"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """While one runs."""
+        return side_task.running and not side_task.model.cancelling
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Ask it to stop."""
+        side_task.cancel()
+        return {"FINISHED"}
+
+
+classes = (NMF_OT_solve_cameras, NMF_OT_cancel_task)

@@ -1,0 +1,102 @@
+"""Solve Cameras and Check Capture: background tasks with a stand-in for the solver."""
+
+import json
+import time
+
+import bpy
+import fake_capture
+import pytest
+
+
+@pytest.fixture
+def task(extension):
+    """The side task, and being Blender's timer until it ends."""
+    item = extension("jobs.side_task").side_task
+
+    def finish(condition=None, seconds=20.0):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            again = item.tick()
+            if condition() if condition else again is None:
+                return item
+            time.sleep(0.01)
+        pytest.fail(f"not within {seconds} s: {item.model}")
+
+    item.finish = finish
+    yield item
+    if item.process is not None:
+        item.process.popen.kill()
+
+
+@pytest.fixture
+def photos(tmp_path):
+    """A folder of photos without cameras; a file saved beside it, so jobs go to a known place."""
+    folder = fake_capture.write_capture(tmp_path / "scan ö", 5).parent / "photos"
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    return folder
+
+
+def test_solved_cameras_are_imported_with_their_photos(
+    extension, task, photos, fake_solver, tmp_path
+):
+    assert bpy.ops.nmf.solve_cameras(directory=str(photos), single_camera=True) == {"FINISHED"}
+    task.finish(lambda: task.model.stage == "matching" or not task.running)
+    assert "Comparing photos" in task.model.text
+    before = sorted(p.name for p in photos.iterdir())
+    task.finish()
+    assert task.model.state == "done" and task.model.text == "5 of 6 photos have a camera"
+    assert task.model.warnings == ["the last photo overlaps no other"]
+    collection = bpy.context.scene.nmf.capture
+    cameras = [item for item in collection.objects if item.type == "CAMERA"]
+    assert len(cameras) == 5
+    photo = extension("scene.cameras").photo_of(cameras[0])
+    assert bpy.path.abspath(photo.filepath).startswith(str(photos))
+    assert sorted(p.name for p in photos.iterdir()) == before, "nothing is written beside photos"
+    assert (tmp_path / "nmf_jobs").is_dir()
+
+
+def test_a_solve_that_fails_says_which_photos_and_imports_nothing(task, photos, fake_solver):
+    fake_solver("fail")
+    bpy.ops.nmf.solve_cameras(directory=str(photos))
+    task.finish()
+    assert task.model.state == "failed" and "r_0.png is plain" in task.model.error
+    assert not [item for item in bpy.data.objects if item.type == "CAMERA"]
+
+
+def test_a_solve_is_cancelled(task, photos, fake_solver):
+    fake_solver("slow")
+    bpy.ops.nmf.solve_cameras(directory=str(photos))
+    task.finish(lambda: task.model.stage != "")
+    with pytest.raises(RuntimeError, match="poll"):
+        bpy.ops.nmf.solve_cameras(directory=str(photos))
+    bpy.ops.nmf.cancel_task()
+    task.finish()
+    assert task.model.state == "cancelled"
+
+
+def test_a_folder_that_is_not_there_is_named(extension, tmp_path):
+    with pytest.raises(RuntimeError, match="nowhere: there is no such folder"):
+        bpy.ops.nmf.solve_cameras(directory=str(tmp_path / "nowhere"))
+
+
+def test_findings_of_a_check_stay_with_the_capture_and_show_in_its_panel(
+    extension, task, capture, fake_solver
+):
+    scene = extension("scene.capture_collection")
+    assert bpy.ops.nmf.check_capture() == {"FINISHED"}
+    task.finish()
+    assert task.model.text == "Check: 1 warning"
+    report = json.loads(capture[scene.FINDINGS])
+    assert report["findings"][0]["photo"] == "r_0"
+    assert [f["level"] for f in report["findings"]] == ["warning", "note"]
+    assert bpy.context.scene.nmf.job == "", "a check is no job"
+
+
+def test_the_task_ends_with_the_extension(extension, task, photos, fake_solver, package):
+    fake_solver("slow")
+    bpy.ops.nmf.solve_cameras(directory=str(photos))
+    task.finish(lambda: task.model.stage != "")
+    process = task.process.popen
+    package.unregister()
+    assert process.wait(10) is not None
+    package.register()
