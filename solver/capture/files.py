@@ -73,12 +73,14 @@ def read_lines(path: Path) -> Iterator[tuple[int, str]]:
     """
     try:
         with path.open("rb") as file:
-            for index, raw in enumerate(file):
+            for index, raw in enumerate(file, start=1):
                 if b"\0" in raw:
-                    field = f"line {index + 1}"
-                    raise CaptureError(path, field, "this is not text", "give a camera file")
-                raw = raw.removeprefix(b"\xef\xbb\xbf") if index == 0 else raw
-                yield index + 1, raw.decode("utf-8", "surrogateescape").strip()
+                    raise CaptureError(
+                        path, f"line {index}", "this is not text", "give a camera file"
+                    )
+                if index == 1:
+                    raw = raw.removeprefix(b"\xef\xbb\xbf")
+                yield index, raw.decode("utf-8", "surrogateescape").strip()
     except OSError as error:
         raise CaptureError(
             path, "", f"it cannot be read ({error.strerror})", "check the path and its permissions"

@@ -16,9 +16,9 @@ class SparsePoints:
     def __init__(self):
         self._kept, self._stride, self._seen = array("d"), 1, 0
 
-    def add(self, xyz: tuple[float, float, float]) -> None:
+    def add(self, x: float, y: float, z: float) -> None:
         if self._seen % self._stride == 0:
-            self._kept.extend(xyz)
+            self._kept.extend((x, y, z))
             if len(self._kept) >= 6 * MOST_POINTS:
                 self._kept = array("d", self.array()[::2].tobytes())
                 self._stride *= 2

@@ -87,7 +87,6 @@ def test_rays_are_finite_and_unit_far_beyond_the_photo(tmp_path, solved, model):
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1)
     reached = camera.lens_reaches(*pixels.T)
     seen, _ = camera.project(camera.position + directions[reached])
-    assert np.isfinite(seen).all(axis=1).mean() > 0.99 if reached.any() else True
     fine = np.isfinite(seen).all(axis=1)
     np.testing.assert_allclose(seen[fine], pixels[reached][fine], rtol=1e-5, atol=1e-3)
 
@@ -175,6 +174,11 @@ def test_a_larger_model_beside_is_mentioned(tmp_path, solved):
     assert any("1 beside 0" in text for text in read_capture(tmp_path).warnings)
 
 
+def turned(*quaternion):
+    """A rotation from x y z w of any length."""
+    return pycolmap.Rotation3d(np.array(quaternion) / np.linalg.norm(quaternion))
+
+
 def rig_of_two(photos, save):
     """Two cameras side by side, three times; the second turned and moved against the first."""
     reconstruction = pycolmap.Reconstruction()
@@ -189,7 +193,7 @@ def rig_of_two(photos, save):
         if number == 1:
             rig.add_ref_sensor(sensor)
         else:
-            turn = pycolmap.Rotation3d(np.array([0.05, 0.1, -0.02, 0.99]))
+            turn = turned(0.05, 0.1, -0.02, 0.99)
             rig.add_sensor(sensor, pycolmap.Rigid3d(turn, np.array([0.3, 0.1, 0.2])))
     reconstruction.add_rig(rig)
     for index in range(3):
@@ -197,7 +201,7 @@ def rig_of_two(photos, save):
         for number in (1, 2):
             sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, number)
             frame.add_data_id(pycolmap.data_t(sensor, 10 * index + number))
-        turn = pycolmap.Rotation3d(np.array([0.0, 0.3 * index, 0.0, 1.0]))
+        turn = turned(0.0, 0.3 * index, 0.0, 1.0)
         frame.rig_from_world = pycolmap.Rigid3d(turn, np.array([0.1 * index, 0.2, 4.0]))
         reconstruction.add_frame(frame)
         for number in (1, 2):
@@ -278,9 +282,10 @@ def test_observations_are_passed_over(tmp_path, solved, agrees):
         assert len(capture.points) == 150
 
 
-def test_damaged_points_are_left_out_with_a_warning(tmp_path, solved):
+@pytest.mark.parametrize("missing", [1, 8, 50, 51, 60])
+def test_damaged_points_are_left_out_with_a_warning(tmp_path, solved, missing):
     file = write(solved(tmp_path / "images"), tmp_path / "sparse") / "points3D.bin"
-    file.write_bytes(file.read_bytes()[:-5])
+    file.write_bytes(file.read_bytes()[:-missing])
     capture = read_capture(tmp_path)
     assert capture.points is None and "points3D.bin" in capture.warnings[0]
 

@@ -76,7 +76,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         except ValueError:
             warnings.append(f"{path.name}: its points break off after {place} of {point_count}")
             break
-        points.add((x, y, z))
+        points.add(x, y, z)
     return assemble(
         path, NAME, found, photos, points=points.array(), warnings=tuple(warnings)
     )  # fmt: skip

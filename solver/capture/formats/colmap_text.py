@@ -91,12 +91,14 @@ def read_images(file: Path) -> list[Image]:
 def read_points(file: Path) -> np.ndarray:
     """Sparse points [N, 3], world."""
     points = SparsePoints()
-    for where, line in _lines(file):
+    for number, line in read_lines(file):
+        if not line or line.startswith("#"):
+            continue
         try:
             _, x, y, z, _ = line.split(maxsplit=4)
-            points.add((float(x), float(y), float(z)))
+            points.add(float(x), float(y), float(z))
         except ValueError as error:
-            raise CaptureError(file, where, "this is no point", _REMEDY) from error
+            raise CaptureError(file, f"line {number}", "this is no point", _REMEDY) from error
     return points.array()
 
 

@@ -121,7 +121,7 @@ def _points(path: Path, lines: Iterator[tuple[str, str]]) -> tuple[np.ndarray, l
         count = _count(path, lines)
         while done < count:
             x, y, z, _ = next(lines, ("", ""))[1].split(maxsplit=3)
-            points.add((float(x), float(y), float(z)))
+            points.add(float(x), float(y), float(z))
             done += 1
     except ValueError:
         return points.array(), [f"{path.name}: its points break off after {done}"]
