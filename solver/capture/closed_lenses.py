@@ -20,6 +20,7 @@ from .lens_solve import WIDEST, invert_growing, scaled_to
 
 CLOSED = ("fov", "division", "eucm", "visualsfm")
 _LARGEST = 1e6  # numbers of real lenses are tiny; squares of these still have room
+_FLAT = 1e-8  # radians; the square of it is lost beside 1
 _SLACK = 1 + 1e-9  # what comes back from the fold itself is still seen
 
 
@@ -67,7 +68,7 @@ def undistort(
     radius = np.hypot(x, y)
     if lens == "fov":
         omega = abs(distortion[0])
-        if omega == 0:
+        if omega < _FLAT:
             return np.stack([x, y, np.ones_like(x)], axis=-1), np.ones(x.shape, dtype=bool)
         opening = 2 * math.tan(omega / 2)
         angle = np.minimum(radius * omega, math.atan(WIDEST * opening))
@@ -80,7 +81,7 @@ def undistort(
         "eucm": _eucm_limit,
     }[lens](*distortion)
     met = radius <= limit * _SLACK
-    inward = np.minimum(1, limit / np.maximum(radius, 1e-300))
+    inward = np.minimum(1, limit / np.maximum(radius, 1e-12))
     x, y, squared = x * inward, y * inward, np.square(radius * inward)
     if lens == "division":
         return np.stack([x, y, 1 + distortion[0] * squared], axis=-1), met
@@ -95,7 +96,7 @@ def undistort(
 
 def _fov_image(omega: float, ideal: np.ndarray) -> np.ndarray:
     omega = abs(omega)
-    return ideal if omega == 0 else np.arctan(ideal * 2 * math.tan(omega / 2)) / omega
+    return ideal if omega < _FLAT else np.arctan(ideal * 2 * math.tan(omega / 2)) / omega
 
 
 def _visualsfm_limit(slope: float) -> float:

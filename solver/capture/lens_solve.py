@@ -70,7 +70,10 @@ def refine_in_plane(function: Callable, u, v, x, y, limit: float):
 
 def first_positive_root(coefficients: np.ndarray) -> float:
     """Square root of the smallest positive root of a polynomial in the squared radius."""
-    coefficients = np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "f")
+    coefficients = np.asarray(coefficients, dtype=np.float64)
+    # Beside the others' these are nothing, and the roots' matrix would overflow.
+    nothing = np.abs(coefficients) <= 1e-30 * np.abs(coefficients).max()
+    coefficients = np.trim_zeros(np.where(nothing, 0.0, coefficients), "f")
     with np.errstate(all="ignore"):
         roots = np.roots(coefficients)
     # A double root is a touch of zero that rounding may move off the real line.

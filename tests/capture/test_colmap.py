@@ -149,6 +149,15 @@ def test_names_with_blanks_and_folders_find_their_photos(tmp_path, solved, agree
         agrees(capture, reconstruction, folder / "images")
 
 
+def test_a_missing_photo_is_not_replaced_by_one_of_its_name_in_another_folder(tmp_path, solved):
+    names = ["left/a.png", "right/a.png", "left/b.png", "right/b.png", "left/c.png", "right/c.png"]
+    write(solved(tmp_path / "images", names=names), tmp_path / "sparse" / "0")
+    (tmp_path / "images" / "left" / "a.png").unlink()
+    capture = read_capture(tmp_path)
+    assert len({camera.image_path for camera in capture.cameras}) == len(capture.cameras) == 5
+    assert "left/a.png" in capture.warnings[0]
+
+
 def test_copies_of_the_photos_in_other_sizes_are_not_meant(tmp_path, solved):
     write(solved(tmp_path / "images"), tmp_path / "sparse" / "0")
     for copy in ("images_2", "images_4"):

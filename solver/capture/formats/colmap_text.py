@@ -64,7 +64,7 @@ def read_cameras(file: Path) -> dict[int, Sensor]:
         if len(words) < 5:
             raise CaptureError(file, where, "this is no camera", _REMEDY)
         number, width, height = (_whole(file, where, words[i]) for i in (0, 2, 3))
-        parameters = tuple(checked_number(file, where, word) for word in words[4:20])
+        parameters = tuple(checked_number(file, where, word) for word in words[4:])
         sensors[number] = Sensor(where, words[1], width, height, parameters)
     return sensors
 
