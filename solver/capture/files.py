@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,31 @@ def read_text(path: Path) -> str:
     if "\0" in text:
         raise CaptureError(path, "", "this is not a text file", "give a camera file")
     return text
+
+
+def read_lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Lines of a text file in UTF-8 with their numbers from 1, without blanks at their ends.
+
+    They are read one by one, for lists of sparse points can have gigabytes. Bytes that are no UTF-8
+    (names of photos, in another encoding) stay as Python's file names have them.
+
+    Raises:
+        CaptureError: it cannot be read, or is not text.
+    """
+    try:
+        with path.open("rb") as file:
+            for index, raw in enumerate(file, start=1):
+                if b"\0" in raw:
+                    raise CaptureError(
+                        path, f"line {index}", "this is not text", "give a camera file"
+                    )
+                if index == 1:
+                    raw = raw.removeprefix(b"\xef\xbb\xbf")
+                yield index, raw.decode("utf-8", "surrogateescape").strip()
+    except OSError as error:
+        raise CaptureError(
+            path, "", f"it cannot be read ({error.strerror})", "check the path and its permissions"
+        ) from error
 
 
 def read_json(path: Path) -> Any:

@@ -51,6 +51,24 @@ def invert_pose(pose: np.ndarray) -> np.ndarray:
     return inverse
 
 
+def rotation_from_quaternion(quaternion: np.ndarray) -> np.ndarray:
+    """Rotation matrices [..., 3, 3] of quaternions [..., 4] w x y z (Hamilton's), of any length.
+
+    NaN for those of no length.
+    """
+    q = np.asarray(quaternion, dtype=np.float64)
+    with np.errstate(all="ignore"):
+        q = q / np.abs(q).max(-1, keepdims=True)  # so that no square overflows
+        q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    w, x, y, z = np.moveaxis(q, -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
 def equirect_from_direction(directions: np.ndarray) -> np.ndarray:
     """(u, v) [..., 2] in [0, 1] of world directions [..., 3] of any length but zero."""
     d = np.asarray(directions, dtype=np.float64)

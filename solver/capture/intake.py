@@ -10,6 +10,7 @@ import numpy as np
 
 from .camera import Camera
 from .capture import Capture, region_seen_by
+from .closed_lenses import is_usable
 from .errors import CaptureError, shown
 from .files import rigid_pose
 from .image_header import EXTENSIONS, image_size
@@ -122,9 +123,10 @@ def _for_photo(source: Path, item: Found) -> tuple[Intrinsics, bool]:
     if intrinsics is None:
         raise CaptureError(source, item.where, "the camera has no lens", "export it again")
     values = (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, *intrinsics.distortion)
-    if not np.isfinite(values).all() or min(intrinsics.fx, intrinsics.fy) <= 0:
+    finite = np.isfinite(values).all() and min(intrinsics.fx, intrinsics.fy) > 0
+    if not finite or not is_usable(intrinsics.lens, intrinsics.distortion):
         raise CaptureError(
-            source, item.where, "the lens has a value that is no positive, finite number",
+            source, item.where, "the lens has a value that no lens can have",
             "correct it, or export it again",
         )  # fmt: skip
     if (

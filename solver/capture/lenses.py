@@ -1,7 +1,8 @@
-"""Lens distortion as OpenCV defines it, and its exact inverse.
+"""Lens distortion, as OpenCV and others define it, and its exact inverse.
 
 Image coordinates are ideal ones: x right, y down, at unit distance. `opencv` is the rational model
 k1 k2 p1 p2 k3 k4 k5 k6, `opencv_fisheye` the equidistant one k1 k2 k3 k4; missing numbers are 0.
+`closed_lenses` and `prism_lenses` have those of other programs, with all their numbers.
 https://docs.opencv.org/4.x/d9/d0c/group__calib3d.html and .../db/d58/group__calib3d__fisheye.html
 
 Polynomials fold back somewhere: two directions on one pixel. Only the part up to the fold is the
@@ -10,14 +11,16 @@ lens. Directions beyond it have no pixel (NaN), pixels beyond its image have the
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
 
-LENSES = ("pinhole", "opencv", "opencv_fisheye")
-_STEPS = 60
-_WIDEST = 1e4  # tangent of the widest half view a perspective lens may have
+from . import closed_lenses, prism_lenses
+from .closed_lenses import CLOSED
+from .lens_solve import WIDEST, first_positive_root, invert_growing, refine_in_plane
+from .prism_lenses import PRISM
+
+LENSES = ("pinhole", "opencv", "opencv_fisheye", *CLOSED, *PRISM)
 
 
 def distort(
@@ -27,6 +30,10 @@ def distort(
 
     NaN where the lens does not see: behind a perspective camera, or beyond the fold.
     """
+    if lens in CLOSED:
+        return closed_lenses.distort(lens, distortion, directions)
+    if lens in PRISM:
+        return prism_lenses.distort(lens, distortion, directions)
     x, y, z = np.moveaxis(directions, -1, 0)
     if lens == "opencv_fisheye":
         across = np.hypot(x, y)
@@ -57,16 +64,22 @@ def undistort(
     x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
     if lens == "pinhole" or (lens == "opencv" and not any(distortion)):
         return np.stack([x, y, np.ones_like(x)], axis=-1), np.ones(x.shape, dtype=bool)
+    if lens in CLOSED:
+        return closed_lenses.undistort(lens, distortion, x, y)
+    if lens in PRISM:
+        return prism_lenses.undistort(lens, distortion, x, y)
     radius, limit = np.hypot(x, y), fold(lens, distortion)
     if lens == "opencv_fisheye":
-        angle, met = _invert(lambda a: _fisheye(distortion, a), radius, limit)
+        angle, met = invert_growing(lambda a: _fisheye(distortion, a), radius, limit)
         scale = np.divide(np.sin(angle), radius, out=np.ones_like(radius), where=radius > 1e-12)
         return np.stack([x * scale, y * scale, np.cos(angle)], axis=-1), met
-    ideal, met = _invert(lambda r: _brown_radius(distortion, r), radius, min(limit, _WIDEST))
+    ideal, met = invert_growing(lambda r: _brown_radius(distortion, r), radius, min(limit, WIDEST))
     scale = np.divide(ideal, radius, out=np.ones_like(radius), where=radius > 1e-12)
     u, v = x * scale, y * scale
     if any(distortion[2:4]):
-        u, v, met = _refine(distortion, u, v, x, y, min(limit, _WIDEST))
+        u, v, met = refine_in_plane(
+            lambda u, v: _brown(distortion, u, v), u, v, x, y, min(limit, WIDEST)
+        )
     return np.stack([u, v, np.ones_like(u)], axis=-1), met
 
 
@@ -76,23 +89,12 @@ def fold(lens: str, distortion: tuple[float, ...]) -> float:
     if lens == "opencv_fisheye":
         k = np.array((*distortion, 0, 0, 0, 0)[:4])
         slope = np.append((k * (3, 5, 7, 9))[::-1], 1.0)  # of θ(1 + k1 θ² + …), in powers of θ²
-        return min(_first_positive_root(slope), np.pi)
+        return min(first_positive_root(slope), np.pi)
     k1, k2, _, _, k3, k4, k5, k6 = (*distortion, 0, 0, 0, 0, 0, 0, 0, 0)[:8]
     above, below = np.poly1d([k3, k2, k1, 1.0]), np.poly1d([k6, k5, k4, 1.0])  # in powers of r²
     s = np.poly1d([1.0, 0.0])
     slope = above * below + 2 * s * (above.deriv() * below - above * below.deriv())
-    return min(_first_positive_root(slope.c), _first_positive_root(below.c))
-
-
-def _first_positive_root(coefficients: np.ndarray) -> float:
-    """Square root of the smallest positive root of a polynomial in the squared radius."""
-    coefficients = np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "f")
-    with np.errstate(all="ignore"):
-        roots = np.roots(coefficients)
-    # A double root is a touch of zero that rounding may move off the real line.
-    real = roots.real[np.abs(roots.imag) <= 1e-7 * np.abs(roots)]
-    real = real[np.isfinite(real) & (real > 1e-12)]
-    return float(np.sqrt(real.min())) if len(real) else np.inf
+    return min(first_positive_root(slope.c), first_positive_root(below.c))
 
 
 def _fisheye(distortion: tuple[float, ...], angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -117,7 +119,7 @@ def _brown_radius(distortion: tuple[float, ...], radius: np.ndarray):
 
 
 def _brown(distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray):
-    """Distorted (u, v) of the perspective model, and the derivatives u_x, u_y = v_x, v_y."""
+    """Distorted (u, v) of the perspective model, and the derivatives u_x, u_y, v_x, v_y."""
     p1, p2 = (*distortion, 0, 0, 0, 0)[2:4]
     s = x * x + y * y
     factor, slope = _radial(distortion, s)
@@ -126,49 +128,4 @@ def _brown(distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray):
     cross = 2 * (x * y * slope + p1 * x + p2 * y)
     u_x = factor + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
     v_y = factor + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
-    return u, v, u_x, cross, v_y
-
-
-def _invert(function: Callable, target: np.ndarray, limit: float):
-    """Arguments in [0, limit] where a growing function takes its targets: Newton within brackets.
-
-    Returns them and a mask of the targets that are reached.
-    """
-    low, high = np.zeros_like(target), np.full_like(target, limit)
-    if not np.isfinite(limit):
-        high = np.full_like(target, _WIDEST)
-    guess = np.minimum(target, high)
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        met = function(high)[0] >= target * (1 - 1e-12)
-        for _ in range(_STEPS):
-            value, slope = function(guess)
-            low, high = np.where(value < target, guess, low), np.where(value < target, high, guess)
-            step = (value - target) / slope
-            after = guess - step
-            inside = (after >= low) & (after <= high)
-            after = np.where(inside, after, 0.5 * (low + high))
-            done = np.abs(after - guess) <= 1e-15 + 1e-14 * np.abs(guess)
-            guess = after
-            if done.all():
-                break
-    return guess, met
-
-
-def _refine(distortion: tuple[float, ...], u, v, x, y, limit: float):
-    """Newton in the plane from the radial solution: adds the tangential part."""
-    for _ in range(_STEPS):
-        fu, fv, a, b, d = _brown(distortion, u, v)
-        determinant = a * d - b * b
-        determinant = np.where(np.abs(determinant) < 1e-6, 1e-6, determinant)
-        du = (d * (fu - x) - b * (fv - y)) / determinant
-        dv = (a * (fv - y) - b * (fu - x)) / determinant
-        # A step never leaves the part of the plane the lens sees, and never crosses half of it.
-        length = np.hypot(du, dv)
-        shorten = np.minimum(1, 0.5 * (1 + np.hypot(u, v)) / np.maximum(length, 1e-300))
-        u, v = u - shorten * du, v - shorten * dv
-        outside = np.minimum(1, limit / np.maximum(np.hypot(u, v), 1e-300))
-        u, v = u * outside, v * outside
-        if (length <= 1e-14 * (1 + np.hypot(u, v))).all():
-            break
-    fu, fv, *_ = _brown(distortion, u, v)
-    return u, v, np.hypot(fu - x, fv - y) <= 1e-9 * (1 + np.hypot(x, y))
+    return u, v, u_x, cross, cross, v_y

@@ -34,7 +34,27 @@ _LENS_OF_MODEL = {
     "FULL_OPENCV": "opencv",
     "PERSPECTIVE": "opencv",
     "OPENCV_FISHEYE": "opencv_fisheye",
+    "FOV": "fov",
+    "DIVISION": "division",
+    "EUCM": "eucm",
+    "VISUALSFM": "visualsfm",
+    "THIN_PRISM_FISHEYE": "thin_prism_fisheye",
+    "RAD_TAN_THIN_PRISM_FISHEYE": "rad_tan_thin_prism_fisheye",
 }
+_RATIONAL_KEYS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+_KEYS = {
+    "pinhole": (),
+    "opencv": _RATIONAL_KEYS[:5],
+    "opencv_fisheye": ("k1", "k2", "k3", "k4"),
+    "fov": ("omega",),
+    "division": ("k",),
+    "eucm": ("alpha", "beta"),
+    "visualsfm": ("r",),
+    "thin_prism_fisheye": ("k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1"),
+    "rad_tan_thin_prism_fisheye": (
+        "k0", "k1", "k2", "k3", "k4", "k5", "p0", "p1", "s0", "s1", "s2", "s3",
+    ),
+}  # fmt: skip
 
 
 def is_transforms(content: Any) -> bool:
@@ -105,20 +125,15 @@ def write_transforms(path: Path, cameras: list[Camera]) -> None:
             "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy,
             "camera_model": {v: k for k, v in reversed(_LENS_OF_MODEL.items())}[camera.lens],
         }  # fmt: skip
-        if len(camera.distortion) > 5:
-            frame["camera_model"] = "FULL_OPENCV"
-        keys = _FISHEYE_KEYS if camera.lens == "opencv_fisheye" else _RATIONAL_KEYS
+        keys = _KEYS[camera.lens]
+        if camera.lens == "opencv" and len(camera.distortion) > 5:
+            frame["camera_model"], keys = "FULL_OPENCV", _RATIONAL_KEYS
         frame.update(dict(zip(keys, camera.distortion, strict=False)))
         if camera.mask_path is not None:
             frame["mask_path"] = str(camera.mask_path)
         frames.append(frame)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps({"frames": frames}, indent=1, allow_nan=False), encoding="utf-8")
-
-
-_OPENCV_KEYS = ("k1", "k2", "p1", "p2", "k3")
-_RATIONAL_KEYS = (*_OPENCV_KEYS, "k4", "k5", "k6")
-_FISHEYE_KEYS = ("k1", "k2", "k3", "k4")
 
 
 def _number(path: Path, where: str, values: dict, key: str) -> float | None:
@@ -182,7 +197,7 @@ def _lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, ...]]
             path, f"{where}.camera_model", f"the lens model '{model}' is not supported",
             f"use one of {', '.join(_LENS_OF_MODEL)}",
         )  # fmt: skip
-    keys = _FISHEYE_KEYS if lens == "opencv_fisheye" else _OPENCV_KEYS
+    keys = _KEYS[lens]
     if str(model).upper() == "FULL_OPENCV":
         keys = _RATIONAL_KEYS  # elsewhere a k4 may mean something else
     numbers = tuple(_number(path, where, values, key) or 0.0 for key in keys)

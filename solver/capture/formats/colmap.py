@@ -1,0 +1,191 @@
+"""COLMAP's sparse models, binary and text: cameras, images, points3D, since COLMAP 3.12 rigs and frames.
+
+Any of the files stands for the model; the others lie beside it. Poses are camera from world with
+OpenCV's axes, pixels have their centres at +0.5 as here. Photos are named below a folder that the
+model does not name; it is `images` by convention.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from ..capture import Capture
+from ..errors import CaptureError
+from ..frames import invert_pose, pose_opengl_from_opencv
+from ..intake import Found, assemble
+from ..photo_finder import PhotoFinder
+from . import colmap_binary, colmap_text
+from .colmap_model import KINDS, Image, intrinsics_of, pose_matrix
+
+NAME = "COLMAP"
+EXTENSIONS = (".bin", ".txt")
+_FOLDERS = (
+    "sparse/0/", "sparse/", "", "colmap/sparse/0/", "colmap/sparse/", "dense/sparse/",
+    "dense/0/sparse/", "distorted/sparse/0/",
+)  # fmt: skip
+PATTERNS = tuple(f"{folder}images{extension}" for extension in EXTENSIONS for folder in _FOLDERS)
+
+_MOST_BESIDE = 200
+
+
+def recognises(file: Path) -> bool:
+    """True for any file of a model: binary by name and sanity, text by comment or structure."""
+    return _kind_of(file) is not None
+
+
+def read(path: Path, photos: PhotoFinder) -> Capture:
+    """Read a model from any of its files.
+
+    Raises:
+        CaptureError: anything that cannot be used, with file, field and remedy.
+    """
+    files = _model_files(path)
+    sensors = _module(files["cameras"]).read_cameras(files["cameras"])
+    images = _module(files["images"]).read_images(files["images"])
+    warnings = _larger_models(files["images"], len(images))
+    points = None
+    if "points3D" in files:
+        try:
+            points = _module(files["points3D"]).read_points(files["points3D"])
+        except CaptureError as error:
+            # Photos and poses are whole without them.
+            warnings.append(f"{files['points3D'].name}: {error.problem}; its points are left out")
+    poses = _Poses(files)
+    folder = _photo_folder(path, photos)
+    found = []
+    for image in images:
+        stated = image.name if folder is None else f"{folder}/{image.name}"
+        photo = photos.find(stated) if image.name.strip() else None
+        intrinsics = pose = None
+        if photo is not None:
+            if image.sensor not in sensors:
+                raise CaptureError(
+                    files["images"], image.where, f"there is no camera {image.sensor}",
+                    "copy or export the whole model again",
+                )  # fmt: skip
+            intrinsics = intrinsics_of(files["cameras"], sensors[image.sensor])
+            pose = pose_opengl_from_opencv(invert_pose(poses.of(image)))
+        found.append(Found(image.where, image.name, photo, pose, intrinsics))
+    found = _one_photo_each(found)
+    return assemble(files["images"], NAME, found, photos, points=points, warnings=tuple(warnings))
+
+
+class _Poses:
+    """Camera-from-world poses: the image's own, else that of its rig when the photo was taken."""
+
+    def __init__(self, files: dict[str, Path]):
+        self.files = files
+        self._rigs_and_frames = None
+
+    def of(self, image: Image) -> np.ndarray:
+        """[4, 4], OpenCV's axes; NaN if nobody knows, which `assemble` refuses."""
+        own = pose_matrix(image.pose)
+        if np.isfinite(own).all() or not {"rigs", "frames"} <= self.files.keys():
+            return own
+        if self._rigs_and_frames is None:
+            rigs, frames = self.files["rigs"], self.files["frames"]
+            self._rigs_and_frames = (
+                _module(rigs).read_rigs(rigs),
+                _module(frames).read_frames(frames),
+            )
+        rigs, frames = self._rigs_and_frames
+        rig, rig_from_world = frames.get(image.number, (None, None))
+        camera_from_rig = rigs.get(rig, {}).get(image.sensor)
+        if camera_from_rig is None:
+            return own
+        return pose_matrix(camera_from_rig) @ pose_matrix(rig_from_world)
+
+
+def _one_photo_each(found: list[Found]) -> list[Found]:
+    """Cameras of which no two have one photo.
+
+    Where left/a.png is missing, right/a.png may have been found for both.
+    """
+    claims = Counter(item.photo for item in found)
+    return [
+        replace(item, photo=None)
+        if item.photo
+        and claims[item.photo] > 1
+        and not item.photo.as_posix().endswith("/" + item.stated)
+        else item
+        for item in found
+    ]
+
+
+def _kind_of(file: Path) -> str | None:
+    if file.suffix.lower() == ".bin":
+        kind = {kind.lower(): kind for kind in KINDS}.get(file.stem.lower())
+        return kind if kind and colmap_binary.is_plausible(file, kind) else None
+    return colmap_text.kind_of(file)
+
+
+def _module(file: Path) -> ModuleType:
+    return colmap_binary if file.suffix.lower() == ".bin" else colmap_text
+
+
+def _model_files(path: Path) -> dict[str, Path]:
+    """The model's files by kind: `path` itself, and what lies beside it.
+
+    Raises:
+        CaptureError: there are no cameras or images.
+    """
+    own = _kind_of(path)
+    files = {} if own is None else {own: path}
+    for kind in KINDS:
+        # Rigs and frames of another export could belong to another solve.
+        suffixes = (path.suffix,) if kind in KINDS[3:] else (path.suffix, *EXTENSIONS)
+        for suffix in suffixes:
+            if kind not in files and (beside := path.with_name(kind + suffix)).is_file():
+                files[kind] = beside
+    needed = [kind for kind in KINDS[:2] if kind not in files]
+    if needed:
+        texts = sorted(file for file in path.parent.iterdir() if file.suffix.lower() == ".txt")
+        for file in texts[:_MOST_BESIDE]:
+            if (kind := colmap_text.kind_of(file)) in needed:
+                if kind in files:
+                    raise CaptureError(
+                        path, "", f"{files[kind].name} and {file.name} beside it could both be its "
+                        f"{kind}", "leave one of them in the folder",
+                    )  # fmt: skip
+                files[kind] = file
+    for kind in needed:
+        if kind not in files:
+            raise CaptureError(
+                path,
+                "",
+                f"there is no {kind}{path.suffix} beside it",
+                "copy the whole model folder",
+            )
+    return files
+
+
+def _photo_folder(path: Path, photos: PhotoFinder) -> Path | None:
+    """The folder `images` nearest the model, as far up as photos may lie.
+
+    Copies in other sizes often lie beside it (images_2, images_4), so names alone would not do.
+    """
+    folder = Path(os.path.normpath(path.parent.absolute()))
+    while folder != photos.folder and folder.is_relative_to(photos.folder):
+        if (folder / "images").is_dir():
+            return folder / "images"
+        folder = folder.parent
+    return photos.folder / "images" if (photos.folder / "images").is_dir() else None
+
+
+def _larger_models(images: Path, count: int) -> list[str]:
+    """A warning if a numbered folder beside this one (sparse/1) has a model of more photos."""
+    folder = images.parent
+    if not folder.name.isdigit() or images.name != "images.bin":
+        return []
+    for other in sorted(folder.parent.glob("[0-9]*/images.bin")):
+        many = colmap_binary.count_of(other) if colmap_binary.is_plausible(other, "images") else 0
+        if many > count:
+            return [f"{other.parent.name} beside {folder.name} is a model of more photos ({many} "
+                    f"instead of {count})"]  # fmt: skip
+    return []

@@ -1,0 +1,88 @@
+"""Roots that lens models need: growing functions of one number, maps of the plane, polynomials' folds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+STEPS = 60
+WIDEST = 1e4
+"""tangent of the widest half view a perspective lens may have"""
+
+
+def invert_growing(
+    function: Callable, target: np.ndarray, limit: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Arguments [N] in [0, limit] where a growing function takes its targets [N].
+
+    Newton within brackets. Returns them and a mask [N] of the targets that are reached.
+
+    Args:
+        function: from arguments [N] to values and slopes [N]; 0 at 0.
+    """
+    low, high = np.zeros_like(target), np.full_like(target, limit)
+    if not np.isfinite(limit):
+        high = np.full_like(target, WIDEST)
+    guess = np.minimum(target, high)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        met = function(high)[0] >= target * (1 - 1e-12)
+        for _ in range(STEPS):
+            value, slope = function(guess)
+            low, high = np.where(value < target, guess, low), np.where(value < target, high, guess)
+            step = (value - target) / slope
+            after = guess - step
+            inside = (after >= low) & (after <= high)
+            after = np.where(inside, after, 0.5 * (low + high))
+            done = np.abs(after - guess) <= 1e-15 + 1e-14 * np.abs(guess)
+            guess = after
+            if done.all():
+                break
+    return guess, met
+
+
+def refine_in_plane(function: Callable, u, v, x, y, limit: float):
+    """Newton in the plane from (u, v) [N] to where a map takes the values (x, y) [N].
+
+    Returns u, v and a mask [N] of those that arrived.
+
+    Args:
+        function: from u, v to the map's two values and its derivatives x_u, x_v, y_u, y_v.
+        limit: radius that (u, v) never leave.
+    """
+    for _ in range(STEPS):
+        fu, fv, a, b, c, d = function(u, v)
+        determinant = a * d - b * c
+        determinant = np.where(np.abs(determinant) < 1e-6, 1e-6, determinant)
+        du = (d * (fu - x) - b * (fv - y)) / determinant
+        dv = (a * (fv - y) - c * (fu - x)) / determinant
+        # A step never leaves the part of the plane the lens sees, and never crosses half of it.
+        length = np.hypot(du, dv)
+        shorten = np.minimum(1, 0.5 * (1 + np.hypot(u, v)) / np.maximum(length, 1e-300))
+        u, v = u - shorten * du, v - shorten * dv
+        outside = np.minimum(1, limit / np.maximum(np.hypot(u, v), 1e-300))
+        u, v = u * outside, v * outside
+        if (length <= 1e-14 * (1 + np.hypot(u, v))).all():
+            break
+    fu, fv, *_ = function(u, v)
+    return u, v, np.hypot(fu - x, fv - y) <= 1e-9 * (1 + np.hypot(x, y))
+
+
+def first_positive_root(coefficients: np.ndarray) -> float:
+    """Square root of the smallest positive root of a polynomial in the squared radius."""
+    coefficients = np.asarray(coefficients, dtype=np.float64)
+    # Beside the others' these are nothing, and the roots' matrix would overflow.
+    nothing = np.abs(coefficients) <= 1e-30 * np.abs(coefficients).max()
+    coefficients = np.trim_zeros(np.where(nothing, 0.0, coefficients), "f")
+    with np.errstate(all="ignore"):
+        roots = np.roots(coefficients)
+    # A double root is a touch of zero that rounding may move off the real line.
+    real = roots.real[np.abs(roots.imag) <= 1e-7 * np.abs(roots)]
+    real = real[np.isfinite(real) & (real > 1e-12)]
+    return float(np.sqrt(real.min())) if len(real) else np.inf
+
+
+def scaled_to(values: np.ndarray, lengths: np.ndarray, at_zero: float = 1.0) -> np.ndarray:
+    """`values / lengths` [N], and `at_zero` where the length vanishes."""
+    ratio = np.full(np.shape(lengths), at_zero)
+    return np.divide(values, lengths, out=ratio, where=np.asarray(lengths) > 1e-12)
