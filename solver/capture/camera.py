@@ -26,7 +26,8 @@ class Camera:
         camera_to_world: [4, 4] double, a rotation and a translation in world units.
         fx, fy, cx, cy: focal lengths and principal point in pixels.
         lens: one of `LENSES`.
-        distortion: OpenCV's k1 k2 p1 p2 k3 k4 k5 k6 (`opencv`) or k1 k2 k3 k4 (`opencv_fisheye`).
+        distortion: OpenCV's k1 k2 p1 p2 k3 k4 k5 k6 (`opencv`) or k1 k2 k3 k4 (`opencv_fisheye`);
+            k1 k2 p1 p2 k3 k4, skew, fisheye or not (`brown`, see `lenses`).
         mask_path: a picture of the object's coverage, multiplied into the photo's alpha.
     """
 

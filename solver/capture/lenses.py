@@ -3,6 +3,7 @@
 Image coordinates are ideal ones: x right, y down, at unit distance. `opencv` is the rational model
 k1 k2 p1 p2 k3 k4 k5 k6, `opencv_fisheye` the equidistant one k1 k2 k3 k4; missing numbers are 0.
 https://docs.opencv.org/4.x/d9/d0c/group__calib3d.html and .../db/d58/group__calib3d__fisheye.html
+`brown` is what photogrammetry programs have beyond these: see `_polynomial`.
 
 Polynomials fold back somewhere: two directions on one pixel. Only the part up to the fold is the
 lens. Directions beyond it have no pixel (NaN), pixels beyond its image have the fold's direction.
@@ -10,12 +11,12 @@ lens. Directions beyond it have no pixel (NaN), pixels beyond its image have the
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
 
-LENSES = ("pinhole", "opencv", "opencv_fisheye")
+LENSES = ("pinhole", "opencv", "opencv_fisheye", "brown")
 _STEPS = 60
 _WIDEST = 1e4  # tangent of the widest half view a perspective lens may have
 
@@ -27,6 +28,8 @@ def distort(
 
     NaN where the lens does not see: behind a perspective camera, or beyond the fold.
     """
+    if lens == "brown":
+        return _brown_distort(distortion, directions)
     x, y, z = np.moveaxis(directions, -1, 0)
     if lens == "opencv_fisheye":
         across = np.hypot(x, y)
@@ -57,6 +60,8 @@ def undistort(
     x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
     if lens == "pinhole" or (lens == "opencv" and not any(distortion)):
         return np.stack([x, y, np.ones_like(x)], axis=-1), np.ones(x.shape, dtype=bool)
+    if lens == "brown":
+        return _brown_undistort(distortion, x, y)
     radius, limit = np.hypot(x, y), fold(lens, distortion)
     if lens == "opencv_fisheye":
         angle, met = _invert(lambda a: _fisheye(distortion, a), radius, limit)
@@ -73,6 +78,10 @@ def undistort(
 @lru_cache(maxsize=256)
 def fold(lens: str, distortion: tuple[float, ...]) -> float:
     """Where the radial part stops growing: ideal radius (`opencv`) or angle (`opencv_fisheye`)."""
+    if lens == "brown":
+        k1, k2, _, _, k3, k4, _, equidistant = _eight(distortion)
+        slope = np.array([9 * k4, 7 * k3, 5 * k2, 3 * k1, 1.0])  # in powers of r²
+        return min(_first_positive_root(slope), np.pi if equidistant else np.inf)
     if lens == "opencv_fisheye":
         k = np.array((*distortion, 0, 0, 0, 0)[:4])
         slope = np.append((k * (3, 5, 7, 9))[::-1], 1.0)  # of θ(1 + k1 θ² + …), in powers of θ²
@@ -127,6 +136,102 @@ def _brown(distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray):
     u_x = factor + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
     v_y = factor + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
     return u, v, u_x, cross, v_y
+
+
+def polynomial_lens(
+    radial: Sequence[float], tangential: Sequence[float] = (0.0, 0.0), skew: float = 0.0,
+    equidistant: bool = False,
+) -> tuple[str, tuple[float, ...]]:  # fmt: skip
+    """The plainest lens, and its numbers, for a polynomial distortion.
+
+    Args:
+        radial: k1 … k4, as many as there are. tangential: p1, p2 in OpenCV's order.
+        skew: what a unit of y adds to x, after the distortion.
+        equidistant: the polynomial acts on angles from the axis instead of their tangents.
+    """
+    k1, k2, k3, k4 = (*(float(k) for k in radial), 0.0, 0.0, 0.0, 0.0)[:4]
+    p1, p2 = (float(p) for p in tangential)
+    if skew or (k4 and not equidistant) or (equidistant and (p1 or p2)):
+        return "brown", (k1, k2, p1, p2, k3, k4, float(skew), float(equidistant))
+    if equidistant:
+        return "opencv_fisheye", (k1, k2, k3, k4)
+    return ("opencv", (k1, k2, p1, p2, k3)) if any((k1, k2, k3, p1, p2)) else ("pinhole", ())
+
+
+def _eight(distortion: tuple[float, ...]) -> tuple[float, ...]:
+    return (*distortion, 0, 0, 0, 0, 0, 0, 0, 0)[:8]
+
+
+def _polynomial(distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray):
+    """(u, v) of the lens `brown`: k1 k2 p1 p2 k3 k4, skew, and 1 for a fisheye (else 0).
+
+    x, y are ideal image coordinates, those of a fisheye shrunk to the angle from the axis. k1 … k4
+    are the radial powers r² … r⁸, p1 and p2 OpenCV's tangential terms; `skew`·v is added to u.
+
+    Returns also the radial factor and its derivative by r².
+    """
+    k1, k2, p1, p2, k3, k4, skew, _ = _eight(distortion)
+    s = x * x + y * y
+    factor = 1 + s * (k1 + s * (k2 + s * (k3 + s * k4)))
+    u = x * factor + 2 * p1 * x * y + p2 * (s + 2 * x * x)
+    v = y * factor + p1 * (s + 2 * y * y) + 2 * p2 * x * y
+    return u + skew * v, v, factor, k1 + s * (2 * k2 + s * (3 * k3 + s * 4 * k4))
+
+
+def _brown_distort(distortion: tuple[float, ...], directions: np.ndarray):
+    x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
+    across = np.hypot(x, y)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        if _eight(distortion)[7]:
+            radius = np.arctan2(across, z)
+            scale = np.where(across > 1e-12, radius / across, np.where(z > 0, 1 / z, np.nan))
+        else:
+            scale = np.where(z > 0, 1 / z, np.nan)
+            radius = across * scale
+        scale = np.where(radius <= fold("brown", distortion) * (1 + 1e-9), scale, np.nan)
+        u, v, *_ = _polynomial(distortion, x * scale, y * scale)
+    return u, v
+
+
+def _brown_undistort(distortion: tuple[float, ...], u: np.ndarray, v: np.ndarray):
+    _, _, p1, p2, _, _, skew, equidistant = _eight(distortion)
+    limit = min(fold("brown", distortion), _WIDEST)
+
+    def along(r: np.ndarray):
+        _, _, factor, slope = _polynomial((*distortion[:2], 0, 0, *distortion[4:6]), r, 0 * r)
+        return r * factor, factor + 2 * r * r * slope
+
+    straight = u - skew * v
+    radius = np.hypot(straight, v)
+    ideal, met = _invert(along, radius, limit)
+    scale = np.divide(ideal, radius, out=np.ones_like(radius), where=radius > 1e-12)
+    x, y = straight * scale, v * scale
+    if p1 or p2:
+        plain = (*_eight(distortion)[:6], 0.0, 0.0)
+        for _ in range(_STEPS):
+            # Newton in the plane; a step neither leaves the lens nor crosses half of the plane.
+            fu, fv, factor, slope = _polynomial(plain, x, y)
+            a = factor + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
+            d = factor + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
+            b = 2 * (x * y * slope + p1 * x + p2 * y)
+            determinant = a * d - b * b
+            determinant = np.where(np.abs(determinant) < 1e-6, 1e-6, determinant)
+            dx = (d * (fu - straight) - b * (fv - v)) / determinant
+            dy = (a * (fv - v) - b * (fu - straight)) / determinant
+            length = np.hypot(dx, dy)
+            shorten = np.minimum(1, 0.5 * (1 + np.hypot(x, y)) / np.maximum(length, 1e-300))
+            x, y = x - shorten * dx, y - shorten * dy
+            inside = np.minimum(1, limit / np.maximum(np.hypot(x, y), 1e-300))
+            x, y = x * inside, y * inside
+            if (length <= 1e-14 * (1 + np.hypot(x, y))).all():
+                break
+        fu, fv, *_ = _polynomial(plain, x, y)
+        met = np.hypot(fu - straight, fv - v) <= 1e-9 * (1 + radius)
+    if not equidistant:
+        return np.stack([x, y, np.ones_like(x)], axis=-1), met
+    angle = np.hypot(x, y)
+    sine = np.sinc(angle / np.pi)  # sin(angle) / angle, also at 0
+    return np.stack([x * sine, y * sine, np.cos(angle)], axis=-1), met
 
 
 def _invert(function: Callable, target: np.ndarray, limit: float):

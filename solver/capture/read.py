@@ -7,11 +7,11 @@ from types import ModuleType
 
 from .capture import Capture
 from .errors import CaptureError, shown
-from .formats import transforms
+from .formats import meshroom, metashape, openmvg, realitycapture, transforms
 from .image_header import EXTENSIONS as PICTURES
 from .photo_finder import PhotoFinder, capture_folder
 
-FORMATS: tuple[ModuleType, ...] = (transforms,)
+FORMATS: tuple[ModuleType, ...] = (transforms, metashape, realitycapture, meshroom, openmvg)
 """readers, the likeliest first"""
 CAMERA_FILES = tuple(sorted({extension for reader in FORMATS for extension in reader.EXTENSIONS}))
 """extensions of camera files, for file dialogs and drops"""
@@ -99,7 +99,14 @@ def read_capture(
     finder = PhotoFinder(folder, None if masks is None else Path(masks), trusted)
     try:
         return reader.read(file, finder)
-    except (ArithmeticError, LookupError, TypeError, ValueError, MemoryError) as error:
+    except (
+        ArithmeticError,
+        LookupError,
+        TypeError,
+        ValueError,
+        MemoryError,
+        RecursionError,
+    ) as error:
         if isinstance(error, CaptureError):
             raise
         # A reader must foresee what a file can hold; where one does not, nobody sees a traceback.

@@ -34,6 +34,7 @@ _LENS_OF_MODEL = {
     "FULL_OPENCV": "opencv",
     "PERSPECTIVE": "opencv",
     "OPENCV_FISHEYE": "opencv_fisheye",
+    "BROWN": "brown",
 }
 
 
@@ -49,6 +50,8 @@ def is_transforms(content: Any) -> bool:
 def recognises(file: Path) -> bool:
     """True for JSON with frames, also if it is cut off."""
     head = head_of(file, 1 << 20)
+    if b'"viewId"' in head or b'"sfm_data_version"' in head:
+        return False  # Meshroom's and OpenMVG's JSON, whatever the file is called
     return head.lstrip(b"\xef\xbb\xbf \r\n\t")[:1] == b"{" and (
         b'"frames"' in head or file.name.lower().startswith("transforms")
     )
@@ -105,9 +108,9 @@ def write_transforms(path: Path, cameras: list[Camera]) -> None:
             "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy,
             "camera_model": {v: k for k, v in reversed(_LENS_OF_MODEL.items())}[camera.lens],
         }  # fmt: skip
-        if len(camera.distortion) > 5:
+        if camera.lens == "opencv" and len(camera.distortion) > 5:
             frame["camera_model"] = "FULL_OPENCV"
-        keys = _FISHEYE_KEYS if camera.lens == "opencv_fisheye" else _RATIONAL_KEYS
+        keys = _KEYS_OF_LENS.get(camera.lens, _RATIONAL_KEYS)
         frame.update(dict(zip(keys, camera.distortion, strict=False)))
         if camera.mask_path is not None:
             frame["mask_path"] = str(camera.mask_path)
@@ -118,7 +121,10 @@ def write_transforms(path: Path, cameras: list[Camera]) -> None:
 
 _OPENCV_KEYS = ("k1", "k2", "p1", "p2", "k3")
 _RATIONAL_KEYS = (*_OPENCV_KEYS, "k4", "k5", "k6")
-_FISHEYE_KEYS = ("k1", "k2", "k3", "k4")
+_KEYS_OF_LENS = {
+    "opencv_fisheye": ("k1", "k2", "k3", "k4"),
+    "brown": (*_OPENCV_KEYS, "k4", "skew", "equidistant"),
+}
 
 
 def _number(path: Path, where: str, values: dict, key: str) -> float | None:
@@ -182,7 +188,7 @@ def _lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, ...]]
             path, f"{where}.camera_model", f"the lens model '{model}' is not supported",
             f"use one of {', '.join(_LENS_OF_MODEL)}",
         )  # fmt: skip
-    keys = _FISHEYE_KEYS if lens == "opencv_fisheye" else _OPENCV_KEYS
+    keys = _KEYS_OF_LENS.get(lens, _OPENCV_KEYS)
     if str(model).upper() == "FULL_OPENCV":
         keys = _RATIONAL_KEYS  # elsewhere a k4 may mean something else
     numbers = tuple(_number(path, where, values, key) or 0.0 for key in keys)
