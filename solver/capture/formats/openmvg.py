@@ -128,24 +128,29 @@ def _camera_to_world(path: Path, where: str, value: dict) -> np.ndarray:
 
 
 def _intrinsics_by_id(path: Path, stated: Any) -> dict[int, Intrinsics]:
-    names: dict[int, str] = {}
-    found = {}
+    listed = []
     for index, entry in enumerate(entries(path, "intrinsics", stated)):
+        entry = mapping(path, f"intrinsics[{index}]", entry)
+        listed.append((entry, mapping(path, f"intrinsics[{index}].value", entry.get("value"))))
+    names: dict[int | None, str] = {}
+    for _, value in listed:
+        if isinstance(name := value.get("polymorphic_name"), str):
+            names[_type_of(value)] = name
+    found = {}
+    for index, (entry, value) in enumerate(listed):
         where = f"intrinsics[{index}]"
-        entry = mapping(path, where, entry)
-        value = mapping(path, where, entry.get("value"))
-        identity, name = _identity(value.get("polymorphic_id")), value.get("polymorphic_name")
-        if identity is not None:
-            identity &= _FIRST_USE - 1
-            if isinstance(name, str):
-                names[identity] = name
-            name = names.get(identity, name)
+        name = value.get("polymorphic_name", names.get(_type_of(value)))
         if not isinstance(name, str):
             raise CaptureError(
                 path, f"{where}.polymorphic_name", "the lens has no name", "export it again"
             )
         found[_key(path, where, entry)] = _intrinsics(path, where, name, _data(path, where, value))
     return found
+
+
+def _type_of(value: dict) -> int | None:
+    identity = _identity(value.get("polymorphic_id"))
+    return None if identity is None else identity & (_FIRST_USE - 1)
 
 
 def _intrinsics(path: Path, where: str, name: str, data: dict) -> Intrinsics:

@@ -99,13 +99,13 @@ def _read_table(path: Path, photos: PhotoFinder) -> Capture:
         if _columns(",".join(row)) is not None:
             continue
         where = f"line {line}"
-        if len(row) <= max(columns[name] for name in _NEEDED):
+        if len(row) <= max(columns.values()):
             raise CaptureError(path, where, "the line is cut off", "export the cameras again")
 
         def value(name: str, row: list[str] = row, where: str = where) -> float:
-            index = columns.get(name, len(row))
-            text = row[index].strip() if index < len(row) else ""
-            return number(path, f"{where}, {name}", text) if text or name in _NEEDED else 0.0
+            if name not in columns:
+                return 0.0
+            return number(path, f"{where}, {name}", row[columns[name]])
 
         stated = row[columns["name"]].strip()
         photo = photos.find(stated, beside=path)
