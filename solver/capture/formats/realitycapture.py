@@ -76,7 +76,7 @@ def _header_of(head: bytes) -> str:
 def _columns(header: str) -> dict[str, int] | None:
     """Positions of the columns by their names; None if this is no table of cameras."""
     names = [name.strip().strip('"').lstrip("#").strip().lower() for name in header.split(",")]
-    found = {_SAME_COLUMNS.get(name, name): index for index, name in enumerate(names)}
+    found = {_SAME_COLUMNS.get(name, name): index for index, name in enumerate(names) if name}
     return found if all(name in found for name in _NEEDED) else None
 
 
