@@ -1,9 +1,9 @@
 """Agisoft Metashape's camera export (File > Export > Export Cameras, Agisoft XML).
 
 Cameras have OpenCV's axes; `transform` takes them to the chunk, the chunk's (or its component's)
-`transform` takes the chunk to the world: millimetres of a marker, metres, or the Earth. In geocentric
-coordinates, millions of metres from the origin, cameras stay in chunk coordinates and the Earth's
-centre says where down is.
+`transform` takes the chunk to the world, +Z up. Far from the world's origin, as in geocentric
+coordinates (with any projected system on top, Metashape writes these), cameras stay in the chunk's
+coordinates instead, and up is away from the Earth's centre.
 
 A lens, in pixels from the corner of the picture (manual, appendix "Camera models"):
 
@@ -37,8 +37,11 @@ NAME = "Metashape cameras.xml"
 EXTENSIONS = (".xml",)
 PATTERNS = ("cameras.xml", "*cameras*.xml", "*.xml")
 
-GEOCENTRIC = 1e5
-"""world units from the origin beyond which a chunk is taken for one in geocentric coordinates"""
+FAR = 1e5
+"""world units from the origin beyond which chunk coordinates are kept: solvers count in single
+precision, which is a hundredth there and half a unit on the Earth's surface"""
+_EARTH = (6.3e6, 6.45e6)
+"""metres from its centre between which all of its surface lies"""
 _FISHEYES = ("fisheye", "equidistant_fisheye", "equidistant fisheye")
 
 
@@ -121,12 +124,11 @@ class _Worlds:
                 self._of_component[key] = _similarity(path, element)
         first = next(iter(self._of_component.values()), None)
         self.up = None if first is None else (0.0, 0.0, 1.0)
-        if first is not None and np.abs(first[:3, 3]).max() > GEOCENTRIC:
-            # Solvers count in single precision, which is half a metre there. Components share the
-            # first one's coordinates.
-            towards = first[:3, :3].T @ first[:3, 3]
-            self.up = tuple(towards / np.linalg.norm(towards))
-            back = np.linalg.inv(first)
+        if first is not None and (distance := np.linalg.norm(first[:3, 3])) > FAR:
+            geocentric = _EARTH[0] < distance < _EARTH[1]
+            up = first[:3, :3].T @ (first[:3, 3] if geocentric else (0.0, 0.0, 1.0))
+            self.up = tuple(up / np.linalg.norm(up))
+            back = np.linalg.inv(first)  # components share the first one's coordinates
             self._of_component = {k: back @ m for k, m in self._of_component.items()}
 
     def pose(self, component: str | None, transform: np.ndarray) -> np.ndarray:
