@@ -161,6 +161,30 @@ def numbers(path: Path, field: str, values: Any, count: int | None = None) -> np
     return np.array([number(path, field, value) for value in values], dtype=np.float64)
 
 
+def mapping(path: Path, field: str, value: Any) -> dict:
+    """The value itself, if it is a JSON object.
+
+    Raises:
+        CaptureError: anything else.
+    """
+    if not isinstance(value, dict):
+        raise CaptureError(path, field, f"'{shown(value)}' is not an object", "export it again")
+    return value
+
+
+def entries(path: Path, field: str, value: Any) -> list:
+    """The value itself, if it is a list; an absent or empty value is an empty list.
+
+    Raises:
+        CaptureError: anything else.
+    """
+    if value in (None, "", {}):
+        return []
+    if not isinstance(value, list):
+        raise CaptureError(path, field, f"'{shown(value)}' is not a list", "export it again")
+    return value
+
+
 def rigid_pose(path: Path, field: str, value: Any) -> np.ndarray:
     """A rigid [4, 4] double from a [4, 4] or [3, 4] matrix; a uniform scale of its axes is dropped.
 

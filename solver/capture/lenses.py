@@ -2,7 +2,7 @@
 
 Image coordinates are ideal ones: x right, y down, at unit distance. `opencv` is the rational model
 k1 k2 p1 p2 k3 k4 k5 k6, `opencv_fisheye` the equidistant one k1 k2 k3 k4; missing numbers are 0.
-`closed_lenses` and `prism_lenses` have those of other programs, with all their numbers.
+`brown_lens`, `closed_lenses` and `prism_lenses` have those of other programs, with all their numbers.
 https://docs.opencv.org/4.x/d9/d0c/group__calib3d.html and .../db/d58/group__calib3d__fisheye.html
 
 Polynomials fold back somewhere: two directions on one pixel. Only the part up to the fold is the
@@ -15,12 +15,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from . import closed_lenses, prism_lenses
+from . import brown_lens, closed_lenses, prism_lenses
+from .brown_lens import BROWN
 from .closed_lenses import CLOSED
 from .lens_solve import WIDEST, first_positive_root, invert_growing, refine_in_plane
 from .prism_lenses import PRISM
 
-LENSES = ("pinhole", "opencv", "opencv_fisheye", *CLOSED, *PRISM)
+LENSES = ("pinhole", "opencv", "opencv_fisheye", *BROWN, *CLOSED, *PRISM)
 
 
 def distort(
@@ -30,6 +31,8 @@ def distort(
 
     NaN where the lens does not see: behind a perspective camera, or beyond the fold.
     """
+    if lens in BROWN:
+        return brown_lens.distort(distortion, directions)
     if lens in CLOSED:
         return closed_lenses.distort(lens, distortion, directions)
     if lens in PRISM:
@@ -64,6 +67,8 @@ def undistort(
     x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
     if lens == "pinhole" or (lens == "opencv" and not any(distortion)):
         return np.stack([x, y, np.ones_like(x)], axis=-1), np.ones(x.shape, dtype=bool)
+    if lens in BROWN:
+        return brown_lens.undistort(distortion, x, y)
     if lens in CLOSED:
         return closed_lenses.undistort(lens, distortion, x, y)
     if lens in PRISM:

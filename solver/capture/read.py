@@ -7,11 +7,22 @@ from types import ModuleType
 
 from .capture import Capture
 from .errors import CaptureError, shown
-from .formats import bundler, colmap, transforms, visualsfm
+from .formats import (
+    bundler,
+    colmap,
+    meshroom,
+    metashape,
+    openmvg,
+    realitycapture,
+    transforms,
+    visualsfm,
+)
 from .image_header import EXTENSIONS as PICTURES
 from .photo_finder import PhotoFinder, capture_folder
 
-FORMATS: tuple[ModuleType, ...] = (transforms, colmap, bundler, visualsfm)
+FORMATS: tuple[ModuleType, ...] = (
+    transforms, colmap, metashape, realitycapture, meshroom, openmvg, bundler, visualsfm,
+)  # fmt: skip
 """readers, the likeliest first"""
 CAMERA_FILES = tuple(sorted({extension for reader in FORMATS for extension in reader.EXTENSIONS}))
 """extensions of camera files, for file dialogs and drops"""
@@ -99,7 +110,14 @@ def read_capture(
     finder = PhotoFinder(folder, None if masks is None else Path(masks), trusted)
     try:
         return reader.read(file, finder)
-    except (ArithmeticError, LookupError, TypeError, ValueError, MemoryError) as error:
+    except (
+        ArithmeticError,
+        LookupError,
+        TypeError,
+        ValueError,
+        MemoryError,
+        RecursionError,
+    ) as error:
         if isinstance(error, CaptureError):
             raise
         # A reader must foresee what a file can hold; where one does not, nobody sees a traceback.

@@ -40,6 +40,7 @@ _LENS_OF_MODEL = {
     "VISUALSFM": "visualsfm",
     "THIN_PRISM_FISHEYE": "thin_prism_fisheye",
     "RAD_TAN_THIN_PRISM_FISHEYE": "rad_tan_thin_prism_fisheye",
+    "BROWN": "brown",
 }
 _RATIONAL_KEYS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _KEYS = {
@@ -50,6 +51,7 @@ _KEYS = {
     "division": ("k",),
     "eucm": ("alpha", "beta"),
     "visualsfm": ("r",),
+    "brown": (*_RATIONAL_KEYS[:6], "skew", "equidistant"),
     "thin_prism_fisheye": ("k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1"),
     "rad_tan_thin_prism_fisheye": (
         "k0", "k1", "k2", "k3", "k4", "k5", "p0", "p1", "s0", "s1", "s2", "s3",
@@ -69,6 +71,8 @@ def is_transforms(content: Any) -> bool:
 def recognises(file: Path) -> bool:
     """True for JSON with frames, also if it is cut off."""
     head = head_of(file, 1 << 20)
+    if b'"viewId"' in head or b'"sfm_data_version"' in head:
+        return False  # Meshroom's and OpenMVG's JSON, whatever the file is called
     return head.lstrip(b"\xef\xbb\xbf \r\n\t")[:1] == b"{" and (
         b'"frames"' in head or file.name.lower().startswith("transforms")
     )

@@ -1,0 +1,106 @@
+"""The lens `brown`: what photogrammetry programs have beyond OpenCV's polynomials.
+
+    k1 k2 p1 p2 k3 k4, skew, 1 for a fisheye (else 0); missing numbers are 0
+
+Coordinates, NaN and masks are as in `lenses`; those of a fisheye are shrunk to the angle from the axis
+before the polynomial. k1 … k4 are the radial powers r² … r⁸, p1 and p2 OpenCV's tangential terms;
+`skew`·v is added to u at last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .lens_solve import WIDEST, first_positive_root, invert_growing, refine_in_plane
+
+BROWN = ("brown",)
+
+
+def polynomial_lens(
+    radial: Sequence[float], tangential: Sequence[float] = (0.0, 0.0), skew: float = 0.0,
+    equidistant: bool = False,
+) -> tuple[str, tuple[float, ...]]:  # fmt: skip
+    """The plainest lens, and its numbers, for a polynomial distortion.
+
+    Args:
+        radial: k1 … k4, as many as there are. tangential: p1, p2 in OpenCV's order.
+        skew: what a unit of y adds to x, after the distortion.
+        equidistant: the polynomial acts on angles from the axis instead of their tangents.
+    """
+    k1, k2, k3, k4 = (*(float(k) for k in radial), 0.0, 0.0, 0.0, 0.0)[:4]
+    p1, p2 = (float(p) for p in tangential)
+    if skew or (k4 and not equidistant) or (equidistant and (p1 or p2)):
+        return "brown", (k1, k2, p1, p2, k3, k4, float(skew), float(equidistant))
+    if equidistant:
+        return "opencv_fisheye", (k1, k2, k3, k4)
+    return ("opencv", (k1, k2, p1, p2, k3)) if any((k1, k2, k3, p1, p2)) else ("pinhole", ())
+
+
+def distort(distortion: tuple[float, ...], directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """See `lenses.distort`."""
+    x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
+    across = np.hypot(x, y)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        if _eight(distortion)[7]:
+            radius = np.arctan2(across, z)
+            scale = np.where(across > 1e-12, radius / across, np.where(z > 0, 1 / z, np.nan))
+        else:
+            scale = np.where(z > 0, 1 / z, np.nan)
+            radius = across * scale
+        scale = np.where(radius <= fold(distortion) * (1 + 1e-9), scale, np.nan)
+        u, v, *_ = _polynomial(distortion, x * scale, y * scale)
+    return u + _eight(distortion)[6] * v, v
+
+
+def undistort(
+    distortion: tuple[float, ...], u: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """See `lenses.undistort`."""
+    k1, k2, p1, p2, k3, k4, skew, equidistant = _eight(distortion)
+    limit = min(fold(distortion), WIDEST)
+
+    def along(r: np.ndarray):
+        value, _, slope, *_ = _polynomial((k1, k2, 0, 0, k3, k4), r, np.zeros_like(r))
+        return value, slope
+
+    straight = u - skew * v
+    radius = np.hypot(straight, v)
+    ideal, met = invert_growing(along, radius, limit)
+    scale = np.divide(ideal, radius, out=np.ones_like(radius), where=radius > 1e-12)
+    x, y = straight * scale, v * scale
+    if p1 or p2:
+        x, y, met = refine_in_plane(
+            lambda x, y: _polynomial(distortion, x, y), x, y, straight, v, limit
+        )
+    if not equidistant:
+        return np.stack([x, y, np.ones_like(x)], axis=-1), met
+    angle = np.hypot(x, y)
+    sine = np.sinc(angle / np.pi)  # sin(angle) / angle, also at 0
+    return np.stack([x * sine, y * sine, np.cos(angle)], axis=-1), met
+
+
+def fold(distortion: tuple[float, ...]) -> float:
+    """Where the radial part stops growing: ideal radius, or angle of a fisheye."""
+    k1, k2, _, _, k3, k4, _, equidistant = _eight(distortion)
+    slope = np.array([9 * k4, 7 * k3, 5 * k2, 3 * k1, 1.0])  # in powers of r²
+    return min(first_positive_root(slope), np.pi if equidistant else np.inf)
+
+
+def _eight(distortion: tuple[float, ...]) -> tuple[float, ...]:
+    return (*distortion, 0, 0, 0, 0, 0, 0, 0, 0)[:8]
+
+
+def _polynomial(distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray):
+    """(u, v) before the skew, and the derivatives u_x, u_y, v_x, v_y."""
+    k1, k2, p1, p2, k3, k4, *_ = _eight(distortion)
+    s = x * x + y * y
+    factor = 1 + s * (k1 + s * (k2 + s * (k3 + s * k4)))
+    slope = k1 + s * (2 * k2 + s * (3 * k3 + s * 4 * k4))
+    u = x * factor + 2 * p1 * x * y + p2 * (s + 2 * x * x)
+    v = y * factor + p1 * (s + 2 * y * y) + 2 * p2 * x * y
+    cross = 2 * (x * y * slope + p1 * x + p2 * y)
+    u_x = factor + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
+    v_y = factor + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
+    return u, v, u_x, cross, cross, v_y

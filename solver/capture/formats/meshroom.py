@@ -1,0 +1,239 @@
+"""Meshroom's (AliceVision's) `cameras.sfm` and other SfM data in JSON.
+
+Numbers are written as text, empty lists as "". A pose's rotation is written column by column, from
+the world to OpenCV's camera axes, so the nine numbers row by row are the camera's rotation in the
+world; `center` is its place. Cameras of a rig have a pose in the rig besides the rig's own.
+
+What changed with the versions of the file (`jsonIO.cpp`, scenes in `sfmDataIO/compatibilityData`):
+
+    before 1.2.0   pxFocalLength is one number
+    1.2.0          pxFocalLength has one number for each axis
+    1.2.1          principalPoint is relative to the picture's centre, not to its corner
+    1.2.2          focalLength in mm of sensorWidth, along x; pixelRatio is fx / fy
+    1.2.5          pixelRatio is fy / fx
+    1.2.8          the distortion has a type of its own, before it was the camera's
+    1.2.9 … 1.2.11 focalLength is along y
+
+Which version between 1.2.9 and 1.2.11 made the last change matters only if pixels are not square.
+
+AliceVision counts pixels from the centre of the first one (`UndistortImage` samples at whole
+numbers), so here the principal point is half a pixel further.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..brown_lens import polynomial_lens
+from ..capture import Capture
+from ..errors import CaptureError, shown
+from ..files import entries, head_of, mapping, number, numbers, read_json
+from ..frames import pose_opengl_from_opencv
+from ..intake import Found, Intrinsics, assemble
+from ..photo_finder import PhotoFinder
+
+NAME = "Meshroom SfM data"
+EXTENSIONS = (".sfm", ".json")
+PATTERNS = (
+    "cameras.sfm", "sfm.sfm", "*.sfm", "sfm.json", "cameras.json", "*/cameras.sfm", "*/*.sfm",
+    "MeshroomCache/StructureFromMotion/*/cameras.sfm",
+)  # fmt: skip
+
+_DISTORTION_OF_CAMERA = {
+    "pinhole": "none", "radial1": "radialk1", "radial3": "radialk3", "brown": "brown",
+    "fisheye4": "fisheye", "fisheye": "fisheye",
+}  # fmt: skip
+_COUNTS = {"none": 0, "radialk1": 1, "radialk3": 3, "radialk3pt": 3, "brown": 5, "fisheye": 4}
+
+
+def recognises(file: Path) -> bool:
+    """True for JSON with AliceVision's views, also if it is cut off."""
+    head = head_of(file, 1 << 20)
+    return head.lstrip(b"\xef\xbb\xbf \r\n\t")[:1] == b"{" and b'"viewId"' in head
+
+
+def read(path: Path, photos: PhotoFinder) -> Capture:
+    """Read a scene; views without a pose are left out with a warning.
+
+    Raises:
+        CaptureError: anything that cannot be used, with file, field and remedy.
+    """
+    content = mapping(path, "", read_json(path))
+    if "viewpoints" in content or "graph" in content:
+        raise CaptureError(
+            path, "graph", "this is a project of Meshroom", "give the cameras.sfm it has computed"
+        )
+    version = _version(path, content.get("version"))
+    lenses = {}
+    for index, entry in enumerate(entries(path, "intrinsics", content.get("intrinsics"))):
+        where = f"intrinsics[{index}]"
+        entry = mapping(path, where, entry)
+        lenses[_identity(entry.get("intrinsicId"))] = where, entry
+    poses = _poses(path, content)
+    rigs = _rigs(path, content.get("rigs"))
+    read_lenses: dict[str | None, Intrinsics] = {}
+    views = entries(path, "views", content.get("views"))
+    found, lost = [], []
+    for index, view in enumerate(views):
+        where = f"views[{index}]"
+        view = mapping(path, where, view)
+        stated = view.get("path")
+        if not isinstance(stated, str) or not stated:
+            raise CaptureError(path, f"{where}.path", "the view names no photo", "export it again")
+        pose = poses.get(_identity(view.get("poseId")))
+        if _word(view.get("isPoseIndependant", "true")) in ("0", "false"):
+            inner = rigs.get((_identity(view.get("rigId")), _identity(view.get("subPoseId"))))
+            pose = None if pose is None or inner is None else pose @ inner
+        key = _identity(view.get("intrinsicId"))
+        if pose is None or key not in lenses:
+            lost.append(stated)
+            continue
+        photo = photos.find(stated, beside=path)
+        if photo is not None and key not in read_lenses:
+            read_lenses[key] = _intrinsics(path, *lenses[key], version)
+        found.append(
+            Found(where, stated, photo, pose_opengl_from_opencv(pose), read_lenses.get(key))
+        )
+    warnings = ()
+    if lost:
+        if not found:
+            raise CaptureError(
+                path, "poses", f"none of its {len(lost)} photos has a pose",
+                "give the file that the node StructureFromMotion has written",
+            )  # fmt: skip
+        warnings = (f"{path.name}: {len(lost)} of {len(views)} photos have no pose and are left out "
+                    f"(the first: {shown(lost[0])})",)  # fmt: skip
+    return assemble(
+        path, NAME, found, photos, points=_points(path, content.get("structure")), warnings=warnings
+    )
+
+
+def _identity(value: Any) -> str | None:
+    """An identity as text: some writers give numbers."""
+    return str(value) if isinstance(value, (int, str)) and not isinstance(value, bool) else None
+
+
+def _word(value: Any) -> str:
+    """A keyword or a truth value in lower case."""
+    return shown(value).strip().lower()
+
+
+def _version(path: Path, stated: Any) -> tuple[int, ...]:
+    """(major, minor, revision); files without one are of the first."""
+    if stated in (None, "", []):
+        return (1, 0, 0)
+    values = numbers(path, "version", stated)
+    if not (np.abs(values) < 1e6).all():
+        raise CaptureError(path, "version", "this is no version", "export it again")
+    return tuple(int(value) for value in values)
+
+
+def _poses(path: Path, content: dict) -> dict[str | None, np.ndarray]:
+    """Camera-to-world matrices [4, 4] with OpenCV's axes by their identities."""
+    found = {}
+    for index, entry in enumerate(entries(path, "poses", content.get("poses"))):
+        where = f"poses[{index}]"
+        entry = mapping(path, where, entry)
+        pose = mapping(path, f"{where}.pose", entry.get("pose"))
+        transform = mapping(path, f"{where}.pose.transform", pose.get("transform"))
+        found[_identity(entry.get("poseId"))] = _pose(path, where, transform)
+    return found
+
+
+def _rigs(path: Path, stated: Any) -> dict[tuple[str | None, str], np.ndarray]:
+    """Camera-to-rig matrices [4, 4] by the identities of the rig and of the place in it."""
+    found = {}
+    for index, rig in enumerate(entries(path, "rigs", stated)):
+        rig = mapping(path, f"rigs[{index}]", rig)
+        for place, entry in enumerate(entries(path, "subPoses", rig.get("subPoses"))):
+            where = f"rigs[{index}].subPoses[{place}]"
+            pose = mapping(path, where, mapping(path, where, entry).get("pose"))
+            found[_identity(rig.get("rigId")), str(place)] = _pose(path, where, pose)
+    return found
+
+
+def _pose(path: Path, where: str, transform: dict) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, :3] = numbers(path, f"{where}.rotation", transform.get("rotation"), 9).reshape(3, 3)
+    pose[:3, 3] = numbers(path, f"{where}.center", transform.get("center"), 3)
+    return pose
+
+
+def _intrinsics(path: Path, where: str, entry: dict, version: tuple[int, ...]) -> Intrinsics:
+    def value(name: str, default: float | None = None) -> float:
+        if entry.get(name) in (None, "") and default is not None:
+            return default
+        return number(path, f"{where}.{name}", entry.get(name))
+
+    width, height = int(value("width")), int(value("height"))
+    if version < (1, 2, 0):
+        fx = fy = value("pxFocalLength")
+    elif version < (1, 2, 2):
+        fx, fy = numbers(path, f"{where}.pxFocalLength", entry.get("pxFocalLength"), 2)
+    else:
+        fx = fy = value("focalLength") / max(value("sensorWidth", 36.0), 1e-9) * width
+        ratio = value("pixelRatio", 1.0)
+        if not 1e-3 < ratio < 1e3:
+            raise CaptureError(path, f"{where}.pixelRatio", "it is not positive", "correct it")
+        if version < (1, 2, 5):
+            fy = fx / ratio
+        elif version < (1, 2, 9):
+            fy = fx * ratio
+        else:
+            fx = fy / ratio
+    cx, cy = numbers(path, f"{where}.principalPoint", entry.get("principalPoint"), 2) + 0.5
+    if version >= (1, 2, 1):
+        cx, cy = cx + 0.5 * width, cy + 0.5 * height
+    shrink, lens, distortion = _lens(path, where, entry)
+    return Intrinsics(
+        width,
+        height,
+        float(fx) * shrink,
+        float(fy) * shrink,
+        float(cx),
+        float(cy),
+        lens,
+        distortion,
+    )
+
+
+def _lens(path: Path, where: str, entry: dict) -> tuple[float, str, tuple[float, ...]]:
+    """What the lens does to the focal lengths, its name and its numbers."""
+    camera = _word(entry.get("type", ""))
+    model = _word(entry.get("distortionType", _DISTORTION_OF_CAMERA.get(camera, camera)))
+    undistortion = _word(entry.get("undistortionType", "none"))
+    k = numbers(path, f"{where}.distortionParams", entry.get("distortionParams") or [])
+    if not k.any():
+        model = "none" if model != "fisheye" else model
+    wrong = camera if camera not in _DISTORTION_OF_CAMERA else ""
+    wrong = wrong or (model if model not in _COUNTS else "")
+    wrong = wrong or (undistortion if undistortion != "none" else "")
+    if wrong:
+        raise CaptureError(
+            path, f"{where}.type", f"the lens model '{shown(wrong)}' is not supported",
+            "choose radial3, brown or fisheye4 in Meshroom's CameraInit and solve again",
+        )  # fmt: skip
+    k = (*k.tolist(), 0.0, 0.0, 0.0, 0.0, 0.0)[: _COUNTS[model]]
+    if model == "fisheye":
+        return 1.0, *polynomial_lens(k, equidistant=True)
+    if model == "brown":
+        return 1.0, *polynomial_lens(k[:3], k[3:])
+    if model == "radialk3pt":  # scaled so that the radius 1 stays where it is
+        total = 1 + sum(k)
+        if not total > 1e-6:
+            raise CaptureError(
+                path, f"{where}.distortionParams", "they turn the image over", "solve again"
+            )
+        return 1 / total, *polynomial_lens(k)
+    return 1.0, *polynomial_lens(k)
+
+
+def _points(path: Path, stated: Any) -> np.ndarray | None:
+    rows = []
+    for index, entry in enumerate(entries(path, "structure", stated)):
+        where = f"structure[{index}]"
+        rows.append(numbers(path, f"{where}.X", mapping(path, where, entry).get("X"), 3))
+    return np.array(rows) if rows else None

@@ -1,0 +1,293 @@
+"""Metashape's cameras.xml: its manual's projection, sensors, chunks, and hostile files.
+
+The files are written here as Metashape 1.5 … 2.1 writes them, after exports found in public
+repositories; an export of ours would need a licence of the program.
+"""
+
+import math
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from solver.capture.errors import CaptureError
+from solver.capture.formats import metashape
+from solver.capture.read import read_capture, reader_of
+from tests.capture.programs import (
+    COUNT,
+    HEIGHT,
+    HOSTILE_TEXT,
+    WIDTH,
+    check_projection,
+    names,
+    outcome,
+    poses,
+    rotation,
+    save_photos,
+)
+
+FRAME = dict(f=80.0, cx=1.5, cy=-2.25, k1=-0.08, k2=0.03, k3=0.01, p1=0.004, p2=-0.003)
+FULL = dict(FRAME, b1=0.8, b2=-0.4, k4=-0.02)
+
+
+def calibration(values, kind="frame", kind_of="adjusted"):
+    numbers = "".join(f"<{name}>{value!r}</{name}>" for name, value in values.items())
+    return (
+        f'<calibration type="{kind}" class="{kind_of}"><resolution width="{WIDTH}" '
+        f'height="{HEIGHT}"/>{numbers}</calibration>'
+    )
+
+
+def sensor(number, inside, kind="frame"):
+    return (
+        f'<sensor id="{number}" label="unknown" type="{kind}"><resolution width="{WIDTH}" '
+        f'height="{HEIGHT}"/><property name="layer_index" value="0"/>{inside}'
+        "<covariance><params>f cx cy</params><coeffs>1 0 0 0 1 0 0 0 1</coeffs></covariance></sensor>"
+    )
+
+
+def numbers(matrix):
+    return " ".join(repr(float(value)) for value in np.ravel(matrix))
+
+
+def camera(number, matrix, label=None, sensor_id=0, extra=""):
+    label = names()[number] if label is None else label
+    inside = "" if matrix is None else f"<transform>{numbers(matrix)}</transform>"
+    return (
+        f'<camera id="{number}" sensor_id="{sensor_id}" component_id="0" label="{label}" {extra}>'
+        f"{inside}<orientation>1</orientation></camera>"
+    )
+
+
+def chunk_transform(turn, scale, place):
+    return (
+        f'<transform><rotation locked="true">{numbers(turn)}</rotation><translation locked="true">'
+        f'{numbers(place)}</translation><scale locked="true">{scale!r}</scale></transform>'
+    )
+
+
+def document(sensors, cameras, component="", chunk="", wrap=("", "")):
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n<document version="2.0.0">\n'
+        f'  <chunk label="Chunk 1" enabled="true">\n    <sensors next_id="2">{sensors}</sensors>\n'
+        f'    <components next_id="1" active_id="0"><component id="0" label="Component 1">{component}'
+        f'</component></components>\n    <cameras next_id="9" next_group_id="0">{wrap[0]}'
+        + "\n".join(cameras)
+        + f"{wrap[1]}</cameras>\n    {chunk}<settings/>\n  </chunk>\n</document>\n"
+    )
+
+
+def write(folder, text, name="cameras.xml"):
+    save_photos(folder / "photos")
+    (folder / name).write_text(text, encoding="utf-8")
+    return folder
+
+
+def simple(values=FRAME, kind="frame", matrices=None, **parts):
+    matrices = poses() if matrices is None else matrices
+    cameras = [camera(i, matrix) for i, matrix in enumerate(matrices)]
+    return document(sensor(0, calibration(values, kind), kind), cameras, **parts)
+
+
+def reference(values, kind, to_camera, point):
+    """Metashape's manual, appendix "Camera models", number by number."""
+    k = [values.get(f"k{i}", 0.0) for i in (1, 2, 3, 4)]
+    p1, p2 = values.get("p1", 0.0), values.get("p2", 0.0)
+    X, Y, Z = (to_camera @ [*point, 1.0])[:3]
+    x, y = X / Z, Y / Z
+    if kind == "fisheye":
+        r0 = math.sqrt(x * x + y * y)
+        x, y = x * math.atan(r0) / r0, y * math.atan(r0) / r0
+    r = math.sqrt(x * x + y * y)
+    radial = 1 + k[0] * r**2 + k[1] * r**4 + k[2] * r**6 + k[3] * r**8
+    xd = x * radial + (p1 * (r**2 + 2 * x**2) + 2 * p2 * x * y)
+    yd = y * radial + (p2 * (r**2 + 2 * y**2) + 2 * p1 * x * y)
+    f, b1, b2 = values["f"], values.get("b1", 0.0), values.get("b2", 0.0)
+    u = WIDTH * 0.5 + values["cx"] + xd * f + xd * b1 + yd * b2
+    v = HEIGHT * 0.5 + values["cy"] + yd * f
+    return u, v
+
+
+PLAIN_FISHEYE = dict(f=40.0, cx=0.5, cy=0.25, k1=-0.02, k2=0.004, k3=0.001, k4=-0.0005)
+
+
+@pytest.mark.parametrize(
+    "values, kind, lens",
+    [
+        (dict(f=80.0, cx=0.0, cy=0.0), "frame", "pinhole"),
+        (dict(f=80.0, cx=0.0, cy=0.0, b1=3.0), "frame", "pinhole"),
+        (FRAME, "frame", "opencv"),
+        (FULL, "frame", "brown"),
+        (PLAIN_FISHEYE, "fisheye", "opencv_fisheye"),
+        (dict(PLAIN_FISHEYE, p1=0.003, p2=-0.002, b1=0.5, b2=0.2), "fisheye", "brown"),
+    ],
+)
+def test_points_project_as_the_manual_says(tmp_path, values, kind, lens):
+    capture = read_capture(write(tmp_path, simple(values, kind)))
+    assert capture.format == metashape.NAME and not capture.warnings and not capture.metric
+    assert {item.lens for item in capture.cameras} == {lens}
+    to_camera = np.linalg.inv(poses())
+    check_projection(capture, lambda i, x: reference(values, kind, to_camera[i], x), poses())
+
+
+@pytest.mark.parametrize("where", ["component", "chunk"])
+def test_the_chunk_places_its_cameras_in_the_world(tmp_path, where):
+    turn, scale, place = rotation(np.random.default_rng(5)), 2.5, np.array([10.0, -4.0, 3.0])
+    text = simple(**{where: chunk_transform(turn, scale, place)})
+    capture = read_capture(write(tmp_path, text))
+    expected = poses()
+    expected[:, :3, :3] = turn @ expected[:, :3, :3]
+    expected[:, :3, 3] = scale * expected[:, :3, 3] @ turn.T + place
+    to_camera = np.linalg.inv(expected)
+    check_projection(capture, lambda i, x: reference(FRAME, "frame", to_camera[i], x), expected)
+    np.testing.assert_allclose(capture.up, (0, 0, 1))
+
+
+@pytest.mark.parametrize(
+    "place", [(-2499366.4, -4256836.5, 4029217.9), (431000.0, 5200000.0, 300.0)]
+)
+def test_chunks_far_from_the_origin_stay_in_their_own_coordinates(tmp_path, place):
+    turn = rotation(np.random.default_rng(5))
+    capture = read_capture(write(tmp_path, simple(component=chunk_transform(turn, 12.354, place))))
+    to_camera = np.linalg.inv(poses())
+    check_projection(capture, lambda i, x: reference(FRAME, "frame", to_camera[i], x), poses())
+    # The first is on the Earth's surface, counted from its centre; the second on no sphere.
+    up = np.array(place) / np.linalg.norm(place) if place[0] < 0 else (0, 0, 1)
+    np.testing.assert_allclose(turn @ capture.up, up, atol=1e-12)
+
+
+def test_cameras_use_their_own_sensor_and_its_adjusted_calibration(tmp_path):
+    other = dict(FRAME, f=70.0, k1=0.02)
+    sensors = sensor(0, calibration({"f": 1.0}, kind_of="initial") + calibration(FRAME))
+    sensors += sensor(7, calibration(other, kind_of="initial"))
+    cameras = [camera(i, m, sensor_id=7 if i % 2 else 0) for i, m in enumerate(poses())]
+    wrap = ('<group id="0" label="Group 1" type="folder">', "</group>")
+    capture = read_capture(write(tmp_path, document(sensors, cameras, wrap=wrap)))
+    to_camera = np.linalg.inv(poses())
+    check_projection(
+        capture,
+        lambda i, x: reference(other if i % 2 else FRAME, "frame", to_camera[i], x),
+        poses(),
+    )
+
+
+def test_photoscans_old_calibration_counts_from_the_corner(tmp_path):
+    old = dict(fx=82.0, fy=80.0, cx=50.0, cy=30.0, skew=0.5, k1=-0.05, k2=0.01, k3=0.0, p1=1e-3,
+               p2=2e-3)  # fmt: skip
+    new = dict(f=80.0, b1=2.0, b2=0.5, cx=50.0 - WIDTH / 2, cy=30.0 - HEIGHT / 2, k1=-0.05, k2=0.01,
+               p1=2e-3, p2=1e-3)  # fmt: skip
+    capture = read_capture(write(tmp_path, simple(old)))
+    to_camera = np.linalg.inv(poses())
+    check_projection(capture, lambda i, x: reference(new, "frame", to_camera[i], x), poses())
+
+
+def test_unaligned_and_disabled_cameras_are_left_out_with_a_warning(tmp_path):
+    matrices = poses(7)
+    cameras = [camera(i, matrices[i]) for i in range(COUNT)]
+    cameras.append(camera(5, None, label="IMG_0005"))
+    cameras.append(camera(6, matrices[6], label="IMG_0006", extra='enabled="false"'))
+    save_photos(tmp_path / "photos", names(7))
+    text = document(sensor(0, calibration(FRAME)), cameras)
+    capture = read_capture(write(tmp_path, text))
+    assert len(capture.cameras) == COUNT
+    assert any("not aligned" in text and "IMG_0005" in text for text in capture.warnings)
+    assert any("disabled" in text and "IMG_0006" in text for text in capture.warnings)
+
+
+def test_only_the_largest_of_unplaced_components_is_read(tmp_path):
+    cameras = [camera(i, m) for i, m in enumerate(poses())]
+    cameras[4] = cameras[4].replace('component_id="0"', 'component_id="1"')
+    capture = read_capture(write(tmp_path, document(sensor(0, calibration(FRAME)), cameras)))
+    assert len(capture.cameras) == 4 and "other components" in capture.warnings[0]
+
+
+def test_photos_are_found_by_windows_paths_of_another_machine(tmp_path):
+    cameras = [
+        camera(i, m, label=f"D:\\Scans\\Vase\\photos\\{names()[i]}.JPG")
+        for i, m in enumerate(poses())
+    ]
+    capture = read_capture(write(tmp_path, document(sensor(0, calibration(FRAME)), cameras)))
+    assert sorted(item.name for item in capture.cameras) == names()
+
+
+def test_a_renamed_file_is_recognised_by_its_content(tmp_path):
+    write(tmp_path, simple(), name="export of tuesday.txt")
+    assert reader_of(tmp_path / "export of tuesday.txt") is metashape
+    assert len(read_capture(tmp_path).cameras) == COUNT
+
+
+@pytest.mark.parametrize(
+    "text, field",
+    [
+        (simple(kind="spherical"), "type"),
+        (simple(kind="cylindrical"), "type"),
+        (simple().replace("<f>80.0</f>", ""), "f"),
+        (simple().replace("<f>80.0</f>", "<f>eighty</f>"), "f"),
+        (simple().replace("<f>80.0</f>", "<f>-80.0</f>"), "IMG"),
+        (simple(matrices=poses() * np.nan), "transform"),
+        (simple(matrices=poses() * 0), "IMG"),
+        (simple(matrices=[np.eye(3)] * COUNT), "transform"),
+        (simple(matrices=[None] * COUNT), "transform"),
+        (simple().replace('sensor_id="0"', 'sensor_id="5"'), "IMG"),
+        (simple(chunk=chunk_transform(np.zeros((3, 3)), 1.0, np.zeros(3))), "chunk"),
+        (document(sensor(0, calibration(FRAME)), []), "chunk"),
+        (simple().replace("<calibration", "<guess").replace("</calibration", "</guess"), "sensor"),
+    ],
+)
+def test_a_malformed_file_gets_an_error_with_file_field_and_remedy(tmp_path, text, field):
+    with pytest.raises(CaptureError) as caught:
+        read_capture(write(tmp_path, text))
+    assert caught.value.file.name == "cameras.xml" and field in caught.value.field
+    assert caught.value.remedy and "\n" not in str(caught.value)
+
+
+FUZZ = settings(
+    max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+@FUZZ
+@given(data=st.data())
+def test_hostile_values_end_in_a_capture_or_an_error(tmp_path, data):
+    root = ElementTree.fromstring(simple(component=chunk_transform(np.eye(3), 1.0, np.ones(3))))
+    element = data.draw(st.sampled_from(list(root.iter())))
+    value = data.draw(HOSTILE_TEXT)
+    if element.attrib and data.draw(st.booleans()):
+        element.set(data.draw(st.sampled_from(sorted(element.attrib))), value)
+    else:
+        element.text = value
+    outcome(write(tmp_path, ElementTree.tostring(root, encoding="unicode")))
+
+
+@FUZZ
+@given(share=st.floats(0, 1))
+def test_a_file_cut_anywhere_ends_in_an_error(tmp_path, share):
+    text = simple()
+    assert outcome(write(tmp_path, text[: int(share * (len(text) - 20))])) is None
+
+
+@FUZZ
+@given(order=st.permutations(range(COUNT)))
+def test_the_order_of_cameras_does_not_matter(tmp_path, order):
+    cameras = [camera(i, poses()[i]) for i in order]
+    capture = read_capture(write(tmp_path, document(sensor(0, calibration(FRAME)), cameras)))
+    for item in capture.cameras:
+        expected = poses()[int(item.name[-4:])]
+        np.testing.assert_allclose(item.position, expected[:3, 3])
+        np.testing.assert_allclose(item.view_direction, expected[:3, 2])
+
+
+def test_deep_and_huge_files_end_quickly(tmp_path):
+    deep = "<chunk><camera>" + "<a>" * 50_000 + "</a>" * 50_000 + "</camera></chunk>"
+    assert outcome(write(tmp_path, f"<document>{deep}</document>")) is None
+    many = document(sensor(0, calibration(FRAME)), [camera(0, np.eye(4), label="gone")] * 3_000)
+    assert outcome(write(tmp_path, many)) is None
+
+
+def test_files_that_define_entities_are_refused(tmp_path):
+    bomb = '<!DOCTYPE d [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]>'
+    text = simple().replace("<document", bomb + "<document", 1)
+    with pytest.raises(CaptureError, match="DOCTYPE"):
+        read_capture(write(tmp_path, text))

@@ -1,0 +1,357 @@
+"""RealityCapture's table and sidecars: its camera math, found photos, and hostile files.
+
+The files are written here as RealityCapture 1.x and RealityScan 2.x write them, after exports and
+format descriptions in public repositories; an export of ours would need the program.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from solver.capture.errors import CaptureError
+from solver.capture.formats import realitycapture
+from solver.capture.read import read_capture, reader_of
+from tests.capture.programs import (
+    COUNT,
+    HEIGHT,
+    HOSTILE_TEXT,
+    WIDTH,
+    check_projection,
+    names,
+    outcome,
+    poses,
+    save_photos,
+)
+
+HEADER = "#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2"
+LENS = dict(f=30.0, px=0.01, py=-0.02, k1=-0.08, k2=0.03, k3=0.01, k4=0.0, t1=0.004, t2=-0.003)
+BROWN4 = dict(LENS, k4=-0.02)
+
+
+def turned(axis, degrees):
+    """Rotation [3, 3] about an axis, by the sine and cosine of Rodrigues' formula."""
+    a, angle = np.array(axis, float), math.radians(degrees)
+    cross = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+
+
+def angles(index):
+    return 40.0 + 70 * index, 85.0 - 13 * index, -20.0 + 11 * index
+
+
+def table_pose(index):
+    """Camera to world [4, 4], OpenCV's axes: from looking down with north on top, the photographer
+    rolls about the view, lifts the view by the pitch, and turns by the heading, clockwise."""
+    heading, pitch, roll = angles(index)
+    down = np.array([[1, 0, 0], [0, -1, 0], [0, 0, -1.0]])  # columns: right, down (south), view
+    pose = np.eye(4)
+    pose[:3, :3] = (
+        turned((0, 0, 1), -heading) @ turned((1, 0, 0), pitch) @ turned((0, 1, 0), roll) @ down
+    )
+    pose[:3, 3] = poses()[index, :3, 3]
+    return pose
+
+
+def row(index, lens, name=None):
+    place = table_pose(index)[:3, 3]
+    values = (*place, *angles(index), *lens.values())
+    return ",".join([name or f"{names()[index]}.png", *(repr(float(v)) for v in values)])
+
+
+def table(lens=LENS, order=range(COUNT), header=HEADER, count_line=False):
+    first = [f"#cameras {COUNT}"] if count_line else []
+    return "\r\n".join([*first, header, *(row(index, lens) for index in order), ""])
+
+
+def write_table(folder, text, size=(WIDTH, HEIGHT), name="cameras.csv"):
+    save_photos(folder / "photos", size=size)
+    (folder / name).write_text(text, encoding="utf-8", newline="")
+    return folder
+
+
+def sidecar(pose, lens, model="brown3t2", style="elements", extra=""):
+    """As RealityScan 2 writes it (`elements`), or as Epic's sample has it (`attributes`)."""
+    rotation = " ".join(repr(float(v)) for v in pose[:3, :3].T.ravel())
+    place = " ".join(repr(float(v)) for v in pose[:3, 3])
+    k = " ".join(repr(float(lens[key])) for key in ("k1", "k2", "k3", "k4", "t1", "t2"))
+    inside = attributes = ""
+    if style == "elements":
+        inside = (
+            f"<xcr:Rotation>{rotation}</xcr:Rotation>\n      <xcr:Position>{place}</xcr:Position>\n"
+            f"      <xcr:DistortionCoeficients>{k}</xcr:DistortionCoeficients>"
+        )
+    else:
+        attributes = f'xcr:Rotation="{rotation}" xcr:DistortionCoeficients="{k}"'
+        inside = f"<xcr:Position>{place}</xcr:Position>"
+    return (
+        '<x:xmpmeta xmlns:x="adobe:ns:meta/">\n'
+        '  <rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">\n'
+        '    <rdf:Description xcr:Version="3" xcr:PosePrior="initial" xcr:Coordinates="absolute"\n'
+        f'       xcr:DistortionModel="{model}" xcr:FocalLength35mm="{lens["f"]!r}"\n'
+        f'       xcr:Skew="{lens.get("skew", 0)!r}" xcr:AspectRatio="{lens.get("aspect", 1)!r}"\n'
+        f'       xcr:PrincipalPointU="{lens["px"]!r}" xcr:PrincipalPointV="{lens["py"]!r}"\n'
+        f'       xcr:CalibrationPrior="initial" xcr:CalibrationGroup="-1" {attributes} {extra}\n'
+        '       xcr:InTexturing="1" xcr:InMeshing="1"\n'
+        '       xmlns:xcr="http://www.capturingreality.com/ns/xcr/1.1#">\n'
+        f"      {inside}\n    </rdf:Description>\n  </rdf:RDF>\n</x:xmpmeta>\n"
+    )
+
+
+def write_sidecars(folder, make=None, size=(WIDTH, HEIGHT), **options):
+    save_photos(folder, size=size)
+    for index, name in enumerate(names()):
+        text = sidecar(poses()[index], LENS, **options) if make is None else make(index)
+        (folder / f"{name}.xmp").write_text(text, encoding="utf-8")
+    return folder
+
+
+def reference(lens, to_camera, point, size=(WIDTH, HEIGHT)):
+    """ "RealityCapture XMP Camera Math", number by number; image coordinates are in −½ … ½."""
+    X, Y, Z = (to_camera @ [*point, 1.0])[:3]
+    x, y = X / Z, Y / Z
+    r2 = x * x + y * y
+    radial = 1 + lens["k1"] * r2 + lens["k2"] * r2**2 + lens["k3"] * r2**3 + lens["k4"] * r2**4
+    xd = x * radial + lens["t1"] * (r2 + 2 * x * x) + 2 * lens["t2"] * x * y
+    yd = y * radial + lens["t2"] * (r2 + 2 * y * y) + 2 * lens["t1"] * x * y
+    f = lens["f"] / 36
+    u = f * xd + lens.get("skew", 0.0) * yd + lens["px"]
+    v = f * lens.get("aspect", 1.0) * yd + lens["py"]
+    scale = max(size)
+    return u * scale + 0.5 * size[0], v * scale + 0.5 * size[1]
+
+
+@pytest.mark.parametrize("lens", [LENS, BROWN4])
+@pytest.mark.parametrize("size", [(WIDTH, HEIGHT), (HEIGHT, WIDTH)])
+def test_points_of_a_table_project_as_the_camera_math_says(tmp_path, lens, size):
+    capture = read_capture(write_table(tmp_path, table(lens), size))
+    expected = np.stack([table_pose(index) for index in range(COUNT)])
+    to_camera = np.linalg.inv(expected)
+    check_projection(capture, lambda i, x: reference(lens, to_camera[i], x, size), expected)
+    np.testing.assert_allclose(capture.up, (0, 0, 1))
+    assert not capture.metric and not capture.warnings
+
+
+def test_angles_of_a_table_are_those_of_a_compass(tmp_path):
+    lines = [HEADER] + [
+        f"{name}.png,0,0,{i},{heading},90,0,30,0,0,0,0,0,0,0,0"
+        for i, (name, heading) in enumerate(zip(names(), (0, 90, 180, 270, 45), strict=True))
+    ]
+    cameras = read_capture(write_table(tmp_path, "\n".join(lines))).cameras
+    north_east = np.array([(0, 1, 0), (1, 0, 0), (0, -1, 0), (-1, 0, 0), (0.5**0.5, 0.5**0.5, 0)])
+    for item, view in zip(cameras, north_east, strict=True):
+        np.testing.assert_allclose(item.view_direction, view, atol=1e-12)
+        np.testing.assert_allclose(item.camera_to_world[:3, 1], (0, 0, 1), atol=1e-12)
+
+
+@pytest.mark.parametrize("style", ["elements", "attributes"])
+@pytest.mark.parametrize(
+    "lens, model",
+    [
+        (LENS, "brown3t2"),
+        (BROWN4, "brown4t2"),
+        (dict(BROWN4, skew=0.004, aspect=1.01), "brown4t2"),
+    ],
+)
+def test_points_of_sidecars_project_as_the_camera_math_says(tmp_path, lens, model, style):
+    write_sidecars(tmp_path, lambda i: sidecar(poses()[i], lens, model, style))
+    capture = read_capture(tmp_path)
+    to_camera = np.linalg.inv(poses())
+    check_projection(capture, lambda i, x: reference(lens, to_camera[i], x), poses())
+    np.testing.assert_allclose(capture.up, (0, 0, 1))
+
+
+def test_epics_sample_matrix_is_a_camera_that_looks_along_minus_y_with_z_up(tmp_path):
+    # xcr:Rotation="-1 0 0 0 0 -1 0 -1 0": rows are right, down, view.
+    text = sidecar(np.eye(4), LENS).replace(
+        "1.0 0.0 0.0 0.0 1.0 0.0 0.0 0.0 1.0", "-1 0 0 0 0 -1 0 -1 0"
+    )
+    write_sidecars(tmp_path, lambda i: text.replace("0.0 0.0 0.0</xcr:P", f"0.0 0.0 {i}</xcr:P"))
+    for item in read_capture(tmp_path).cameras:
+        np.testing.assert_allclose(item.view_direction, (0, -1, 0), atol=1e-12)
+        np.testing.assert_allclose(item.camera_to_world[:3, 1], (0, 0, 1), atol=1e-12)
+
+
+def test_a_perspective_lens_has_no_distortion(tmp_path):
+    write_sidecars(tmp_path, model="perspective")
+    assert {item.lens for item in read_capture(tmp_path).cameras} == {"pinhole"}
+
+
+def test_the_division_model_is_refused_unless_it_does_nothing(tmp_path):
+    write_sidecars(tmp_path, model="division")
+    with pytest.raises(CaptureError, match="division"):
+        read_capture(tmp_path)
+    straight = dict(LENS, k1=0, k2=0, k3=0, t1=0, t2=0)
+    write_sidecars(tmp_path, lambda i: sidecar(poses()[i], straight, "division"))
+    assert {item.lens for item in read_capture(tmp_path).cameras} == {"pinhole"}
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        HEADER.replace("heading", "yaw").replace(",f,px,py", ",f_35mm,px_norm,py_norm"),
+        HEADER.lstrip("#"),
+        HEADER.upper(),
+    ],
+)
+def test_headers_of_other_versions_are_understood(tmp_path, header):
+    capture = read_capture(write_table(tmp_path, table(header=header, count_line=True)))
+    first = read_capture(write_table(tmp_path / "b", table())).cameras
+    for a, b in zip(capture.cameras, first, strict=True):
+        np.testing.assert_allclose(a.camera_to_world, b.camera_to_world)
+        assert (a.fx, a.distortion) == (b.fx, b.distortion)
+
+
+def test_a_table_without_distortion_is_a_pinhole(tmp_path):
+    lines = ["#name,x,y,alt,heading,pitch,roll,f"]
+    lines += [",".join(row(i, LENS).split(",")[:8]) for i in range(COUNT)]
+    cameras = read_capture(write_table(tmp_path, "\n".join(lines))).cameras
+    assert {item.lens for item in cameras} == {"pinhole"} and cameras[0].cx == WIDTH / 2
+
+
+def test_sidecars_of_several_folders_are_one_capture(tmp_path):
+    write_sidecars(tmp_path)
+    for folder, name in (("a", names()[0]), ("b/c", names()[1])):
+        (tmp_path / folder).mkdir(parents=True)
+        for extension in (".png", ".xmp"):
+            (tmp_path / f"{name}{extension}").rename(tmp_path / folder / f"{name}{extension}")
+    assert len(read_capture(tmp_path).cameras) == COUNT
+
+
+def test_sidecars_may_lie_apart_from_the_photos(tmp_path):
+    write_sidecars(tmp_path / "photos")
+    (tmp_path / "xmp").mkdir()
+    for file in (tmp_path / "photos").glob("*.xmp"):
+        file.rename(tmp_path / "xmp" / file.name)
+    assert len(read_capture(tmp_path).cameras) == COUNT
+
+
+def test_sidecars_without_a_pose_and_of_other_programs_are_left_out(tmp_path):
+    write_sidecars(tmp_path)
+    bare = sidecar(np.eye(4), LENS)
+    bare = bare[: bare.index("<xcr:Rotation>")] + bare[bare.index("<xcr:Position>") :]
+    (tmp_path / f"{names()[0]}.xmp").write_text(bare)
+    (tmp_path / f"{names()[1]}.xmp").write_text('<x:xmpmeta xmlns:x="adobe:ns:meta/"/>')
+    capture = read_capture(tmp_path)
+    assert len(capture.cameras) == COUNT - 2
+    assert any("no pose" in text and names()[0] in text for text in capture.warnings)
+
+
+def test_photos_are_found_by_windows_paths_of_another_machine(tmp_path):
+    lines = [HEADER] + [
+        row(i, LENS, f"D:\\Scans\\Vase\\photos\\{names()[i]}.JPG") for i in range(COUNT)
+    ]
+    capture = read_capture(write_table(tmp_path, "\n".join(lines)))
+    assert sorted(item.name for item in capture.cameras) == names()
+
+
+def test_renamed_files_are_recognised_by_their_content(tmp_path):
+    write_table(tmp_path / "a", table(), name="export.txt")
+    assert reader_of(tmp_path / "a" / "export.txt") is realitycapture
+    assert len(read_capture(tmp_path / "a").cameras) == COUNT
+    write_sidecars(tmp_path / "b")
+    (tmp_path / "b" / f"{names()[0]}.xmp").rename(tmp_path / "b" / "one.xml")
+    assert reader_of(tmp_path / "b" / "one.xml") is realitycapture
+
+
+def test_other_tables_are_not_recognised(tmp_path):
+    (tmp_path / "t.csv").write_text("name,x,y,z\na.png,1,2,3\n")
+    assert reader_of(tmp_path / "t.csv") is None
+
+
+@pytest.mark.parametrize(
+    "text, field",
+    [
+        (table().replace(",30.0,", ",wide,", 1), "f"),
+        (table().replace(",30.0,", ",-30.0,"), "line"),
+        (table().replace(",40.0,", ",,", 1), "heading"),
+        (table()[:-200].rsplit(",", 10)[0] + ",1\n", "line"),
+        (HEADER + "\n", "cameras"),
+        (table().replace("\n" + names()[0], "\n" + '"' + names()[0]), ""),
+    ],
+)
+def test_a_malformed_table_gets_an_error_with_file_field_and_remedy(tmp_path, text, field):
+    with pytest.raises(CaptureError) as caught:
+        read_capture(write_table(tmp_path, text))
+    assert field in caught.value.field
+    assert caught.value.remedy and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "change, field",
+    [
+        (lambda text: text.replace('xcr:FocalLength35mm="30.0"', ""), "FocalLength35mm"),
+        (
+            lambda text: text.replace('xcr:FocalLength35mm="30.0"', 'xcr:FocalLength35mm="x"'),
+            "Focal",
+        ),
+        (lambda text: text.replace("<xcr:Rotation>", "<xcr:Rotation>9 "), "Rotation"),
+        (lambda text: text.replace("<xcr:Position>", "<xcr:Position>nan "), "Position"),
+        (lambda text: text[:-40], "line"),
+        (lambda text: text.replace("brown3t2", "rationalP2D1"), "DistortionModel"),
+    ],
+)
+def test_a_malformed_sidecar_is_named_with_field_and_remedy(tmp_path, change, field):
+    write_sidecars(tmp_path, lambda i: change(sidecar(poses()[i], LENS)))
+    with pytest.raises(CaptureError) as caught:
+        read_capture(tmp_path)
+    assert caught.value.file.suffix == ".xmp" and field in caught.value.field
+    assert caught.value.remedy and "\n" not in str(caught.value)
+
+
+FUZZ = settings(
+    max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+@FUZZ
+@given(line=st.integers(0, COUNT), column=st.integers(0, 15), value=HOSTILE_TEXT)
+def test_hostile_cells_end_in_a_capture_or_an_error(tmp_path, line, column, value):
+    cells = [text.split(",") for text in table().splitlines()]
+    cells[line][column] = value
+    outcome(write_table(tmp_path, "\n".join(",".join(row) for row in cells)))
+
+
+@FUZZ
+@given(data=st.data())
+def test_hostile_sidecars_end_in_a_capture_or_an_error(tmp_path, data):
+    value = data.draw(HOSTILE_TEXT).replace("&", "").replace("<", "").replace('"', "")
+    key = data.draw(
+        st.sampled_from(["Rotation", "Position", "DistortionCoeficients", "FocalLength35mm", "Skew",
+                         "AspectRatio", "PrincipalPointU", "DistortionModel", "Coordinates"])
+    )  # fmt: skip
+    text = sidecar(poses()[0], LENS)
+    if f"<xcr:{key}>" in text:
+        before, after = text.split(f"<xcr:{key}>")
+        text = f"{before}<xcr:{key}>{value}</xcr:{key}>" + after.split(f"</xcr:{key}>")[1]
+    else:
+        before, after = text.split(f'xcr:{key}="')
+        text = f'{before}xcr:{key}="{value}"' + after.split('"', 1)[1]
+    write_sidecars(tmp_path)
+    (tmp_path / f"{names()[0]}.xmp").write_text(text, encoding="utf-8")
+    outcome(tmp_path)
+
+
+@FUZZ
+@given(share=st.floats(0, 1), utf16=st.booleans())
+def test_files_cut_anywhere_end_in_a_capture_or_an_error(tmp_path, share, utf16):
+    text = table()
+    folder = write_table(tmp_path / "a", text[: int(share * len(text))])
+    if utf16:
+        (folder / "cameras.csv").write_bytes(text.encode("utf-16")[: int(share * 2 * len(text))])
+    outcome(folder)
+    write_sidecars(tmp_path / "b")
+    one = tmp_path / "b" / f"{names()[0]}.xmp"
+    one.write_text(one.read_text()[: int(share * 1000)])
+    outcome(tmp_path / "b")
+
+
+@FUZZ
+@given(order=st.permutations(range(COUNT)))
+def test_the_order_of_lines_does_not_matter(tmp_path, order):
+    for item in read_capture(write_table(tmp_path, table(order=order))).cameras:
+        expected = table_pose(int(item.name[-4:]))
+        np.testing.assert_allclose(item.position, expected[:3, 3])
+        np.testing.assert_allclose(item.view_direction, expected[:3, 2], atol=1e-12)
