@@ -16,7 +16,11 @@ def numbers(*largest):
 DISTORTIONS = {
     "pinhole": st.just(()),
     "opencv": numbers(0.3, 0.2, 0.01, 0.01, 0.1),
-    "brown": (0.1, -0.05, 0.002, -0.001, 0.01, 0.003, 0.004, 0.0),
+    "brown": st.builds(
+        lambda n, equidistant: (*n, equidistant),
+        numbers(0.3, 0.2, 0.01, 0.01, 0.1, 0.05, 0.01),
+        st.sampled_from((0.0, 1.0)),
+    ),  # fmt: skip
     "opencv_fisheye": numbers(0.3, 0.2, 0.1, 0.1),
     "fov": numbers(3.1),
     "division": numbers(2.0),
