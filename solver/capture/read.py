@@ -9,7 +9,7 @@ from .capture import Capture
 from .errors import CaptureError, shown
 from .formats import bundler, colmap, transforms, visualsfm
 from .image_header import EXTENSIONS as PICTURES
-from .photo_finder import PhotoFinder, capture_folder
+from .photo_finder import MODEL_FOLDERS, PhotoFinder, capture_folder
 
 FORMATS: tuple[ModuleType, ...] = (transforms, colmap, bundler, visualsfm)
 """readers, the likeliest first"""
@@ -96,7 +96,11 @@ def read_capture(
         folder = Path(photos)
     else:
         folder = Path(path) if Path(path).is_dir() else capture_folder(file)
-    finder = PhotoFinder(folder, None if masks is None else Path(masks), trusted)
+    mask_folder = None if masks is None else Path(masks)
+    finder = PhotoFinder(folder, mask_folder, trusted)
+    if photos is None and MODEL_FOLDERS.fullmatch(finder.folder.name) and not finder.pictures():
+        # The folder of the model was given, not that of the capture.
+        finder = PhotoFinder(capture_folder(file), mask_folder, trusted)
     try:
         return reader.read(file, finder)
     except (ArithmeticError, LookupError, TypeError, ValueError, MemoryError) as error:

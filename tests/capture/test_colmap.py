@@ -109,6 +109,26 @@ def test_any_file_of_a_model_stands_for_it(tmp_path, solved, kind, extension):
     assert len(read_capture(file).cameras) == 5
 
 
+@pytest.mark.parametrize("given_folder", ["", "sparse", "sparse/0"])
+def test_the_folders_of_the_model_stand_for_the_capture(tmp_path, solved, given_folder):
+    write(solved(tmp_path / "images"), tmp_path / "sparse" / "0")
+    assert len(read_capture(tmp_path / given_folder).cameras) == 5
+
+
+@pytest.mark.parametrize("place", ["dense/0/sparse", "colmap/sparse/0", "distorted/sparse/0"])
+def test_models_are_found_where_programs_put_them(tmp_path, solved, place):
+    file = write(solved(tmp_path / "images"), tmp_path / place) / "images.bin"
+    assert len(read_capture(tmp_path).cameras) == 5
+    assert len(read_capture(file).cameras) == 5
+
+
+def test_a_model_with_distortion_means_the_photos_as_taken(tmp_path, solved):
+    file = write(solved(tmp_path / "input"), tmp_path / "distorted" / "sparse" / "0") / "images.bin"
+    write(solved(tmp_path / "images"), tmp_path / "sparse" / "0")
+    assert read_capture(file).cameras[0].image_path.parent == tmp_path / "input"
+    assert read_capture(tmp_path).cameras[0].image_path.parent == tmp_path / "images"
+
+
 @pytest.mark.parametrize("with_comments", [True, False])
 def test_renamed_text_files_are_recognised_by_what_is_in_them(tmp_path, solved, with_comments):
     folder = write(solved(tmp_path / "images"), tmp_path, "txt")
