@@ -387,8 +387,7 @@ def model(request, tmp_path_factory, solved):
     folder = tmp_path_factory.mktemp("broken")
     reconstruction = solved(folder / "images", "OPENCV", PARAMETERS["OPENCV"], points=6)
     write(reconstruction, folder / "sparse", request.param)
-    files = {file: file.read_bytes() for file in sorted((folder / "sparse").iterdir())}
-    return files
+    return {file: file.read_bytes() for file in sorted((folder / "sparse").iterdir())}
 
 
 QUICK = settings(
@@ -441,7 +440,8 @@ def test_hostile_counts_allocate_nothing(tmp_path, solved, kind, count):
     folder = write(solved(tmp_path / "images"), tmp_path / "sparse")
     file = folder / f"{kind}.bin"
     file.write_bytes(struct.pack("<Q", count) + file.read_bytes()[8:])
-    without_poses(folder / "images.bin") if kind in ("rigs", "frames") else None
+    if kind in ("rigs", "frames"):
+        without_poses(folder / "images.bin")
     tracemalloc.start()
     capture = outcome(folder / "images.bin")
     peak = tracemalloc.get_traced_memory()[1]
@@ -474,4 +474,5 @@ def test_a_million_points_are_read_in_seconds(tmp_path):
     begin = time.monotonic()
     points = colmap.colmap_binary.read_points(file)
     assert time.monotonic() - begin < 10
+    file.unlink()
     assert 500_000 <= len(points) <= 1_000_000 and points[:, 2].tolist() == [3.0] * len(points)
