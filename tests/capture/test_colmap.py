@@ -10,6 +10,7 @@ import pycolmap
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from PIL import Image as Photo
 
 from solver.capture.errors import CaptureError
 from solver.capture.formats import colmap
@@ -266,6 +267,31 @@ def test_photos_of_a_rig_stand_where_colmap_has_them(
     capture = read_capture(tmp_path)
     assert len(capture.cameras) == 6
     assert agrees(capture, reconstruction, tmp_path / "images") > 300
+
+
+@pytest.mark.parametrize("extension", WRITERS)
+def test_points_project_onto_their_observations_in_a_solve_of_two_rigs(tmp_path, extension):
+    options = pycolmap.SyntheticDatasetOptions()
+    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = 2, 2, 3
+    options.num_points3D = 120
+    options.camera_model_id = pycolmap.CameraModelId.SIMPLE_RADIAL
+    options.camera_params = [1280, 512, 384, 0.05]
+    reconstruction = pycolmap.synthesize_dataset(options)
+    write(reconstruction, tmp_path / "sparse" / "0", extension)
+    images = {image.name: image for image in reconstruction.images.values()}
+    for image in images.values():
+        camera = reconstruction.cameras[image.camera_id]
+        file = tmp_path / "images" / image.name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        Photo.new("L", (camera.width, camera.height)).save(file)
+    capture = read_capture(tmp_path)
+    assert len(capture.cameras) == 12 and len(capture.points) == 120
+    for camera in capture.cameras:
+        image = images[camera.image_path.relative_to(tmp_path / "images").as_posix()]
+        observed = [point for point in image.points2D if point.has_point3D()]
+        points = [reconstruction.points3D[point.point3D_id].xyz for point in observed]
+        pixels, _ = camera.project(np.array(points))
+        np.testing.assert_allclose(pixels, [point.xy for point in observed], rtol=0, atol=1e-6)
 
 
 def without_poses(file):
