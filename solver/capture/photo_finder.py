@@ -15,7 +15,7 @@ from .errors import CaptureError, shown
 from .image_header import EXTENSIONS
 
 MODEL_FOLDERS = re.compile(
-    r"sparse|dense|bundle|models?|colmap|text|bin|cameras?|sfm|reconstruction|\d+", re.I
+    r"sparse|dense|distorted|bundle|models?|colmap|text|bin|cameras?|sfm|reconstruction|\d+", re.I
 )
 """folders that hold a solved model beside its photos, never photos alone"""
 MASK_FOLDERS = ("masks", "mask", "mattes", "matte", "alpha")

@@ -18,7 +18,7 @@ from .formats import (
     visualsfm,
 )
 from .image_header import EXTENSIONS as PICTURES
-from .photo_finder import PhotoFinder, capture_folder
+from .photo_finder import MODEL_FOLDERS, PhotoFinder, capture_folder
 
 FORMATS: tuple[ModuleType, ...] = (
     transforms, colmap, metashape, realitycapture, meshroom, openmvg, bundler, visualsfm,
@@ -107,7 +107,11 @@ def read_capture(
         folder = Path(photos)
     else:
         folder = Path(path) if Path(path).is_dir() else capture_folder(file)
-    finder = PhotoFinder(folder, None if masks is None else Path(masks), trusted)
+    mask_folder = None if masks is None else Path(masks)
+    finder = PhotoFinder(folder, mask_folder, trusted)
+    if photos is None and MODEL_FOLDERS.fullmatch(finder.folder.name) and not finder.pictures():
+        # The folder of the model was given, not that of the capture.
+        finder = PhotoFinder(capture_folder(file), mask_folder, trusted)
     try:
         return reader.read(file, finder)
     except (

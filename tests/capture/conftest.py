@@ -3,9 +3,12 @@
 import math
 
 import numpy as np
-import pycolmap
 import pytest
 from PIL import Image
+
+# isort: split
+# pycolmap brings a zlib of its own: if that is loaded before Pillow's, saving a photo crashes Python.
+import pycolmap
 
 WIDTH, HEIGHT = 64, 48
 

@@ -10,6 +10,7 @@ import pycolmap
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from PIL import Image as Photo
 
 from solver.capture.errors import CaptureError
 from solver.capture.formats import colmap
@@ -107,6 +108,26 @@ def test_any_file_of_a_model_stands_for_it(tmp_path, solved, kind, extension):
     file = tmp_path / "sparse" / "0" / f"{kind}.{extension}"
     assert colmap.recognises(file)
     assert len(read_capture(file).cameras) == 5
+
+
+@pytest.mark.parametrize("given_folder", ["", "sparse", "sparse/0"])
+def test_the_folders_of_the_model_stand_for_the_capture(tmp_path, solved, given_folder):
+    write(solved(tmp_path / "images"), tmp_path / "sparse" / "0")
+    assert len(read_capture(tmp_path / given_folder).cameras) == 5
+
+
+@pytest.mark.parametrize("place", ["dense/0/sparse", "colmap/sparse/0", "distorted/sparse/0"])
+def test_models_are_found_where_programs_put_them(tmp_path, solved, place):
+    file = write(solved(tmp_path / "images"), tmp_path / place) / "images.bin"
+    assert len(read_capture(tmp_path).cameras) == 5
+    assert len(read_capture(file).cameras) == 5
+
+
+def test_a_model_with_distortion_means_the_photos_as_taken(tmp_path, solved):
+    file = write(solved(tmp_path / "input"), tmp_path / "distorted" / "sparse" / "0") / "images.bin"
+    write(solved(tmp_path / "images"), tmp_path / "sparse" / "0")
+    assert read_capture(file).cameras[0].image_path.parent == tmp_path / "input"
+    assert read_capture(tmp_path).cameras[0].image_path.parent == tmp_path / "images"
 
 
 @pytest.mark.parametrize("with_comments", [True, False])
@@ -248,6 +269,31 @@ def test_photos_of_a_rig_stand_where_colmap_has_them(
     assert agrees(capture, reconstruction, tmp_path / "images") > 300
 
 
+@pytest.mark.parametrize("extension", WRITERS)
+def test_points_project_onto_their_observations_in_a_solve_of_two_rigs(tmp_path, extension):
+    options = pycolmap.SyntheticDatasetOptions()
+    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = 2, 2, 3
+    options.num_points3D = 120
+    options.camera_model_id = pycolmap.CameraModelId.SIMPLE_RADIAL
+    options.camera_params = [1280, 512, 384, 0.05]
+    reconstruction = pycolmap.synthesize_dataset(options)
+    write(reconstruction, tmp_path / "sparse" / "0", extension)
+    images = {image.name: image for image in reconstruction.images.values()}
+    for image in images.values():
+        camera = reconstruction.cameras[image.camera_id]
+        file = tmp_path / "images" / image.name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        Photo.new("L", (camera.width, camera.height)).save(file)
+    capture = read_capture(tmp_path)
+    assert len(capture.cameras) == 12 and len(capture.points) == 120
+    for camera in capture.cameras:
+        image = images[camera.image_path.relative_to(tmp_path / "images").as_posix()]
+        observed = [point for point in image.points2D if point.has_point3D()]
+        points = [reconstruction.points3D[point.point3D_id].xyz for point in observed]
+        pixels, _ = camera.project(np.array(points))
+        np.testing.assert_allclose(pixels, [point.xy for point in observed], rtol=0, atol=1e-6)
+
+
 def without_poses(file):
     if file.suffix == ".txt":
         lines = file.read_text().splitlines()
@@ -367,8 +413,7 @@ def model(request, tmp_path_factory, solved):
     folder = tmp_path_factory.mktemp("broken")
     reconstruction = solved(folder / "images", "OPENCV", PARAMETERS["OPENCV"], points=6)
     write(reconstruction, folder / "sparse", request.param)
-    files = {file: file.read_bytes() for file in sorted((folder / "sparse").iterdir())}
-    return files
+    return {file: file.read_bytes() for file in sorted((folder / "sparse").iterdir())}
 
 
 QUICK = settings(
@@ -421,7 +466,8 @@ def test_hostile_counts_allocate_nothing(tmp_path, solved, kind, count):
     folder = write(solved(tmp_path / "images"), tmp_path / "sparse")
     file = folder / f"{kind}.bin"
     file.write_bytes(struct.pack("<Q", count) + file.read_bytes()[8:])
-    without_poses(folder / "images.bin") if kind in ("rigs", "frames") else None
+    if kind in ("rigs", "frames"):
+        without_poses(folder / "images.bin")
     tracemalloc.start()
     capture = outcome(folder / "images.bin")
     peak = tracemalloc.get_traced_memory()[1]
@@ -454,4 +500,5 @@ def test_a_million_points_are_read_in_seconds(tmp_path):
     begin = time.monotonic()
     points = colmap.colmap_binary.read_points(file)
     assert time.monotonic() - begin < 10
+    file.unlink()
     assert 500_000 <= len(points) <= 1_000_000 and points[:, 2].tolist() == [3.0] * len(points)

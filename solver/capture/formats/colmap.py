@@ -170,12 +170,15 @@ def _photo_folder(path: Path, photos: PhotoFinder) -> Path | None:
 
     Copies in other sizes often lie beside it (images_2, images_4), so names alone would not do.
     """
-    folder = Path(os.path.normpath(path.parent.absolute()))
-    while folder != photos.folder and folder.is_relative_to(photos.folder):
-        if (folder / "images").is_dir():
-            return folder / "images"
-        folder = folder.parent
-    return photos.folder / "images" if (photos.folder / "images").is_dir() else None
+    place = Path(os.path.normpath(path.parent.absolute()))
+    # Gaussian splatting keeps the photos as taken in `input`, in `images` those without distortion.
+    names = ("input", "images") if "distorted" in place.parts else ("images",)
+    above = [folder for folder in (place, *place.parents) if folder.is_relative_to(photos.folder)]
+    for folder in above or [photos.folder]:
+        for name in names:
+            if (folder / name).is_dir():
+                return folder / name
+    return None
 
 
 def _larger_models(images: Path, count: int) -> list[str]:
