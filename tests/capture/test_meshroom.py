@@ -171,9 +171,10 @@ def test_alicevisions_own_files_of_all_versions_state_one_camera(tmp_path, versi
         tuple(int(part) for part in version.split(".")), lens={**lens, "intrinsicId": "300"}
     )
     folder = tmp_path
-    save_photos(folder / "photos", size=(4092, 2048))
+    save_photos(folder / "photos", size=(1023, 512))  # a quarter of 4092 × 2048
     item = read_capture(write(folder, content)).cameras[0]
-    np.testing.assert_allclose((item.fx, item.fy, item.cx, item.cy), (1000, 2000, 2020.5, 1040.5))
+    quarter = np.array([1000, 2000, 2020.5, 1040.5]) / 4
+    np.testing.assert_allclose((item.fx, item.fy, item.cx, item.cy), quarter)
     assert item.lens == ("opencv" if which else "pinhole")
     np.testing.assert_allclose(item.distortion or 0, (0.1, 0.05, 0, 0, -0.001) if which else 0)
 

@@ -203,6 +203,17 @@ def test_only_the_largest_of_unplaced_components_is_read(tmp_path):
     assert len(capture.cameras) == 4 and "other components" in capture.warnings[0]
 
 
+def test_cameras_of_a_component_without_a_place_are_left_out_beside_placed_ones(tmp_path):
+    text = simple(component=chunk_transform(np.eye(3), 2.0, np.ones(3)))
+    text = text.replace(
+        'id="4" sensor_id="0" component_id="0"', 'id="4" sensor_id="0" component_id="1"'
+    )
+    text = text.replace('id="3" sensor_id="0" component_id="0"', 'id="3" sensor_id="0"')
+    cameras = {item.name: item for item in read_capture(write(tmp_path, text)).cameras}
+    assert sorted(cameras) == names()[:4]
+    np.testing.assert_allclose(cameras["IMG_0003"].position, 2 * poses()[3, :3, 3] + 1)
+
+
 def test_photos_are_found_by_windows_paths_of_another_machine(tmp_path):
     cameras = [
         camera(i, m, label=f"D:\\Scans\\Vase\\photos\\{names()[i]}.JPG")

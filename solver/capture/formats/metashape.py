@@ -87,15 +87,16 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             if key not in sensors:
                 raise CaptureError(path, where, "its sensor is missing", "export the cameras again")
             lenses[key] = _intrinsics(path, sensors[key], warnings.append)
-        pose = worlds.pose(camera.get("component_id"), matrix)
-        parts.append(camera.get("component_id") if worlds.up is None else None)
-        found.append(Found(where, label, photo, pose_opengl_from_opencv(pose), lenses.get(key)))
+        world = worlds.of(camera.get("component_id"))
+        parts.append("world" if world is not None else str(camera.get("component_id")))
+        pose = pose_opengl_from_opencv(matrix if world is None else world @ matrix)
+        found.append(Found(where, label, photo, pose, lenses.get(key)))
     for names, what in ((disabled, "disabled"), (unaligned, "not aligned")):
         if names:
             warnings.append(f"{path.name}: {len(names)} cameras are {what} and left out "
                             f"(the first: {shown(names[0])})")  # fmt: skip
     if len(set(parts)) > 1:
-        largest = max(sorted(set(parts), key=str), key=parts.count)
+        largest = max(sorted(set(parts)), key=parts.count)
         found = [item for item, part in zip(found, parts, strict=True) if part == largest]
         warnings.append(f"{path.name}: {len(parts) - len(found)} cameras are in other components, "
                         "whose places are not known, and left out")  # fmt: skip
@@ -131,12 +132,11 @@ class _Worlds:
             back = np.linalg.inv(first)  # components share the first one's coordinates
             self._of_component = {k: back @ m for k, m in self._of_component.items()}
 
-    def pose(self, component: str | None, transform: np.ndarray) -> np.ndarray:
-        """Camera-to-world [4, 4] of a camera-to-chunk matrix [4, 4], both with OpenCV's axes."""
-        world = self._of_component.get(component, self._of_component.get(None))
-        if world is None:
-            return transform
-        return world @ transform
+    def of(self, component: str | None) -> np.ndarray | None:
+        """Chunk-to-world [4, 4] of a component's cameras; None if it has no place in the world."""
+        if component is None and len(self._of_component) == 1:
+            return next(iter(self._of_component.values()))
+        return self._of_component.get(component, self._of_component.get(None))
 
 
 def _similarity(path: Path, element: Element) -> np.ndarray:
