@@ -20,7 +20,7 @@ from .image_header import image_size
 
 _MOST_CHANNELS = 16
 _TYPES = {
-    "uint8": "uint8", "uint16": "uint16", "uint32": "uint32",
+    "uint8": "uint8", "uint16": "uint16",
     "half": "float", "float": "float", "double": "float",
 }  # fmt: skip
 
