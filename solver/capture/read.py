@@ -7,11 +7,11 @@ from types import ModuleType
 
 from .capture import Capture
 from .errors import CaptureError, shown
-from .formats import transforms
+from .formats import polycam, record3d, transforms
 from .image_header import EXTENSIONS as PICTURES
 from .photo_finder import PhotoFinder, capture_folder
 
-FORMATS: tuple[ModuleType, ...] = (transforms,)
+FORMATS: tuple[ModuleType, ...] = (transforms, polycam, record3d)
 """readers, the likeliest first"""
 CAMERA_FILES = tuple(sorted({extension for reader in FORMATS for extension in reader.EXTENSIONS}))
 """extensions of camera files, for file dialogs and drops"""
