@@ -88,7 +88,8 @@ def _from_text(path: Path, content: bytes, at: int, count: int, names: list[str]
         warnings.simplefilter("ignore")  # numpy warns of what the count shows below
         try:
             text = content[at:].decode("ascii", "replace")
-            values = np.fromstring(text, dtype=np.float64, count=count * len(names), sep=" ")
+            # All of it: asked for a count that is not there, numpy makes values up.
+            values = np.fromstring(text, dtype=np.float64, sep=" ")[: count * len(names)]
         except ValueError:
             values = np.zeros(0)
     if len(values) != count * len(names):
