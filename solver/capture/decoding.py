@@ -1,7 +1,8 @@
 """Image files as arrays, with what they say about colour, alpha and orientation.
 
-OpenImageIO decodes all but OpenEXR: it keeps 16 bits, floating point and straight alpha as they are,
-where Pillow has no 16-bit RGB. Only `photos` imports this module: Blender has no such packages.
+OpenImageIO decodes all of them: it keeps 16 bits, floating point and straight alpha as they are, where
+Pillow has no 16-bit RGB, and reports a cut-off OpenEXR file, of which its own binding only prints.
+Only `photos` and `masks` import this module: Blender's Python need not have the package.
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import OpenEXR
 import OpenImageIO
 
 from .colour import rec709_from_chromaticities
@@ -18,7 +18,7 @@ from .errors import CaptureError, shown
 from .icc import Profile, read_profile
 from .image_header import image_size
 
-_MOST_CHANNELS = 16
+_MOST_CHANNELS = 64
 _TYPES = {
     "uint8": "uint8", "uint16": "uint16",
     "half": "float", "float": "float", "double": "float",
@@ -37,6 +37,7 @@ class Decoded:
         orientation: EXIF's, 1 to 8; 1 is as it lies.
         profile: the ICC profile, if it is one that `icc` reads and not sRGB.
         matrix: [3, 3] from the file's primaries to Rec. 709; None if they are that.
+        channels: what the file calls its channels, all of them.
     """
 
     pixels: np.ndarray
@@ -46,6 +47,16 @@ class Decoded:
     orientation: int = 1
     profile: Profile | None = None
     matrix: np.ndarray | None = None
+    channels: tuple[str, ...] = ()
+
+    @property
+    def has_colours(self) -> bool:
+        """The channels are colours or grey; those of an OpenEXR file may be anything."""
+        return (
+            self.pixels.shape[2] > 1
+            or self.channels[:1] in ((), ("Y",), ("I",))
+            or not self.is_float
+        )
 
     @property
     def is_float(self) -> bool:
@@ -66,10 +77,10 @@ def decode(path: Path) -> Decoded:
     """
     image_size(path)
     try:
-        return _decode_exr(path) if _is_exr(path) else _decode_with_openimageio(path)
+        return _decode(path)
     except CaptureError:
         raise
-    except Exception as error:  # every decoder has its own exceptions
+    except Exception as error:  # the binding raises several kinds
         raise _unreadable(path, type(error).__name__) from error
 
 
@@ -77,24 +88,21 @@ def read_exr(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     """RGB [H, W, 3] float32 and alpha [H, W] (None if there is none) of an OpenEXR file.
 
     Values are as they are stored, whatever primaries the file states.
+
+    Raises:
+        CaptureError: as `decode`; also if it has no R, G and B.
     """
-    channels = _exr_channels(path)
-    if not all(name in channels for name in "RGB"):
-        names = shown(", ".join(channels))
-        raise CaptureError(
-            path, "channels", f"it has no R, G and B but {names}", "export an RGB or RGBA image"
-        )
-    arrays = [_exr_pixels(path, channels, name) for name in "RGB"]
-    alpha = _exr_pixels(path, channels, "A") if "A" in channels else None
-    return _stacked(path, arrays), alpha
+    decoded = decode(path)
+    pixels = decoded.pixels
+    if pixels.shape[2] < 3:
+        raise no_colours(path, decoded)
+    return pixels[..., :3], None if decoded.alpha is None else pixels[..., decoded.alpha]
 
 
 def read_exr_channels(path: Path) -> np.ndarray:
-    """An OpenEXR file's [H, W, C]: RGB where it has them, else its one channel."""
-    channels = _exr_channels(path)
-    names = "RGB" if all(name in channels for name in "RGB") else list(channels)[:1]
-    arrays = [_exr_pixels(path, channels, name) for name in names]
-    return _stacked(path, arrays).astype(np.float64)
+    """An OpenEXR file's [H, W, C] double: RGB where it has them, else its first channel."""
+    pixels = decode(path).pixels
+    return pixels[..., : 3 if pixels.shape[2] >= 3 else 1].astype(np.float64)
 
 
 def read_image(path: Path) -> np.ndarray:
@@ -129,7 +137,7 @@ def as_camera_saw(
     return upright if upright.shape[:2] == (height, width) else None
 
 
-def _decode_with_openimageio(path: Path) -> Decoded:
+def _decode(path: Path) -> Decoded:
     # Else it would multiply by alpha in whole numbers, which loses dark colours.
     wish = OpenImageIO.ImageSpec()
     wish.attribute("oiio:UnassociatedAlpha", 1)
@@ -138,7 +146,8 @@ def _decode_with_openimageio(path: Path) -> Decoded:
         raise _unreadable(path, OpenImageIO.geterror())
     try:
         spec = file.spec()
-        kind = _TYPES.get(str(spec.format))
+        is_exr = file.format_name() == "openexr"
+        kind = "float" if is_exr else _TYPES.get(str(spec.format))
         if kind is None or spec.deep or spec.depth > 1 or not 1 <= spec.nchannels <= _MOST_CHANNELS:
             raise CaptureError(
                 path, "", "its pixels are of a kind that no photo has",
@@ -148,60 +157,53 @@ def _decode_with_openimageio(path: Path) -> Decoded:
         problem = file.geterror()
         if pixels is None or problem:
             raise _unreadable(path, problem)
+        pixels = pixels.reshape(spec.height, spec.width, spec.nchannels)
         alpha = spec.alpha_channel if 0 <= spec.alpha_channel < spec.nchannels else None
+        if is_exr:
+            return _of_exr(
+                path, pixels, list(spec.channelnames), spec.getattribute("chromaticities")
+            )
         profile = spec.getattribute("ICCProfile")
         profile = None if profile is None else read_profile(bytes(profile))
         orientation = spec.get_int_attribute("Orientation", 1)
         return Decoded(
-            pixels.reshape(spec.height, spec.width, spec.nchannels), alpha,
-            associated=not spec.get_int_attribute("oiio:UnassociatedAlpha", 0),
+            pixels, alpha, associated=not spec.get_int_attribute("oiio:UnassociatedAlpha", 0),
             linear=str(spec.getattribute("oiio:ColorSpace") or "").startswith("lin"),
             orientation=orientation if 1 <= orientation <= 8 else 1,
             profile=None if profile is None or profile.is_srgb else profile,
+            channels=tuple(spec.channelnames),
         )  # fmt: skip
     finally:
         file.close()
 
 
-def _decode_exr(path: Path) -> Decoded:
-    rgb, alpha = read_exr(path)
-    chromaticities = OpenEXR.File(str(path), header_only=True).header().get("chromaticities")
+def _of_exr(
+    path: Path, pixels: np.ndarray, names: list[str], chromaticities: tuple[float, ...] | None
+) -> Decoded:
+    """Channels R, G, B and A, or Y and A, in this order; the first alone if there are neither."""
+    colours = "RGB" if all(name in names for name in "RGB") else "Y"
+    wanted = [name for name in colours + "A" if name in names]
+    if wanted[: len(colours)] != list(colours):
+        return Decoded(pixels[..., :1], associated=True, channels=tuple(names))
+    order = [names.index(name) for name in wanted]
+    if order != list(range(len(names))):
+        pixels = pixels[..., order]
     try:
         matrix = None if chromaticities is None else rec709_from_chromaticities(chromaticities)
-    except ValueError as error:
-        raise CaptureError(
-            path, "chromaticities", str(error), "export it in linear Rec. 709"
-        ) from error
-    if alpha is None:
-        return Decoded(rgb, associated=True, matrix=matrix)
-    pixels = _stacked(path, [*np.moveaxis(rgb, -1, 0), alpha])
-    return Decoded(pixels, alpha=3, associated=True, matrix=matrix)
-
-
-def _is_exr(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(4) == b"\x76\x2f\x31\x01"
-
-
-def _exr_channels(path: Path) -> dict:
-    image_size(path)
-    try:
-        return OpenEXR.File(str(path), separate_channels=True).channels()
-    except Exception as error:  # the binding raises bare exceptions of several kinds
-        raise _unreadable(path, type(error).__name__) from error
-
-
-def _exr_pixels(path: Path, channels: dict, name: str) -> np.ndarray:
-    try:
-        return np.asarray(channels[name].pixels).astype(np.float32)
     except (TypeError, ValueError) as error:
-        raise _unreadable(path, "its pixels are no numbers") from error
+        raise CaptureError(
+            path, "chromaticities", shown(str(error)), "export it in linear Rec. 709"
+        ) from error
+    alpha = len(colours) if len(order) > len(colours) else None
+    return Decoded(pixels, alpha, associated=True, matrix=matrix, channels=tuple(names))
 
 
-def _stacked(path: Path, arrays: list[np.ndarray]) -> np.ndarray:
-    if any(array.shape != arrays[0].shape or array.ndim != 2 for array in arrays):
-        raise _unreadable(path, "its channels differ in size")
-    return np.stack(arrays, axis=-1)
+def no_colours(path: Path, decoded: Decoded) -> CaptureError:
+    """The error for an image whose channels are no colours."""
+    names = shown(", ".join(decoded.channels))
+    return CaptureError(
+        path, "channels", f"it has no R, G and B but {names}", "export an RGB or RGBA image"
+    )
 
 
 def _unreadable(path: Path, reason: str) -> CaptureError:

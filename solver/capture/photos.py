@@ -18,7 +18,15 @@ import numpy as np
 from .camera import Camera
 from .capture import Capture
 from .colour import linear_to_srgb, srgb_to_linear
-from .decoding import Decoded, as_camera_saw, decode, read_exr, read_exr_channels, read_image
+from .decoding import (
+    Decoded,
+    as_camera_saw,
+    decode,
+    no_colours,
+    read_exr,
+    read_exr_channels,
+    read_image,
+)
 from .errors import CaptureError
 from .masks import read_mask
 from .photo_settings import PhotoSettings
@@ -56,6 +64,8 @@ def load_photo(camera: Camera, settings: PhotoSettings | None = None) -> Photo:
     if path is None:
         raise CaptureError(camera.name, "image", "the camera has no photo", "assign its photo")
     decoded = decode(path)
+    if not decoded.has_colours:
+        raise no_colours(path, decoded)
     source = as_camera_saw(decoded.pixels, decoded.orientation, camera.width, camera.height)
     if source is None:
         height, width = decoded.pixels.shape[:2]

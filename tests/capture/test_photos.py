@@ -22,7 +22,13 @@ from solver.capture.intake import Found, Intrinsics, assemble
 from solver.capture.masks import resized_by_area
 from solver.capture.photo_finder import PhotoFinder
 from solver.capture.photo_settings import PhotoSettings
-from solver.capture.photos import load_photo, read_image, srgb_to_linear
+from solver.capture.photos import (
+    load_photo,
+    read_exr,
+    read_exr_channels,
+    read_image,
+    srgb_to_linear,
+)
 from solver.fit.errors import SettingsError
 from solver.fit.presets import settings_for
 
@@ -159,6 +165,32 @@ def test_chromaticities_of_openexr_are_converted(tmp_path):
         write_exr(tmp_path / "w.exr", np.ones((4, 4, 3), np.float32), chromaticities=ACES_AP0)
     )
     np.testing.assert_allclose(white.pixels[..., :3], 1, atol=2e-4)
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.tif", "a.exr", "a.hdr"])
+def test_a_photo_cut_in_half_is_refused_rather_than_half_read(tmp_path, name):
+    kind = np.float32 if name in ("a.exr", "a.hdr") else np.uint8
+    file = write(tmp_path / name, ramp(kind, 3, (90, 130)))
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    with pytest.raises(CaptureError, match=f"{name}: the image cannot be (decoded|read)"):
+        load_photo(camera_for(file, 130, 90))
+
+
+def test_channels_of_openexr_are_told_by_name_in_whatever_order(tmp_path):
+    names = {"Z": 9.0, "R": 1.0, "A": 0.5, "B": 0.25, "G": 0.75}
+    channels = {name: np.full((4, 4), value, np.float32) for name, value in names.items()}
+    OpenEXR.File({}, channels).write(str(tmp_path / "a.exr"))
+    np.testing.assert_array_equal(load(tmp_path / "a.exr").pixels[0, 0], (1, 0.75, 0.25, 0.5))
+    rgb, alpha = read_exr(tmp_path / "a.exr")
+    assert rgb[0, 0].tolist() == [1, 0.75, 0.25] and alpha[0, 0] == 0.5
+    channels = {"ViewLayer.Combined.R": channels["R"], "ViewLayer.Combined.A": channels["A"]}
+    OpenEXR.File({}, channels).write(str(tmp_path / "b.exr"))
+    assert read_exr_channels(tmp_path / "b.exr").shape == (4, 4, 1)
+    for reading in (load, read_exr):
+        with pytest.raises(
+            CaptureError, match="b.exr, channels: it has no R, G and B but ViewLayer"
+        ):
+            reading(tmp_path / "b.exr")
 
 
 def test_chromaticities_of_rec709_change_nothing_and_impossible_ones_are_named(tmp_path):
