@@ -1,4 +1,5 @@
 """Cameras and photos in: readers, the neutral `Capture`, and all axis conventions.
 
-Only `photos` needs more than numpy and the standard library: Blender imports the rest, too.
+Only `photos` (with `decoding` and `masks`) needs more than numpy and the standard library: Blender
+imports the rest, too.
 """

@@ -12,7 +12,9 @@ class CaptureError(ValueError):
     def __init__(self, file: Path | str, field: str, problem: str, remedy: str):
         self.file, self.field, self.problem, self.remedy = Path(file), field, problem, remedy
         where = f"{file}" + (f", {field}" if field else "")
-        super().__init__(f"{where}: {problem}; {remedy}.")
+        text = f"{where}: {problem}; {remedy}."
+        # A file's own names may hold line breaks.
+        super().__init__("".join(c if c.isprintable() else "?" for c in text))
 
 
 def shown(value: Any, limit: int = 60) -> str:

@@ -1,49 +1,145 @@
-"""Size of an image file from its header, with the standard library alone."""
+"""Size of an image file from its header, with the standard library alone.
+
+Only headers are read, a part at a time, so a file that claims to be huge costs nothing.
+"""
 
 from __future__ import annotations
 
+import os
+import re
 import struct
 from pathlib import Path
+from typing import BinaryIO
 
 from .errors import CaptureError
 
-EXTENSIONS = (".png", ".jpg", ".jpeg", ".exr")
+EXTENSIONS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr")
+"""of photos and masks, in lower case"""
+MOST_PIXELS = 1 << 28
+"""of a photo; a header that states more is damaged or made to exhaust the memory"""
+
+_MOST_PARTS = 4096  # JPEG segments, EXR attributes or TIFF entries before the size
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """(width, height) in pixels of a PNG, JPEG or OpenEXR file.
+    """(width, height) in pixels of a PNG, JPEG, TIFF, OpenEXR or Radiance HDR file.
+
+    It is the size of the pixels as they lie in the file: an orientation tag does not count.
 
     Raises:
-        CaptureError: the file is none of these, or cut off.
+        CaptureError: the file is none of these, cut off, or of a size that no photo has.
     """
     try:
         with path.open("rb") as file:
-            head = file.read(1 << 16)
-        if head[:8] == b"\x89PNG\r\n\x1a\n":
-            return struct.unpack(">II", head[16:24])
-        if head[:2] == b"\xff\xd8":
-            return _jpeg_size(path.read_bytes())
-        if head[:4] == b"\x76\x2f\x31\x01":
-            at = head.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4
-            x0, y0, x1, y1 = struct.unpack("<4i", head[at : at + 16])
-            return x1 - x0 + 1, y1 - y0 + 1
-    except (OSError, struct.error, ValueError, IndexError) as error:
+            size = _size(file)
+    except (OSError, struct.error, ValueError) as error:
+        problem = "it is cut off" if isinstance(error, struct.error) else _reason(error)
         raise CaptureError(
-            path, "", f"the image cannot be read ({error})", "replace the file"
+            path, "", f"the image cannot be read ({problem})", "replace the file"
         ) from error
-    raise CaptureError(
-        path, "", "this is no PNG, JPEG or OpenEXR image", "convert the photo to one of these"
-    )
+    if size is None:
+        raise CaptureError(
+            path, "", "this is no PNG, JPEG, TIFF, OpenEXR or Radiance HDR image",
+            "convert the photo to one of these",
+        )  # fmt: skip
+    width, height = size
+    if width < 1 or height < 1 or width * height > MOST_PIXELS:
+        raise CaptureError(
+            path, "", f"its header states {width} × {height} pixels, which no photo has",
+            "replace the file",
+        )  # fmt: skip
+    return width, height
 
 
-def _jpeg_size(data: bytes) -> tuple[int, int]:
-    at = 2
-    while at + 9 < len(data):
-        if data[at] != 0xFF:
-            raise ValueError("damaged JPEG")
-        marker, length = data[at + 1], struct.unpack(">H", data[at + 2 : at + 4])[0]
+def _reason(error: Exception) -> str:
+    return (error.strerror or "no access") if isinstance(error, OSError) else str(error)
+
+
+def _size(file: BinaryIO) -> tuple[int, int] | None:
+    head = file.read(24)
+    file.seek(0)
+    if head[:8] == b"\x89PNG\r\n\x1a\n":
+        return struct.unpack(">II", head[16:24])
+    if head[:2] == b"\xff\xd8":
+        return _jpeg_size(file)
+    if head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+        return _tiff_size(file)
+    if head[:4] == b"\x76\x2f\x31\x01":
+        return _exr_size(file)
+    if head[:2] == b"#?":
+        return _hdr_size(file)
+    return None
+
+
+def _jpeg_size(file: BinaryIO) -> tuple[int, int]:
+    file.seek(2)
+    for _ in range(_MOST_PARTS):
+        start, marker = struct.unpack("BB", file.read(2))
+        if start != 0xFF:
+            raise ValueError("its JPEG is damaged")
+        if marker == 0xFF:  # markers may be padded
+            file.seek(-1, os.SEEK_CUR)
+            continue
+        (length,) = struct.unpack(">H", file.read(2))
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            height, width = struct.unpack(">HH", data[at + 5 : at + 9])
+            _, height, width = struct.unpack(">BHH", file.read(5))
             return width, height
-        at += 2 + length
-    raise ValueError("cut-off JPEG")
+        file.seek(max(length, 2) - 2, os.SEEK_CUR)
+    raise ValueError("its JPEG is damaged")
+
+
+def _tiff_size(file: BinaryIO) -> tuple[int, int]:
+    """Width and height of the first picture; TIFF and BigTIFF, in both byte orders."""
+    head = file.read(16)
+    order = "<" if head[:2] == b"II" else ">"
+    big = struct.unpack(order + "H", head[2:4])[0] == 43
+    (at,) = struct.unpack(order + ("Q" if big else "I"), head[8:16] if big else head[4:8])
+    file.seek(min(at, 1 << 62))
+    (count,) = struct.unpack(order + ("Q" if big else "H"), file.read(8 if big else 2))
+    found: dict[int, int] = {}
+    for _ in range(min(count, _MOST_PARTS)):
+        entry = file.read(20 if big else 12)
+        tag, kind = struct.unpack(order + "HH", entry[:4])
+        value = entry[12:] if big else entry[8:]
+        code = {1: "B", 3: "H", 4: "I", 16: "Q"}.get(kind)
+        if tag in (256, 257) and code is not None:
+            found[tag] = struct.unpack(order + code, value[: struct.calcsize(code)])[0]
+        if len(found) == 2:
+            return found[256], found[257]
+    raise ValueError("its TIFF states no size")
+
+
+def _exr_size(file: BinaryIO) -> tuple[int, int]:
+    file.seek(8)
+    for _ in range(_MOST_PARTS):
+        name, kind = _text(file), _text(file)
+        (size,) = struct.unpack("<i", file.read(4))
+        if not name or size < 0:
+            break
+        if name == b"dataWindow" and kind == b"box2i":
+            x0, y0, x1, y1 = struct.unpack("<4i", file.read(16))
+            return x1 - x0 + 1, y1 - y0 + 1
+        file.seek(size, os.SEEK_CUR)
+    raise ValueError("its OpenEXR header states no size")
+
+
+def _text(file: BinaryIO) -> bytes:
+    """A text that ends with a zero byte."""
+    start = file.tell()
+    text, ending, _ = file.read(256).partition(b"\0")
+    if not ending:
+        raise ValueError("its OpenEXR header is damaged")
+    file.seek(start + len(text) + 1)
+    return text
+
+
+def _hdr_size(file: BinaryIO) -> tuple[int, int]:
+    for _ in range(_MOST_PARTS):
+        line = file.readline(4096)
+        if not line:
+            break
+        found = re.fullmatch(rb"[-+][XY] +(\d{1,9}) +[-+][XY] +(\d{1,9})\s*", line)
+        if found:
+            # The first number counts scanlines, whichever axis they run along.
+            return int(found[2]), int(found[1])
+    raise ValueError("its Radiance header states no size")

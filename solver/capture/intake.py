@@ -138,9 +138,16 @@ def _for_photo(source: Path, item: Found) -> tuple[Intrinsics, bool]:
     told = (intrinsics.width, intrinsics.height)
     if told in ((width, height), (height, width)):
         return intrinsics, False
-    across, down = width / intrinsics.width, height / intrinsics.height
     # A picture made smaller has its size rounded to whole pixels.
-    if abs(across - down) > 1 / intrinsics.width + 1 / intrinsics.height:
+    rounding = 1 / intrinsics.width + 1 / intrinsics.height
+    if (
+        abs(width / told[0] - height / told[1])
+        > rounding
+        >= abs(height / told[0] - width / told[1])
+    ):
+        width, height = height, width  # it was solved upright and lies on its side in its file
+    across, down = width / intrinsics.width, height / intrinsics.height
+    if abs(across - down) > rounding:
         raise CaptureError(
             item.photo, "", f"the photo is {width} × {height} pixels, but {source.name} says "
             f"{told[0]} × {told[1]}", "give the photos that the cameras were solved with",

@@ -15,7 +15,8 @@ from .errors import CaptureError, shown
 from .image_header import EXTENSIONS
 
 MODEL_FOLDERS = re.compile(
-    r"sparse|dense|distorted|bundle|models?|colmap|text|bin|cameras?|sfm|reconstruction|\d+", re.I
+    r"sparse|dense|distorted|bundle|models?|colmap|text|bin|(corrected_)?cameras?|sfm|reconstruction|\d+",
+    re.I,
 )
 """folders that hold a solved model beside its photos, never photos alone"""
 MASK_FOLDERS = ("masks", "mask", "mattes", "matte", "alpha")
@@ -75,6 +76,16 @@ class PhotoFinder:
                 "leave one of them in the folder, or give the folder of the photos",
             )  # fmt: skip
         return best[0][1] if best else None
+
+    def find_in(self, folder: Path, name: str) -> Path | None:
+        """The photo `name` of just that folder; if the folder is not there, as `find` has it.
+
+        For captures whose depth maps bear the photos' names.
+        """
+        folder = Path(os.path.normpath(folder.absolute()))
+        if folder.is_dir() and folder.is_relative_to(self.folder):
+            return self._at(folder, name)
+        return self.find(f"{folder.name}/{name}")
 
     def mask_of(
         self, photo: Path, stated: object = None, beside: Path | None = None

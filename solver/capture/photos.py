@@ -1,19 +1,42 @@
-"""Photos as linear, premultiplied RGBA. The one part of `capture` that needs Pillow and OpenEXR."""
+"""Photos as linear, premultiplied RGBA. The one part of `capture` that needs more than numpy.
+
+Whole numbers (PNG, JPEG, TIFF) are sRGB and floating point (OpenEXR, HDR, TIFF) is linear Rec. 709,
+unless a file states otherwise: an ICC profile of curves and a matrix (Display P3, Adobe RGB) and
+OpenEXR's chromaticities are converted; profiles that are tables of colours count as sRGB. Colours
+outside Rec. 709 become negative in some channel rather than clipped.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
+from functools import lru_cache, partial
 
-import imageio.v3
 import numpy as np
-import OpenEXR
 
 from .camera import Camera
 from .capture import Capture
+from .colour import linear_to_srgb, srgb_to_linear
+from .decoding import (
+    Decoded,
+    as_camera_saw,
+    decode,
+    no_colours,
+    read_exr,
+    read_exr_channels,
+    read_image,
+)
 from .errors import CaptureError
+from .masks import read_mask
+from .photo_settings import PhotoSettings
+
+__all__ = [
+    "Photo", "PhotoSettings", "linear_to_srgb", "load_photo", "load_photos", "read_exr",
+    "read_exr_channels", "read_image", "srgb_to_linear",
+]  # fmt: skip
+
+_ROWS = 128  # worked on at once, so that a photo takes little more memory than its own pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +54,8 @@ class Photo:
     is_hdr: bool
 
 
-def load_photo(camera: Camera) -> Photo:
-    """Load the photo of a camera; PNG and JPEG hold sRGB and straight alpha, EXR linear light.
+def load_photo(camera: Camera, settings: PhotoSettings | None = None) -> Photo:
+    """Load the photo of a camera with its mask.
 
     Raises:
         CaptureError: unreadable, or of another size than the camera's.
@@ -40,30 +63,32 @@ def load_photo(camera: Camera) -> Photo:
     path = camera.image_path
     if path is None:
         raise CaptureError(camera.name, "image", "the camera has no photo", "assign its photo")
-    is_hdr = path.suffix.lower() == ".exr"
-    rgb, alpha = read_exr(path) if is_hdr else _read_srgb(path)
-    if rgb.shape[:2] != (camera.height, camera.width):
+    decoded = decode(path)
+    if not decoded.has_colours:
+        raise no_colours(path, decoded)
+    source = as_camera_saw(decoded.pixels, decoded.orientation, camera.width, camera.height)
+    if source is None:
+        height, width = decoded.pixels.shape[:2]
         raise CaptureError(
-            path, "", f"the photo is {rgb.shape[1]} × {rgb.shape[0]} pixels, but its camera says "
+            path, "", f"the photo is {width} × {height} pixels, but its camera says "
             f"{camera.width} × {camera.height}", "export cameras and photos at one size",
         )  # fmt: skip
+    linear = _linear_colour(decoded, (settings or PhotoSettings()).colour_space)
+    pixels = np.empty((camera.height, camera.width, 4), np.float32)
+    for start in range(0, camera.height, _ROWS):
+        rows = slice(start, start + _ROWS)
+        _fill(pixels[rows], source[rows], decoded, linear)
     if camera.mask_path is not None:
-        mask = _read_mask(camera)
-        alpha = mask if alpha is None else alpha * mask
-        rgb = rgb * mask[..., None] if is_hdr else rgb
-    has_alpha = alpha is not None and bool((alpha < 1).any())
-    alpha = np.ones(rgb.shape[:2], np.float32) if alpha is None else alpha
-    if not np.isfinite(rgb).all():
+        pixels *= read_mask(camera, decoded.orientation)[..., None]
+    if not np.isfinite(pixels).all():
         raise CaptureError(path, "", "the photo holds values that are not numbers", "replace it")
-    if not is_hdr:
-        rgb = rgb * alpha[..., None]
-    pixels = np.concatenate([rgb, alpha[..., None]], axis=-1).astype(np.float32)
-    return Photo(pixels, has_alpha, is_hdr)
+    return Photo(pixels, bool((pixels[..., 3] < 1).any()), decoded.is_float)
 
 
 def load_photos(
-    capture: Capture, progress: Callable[[int, int], None] | None = None
-) -> list[Photo]:
+    capture: Capture, progress: Callable[[int, int], None] | None = None,
+    settings: PhotoSettings | None = None,
+) -> list[Photo]:  # fmt: skip
     """Load all photos of a capture, in the cameras' order.
 
     Raises:
@@ -71,7 +96,7 @@ def load_photos(
     """
     photos = []
     with ThreadPoolExecutor(max_workers=4) as pool:
-        for photo in pool.map(load_photo, capture.cameras):
+        for photo in pool.map(partial(load_photo, settings=settings), capture.cameras):
             photos.append(photo)
             if progress is not None:
                 progress(len(photos), len(capture.cameras))
@@ -92,82 +117,64 @@ def load_photos(
     return photos
 
 
-def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
-    """Inverse of the sRGB transfer function (IEC 61966-2-1)."""
-    curve = ((np.maximum(encoded, 0.04045) + 0.055) / 1.055) ** 2.4
-    return np.where(encoded <= 0.04045, encoded / 12.92, curve)
+@dataclass(frozen=True, eq=False)
+class _LinearColour:
+    """From a file's colours to linear Rec. 709: a curve per channel (None: linear), then a matrix."""
+
+    curves: tuple[Callable[[np.ndarray], np.ndarray], ...] | None
+    matrix: np.ndarray | None
+
+    def __call__(self, codes: np.ndarray, largest: float) -> np.ndarray:
+        """Linear colours [..., 3] float32 of codes [..., 3] from 0 to `largest`."""
+        if self.curves is None:
+            linear = codes.astype(np.float32) / np.float32(largest)
+        elif codes.dtype in (np.uint8, np.uint16):
+            tables = [_table(curve, codes.dtype.str) for curve in self.curves]
+            linear = np.stack([tables[i][codes[..., i]] for i in range(3)], axis=-1)
+        else:
+            scaled = codes.astype(np.float64) / largest
+            linear = np.stack([self.curves[i](scaled[..., i]) for i in range(3)], axis=-1)
+        if self.matrix is not None:
+            linear = linear @ self.matrix.T
+        return linear.astype(np.float32, copy=False)
 
 
-def linear_to_srgb(linear: np.ndarray) -> np.ndarray:
-    """The sRGB transfer function, without clipping above 1."""
-    curve = 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055
-    return np.where(linear <= 0.0031308, 12.92 * linear, curve)
+@lru_cache(maxsize=16)
+def _table(curve: Callable[[np.ndarray], np.ndarray], dtype: str) -> np.ndarray:
+    codes = np.arange(np.iinfo(dtype).max + 1)
+    return curve(codes / codes[-1]).astype(np.float32)
 
 
-def read_exr(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
-    """Linear RGB [H, W, 3] and alpha [H, W] (None if there is none) of an OpenEXR file."""
-    channels = _exr_channels(path)
-    if not all(name in channels for name in "RGB"):
-        raise CaptureError(
-            path, "channels", f"it has no R, G and B but {', '.join(channels)}",
-            "export an RGB or RGBA image",
-        )  # fmt: skip
-    rgb = np.stack([channels[name].pixels.astype(np.float32) for name in "RGB"], axis=-1)
-    alpha = channels["A"].pixels.astype(np.float32) if "A" in channels else None
-    return rgb, alpha
+def _linear_colour(decoded: Decoded, colour_space: str) -> _LinearColour:
+    if colour_space == "srgb":
+        return _LinearColour((srgb_to_linear,) * 3, decoded.matrix)
+    if colour_space == "linear":
+        return _LinearColour(None, decoded.matrix)
+    profile = decoded.profile
+    if decoded.is_float:
+        # A profile's curves end at 1, radiances do not; its primaries hold for both.
+        return _LinearColour(None, decoded.matrix if profile is None else profile.matrix)
+    if profile is not None:
+        return _LinearColour(tuple(partial(profile.linear, i) for i in range(3)), profile.matrix)
+    return _LinearColour(None if decoded.linear else (srgb_to_linear,) * 3, decoded.matrix)
 
 
-def read_exr_channels(path: Path) -> np.ndarray:
-    """An OpenEXR file's [H, W, C]: RGB where it has them, else its one channel."""
-    channels = _exr_channels(path)
-    names = "RGB" if all(name in channels for name in "RGB") else list(channels)[:1]
-    return np.stack([channels[name].pixels.astype(np.float64) for name in names], axis=-1)
-
-
-def _exr_channels(path: Path) -> dict:
-    try:
-        return OpenEXR.File(str(path), separate_channels=True).channels()
-    except Exception as error:  # the binding raises bare exceptions of several kinds
-        raise _unreadable(path, error) from error
-
-
-def read_image(path: Path) -> np.ndarray:
-    """Pixels [H, W, 1–4] of an 8- or 16-bit image, scaled to [0, 1]; EXIF rotation applied."""
-    try:
-        pixels = imageio.v3.imread(path, plugin="pillow", rotate=True)
-    except Exception as error:  # every decoder has its own exceptions
-        raise _unreadable(path, error) from error
-    if pixels.ndim == 2:
-        pixels = pixels[..., None]
-    if pixels.ndim != 3 or pixels.dtype.kind not in "ub":
-        raise CaptureError(path, "", "this is not a photo of 8 or 16 bits", "export it again")
-    largest = 1 if pixels.dtype.kind == "b" else np.iinfo(pixels.dtype).max
-    return pixels.astype(np.float32) / largest
-
-
-def _read_srgb(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
-    pixels = read_image(path)
-    channels = pixels.shape[2]
-    alpha = pixels[..., -1] if channels in (2, 4) else None
-    colour = pixels[..., :3] if channels >= 3 else np.repeat(pixels[..., :1], 3, axis=-1)
-    return srgb_to_linear(colour).astype(np.float32), alpha
-
-
-def _read_mask(camera: Camera) -> np.ndarray:
-    if not camera.mask_path.is_file():
-        raise CaptureError(
-            camera.mask_path, "mask_path", "the mask does not exist", "add it or remove mask_path"
-        )
-    mask = read_image(camera.mask_path)[..., 0]
-    if mask.shape != (camera.height, camera.width):
-        raise CaptureError(
-            camera.mask_path, "mask_path", f"the mask is {mask.shape[1]} × {mask.shape[0]} pixels, "
-            f"its photo {camera.width} × {camera.height}", "export both at one size",
-        )  # fmt: skip
-    return mask
-
-
-def _unreadable(path: Path, error: Exception) -> CaptureError:
-    return CaptureError(
-        path, "", f"the image cannot be decoded ({type(error).__name__})", "replace the photo"
-    )
+def _fill(out: np.ndarray, source: np.ndarray, decoded: Decoded, linear: _LinearColour) -> None:
+    """Write rows [R, W, 4] from a file's own [R, W, C]."""
+    count = source.shape[2] if decoded.alpha is None else decoded.alpha
+    codes = source[..., :3] if count >= 3 else np.repeat(source[..., :1], 3, axis=-1)
+    if decoded.alpha is None:
+        out[..., 3] = 1
+    else:
+        out[..., 3] = source[..., decoded.alpha] / decoded.largest
+        np.clip(out[..., 3], 0, 1, out=out[..., 3])
+    cover = out[..., 3:]
+    if decoded.alpha is None or (decoded.associated and linear.curves is None):
+        out[..., :3] = linear(codes, decoded.largest)
+    elif decoded.associated:
+        # What was multiplied are the codes, so they are divided before they become light.
+        straight = codes / decoded.largest / np.maximum(cover, 1e-6)
+        limit = np.inf if decoded.is_float else 1.0
+        out[..., :3] = linear(np.minimum(straight, limit), 1.0) * cover
+    else:
+        out[..., :3] = linear(codes, decoded.largest) * cover

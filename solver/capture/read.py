@@ -13,7 +13,9 @@ from .formats import (
     meshroom,
     metashape,
     openmvg,
+    polycam,
     realitycapture,
+    record3d,
     transforms,
     visualsfm,
 )
@@ -21,7 +23,8 @@ from .image_header import EXTENSIONS as PICTURES
 from .photo_finder import MODEL_FOLDERS, PhotoFinder, capture_folder
 
 FORMATS: tuple[ModuleType, ...] = (
-    transforms, colmap, metashape, realitycapture, meshroom, openmvg, bundler, visualsfm,
+    transforms, colmap, metashape, realitycapture, meshroom, openmvg, polycam, record3d, bundler,
+    visualsfm,
 )  # fmt: skip
 """readers, the likeliest first"""
 CAMERA_FILES = tuple(sorted({extension for reader in FORMATS for extension in reader.EXTENSIONS}))

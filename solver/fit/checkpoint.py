@@ -139,7 +139,7 @@ def settings_of(state: dict) -> Settings:
     sections = {f.name: f.default_factory for f in dataclasses.fields(Settings)}
     loaded = {}
     for name, section in sections.items():
-        values = state["settings"][name]
+        values = state["settings"].get(name, {})
         known = {f.name for f in dataclasses.fields(section)}
         loaded[name] = section(
             **{k: tuple(v) if isinstance(v, list) else v for k, v in values.items() if k in known}

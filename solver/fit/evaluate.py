@@ -60,8 +60,8 @@ def evaluate_job(
         CaptureError, JobError: unusable cameras, photos or job.
     """
     capture = read_capture(cameras)
-    photos = load_photos(capture)
     scene, settings = load_job(job)
+    photos = load_photos(capture, settings=settings.photos)
     rendered = list(render_cameras(scene, settings, capture.cameras, rays, neural))
     views = {}
     for (camera, view), photo in zip(rendered, photos, strict=True):
@@ -178,7 +178,7 @@ def _relight_scores(
         relit = _relit_capture(capture, folder)
         if light is None or relit is None:
             continue
-        photos = load_photos(relit)
+        photos = load_photos(relit, settings=settings.photos)
         scene.environment = load_light(light, scene.device)
         rendered = list(render_cameras(scene, settings, relit.cameras, rays, neural))
         predictions = np.concatenate([view.radiance.reshape(-1, 3) for _, view in rendered])

@@ -10,6 +10,7 @@ import typing
 from dataclasses import dataclass
 
 from ..asset.settings import AssetSettings
+from ..capture.photo_settings import PhotoSettings
 from ..render.image import image_settings
 from ..render.scene import RenderSettings
 from .errors import SettingsError
@@ -140,6 +141,7 @@ class FitSettings:
 class Settings:
     """All settings of a reconstruction."""
 
+    photos: PhotoSettings = dataclasses.field(default_factory=PhotoSettings)
     field: FieldSettings = dataclasses.field(default_factory=FieldSettings)
     light: LightSettings = dataclasses.field(default_factory=LightSettings)
     render: RenderSettings = dataclasses.field(default_factory=RenderSettings)
@@ -270,9 +272,11 @@ def _override(settings: Settings, key: str, value: object) -> Settings:
         raise SettingsError(
             f"Setting '{key}': '{value}' is not a valid {_type_name(types[name])}."
         ) from None
-    return dataclasses.replace(
-        settings, **{section_name: dataclasses.replace(section, **{name: converted})}
-    )
+    try:
+        section = dataclasses.replace(section, **{name: converted})
+    except ValueError as error:
+        raise SettingsError(f"Setting '{key}': '{value}' is not valid; {error}.") from None
+    return dataclasses.replace(settings, **{section_name: section})
 
 
 def _convert(value: object, wanted: object) -> object:

@@ -56,7 +56,9 @@ def run_job(
     capture = capture_of(job)
     for warning in capture.warnings:
         progress.warning(warning)
-    photos = load_photos(capture, lambda done, count: progress.fraction(done / count))
+    photos = load_photos(
+        capture, lambda done, count: progress.fraction(done / count), settings.photos
+    )
 
     progress.stage("compile", "compiling kernels (once on this machine)")
     if fast(torch.empty(0, device=device)):

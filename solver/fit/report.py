@@ -32,7 +32,8 @@ def write_job_report(
     if has_split(job.request.capture, "test"):
         try:
             test = capture_of(job, "test")
-            cameras, images, held_out = list(test.cameras), load_photos(test), True
+            images = load_photos(test, settings=settings.photos)
+            cameras, held_out = list(test.cameras), True
         except CaptureError:
             # A broken test split must not cost the person a finished reconstruction.
             held_out = False

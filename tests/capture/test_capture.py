@@ -2,6 +2,9 @@
 
 import json
 import math
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -307,3 +310,10 @@ def test_hostile_values_end_in_a_capture_or_an_error(tmp_path, key, value):
         assert len(read_capture(folder).cameras) >= 3
     except CaptureError as error:
         assert str(error)
+
+
+def test_cameras_are_read_without_the_packages_that_decode_photos():
+    # Blender reads captures, and its Python has numpy alone.
+    blocked = "OpenImageIO OpenEXR PIL imageio torch scipy skimage".split()
+    code = f"import sys; sys.modules.update(dict.fromkeys({blocked})); import solver.capture.read"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])

@@ -2,15 +2,19 @@
 
 All three give camera-to-world matrices with OpenGL camera axes. Intrinsics come as `camera_angle_x`
 or `fl_x` (pixels), for all frames or for each; lens distortion as OpenCV's k1 k2 p1 p2. nerfstudio's
-`applied_transform` says how the poses were moved before writing; the world is taken as written.
+`applied_transform` says how the poses were moved before writing; the world is taken as written, and so
+are the sparse points of `ply_file_path`, which were moved with it.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import os
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ..camera import Camera
 from ..capture import Capture
@@ -20,6 +24,7 @@ from ..files import number as checked_number
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
+from ..ply_points import read_ply_points
 
 NAME = "transforms.json"
 EXTENSIONS = (".json",)
@@ -111,7 +116,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             Found(f"{where}.transform_matrix", stated, photo, frame.get("transform_matrix"),
                   intrinsics, mask)
         )  # fmt: skip
-    return assemble(path, NAME, found, photos, up=(0.0, 0.0, 1.0))
+    points, warnings = _points(path, content.get("ply_file_path"), photos)
+    up = _up(content.get("applied_transform"))
+    return assemble(path, NAME, found, photos, points=points, up=up, warnings=warnings)
 
 
 def write_transforms(path: Path, cameras: list[Camera]) -> None:
@@ -138,6 +145,41 @@ def write_transforms(path: Path, cameras: list[Camera]) -> None:
         frames.append(frame)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps({"frames": frames}, indent=1, allow_nan=False), encoding="utf-8")
+
+
+def _points(
+    path: Path, stated: Any, photos: PhotoFinder
+) -> tuple[np.ndarray | None, tuple[str, ...]]:
+    """Sparse points [N, 3] of the world as written, and what is to be said about their file."""
+    if not isinstance(stated, str) or not stated or "\0" in stated:
+        return None, ()
+    file = Path(os.path.normpath(path.parent / stated.replace("\\", "/")))
+    inside = any(file.is_relative_to(folder) for folder in (path.parent, photos.folder))
+    try:
+        if not (inside or photos.anywhere) or not file.is_file():
+            return None, (f"{path.name}: the points '{shown(stated)}' are not there",)
+        return read_ply_points(file), ()
+    except CaptureError as error:
+        return None, (str(error),)  # a fit does without them
+    except (OSError, ValueError):
+        return None, (f"{path.name}: '{shown(stated)}' is no file name",)
+
+
+def _up(applied_transform: Any) -> tuple[float, float, float] | None:
+    """The world's direction up: +Z, or what was COLMAP's −Y where `applied_transform` turned that.
+
+    nerfstudio turns COLMAP's world, in which the first photos' up is about −Y, by negating an axis;
+    programs whose world has an up are only permuted so that it becomes +Z. None: nothing was turned.
+    """
+    try:
+        rotation = np.array(applied_transform, dtype=np.float64)[:3, :3]
+    except (TypeError, ValueError, OverflowError, IndexError):
+        return 0.0, 0.0, 1.0
+    if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3):
+        return 0.0, 0.0, 1.0
+    if np.allclose(rotation, np.eye(3), atol=1e-6):
+        return None
+    return tuple((-rotation[:, 1] + 0.0).tolist()) if (rotation < -1e-3).any() else (0.0, 0.0, 1.0)
 
 
 def _number(path: Path, where: str, values: dict, key: str) -> float | None:

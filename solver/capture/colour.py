@@ -1,0 +1,96 @@
+"""Colour: the sRGB curve, and primaries other than Rec. 709's.
+
+Matrices act on linear RGB columns. White points are adapted by Bradford's transform, as ICC does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+"""chromaticities x y of red, green, blue and white; the white is D65"""
+WHITE_D50 = np.array([0.9642, 1.0, 0.8249])
+"""XYZ of the white of ICC's connection space"""
+
+_BRADFORD = np.array(
+    [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
+)
+_SAME = 1e-3
+"""matrices that differ less than that from the identity are roundings of it"""
+
+
+def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
+    """Inverse of the sRGB transfer function (IEC 61966-2-1)."""
+    curve = ((np.maximum(encoded, 0.04045) + 0.055) / 1.055) ** 2.4
+    return np.where(encoded <= 0.04045, encoded / 12.92, curve)
+
+
+def linear_to_srgb(linear: np.ndarray) -> np.ndarray:
+    """The sRGB transfer function, without clipping above 1."""
+    curve = 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055
+    return np.where(linear <= 0.0031308, 12.92 * linear, curve)
+
+
+def rec709_from_chromaticities(chromaticities: tuple[float, ...]) -> np.ndarray | None:
+    """The matrix [3, 3] to linear Rec. 709, or None if these are its own primaries.
+
+    Args:
+        chromaticities: x y of red, green, blue and white, as OpenEXR has them.
+
+    Raises:
+        ValueError: no colours have these chromaticities.
+    """
+    white = np.asarray(chromaticities, dtype=np.float64)[6:8]
+    return _beyond_rounding(
+        np.linalg.inv(xyz_from_rgb(REC709))
+        @ adaptation(_xyz(white), _xyz(np.array(REC709[6:8])))
+        @ xyz_from_rgb(chromaticities)
+    )
+
+
+def rec709_from_colorants(colorants: np.ndarray) -> np.ndarray | None:
+    """The matrix [3, 3] to linear Rec. 709, or None if these are its own primaries.
+
+    Args:
+        colorants: [3, 3] columns XYZ of red, green and blue, adapted to D50 as in an ICC profile.
+
+    Raises:
+        ValueError: no colours have these coordinates.
+    """
+    own = adaptation(_xyz(np.array(REC709[6:8])), WHITE_D50) @ xyz_from_rgb(REC709)
+    if not np.isfinite(colorants).all() or abs(np.linalg.det(colorants)) < 1e-6:
+        raise ValueError("its primaries span no colours")
+    return _beyond_rounding(np.linalg.inv(own) @ colorants)
+
+
+def xyz_from_rgb(chromaticities: tuple[float, ...]) -> np.ndarray:
+    """The matrix [3, 3] from linear RGB to XYZ, with Y = 1 for white.
+
+    Raises:
+        ValueError: no colours have these chromaticities.
+    """
+    values = np.asarray(chromaticities, dtype=np.float64).reshape(4, 2)
+    if not np.isfinite(values).all() or np.abs(values).max() > 10 or abs(values[3, 1]) < 1e-3:
+        raise ValueError("its chromaticities are impossible")
+    primaries = np.stack([values[:3, 0], values[:3, 1], 1 - values[:3].sum(axis=1)])
+    if abs(np.linalg.det(primaries)) < 1e-6:
+        raise ValueError("its chromaticities are impossible")
+    return primaries * np.linalg.solve(primaries, _xyz(values[3]))
+
+
+def adaptation(white: np.ndarray, new_white: np.ndarray) -> np.ndarray:
+    """Bradford's matrix [3, 3] that takes XYZ seen under one white [3] to another."""
+    gains = (_BRADFORD @ new_white) / (_BRADFORD @ white)
+    return np.linalg.inv(_BRADFORD) @ (gains[:, None] * _BRADFORD)
+
+
+def _xyz(white: np.ndarray) -> np.ndarray:
+    """XYZ [3] of chromaticities x y, with Y = 1."""
+    x, y = white
+    return np.array([x / y, 1.0, (1 - x - y) / y])
+
+
+def _beyond_rounding(matrix: np.ndarray) -> np.ndarray | None:
+    if not np.isfinite(matrix).all():
+        raise ValueError("its chromaticities are impossible")
+    return None if np.abs(matrix - np.eye(3)).max() < _SAME else matrix

@@ -1,0 +1,97 @@
+"""Polycam's raw data: a folder of small JSON files, one a keyframe, beside a folder of photos.
+
+    keyframes/corrected_cameras/TIME.json with corrected_images/TIME.jpg, or, where Polycam did not
+    optimise the poses, keyframes/cameras/TIME.json with images/TIME.jpg
+
+t_00 … t_23 are the rows of a camera-to-world matrix with ARKit's axes: the camera's are OpenGL's, the
+world's +Y points up, its unit is the metre. fx fy cx cy are pixels of a photo of width × height.
+Any one of the JSON files stands for all of its folder. Photos that Polycam scores as blurred are left
+out as nerfstudio does, unless that would be most of them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ..capture import Capture
+from ..errors import CaptureError
+from ..files import head_of, number, read_json
+from ..intake import Found, Intrinsics, assemble
+from ..photo_finder import PhotoFinder
+
+NAME = "Polycam"
+EXTENSIONS = (".json",)
+PATTERNS = (
+    "keyframes/corrected_cameras/*.json", "corrected_cameras/*.json",
+    "*/keyframes/corrected_cameras/*.json", "keyframes/cameras/*.json", "cameras/*.json",
+    "*/keyframes/cameras/*.json",
+)  # fmt: skip
+
+_PHOTO_FOLDERS = {"corrected_cameras": "corrected_images", "cameras": "images"}
+_SHARP = 25.0
+"""blur score from which a photo is sharp, nerfstudio's own limit"""
+_MOST_CAMERAS = 20_000
+
+
+def recognises(file: Path) -> bool:
+    """True for a JSON file with a matrix in twelve numbers."""
+    head = head_of(file)
+    return head.lstrip(b"\xef\xbb\xbf \r\n\t")[:1] == b"{" and b'"t_00"' in head and b'"fx"' in head
+
+
+def read(path: Path, photos: PhotoFinder) -> Capture:
+    """Read all cameras of the folder that a camera's JSON file lies in.
+
+    Raises:
+        CaptureError: anything that cannot be used, with file, field and remedy.
+    """
+    try:
+        files = sorted(file for file in path.parent.glob("*.json") if file.is_file())
+    except OSError as error:
+        raise CaptureError(
+            path.parent, "", "the folder cannot be read", "check its permissions"
+        ) from error
+    if len(files) > _MOST_CAMERAS:
+        raise CaptureError(
+            path.parent, "", f"it holds {len(files)} JSON files", "leave only the cameras in it"
+        )
+    found, blurred = [], []
+    for file in files:
+        content = read_json(file)
+        if not isinstance(content, dict) or "t_00" not in content:
+            continue
+        if _is_blurred(content.get("blur_score")):
+            blurred.append(len(found))
+        found.append(_camera(file, content, photos))
+    warnings: tuple[str, ...] = ()
+    if blurred and 2 * len(blurred) < len(found):
+        first = found[blurred[0]].stated
+        warnings = (
+            f"{len(blurred)} photos that Polycam scores as blurred are left out ({first} …)",
+        )
+        found = [item for index, item in enumerate(found) if index not in set(blurred)]
+    return assemble(path, NAME, found, photos, up=(0, 1, 0), metric=True, warnings=warnings)
+
+
+def _camera(file: Path, content: dict[str, Any], photos: PhotoFinder) -> Found:
+    def value(key: str) -> float:
+        if key not in content:
+            raise CaptureError(file, key, "the camera lacks it", "export the raw data again")
+        return number(file, key, content[key])
+
+    pose = [[value(f"t_{row}{column}") for column in range(4)] for row in range(3)]
+    width, height = value("width"), value("height")
+    if not (1 <= width <= 1e6 and 1 <= height <= 1e6):
+        raise CaptureError(file, "width", "the photo has no size", "export the raw data again")
+    folder = _PHOTO_FOLDERS.get(file.parent.name.lower(), "images")
+    stated = f"{folder}/{file.stem}.jpg"
+    photo = photos.find_in(file.parent.parent / folder, f"{file.stem}.jpg")
+    intrinsics = Intrinsics(
+        int(width), int(height), value("fx"), value("fy"), value("cx"), value("cy")
+    )
+    return Found(f"{file.name}, t_00", stated, photo, pose, intrinsics)
+
+
+def _is_blurred(score: Any) -> bool:
+    return isinstance(score, (int, float)) and not isinstance(score, bool) and score < _SHARP

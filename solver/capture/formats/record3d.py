@@ -1,0 +1,108 @@
+"""Record3D's export "EXR + RGB", and its own .r3d files when unpacked.
+
+    metadata.json (in .r3d: metadata) beside rgb/N.jpg (in .r3d: rgbd/N.jpg), N from 0
+
+`K` is a 3 × 3 matrix, column by column, for pictures of `w` × `h`; `perFrameIntrinsicCoeffs`, in newer
+exports, fx fy cx cy of each picture. A pose is qx qy qz qw tx ty tz: camera to world, in metres, with
+OpenGL's camera axes. The world's +Y is up as ARKit has it; in recordings that start at the identity,
+it is up in the first picture.
+https://github.com/marek-simonik/record3d/issues/27, /36 and /42
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..capture import Capture
+from ..errors import CaptureError
+from ..files import head_of, number, numbers, read_json
+from ..intake import Found, Intrinsics, assemble
+from ..photo_finder import PhotoFinder
+
+NAME = "Record3D"
+EXTENSIONS = (".json",)
+PATTERNS = (
+    "metadata.json", "metadata", "EXR_RGBD/metadata.json", "*/metadata.json", "*/metadata",
+)  # fmt: skip
+
+_PHOTO_FOLDERS = ("rgb", "rgbd")
+_MOST_POSES = 100_000
+
+
+def recognises(file: Path) -> bool:
+    """True for a JSON file with poses and a matrix K."""
+    head = head_of(file, 1 << 24)
+    return (
+        head.lstrip(b"\xef\xbb\xbf \r\n\t")[:1] == b"{"
+        and b'"poses"' in head
+        and (b'"K"' in head or b'"perFrameIntrinsicCoeffs"' in head)
+    )
+
+
+def read(path: Path, photos: PhotoFinder) -> Capture:
+    """Read the metadata of a recording.
+
+    Raises:
+        CaptureError: anything that cannot be used, with file, field and remedy.
+    """
+    content = read_json(path)
+    poses = content.get("poses") if isinstance(content, dict) else None
+    if not isinstance(poses, list) or not 0 < len(poses) <= _MOST_POSES:
+        raise CaptureError(path, "poses", "there is no list of poses", "export the recording again")
+    values = np.stack([numbers(path, f"poses[{i}]", pose, 7) for i, pose in enumerate(poses)])
+    if len(values) > 1 and np.ptp(values, axis=0).max() < 1e-9:
+        raise CaptureError(
+            path, "poses", "all poses are the same",
+            "record with the LiDAR camera: Record3D does not follow the front camera",
+        )  # fmt: skip
+    size = _size(path, content)
+    folder = next((name for name in _PHOTO_FOLDERS if (path.parent / name).is_dir()), "rgb")
+    found = []
+    for index, pose in enumerate(values):
+        stated = f"{folder}/{index}.jpg"
+        photo = photos.find_in(path.parent / folder, f"{index}.jpg")
+        intrinsics = None if photo is None else _intrinsics(path, content, index, size)
+        where = f"poses[{index}]"
+        found.append(Found(where, stated, photo, _matrix(path, where, pose), intrinsics))
+    return assemble(path, NAME, found, photos, up=(0, 1, 0), metric=True)
+
+
+def _size(path: Path, content: dict[str, Any]) -> tuple[int, int]:
+    """Width and height in pixels of the pictures that the intrinsics are for."""
+    width, height = (number(path, key, content.get(key)) for key in ("w", "h"))
+    if not (1 <= width <= 1e6 and 1 <= height <= 1e6):
+        raise CaptureError(path, "w", "the pictures have no size", "export the recording again")
+    return int(width), int(height)
+
+
+def _intrinsics(
+    path: Path, content: dict[str, Any], index: int, size: tuple[int, int]
+) -> Intrinsics:
+    each = content.get("perFrameIntrinsicCoeffs")
+    if isinstance(each, list) and index < len(each):
+        fx, fy, cx, cy = numbers(path, f"perFrameIntrinsicCoeffs[{index}]", each[index], 4)
+    else:
+        k = content.get("K")
+        if isinstance(k, list) and len(k) == 3:
+            k = [value for column in k if isinstance(column, list) for value in column]
+        fx, _, _, _, fy, _, cx, cy, _ = numbers(path, "K", k, 9)
+    return Intrinsics(*size, float(fx), float(fy), float(cx), float(cy))
+
+
+def _matrix(path: Path, where: str, pose: np.ndarray) -> np.ndarray:
+    """Camera-to-world [3, 4] of qx qy qz qw tx ty tz."""
+    length = np.linalg.norm(pose[:4])
+    if not 1e-3 < length < 1e3:
+        raise CaptureError(
+            path, where, "its quaternion is no rotation", "export the recording again"
+        )
+    x, y, z, w = pose[:4] / length
+    rotation = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.column_stack([rotation, pose[4:]])

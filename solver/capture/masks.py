@@ -1,0 +1,78 @@
+"""Masks: pictures of the object's coverage. Only `photos` imports this module."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .camera import Camera
+from .decoding import Decoded, decode, oriented
+from .errors import CaptureError
+
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
+
+
+def read_mask(camera: Camera, orientation: int) -> np.ndarray:
+    """Coverage [H, W] float32 in [0, 1] from a mask file, at the camera's size.
+
+    Args:
+        orientation: the photo's; its mask may lie as the photo does.
+
+    Raises:
+        CaptureError: not there, unreadable, or of another shape than the photo.
+    """
+    path = camera.mask_path
+    if not path.is_file():
+        raise CaptureError(
+            path, "mask_path", "the mask does not exist", "add it or remove mask_path"
+        )
+    decoded = decode(path)
+    mask = coverage(decoded)
+    if not np.isfinite(mask).all():
+        raise CaptureError(path, "", "the mask holds values that are not numbers", "replace it")
+    wanted = (camera.width, camera.height)
+    for turned in (1, decoded.orientation, orientation):
+        candidate = oriented(mask, turned)
+        height, width = candidate.shape
+        if (width, height) == wanted:
+            return np.ascontiguousarray(candidate)
+        # A mask made smaller has its size rounded to whole pixels.
+        if abs(width / wanted[0] - height / wanted[1]) <= 1 / wanted[0] + 1 / wanted[1]:
+            return resized_by_area(candidate, *wanted)
+    raise CaptureError(
+        path, "mask_path", f"the mask is {mask.shape[1]} × {mask.shape[0]} pixels, "
+        f"its photo {camera.width} × {camera.height}", "export both at one shape",
+    )  # fmt: skip
+
+
+def coverage(decoded: Decoded) -> np.ndarray:
+    """Coverage [H, W] float32 in [0, 1] of a mask: its brightness, as it is encoded.
+
+    A picture of one brightness with an alpha channel that varies has the mask there. Masks of zeros
+    and ones, which look black, are meant as black and white.
+    """
+    pixels = decoded.pixels
+    colours = pixels.shape[2] if decoded.alpha is None else decoded.alpha
+    if colours >= 3:
+        shade = pixels[..., :3].astype(np.float32) @ _LUMINANCE
+    else:
+        shade = pixels[..., 0].astype(np.float32)
+    if decoded.alpha is not None and (colours == 0 or np.ptp(shade) < 1e-3 * decoded.largest):
+        alpha = pixels[..., decoded.alpha].astype(np.float32)
+        shade = alpha if colours == 0 or np.ptp(alpha) > 0 else shade
+    largest = decoded.largest
+    if not decoded.is_float and 0 < shade.max() <= 1.001:
+        largest = 1.0
+    return np.clip(shade / np.float32(largest), 0, 1)
+
+
+def resized_by_area(image: np.ndarray, width: int, height: int) -> np.ndarray:
+    """An image [H, W] at another size, each pixel the mean of the area it covers, float32."""
+    for axis, count in ((0, height), (1, width)):
+        image = np.moveaxis(image, axis, 0).astype(np.float64)
+        total = np.concatenate([np.zeros((1, image.shape[1])), np.cumsum(image, axis=0)])
+        edges = np.linspace(0, len(image), count + 1)
+        below = np.minimum(edges.astype(int), len(image) - 1)
+        # The integral up to each edge; its differences are what lies between two edges.
+        until = total[below] + (edges - below)[:, None] * image[below]
+        image = np.moveaxis(np.diff(until, axis=0) * (count / len(image)), 0, axis)
+    return np.clip(image, 0, 1).astype(np.float32)

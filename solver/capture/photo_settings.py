@@ -1,0 +1,20 @@
+"""Settings of how photos are read; apart from `photos`, so that Blender can import them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+COLOUR_SPACES = ("auto", "srgb", "linear")
+
+
+@dataclass(frozen=True)
+class PhotoSettings:
+    """How photos are read."""
+
+    colour_space: str = "auto"
+    """of the photos: 'srgb', 'linear' (Rec. 709), or 'auto': what a file states, else sRGB for whole
+    numbers (PNG, JPEG, TIFF) and linear for floating point (OpenEXR, HDR, TIFF)"""
+
+    def __post_init__(self):
+        if self.colour_space not in COLOUR_SPACES:
+            raise ValueError(f"it is one of {', '.join(COLOUR_SPACES)}")

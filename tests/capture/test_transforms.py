@@ -1,0 +1,207 @@
+"""transforms.json beyond its basics: lenses and masks of single frames, what is up, sparse points."""
+
+import json
+import math
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from solver.capture.errors import CaptureError
+from solver.capture.ply_points import MOST_POINTS, read_ply_points
+from solver.capture.read import read_capture
+from tests.capture.hostile import VALUES, reads_or_refuses
+from tests.capture.test_capture import make_capture, pose
+
+NERFSTUDIO = [[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0]]
+
+
+def capture_with(folder, **content):
+    return read_capture(make_capture(folder, edit=lambda c: c.update(content)))
+
+
+def test_each_frame_may_have_a_lens_and_a_mask_of_its_own(tmp_path):
+    def change(content):
+        content.update(fl_x=20.0, w=8, h=8, camera_model="OPENCV", k1=0.1)
+        content["frames"][1].update(
+            camera_model="OPENCV_FISHEYE", fl_x=9.0, fl_y=10.0, cx=3.0, cy=5.0, k1=0.02, k2=0.03
+        )
+        content["frames"][2].update(camera_model="PINHOLE", k1=0, mask_path="cut/two.png")
+
+    folder = make_capture(tmp_path, edit=change)
+    (folder / "cut").mkdir()
+    Image.new("L", (8, 8), 255).save(folder / "cut" / "two.png")
+    first, second, third, _ = read_capture(folder).cameras
+    assert (first.lens, first.fx, first.fy, first.distortion) == (
+        "opencv",
+        20,
+        20,
+        (0.1, 0, 0, 0, 0),
+    )
+    assert (second.lens, second.fx, second.fy, second.cx) == ("opencv_fisheye", 9, 10, 3)
+    assert second.distortion == (0.02, 0.03, 0, 0)
+    assert third.lens == "pinhole" and third.mask_path == folder / "cut" / "two.png"
+    assert first.mask_path is None
+
+
+def test_what_only_trainers_need_is_ignored(tmp_path):
+    plain = read_capture(make_capture(tmp_path / "a"))
+    extra = capture_with(
+        tmp_path / "b", aabb_scale=16, offset=[0.5, 0.5, 0.5], scale=0.33, enable_depth_loading=True,
+        integer_depth_scale=0.001, applied_scale=0.2, applied_transform=NERFSTUDIO,
+        orientation_override="none", train_filenames=[],
+    )  # fmt: skip
+    for a, b in zip(plain.cameras, extra.cameras, strict=True):
+        np.testing.assert_array_equal(a.camera_to_world, b.camera_to_world)
+
+
+def test_up_is_z_or_what_was_minus_y_in_colmaps_world(tmp_path):
+    assert capture_with(tmp_path / "a").up.tolist() == [0, 0, 1]
+    assert capture_with(tmp_path / "b", applied_transform=NERFSTUDIO).up.tolist() == [0, 0, 1]
+    older = [[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, -1, 0]]
+    assert capture_with(tmp_path / "c", applied_transform=older).up.tolist() == [-1, 0, 0]
+    metashape = [[0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0]]
+    assert capture_with(tmp_path / "d", applied_transform=metashape).up.tolist() == [0, 0, 1]
+    assert capture_with(tmp_path / "e", applied_transform=np.eye(4).tolist()).up is None
+    assert capture_with(tmp_path / "f", applied_transform="up").up.tolist() == [0, 0, 1]
+
+
+POINTS = np.random.default_rng(0).normal(size=(150, 3)).astype(np.float32)
+
+
+def ply(points, kind="binary_little_endian", count=None, before="", extra="property uchar red\n"):
+    head = f"ply\nformat {kind} 1.0\ncomment made by hand\n{before}"
+    head += f"element vertex {len(points) if count is None else count}\n"
+    head += "property float x\nproperty float y\nproperty float z\n" + extra
+    head += "element face 0\nproperty list uchar int vertex_indices\nend_header\n"
+    if kind == "ascii":
+        return head.encode() + "".join(f"{x} {y} {z} 7\n" for x, y, z in points.tolist()).encode()
+    order = "<" if "little" in kind else ">"
+    table = np.zeros(len(points), [("p", order + "f4", 3), ("red", "u1")])
+    table["p"] = points
+    return head.encode() + table.tobytes()
+
+
+@pytest.mark.parametrize("kind", ["ascii", "binary_little_endian", "binary_big_endian"])
+def test_sparse_points_are_read_in_the_world_as_written(tmp_path, kind):
+    (tmp_path / "sparse_pc.ply").write_bytes(ply(POINTS, kind))
+    capture = capture_with(tmp_path, ply_file_path="sparse_pc.ply", applied_transform=NERFSTUDIO)
+    np.testing.assert_allclose(capture.points, POINTS, rtol=1e-6)
+    assert not capture.warnings
+
+
+def test_lines_may_end_as_on_windows_and_names_may_repeat(tmp_path):
+    text = ply(POINTS, "ascii").replace(b"\n", b"\r\n").replace(b"uchar red", b"uchar w")
+    (tmp_path / "a.ply").write_bytes(text)
+    np.testing.assert_allclose(read_ply_points(tmp_path / "a.ply"), POINTS, rtol=1e-6)
+
+
+def test_many_points_are_thinned(tmp_path):
+    points = np.zeros((MOST_POINTS + 1, 3), np.float32)
+    points[:, 0] = np.arange(len(points))
+    (tmp_path / "a.ply").write_bytes(ply(points))
+    read = read_ply_points(tmp_path / "a.ply")
+    assert len(read) == (MOST_POINTS + 2) // 2
+    assert (read[0, 0], read[-1, 0]) == (0, MOST_POINTS)
+
+
+@pytest.mark.parametrize(
+    "content, problem",
+    [
+        (b"", "no PLY"), (b"ply\nformat ascii 1.0\n", "no PLY"), (b"\x89PNG" * 9, "no PLY"),
+        (ply(POINTS, count=10**11), "states 100000000000 points and has fewer"),
+        (ply(POINTS, "ascii", count=10**11), "states 100000000000 points and has fewer"),
+        (ply(POINTS, "ascii", count=151), "states 151 points and has fewer"),
+        (ply(POINTS, count=10**30), "is no count"), (ply(POINTS, count=-1), "is no count"),
+        (ply(POINTS)[:-1], "states 150 points and has fewer"),
+        (ply(POINTS, "ascii").replace(b" 7", b" x"), "states 150 points and has fewer"),
+        (ply(POINTS).replace(b"float y", b"float w"), "no x, y and z"),
+        (ply(POINTS).replace(b"float y", b"float x"), "no x, y and z"),
+        (ply(POINTS).replace(b"float y", b"matrix y"), "type is unknown"),
+        (ply(POINTS).replace(b"uchar red", b"list uchar int red"), "hold lists"),
+        (ply(POINTS, before="element camera 1\nproperty float q\n"), "not the first"),
+        (ply(POINTS, "morse"), "no known format"),
+        (ply(POINTS, extra="property double a\n" * 2000), "type is unknown"),
+    ],
+)  # fmt: skip
+def test_points_that_cannot_be_read_are_named_and_cost_nothing(tmp_path, content, problem):
+    (tmp_path / "a.ply").write_bytes(content)
+    tracemalloc.start()
+    try:
+        with pytest.raises(CaptureError, match=f"a.ply.*{problem}"):
+            read_ply_points(tmp_path / "a.ply")
+        assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    finally:
+        tracemalloc.stop()
+
+
+def test_unusable_points_are_a_warning(tmp_path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "outside.ply").write_bytes(ply(POINTS))
+    (tmp_path / "a" / "cut.ply").write_bytes(ply(POINTS)[:300])
+    for stated, said in {
+        "cut.ply": "has fewer", "none.ply": "not there", "../outside.ply": "not there",
+        str(tmp_path / "outside.ply"): "not there", "x" * 5000: "",
+    }.items():  # fmt: skip
+        capture = capture_with(tmp_path / "a", ply_file_path=stated)
+        assert capture.points is None and len(capture.warnings) == 1 and said in capture.warnings[0]
+    assert capture_with(tmp_path / "a", ply_file_path=["a"]).points is None
+
+
+@settings(
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    kind=st.sampled_from(["ascii", "binary_little_endian"]), keep=st.floats(0, 1), at=st.floats(0, 1),
+    patch=st.binary(max_size=8),
+)  # fmt: skip
+def test_damaged_points_end_in_points_or_an_error(tmp_path, kind, keep, at, patch):
+    data = bytearray(ply(POINTS[:9], kind))
+    data = data[: round(keep * len(data))]
+    start = int(at * len(data))
+    data[start : start + len(patch)] = patch
+    (tmp_path / "a.ply").write_bytes(data)
+    try:
+        assert read_ply_points(tmp_path / "a.ply").shape[1] == 3
+    except CaptureError as error:
+        assert "\n" not in str(error)
+
+
+KEYS = [
+    "frames", "fl_x", "fl_y", "w", "h", "cx", "k1", "camera_model", "camera_angle_x", "is_fisheye",
+    "applied_transform", "ply_file_path",
+]  # fmt: skip
+KEYS_OF_FRAME = ["file_path", "transform_matrix", "mask_path", "fl_x", "w", "camera_model", "k2"]
+
+
+@settings(
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(key=st.sampled_from(KEYS), frame_key=st.sampled_from(KEYS_OF_FRAME), value=VALUES, other=VALUES,
+       keep=st.floats(0.5, 2))  # fmt: skip
+def test_hostile_files_end_in_a_capture_or_an_error(tmp_path, key, frame_key, value, other, keep):
+    def change(content):
+        content["frames"][1][frame_key] = other
+        content[key] = value
+
+    file = make_capture(tmp_path, edit=change) / "transforms_train.json"
+    file.write_text(file.read_text()[: int(keep * len(file.read_text()))])
+    reads_or_refuses(tmp_path)
+
+
+def test_poses_of_a_file_that_names_photos_elsewhere_find_nothing(tmp_path):
+    Image.new("RGB", (8, 8)).save(tmp_path / "secret.png")
+    folder = make_capture(tmp_path / "a")
+    frames = [
+        {"file_path": name, "transform_matrix": pose(i).tolist()}
+        for i, name in enumerate(
+            ["../secret.png", str(tmp_path / "secret"), "../../etc/passwd", "r_0"]
+        )
+    ]
+    content = {"camera_angle_x": math.pi / 4, "frames": frames}
+    (folder / "transforms_train.json").write_text(json.dumps(content))
+    with pytest.raises(CaptureError, match="3 of 4 photos are missing"):
+        read_capture(folder)
