@@ -95,7 +95,10 @@ def read_capture(
     if photos is not None:
         folder = Path(photos)
     else:
-        folder = Path(path) if Path(path).is_dir() else capture_folder(file)
+        folder = capture_folder(file)
+        if Path(path).is_dir():
+            # The wider of the two: a folder of cameras may stand below that of its photos.
+            folder = min(Path(path).absolute(), folder, key=lambda found: len(found.parts))
     finder = PhotoFinder(folder, None if masks is None else Path(masks), trusted)
     try:
         return reader.read(file, finder)
