@@ -52,10 +52,11 @@ def run_solve(options: argparse.Namespace) -> int:
     folder = SolveFolder(options.out or photos / "cameras")
     if options.masks is not None and not options.masks.is_dir():
         raise CaptureError(options.masks, "masks", "there is no such folder", "check its path")
+    names = photos_below(photos, folder.root)
     request = SolveRequest(
-        str(photos), photos_below(photos, folder.root), options.matcher, options.camera_model,
-        options.sharing, None if options.masks is None else str(options.masks.absolute()),
-        seed=options.seed,
+        str(photos), names, tuple((photos / name).stat().st_mtime_ns for name in names),
+        options.matcher, options.camera_model, options.sharing,
+        None if options.masks is None else str(options.masks.absolute()), seed=options.seed,
     )  # fmt: skip
     if folder.root == photos:
         raise CaptureError(photos, "out", "this is the folder of the photos", "give a new folder")

@@ -35,12 +35,14 @@ class SolveRequest:
     Attributes:
         photos: absolute path of the folder of photos.
         names: the photos relative to it, in the order in which they were taken, as far as names tell.
+        changed: when each photo was last written, nanoseconds; what was found in another is not its own.
         masks: absolute path of a folder of masks; features are taken from what they show. Or None.
         max_image_size: longest side at which features are found, pixels.
     """
 
     photos: str
     names: tuple[str, ...]
+    changed: tuple[int, ...] = ()
     matcher: str = "auto"
     camera_model: str = "OPENCV"
     sharing: str = "auto"
@@ -68,6 +70,8 @@ class SolveFolder:
     def take(self, request: SolveRequest) -> bool:
         """Begin a solve in this folder, or continue the same one; True if it is continued.
 
+        An unfinished solve of the same folder with other photos or options is begun anew.
+
         Raises:
             CaptureError: the folder holds anything else; nothing in it is touched.
         """
@@ -86,10 +90,14 @@ class SolveFolder:
                 begun = None
             if begun == asked:
                 return True
-            raise CaptureError(
-                self.root, "", "another solve was begun here, of other photos or with other options",
-                "give a new folder",
-            )  # fmt: skip
+            if not isinstance(begun, dict) or begun.get("photos") != asked["photos"]:
+                raise CaptureError(
+                    self.root, "", "a solve of other photos was begun here", "give a new folder"
+                )
+            for path in self.root.glob(f"{self.database_path.name}*"):
+                path.unlink()
+            write_json_atomic(self.request_path, asked)
+            return False
         if self.root.is_dir() and any(self.root.iterdir()):
             raise CaptureError(self.root, "", "the folder is not empty", "give a new folder")
         self.root.mkdir(parents=True, exist_ok=True)

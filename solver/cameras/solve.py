@@ -282,7 +282,8 @@ class Solver:
         self.progress.stage("adjustment", "adjusting all cameras")
         options = self.colmap.BundleAdjustmentOptions()
         options.print_summary = False
-        self.colmap.bundle_adjustment(model, options, cancellation_token=self.token)
+        with _silent():
+            self.colmap.bundle_adjustment(model, options, cancellation_token=self.token)
         self._check()
         self.progress.fraction(1.0, "cameras solved")
 
@@ -312,6 +313,19 @@ class Solver:
         problem, remedy = unplaced(self._evidence(photos), placed)
         write_cameras(self.folder, Path(self.request.photos), cameras)
         return Solved(len(photos), len(cameras), points, f"{problem}; {remedy}" if problem else "")
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Without what native code writes to stderr: pycolmap 4.2's bundle adjustment turns its log on."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _cores() -> int:

@@ -104,3 +104,12 @@ def write_photos(folder: Path, poses: list[np.ndarray], scale: float = 1.0) -> l
         Image.fromarray(scene.photo(camera)[0]).save(path, quality=95)
         cameras.append(camera)
     return cameras
+
+
+def align(found: np.ndarray, truth: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Scale, rotation [3, 3] and translation that bring points [N, 3] to others (Umeyama, 1991)."""
+    a, b = found - found.mean(0), truth - truth.mean(0)
+    u, s, vt = np.linalg.svd(b.T @ a)
+    flip = np.diag([1.0, 1.0, np.linalg.det(u @ vt)])
+    rotation, scale = u @ flip @ vt, (s * np.diag(flip)).sum() / (a**2).sum()
+    return scale, rotation, truth.mean(0) - scale * rotation @ found.mean(0)

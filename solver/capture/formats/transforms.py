@@ -9,8 +9,11 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ..camera import Camera
 from ..capture import Capture
@@ -20,6 +23,7 @@ from ..files import number as checked_number
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
+from ..ply_points import read_ply_points
 
 NAME = "transforms.json"
 EXTENSIONS = (".json",)
@@ -87,7 +91,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             Found(f"{where}.transform_matrix", stated, photo, frame.get("transform_matrix"),
                   intrinsics, mask)
         )  # fmt: skip
-    return assemble(path, NAME, found, photos)
+    points, warnings = _points(path, content.get("ply_file_path"))
+    return assemble(path, NAME, found, photos, points=points, warnings=warnings)
 
 
 def write_transforms(
@@ -121,6 +126,19 @@ def write_transforms(
     path.parent.mkdir(parents=True, exist_ok=True)
     content = {**(extra or {}), "frames": frames}
     path.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")
+
+
+def _points(path: Path, stated: Any) -> tuple[np.ndarray | None, tuple[str, ...]]:
+    """nerfstudio's sparse points, if the file has them beside it; a capture is complete without."""
+    if not isinstance(stated, str) or not stated or "\0" in stated:
+        return None, ()
+    file = Path(os.path.normpath(path.parent / stated))
+    if not file.is_relative_to(path.parent) or not file.is_file():
+        return None, ()
+    try:
+        return read_ply_points(file), ()
+    except CaptureError as error:
+        return None, (f"{file.name}: {error.problem}, so it is left out",)
 
 
 _OPENCV_KEYS = ("k1", "k2", "p1", "p2", "k3")
