@@ -21,6 +21,7 @@ from .job.control import Control
 from .job.events import EventStream, take_stdout_for_events
 from .job.folder import JobError, JobFolder, JobRequest
 from .job.status import Heartbeat, process_is_alive, read_status
+from .preflight.command import add_check
 from .threads import let_idle_threads_sleep
 
 DONE, FAILED, BAD_INPUT, CANCELLED, OUT_OF_MEMORY = 0, 1, 2, 3, 4
@@ -66,6 +67,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     add_solve(commands)
+    add_check(commands)
     new = commands.add_parser("reconstruct", help="photos and cameras to mesh, textures and light")
     new.add_argument("capture", type=Path, help="folder or camera file")
     new.add_argument("--out", type=Path, required=True, metavar="JOB", help="job folder, new")
