@@ -32,7 +32,7 @@ class Look:
     Attributes:
         sharpness: log2 of fine over middle detail at the strongest edges; NaN without any.
         clipped: share of pixels with a channel at its upper end.
-        exposure: log2 of the median luminance.
+        exposure: log2 of the luminance, mean over its middle half.
         white_border: share of the frame's border that is white.
         coverage: share of the frame that the mask shows; None without a mask.
         cut: share of the frame's border that the mask shows; 0 without.
@@ -106,7 +106,7 @@ def look_at(camera: Camera, region: np.ndarray) -> Look:
     )
     return Look(
         camera, sharpness_of(colour, inside), float((pixels >= 254).any(axis=-1).mean()),
-        float(np.log2(max(np.median(values), 1e-4))), white, coverage, cut, across,
+        _middle_stops(values), white, coverage, cut, across,
         np.asarray(thumbnail).astype(np.int16),
     )  # fmt: skip
 
@@ -160,6 +160,13 @@ def frame_of(
     if rows.stop - rows.start < few or columns.stop - columns.start < few:
         return np.s_[:, :]
     return rows, columns
+
+
+def _middle_stops(luminance: np.ndarray) -> float:
+    """Mean log2 between the quartiles: steadier than the median where there are few tones."""
+    stops = np.log2(np.maximum(luminance, 1e-4))
+    low, high = np.percentile(stops, (25, 75))
+    return float(stops[(stops >= low) & (stops <= high)].mean())
 
 
 def _border_share(shown: np.ndarray) -> float:

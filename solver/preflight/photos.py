@@ -8,8 +8,8 @@ from ..capture.capture import Capture
 from .findings import Finding, listed, note, warning
 from .looks import Look
 
-BLUR = 1.5
-"""how far below the capture's median `Look.sharpness` is blurred: 2.8 times less fine detail"""
+BLUR = 1.8
+"""how far below the capture's median `Look.sharpness` is blurred: 3.5 times less fine detail"""
 STOPS = 0.7
 CLIPPED, WHITE_BORDER = 0.1, 0.8
 EMPTY, FULL, CUT = 0.001, 0.995, 0.02

@@ -23,7 +23,7 @@ def _texture(seed: int, size: int = 512) -> np.ndarray:
     for width, weight in ((4, 0.6), (10, 0.6), (25, 0.4)):
         noise = scipy.ndimage.gaussian_filter(random.normal(size=(size, size)), width, mode="wrap")
         total += weight * noise / noise.std()
-    return np.clip(0.5 + 0.25 * np.round(total), 0, 1).astype(np.float32)
+    return np.clip(0.55 + 0.13 * np.round(total), 0, 1).astype(np.float32)
 
 
 def look_at(position: np.ndarray, target: np.ndarray) -> np.ndarray:
@@ -65,7 +65,7 @@ class BoxScene:
 
     def __init__(self):
         self.textures = [_texture(seed) for seed in range(len(self.PLANES))]
-        self.tints = np.random.default_rng(9).uniform(0.7, 1.0, (len(self.PLANES), 3))
+        self.tints = np.random.default_rng(9).uniform(0.85, 1.0, (len(self.PLANES), 3))
 
     def photo(self, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
         """Colours [H, W, 3] uint8 and where the box is [H, W] bool."""
