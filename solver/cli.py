@@ -1,4 +1,4 @@
-"""The command line: reconstruct, run, render, compose, evaluate, export, doctor.
+"""The command line: solve, check, reconstruct, run, render, compose, evaluate, export, doctor.
 
 Exit codes: 0 done, 2 bad input, 3 cancelled, 4 out of memory, 1 anything else.
 """
@@ -14,12 +14,14 @@ from pathlib import Path
 
 from . import __version__
 from .asset.errors import EmptySurfaceError
+from .cameras.command import add_solve
 from .capture.errors import CaptureError
 from .fit.errors import SettingsError
 from .job.control import Control
 from .job.events import EventStream, take_stdout_for_events
 from .job.folder import JobError, JobFolder, JobRequest
 from .job.status import Heartbeat, process_is_alive, read_status
+from .preflight.command import add_check
 from .threads import let_idle_threads_sleep
 
 DONE, FAILED, BAD_INPUT, CANCELLED, OUT_OF_MEMORY = 0, 1, 2, 3, 4
@@ -64,6 +66,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
+    add_solve(commands)
+    add_check(commands)
     new = commands.add_parser("reconstruct", help="photos and cameras to mesh, textures and light")
     new.add_argument("capture", type=Path, help="folder or camera file")
     new.add_argument("--out", type=Path, required=True, metavar="JOB", help="job folder, new")

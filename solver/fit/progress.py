@@ -22,12 +22,17 @@ class Progress:
     Args:
         events, heartbeat: the job's.
         bar: show a bar on stderr.
+        shares: the stages in their order with their shares of the whole run; None: a reconstruction's.
     """
 
     EVENT_INTERVAL = 0.2
 
-    def __init__(self, events: EventStream, heartbeat: Heartbeat, bar: bool):
+    def __init__(
+        self, events: EventStream, heartbeat: Heartbeat, bar: bool,
+        shares: dict[str, float] | None = None,
+    ):  # fmt: skip
         self._events, self._heartbeat = events, heartbeat
+        self._shares = _SHARES if shares is None else shares
         self._bar = None
         if bar:
             form = "{desc:<34} {percentage:3.0f}% |{bar:30}| {elapsed}, {postfix}"
@@ -39,7 +44,7 @@ class Progress:
     def stage(self, name: str, text: str = "") -> None:
         """A new stage begins."""
         self._stage, self._stage_began = name, time.monotonic()
-        names = list(_SHARES)
+        names = list(self._shares)
         self._events.emit("stage", name=name, index=names.index(name), count=len(names))
         state = {"fit": "running", "asset": "finishing", "report": "finishing"}.get(
             name, "preparing"
@@ -95,9 +100,9 @@ class Progress:
         return True
 
     def _overall(self, done: float) -> float:
-        names = list(_SHARES)
-        before = sum(_SHARES[name] for name in names[: names.index(self._stage)])
-        return before + _SHARES[self._stage] * min(max(done, 0.0), 1.0)
+        names = list(self._shares)
+        before = sum(self._shares[name] for name in names[: names.index(self._stage)])
+        return before + self._shares[self._stage] * min(max(done, 0.0), 1.0)
 
     def _show(self, text: str, done: float, note: str) -> None:
         if self._bar is not None:

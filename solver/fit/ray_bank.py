@@ -42,7 +42,7 @@ class RayBank:
         lens_start: list[int] = []
         colours, alphas = [], []
         for camera, photo in zip(cameras, photos, strict=True):
-            key = _lens_key(camera)
+            key = lens_key(camera)
             if key not in lenses:
                 lenses[key] = stored
                 directions.append(_camera_space_directions(camera))
@@ -110,7 +110,8 @@ class RayBank:
         return torch.cat([self.likely[chosen.to(self.device)], anywhere.to(self.device)])
 
 
-def _lens_key(camera: Camera) -> tuple:
+def lens_key(camera: Camera) -> tuple:
+    """Cameras with one key share their pixels' directions in camera axes."""
     return (
         camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy,
         camera.lens, tuple(camera.distortion),

@@ -121,10 +121,16 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     return assemble(path, NAME, found, photos, points=points, up=up, warnings=warnings)
 
 
-def write_transforms(path: Path, cameras: list[Camera]) -> None:
-    """Write cameras as a transforms file with intrinsics per frame; read back by `read_transforms`.
+def write_transforms(
+    path: Path, cameras: list[Camera], extra: dict[str, Any] | None = None
+) -> None:
+    """Write cameras as a transforms file with intrinsics per frame; read back by `read`.
 
-    Photos are named by absolute paths, so the file may stand anywhere on this machine.
+    Photos are named by the cameras' paths: where these are absolute, the file may stand anywhere on
+    this machine.
+
+    Args:
+        extra: what else the file says, beside its frames.
     """
     frames = []
     for camera in cameras:
@@ -144,7 +150,8 @@ def write_transforms(path: Path, cameras: list[Camera]) -> None:
             frame["mask_path"] = str(camera.mask_path)
         frames.append(frame)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps({"frames": frames}, indent=1, allow_nan=False), encoding="utf-8")
+    content = {**(extra or {}), "frames": frames}
+    path.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")
 
 
 def _points(

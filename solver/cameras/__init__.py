@@ -1,0 +1,1 @@
+"""Cameras solved from photos alone, with COLMAP's incremental structure from motion."""

@@ -1,0 +1,136 @@
+"""The folder of a solve: what was asked, and whether it may be written to or continued.
+
+    FOLDER/solve.json  database.db  sparse/0/  points.ply  transforms_train.json
+           events.jsonl  status.json  cancel
+
+The database numbers the photos (`000001.png` is the first of solve.json's list) and holds them at the size
+at which features were found; sparse/0 and transforms_train.json name and size them as they are.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..capture.errors import CaptureError
+from ..capture.photo_finder import PhotoFinder, capture_folder
+from ..job.folder import write_json_atomic
+
+MATCHERS = ("auto", "exhaustive", "sequential")
+SHARING = ("auto", "single", "each")
+"""one lens for all photos of a size and focal length, one for all, one for each"""
+CAMERA_MODELS = (
+    "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE",
+)  # fmt: skip
+FEWEST_PHOTOS = 3
+
+
+@dataclass(frozen=True)
+class SolveRequest:
+    """What was asked of a solve.
+
+    Attributes:
+        photos: absolute path of the folder of photos.
+        names: the photos relative to it, in the order in which they were taken, as far as names tell.
+        changed: when each photo was last written, nanoseconds; what was found in another is not its own.
+        masks: absolute path of a folder of masks; features are taken from what they show. Or None.
+        max_image_size: longest side at which features are found, pixels.
+    """
+
+    photos: str
+    names: tuple[str, ...]
+    changed: tuple[int, ...] = ()
+    matcher: str = "auto"
+    camera_model: str = "OPENCV"
+    sharing: str = "auto"
+    masks: str | None = None
+    max_image_size: int = 1600
+    max_features: int = 4096
+    seed: int = 0
+
+
+class SolveFolder:
+    """Paths of a solve's folder."""
+
+    def __init__(self, root: Path):
+        self.root = root.absolute()
+        self.request_path = self.root / "solve.json"
+        self.database_path = self.root / "database.db"
+        self.sparse_dir = self.root / "sparse"
+        self.points_path = self.root / "points.ply"
+        self.cameras_path = self.root / "transforms_train.json"
+        self.events_path = self.root / "events.jsonl"
+        self.status_path = self.root / "status.json"
+        self.cancel_path = self.root / "cancel"
+        self.work_dir = self.root / "work"
+
+    def take(self, request: SolveRequest) -> bool:
+        """Begin a solve in this folder, or continue the same one; True if it is continued.
+
+        An unfinished solve of the same folder with other photos or options is begun anew.
+
+        Raises:
+            CaptureError: the folder holds anything else; nothing in it is touched.
+        """
+        asked = json.loads(json.dumps(dataclasses.asdict(request)))
+        if self.root.exists() and not self.root.is_dir():
+            raise CaptureError(self.root, "", "this is a file", "give a new folder for the cameras")
+        if self.cameras_path.exists():
+            raise CaptureError(
+                self.root, "", "there are cameras in this folder already",
+                "reconstruct from it, or give a new folder",
+            )  # fmt: skip
+        if self.request_path.exists():
+            try:
+                begun = json.loads(self.request_path.read_text(encoding="utf-8"))
+            except (OSError, ValueError):
+                begun = None
+            if begun == asked:
+                return True
+            if not isinstance(begun, dict) or begun.get("photos") != asked["photos"]:
+                raise CaptureError(
+                    self.root, "", "a solve of other photos was begun here", "give a new folder"
+                )
+            for path in self.root.glob(f"{self.database_path.name}*"):
+                path.unlink()
+            write_json_atomic(self.request_path, asked)
+            return False
+        if self.root.is_dir() and any(self.root.iterdir()):
+            raise CaptureError(self.root, "", "the folder is not empty", "give a new folder")
+        self.root.mkdir(parents=True, exist_ok=True)
+        write_json_atomic(self.request_path, asked)
+        return False
+
+    def finds_photos_of(self, photos: Path) -> bool:
+        """True if reading this folder's cameras finds the photos without being told where they are."""
+        folder = capture_folder(self.cameras_path)
+        return photos.absolute().is_relative_to(folder)
+
+
+def photos_below(folder: Path, besides: Path) -> tuple[str, ...]:
+    """Names of all photos below a folder, relative to it, numbers in their order (2 before 10).
+
+    Args:
+        besides: a folder whose pictures are left out.
+
+    Raises:
+        CaptureError: there is no such folder, or it holds too few.
+    """
+    if not folder.is_dir():
+        raise CaptureError(folder, "", "there is no such folder", "give the folder of the photos")
+    root, besides = folder.absolute(), besides.absolute()
+    found = [path for path in PhotoFinder(folder).pictures() if not path.is_relative_to(besides)]
+    if len(found) < FEWEST_PHOTOS:
+        raise CaptureError(
+            folder, "photos", f"there are {len(found)} photos in it (PNG, JPEG, TIFF, OpenEXR or HDR)",
+            f"cameras need at least {FEWEST_PHOTOS} photos that overlap, better 50",
+        )  # fmt: skip
+    return tuple(sorted((path.relative_to(root).as_posix() for path in found), key=_natural))
+
+
+def _natural(name: str) -> list[tuple[bool, int, str]]:
+    parts = re.split(r"(\d+)", name.lower())
+    return [(p.isdecimal(), int(p) if p.isdecimal() else 0, p) for p in parts if p]

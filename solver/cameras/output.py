@@ -1,0 +1,46 @@
+"""What a solve leaves: cameras as a transforms file, sparse points as a PLY."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from ..capture.camera import Camera
+from ..capture.formats.transforms import write_transforms
+from ..job.folder import replace_file
+from .folder import SolveFolder
+
+
+def write_cameras(folder: SolveFolder, photos: Path, cameras: list[Camera]) -> None:
+    """Write the transforms file; it is complete once it is there.
+
+    Photos are named relative to the file where it stands below them, as other programs expect; else
+    relative to their own folder.
+
+    Args:
+        cameras: with `image_path` below `photos`.
+    """
+    root = photos.absolute()
+    start = folder.root if folder.root.is_relative_to(root) else root
+    named = []
+    for camera in cameras:
+        relative = PurePosixPath(Path(os.path.relpath(camera.image_path, start)).as_posix())
+        named.append(replace(camera, image_path=relative))
+    part = folder.cameras_path.with_suffix(".part")
+    write_transforms(part, named, {"ply_file_path": folder.points_path.name})
+    replace_file(part, folder.cameras_path)
+
+
+def write_points(path: Path, points: np.ndarray, colours: np.ndarray) -> None:
+    """Write points [N, 3] with colours [N, 3] uint8 as a binary PLY."""
+    header = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
+        "property float x\nproperty float y\nproperty float z\n"
+        "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
+    )
+    rows = np.zeros(len(points), dtype=[("position", "<f4", 3), ("colour", "u1", 3)])
+    rows["position"], rows["colour"] = points, colours
+    path.write_bytes(header.encode("ascii") + rows.tobytes())

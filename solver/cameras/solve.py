@@ -1,0 +1,334 @@
+"""Cameras from photos, with pycolmap on the CPU: features, matches, cameras, bundle adjustment.
+
+The one module that imports pycolmap, and only when it is used. Every step stops within seconds when asked,
+and what a stopped or killed solve has put into the database is not computed again.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..capture.errors import CaptureError
+from ..fit.progress import Progress
+from ..job.control import Control
+from .diagnosis import Evidence, unplaced
+from .folder import FEWEST_PHOTOS, SolveFolder, SolveRequest
+from .model import finish_model
+from .output import write_cameras
+from .pairs import pairs_of
+from .prepare import Prepared, look_at, write_prepared
+
+SHARES = {"features": 0.3, "matching": 0.45, "mapping": 0.2, "adjustment": 0.05}
+DEFAULT_FOCAL = 1.2
+"""focal length over the longer side, where a photo says nothing: a phone's main camera and most lenses"""
+FEWEST_FEATURES = 16
+_BLOCK_SECONDS = 2.0
+
+
+class SolveCancelled(Exception):
+    """The solve was asked to stop; it continues where it was."""
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What came out.
+
+    Attributes:
+        photos, placed: how many there are, and how many have a camera.
+        warning: what to know about the others, one sentence; or empty.
+    """
+
+    photos: int
+    placed: int
+    points: int
+    warning: str
+
+
+class Solver:
+    """One solve in its folder.
+
+    Args:
+        folder: taken (`SolveFolder.take`).
+        control: started.
+    """
+
+    def __init__(
+        self, folder: SolveFolder, request: SolveRequest, progress: Progress, control: Control
+    ):
+        import pycolmap
+
+        pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
+        self.colmap: Any = pycolmap
+        self.folder, self.request = folder, request
+        self.progress, self.control = progress, control
+        self.token = pycolmap.CancellationToken()
+        self.threads = _cores()
+
+    def run(self) -> Solved:
+        """Do all that is left to do.
+
+        Raises:
+            SolveCancelled: asked to stop. CaptureError: the photos do not make cameras.
+        """
+        root = Path(self.request.photos)
+        masks = None if self.request.masks is None else Path(self.request.masks)
+        photos = look_at(root, self.request.names, masks, self.request.max_image_size)
+        shutil.rmtree(self.folder.work_dir, ignore_errors=True)
+        self.colmap.set_random_seed(self.request.seed)
+        try:
+            with self._stopping():
+                self._register(photos)
+                self._features(photos)
+                self._match(photos)
+                model = self._map(photos)
+                self._adjust(model)
+        finally:
+            shutil.rmtree(self.folder.work_dir, ignore_errors=True)
+        return self._write(photos, model)
+
+    @contextmanager
+    def _stopping(self) -> Iterator[None]:
+        """Hand the wish to stop on to COLMAP."""
+        done = threading.Event()
+
+        def watch() -> None:
+            while not done.wait(0.1):
+                if self.control.should_stop:
+                    self.token.cancel()
+
+        threading.Thread(target=watch, daemon=True).start()
+        try:
+            yield
+        except InterruptedError as error:
+            raise SolveCancelled from error
+        finally:
+            done.set()
+
+    def _check(self) -> None:
+        if self.control.should_stop:
+            raise SolveCancelled
+
+    @contextmanager
+    def _database(self) -> Iterator[Any]:
+        database = self.colmap.Database.open(self.folder.database_path)
+        try:
+            yield database
+        finally:
+            database.close()
+
+    def _register(self, photos: list[Prepared]) -> None:
+        """Put photos and lenses into a new database, all or nothing."""
+        with self._database() as database:
+            if database.num_images() == len(photos):
+                return
+            database.clear_all_tables()
+            with self.colmap.DatabaseTransaction(database):
+                rigs: dict[Any, tuple[Any, int]] = {}
+                for photo in photos:
+                    key = self._lens_key(photo)
+                    if key not in rigs:
+                        rigs[key] = self._new_rig(database, photo)
+                    camera, rig = rigs[key]
+                    if (camera.width, camera.height) != (photo.small_width, photo.small_height):
+                        raise CaptureError(
+                            photo.path, "", f"the photo is {photo.width} × {photo.height} pixels, "
+                            "others are not, so they have no lens in common",
+                            "solve without --single-camera",
+                        )  # fmt: skip
+                    image = self.colmap.Image(name=photo.file, camera_id=camera.camera_id)
+                    number = database.write_image(image)
+                    frame = self.colmap.Frame(frame_id=number, rig_id=rig)
+                    frame.add_data_id(self.colmap.data_t(camera.sensor_id, number))
+                    database.write_frame(frame)
+
+    def _lens_key(self, photo: Prepared) -> Any:
+        sharing = self.request.sharing
+        return {"single": 0, "each": photo.number}.get(sharing, photo.lens_key)
+
+    def _new_rig(self, database: Any, photo: Prepared) -> tuple[Any, int]:
+        factor = photo.small_width / photo.width
+        longer = max(photo.small_width, photo.small_height)
+        focal = DEFAULT_FOCAL * longer if photo.focal is None else photo.focal * factor
+        camera = self.colmap.Camera.create_from_model_name(
+            0, self.request.camera_model, focal, photo.small_width, photo.small_height
+        )
+        camera.has_prior_focal_length = photo.focal is not None
+        camera.camera_id = database.write_camera(camera)
+        rig = self.colmap.Rig(rig_id=camera.camera_id)
+        rig.add_ref_sensor(camera.sensor_id)
+        return camera, database.write_rig(rig)
+
+    def _features(self, photos: list[Prepared]) -> None:
+        """SIFT features of all photos that have none yet."""
+        self.progress.stage("features", "finding features")
+        with self._database() as database:
+            numbers = {image.name: image.image_id for image in database.read_all_images()}
+            left = [p for p in photos if not database.exists_descriptors(numbers[p.file])]
+        options = self.colmap.FeatureExtractionOptions()
+        options.num_threads, options.use_gpu = self.threads, False
+        options.sift.max_num_features = self.request.max_features
+        block = max(4, 2 * self.threads)
+        for first in range(0, len(left), block):
+            now = left[first : first + block]
+            pictures, masks = self.folder.work_dir / "pictures", self.folder.work_dir / "masks"
+            for path in (pictures, masks):
+                path.mkdir(parents=True, exist_ok=True)
+            with ThreadPoolExecutor(max_workers=min(self.threads, 8)) as pool:
+                list(pool.map(lambda photo, a=pictures, b=masks: write_prepared(photo, a, b), now))
+            self._check()
+            self._extract(now, pictures, masks, options)
+            shutil.rmtree(self.folder.work_dir, ignore_errors=True)
+            done = len(photos) - len(left) + first + len(now)
+            self.progress.fraction(done / len(photos), f"features: photo {done}")
+        evidence = self._evidence(photos)
+        if sum(item.features >= FEWEST_FEATURES for item in evidence) < FEWEST_PHOTOS:
+            self._fail(evidence, set())
+
+    def _extract(self, now: list[Prepared], pictures: Path, masks: Path, options: Any) -> None:
+        reader = self.colmap.ImageReaderOptions()
+        masked = [photo for photo in now if (masks / f"{photo.file}.png").exists()]
+        for group, path in ((masked, masks), ([p for p in now if p not in masked], None)):
+            if group:
+                reader.mask_path = "" if path is None else path
+                self.colmap.extract_features(
+                    self.folder.database_path, pictures,
+                    image_names=[photo.file for photo in group], reader_options=reader,
+                    extraction_options=options, device=self.colmap.Device.cpu,
+                    cancellation_token=self.token,
+                )  # fmt: skip
+
+    def _match(self, photos: list[Prepared]) -> None:
+        """Matches of all pairs that were not compared yet, verified, in blocks of some seconds."""
+        self.progress.stage("matching", "matching photos")
+        pairs = pairs_of(len(photos), self.request.matcher)
+        with self._database() as database:
+            number = {image.name: image.image_id for image in database.read_all_images()}
+            ids = [number[photo.file] for photo in photos]
+            left = [
+                (i, j) for i, j in pairs
+                if not database.exists_two_view_geometry(ids[i], ids[j])
+            ]  # fmt: skip
+        matching = self.colmap.FeatureMatchingOptions()
+        matching.num_threads, matching.use_gpu = self.threads, False
+        verification = self.colmap.TwoViewGeometryOptions()
+        verification.ransac.random_seed = self.request.seed
+        self.folder.work_dir.mkdir(parents=True, exist_ok=True)
+        listing = self.folder.work_dir / "pairs.txt"
+        block, at = 10 * self.threads, 0
+        while at < len(left):
+            self._check()
+            began = time.monotonic()
+            now = left[at : at + block]
+            lines = (f"{photos[i].file} {photos[j].file}\n" for i, j in now)
+            listing.write_text("".join(lines), encoding="ascii")
+            self.colmap.match_image_pairs(
+                self.folder.database_path, matching_options=matching,
+                pairing_options=self.colmap.ImportedPairingOptions(match_list_path=listing),
+                verification_options=verification, device=self.colmap.Device.cpu,
+                cancellation_token=self.token,
+            )  # fmt: skip
+            at += len(now)
+            factor = _BLOCK_SECONDS / max(time.monotonic() - began, 1e-3)
+            block = min(max(int(block * min(factor, 3.0)), 2 * self.threads), 1000)
+            done = len(pairs) - len(left) + at
+            self.progress.fraction(done / len(pairs), f"matching: pair {done} of {len(pairs)}")
+
+    def _map(self, photos: list[Prepared]) -> Any:
+        """The largest model that the matches give."""
+        self.progress.stage("mapping", "placing cameras")
+        shutil.rmtree(self.folder.sparse_dir, ignore_errors=True)
+        output = self.folder.work_dir / "models"
+        output.mkdir(parents=True, exist_ok=True)
+        options = self.colmap.IncrementalPipelineOptions()
+        options.random_seed, options.num_threads = self.request.seed, self.threads
+        options.mapper.random_seed = options.triangulation.random_seed = self.request.seed
+        options.min_model_size, options.extract_colors = FEWEST_PHOTOS, False
+        placed = 0
+
+        def again() -> None:
+            nonlocal placed
+            placed = 2
+
+        def one_more() -> None:
+            nonlocal placed
+            placed = min(placed + 1, len(photos))
+            self.progress.fraction(placed / len(photos), f"placing cameras: {placed} placed")
+
+        found = self.colmap.incremental_mapping(
+            self.folder.database_path, self.folder.root, output, options=options,
+            initial_image_pair_callback=again, next_image_callback=one_more,
+            cancellation_token=self.token,
+        )  # fmt: skip
+        self._check()
+        best = max(
+            found.values(), key=lambda m: (m.num_reg_images(), m.num_points3D()), default=None
+        )
+        if best is None or best.num_reg_images() < FEWEST_PHOTOS:
+            self._fail(self._evidence(photos), set())
+        return best
+
+    def _adjust(self, model: Any) -> None:
+        """One last adjustment of all cameras and points together."""
+        self.progress.stage("adjustment", "adjusting all cameras")
+        options = self.colmap.BundleAdjustmentOptions()
+        options.print_summary = False
+        with _silent():
+            self.colmap.bundle_adjustment(model, options, cancellation_token=self.token)
+        self._check()
+        self.progress.fraction(1.0, "cameras solved")
+
+    def _evidence(self, photos: list[Prepared]) -> list[Evidence]:
+        matches: dict[int, list[int]] = defaultdict(list)
+        with self._database() as database:
+            number = {image.name: image.image_id for image in database.read_all_images()}
+            for pair, count in zip(*database.read_two_view_geometry_num_inliers(), strict=True):
+                for image in self.colmap.pair_id_to_image_pair(pair):
+                    if count > 0:
+                        matches[image].append(int(count))
+            return [
+                Evidence(
+                    photo.name, database.num_keypoints_for_image(number[photo.file]),
+                    tuple(matches[number[photo.file]]),
+                )
+                for photo in photos
+            ]  # fmt: skip
+
+    def _fail(self, evidence: list[Evidence], placed: set[str]) -> None:
+        problem, remedy = unplaced(evidence, placed)
+        raise CaptureError(self.request.photos, "photos", problem, remedy)
+
+    def _write(self, photos: list[Prepared], model: Any) -> Solved:
+        cameras, points = finish_model(self.colmap, model, photos, self.folder)
+        placed = {image.name for image in model.images.values() if image.has_pose}
+        problem, remedy = unplaced(self._evidence(photos), placed)
+        write_cameras(self.folder, Path(self.request.photos), cameras)
+        return Solved(len(photos), len(cameras), points, f"{problem}; {remedy}" if problem else "")
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Without what native code writes to stderr: pycolmap 4.2's bundle adjustment turns its log on."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def _cores() -> int:
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

@@ -1,0 +1,55 @@
+"""All checks of a capture, in seconds and without changing anything."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ..capture.capture import Capture
+from ..fit.presets import settings_for
+from . import photos
+from .coverage import coverage
+from .estimate import Estimate, estimate
+from .findings import Finding, note, warning
+from .looks import look_at_photos
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a check found; warnings first."""
+
+    findings: tuple[Finding, ...]
+    estimate: Estimate
+
+    def as_json(self) -> dict:
+        """{"findings": [{"level", "photo", "text"}], "estimate": {…}}."""
+        return {
+            "findings": [vars(finding) for finding in self.findings],
+            "estimate": self.estimate.as_json(),
+        }
+
+
+def check(
+    capture: Capture, preset: str = "draft", progress: Callable[[int, int], None] | None = None
+) -> Report:
+    """Check a capture before it is reconstructed.
+
+    Args:
+        progress: called with the number of photos looked at and of all.
+
+    Raises:
+        CaptureError: a photo cannot be decoded. SettingsError: there is no such preset.
+    """
+    cells = settings_for(preset).field.sizes[-1]
+    looks = look_at_photos(capture, progress)
+    told = estimate(capture, preset, all(look.coverage is not None for look in looks))
+    found = [note(text) for text in capture.warnings]
+    found += photos.blur(looks) + photos.exposure(looks) + photos.duplicates(looks)
+    found += photos.masks(looks) + photos.size(looks, capture, cells) + coverage(capture)
+    if told.memory is not None and told.bytes > 0.8 * told.memory:
+        found.append(
+            warning(f"the fit will need about {told.bytes / 1e9:.0f} GB of this machine's "
+                    f"{told.memory / 1e9:.0f}; make the photos smaller")
+        )  # fmt: skip
+    found.sort(key=lambda finding: finding.level != "warning")
+    return Report(tuple(found), told)

@@ -1,0 +1,50 @@
+"""The command `check`: look at a capture before hours are spent on it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+DONE = 0
+
+
+def add_check(commands: argparse._SubParsersAction) -> None:
+    """Add the command to the command line."""
+    check = commands.add_parser("check", help="look for problems of a capture, in seconds")
+    check.add_argument("capture", type=Path, help="folder or camera file")
+    check.add_argument(
+        "--photos", type=Path, metavar="DIR", help="if not below the capture's folder"
+    )
+    check.add_argument("--masks", type=Path, metavar="DIR", help="if not in a folder 'masks' there")
+    check.add_argument("--preset", default="draft", help="draft, standard or paper")
+    check.add_argument("--json", action="store_true", help="one object on stdout, for programs")
+    check.set_defaults(run=run_check)
+
+
+def run_check(options: argparse.Namespace) -> int:
+    """Print findings and estimate; the exit code is 0 also with warnings.
+
+    Raises:
+        CaptureError: the capture cannot be read. SettingsError: there is no such preset.
+    """
+    from ..capture.read import read_capture
+    from ..fit.presets import settings_for
+    from .check import check
+
+    settings_for(options.preset)
+    capture = read_capture(options.capture, photos=options.photos, masks=options.masks)
+    report = check(capture, options.preset, _progress if sys.stderr.isatty() else None)
+    if options.json:
+        print(json.dumps(report.as_json(), ensure_ascii=False, allow_nan=False))
+        return DONE
+    for finding in report.findings:
+        print(finding.line())
+    print(report.estimate.line())
+    return DONE
+
+
+def _progress(done: int, count: int) -> None:
+    end = "\n" if done == count else ""
+    print(f"\rlooking at photo {done} of {count}", end=end, file=sys.stderr, flush=True)

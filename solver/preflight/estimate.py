@@ -1,0 +1,120 @@
+"""How long a reconstruction will take on this machine's processor, and how much memory: an estimate.
+
+Time is the preset's steps times what a step took where it was measured (two cores, docs/benchmarks.md),
+for as many cores as the step can use. Memory is what photos take up while rays are made of them, plus what
+a fit of the preset was seen to need beside them.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import asdict, dataclass
+
+from ..capture.capture import Capture
+from ..fit.presets import Settings, settings_for
+from ..fit.ray_bank import lens_key
+
+CORE_SECONDS = {"draft": 0.15, "standard": 0.45, "paper": 3.0}
+"""processor seconds of a step; the paper's is not measured but follows its rays"""
+OVERHEAD = {"draft": 60.0, "standard": 120.0, "paper": 240.0}
+"""seconds for kernels, hull, asset and report"""
+BASE_BYTES = {"draft": 1.3e9, "standard": 2.0e9, "paper": 4.0e9}
+"""memory of a fit of few, small photos"""
+EFFICIENCY = 0.9
+LOADING = 0.25e-6
+"""processor seconds a pixel of the photos takes until it is in the ray bank"""
+
+PHOTO_BYTES = 16  # float32 RGBA, kept for hull, previews and report
+BANK_BYTES = 8  # half RGB and alpha
+DIRECTION_BYTES = 12  # float32, once per lens
+LIKELY_BYTES = 9  # with masks: which pixels are drawn, and their indices
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Estimates, not promises.
+
+    Attributes:
+        seconds: wall time of the whole reconstruction on the processor, asset included.
+        bytes: peak memory.
+        photo_bytes: the photos' part of it.
+        cores: that the fit can use here.
+        memory: bytes this machine has; None if that is not known.
+    """
+
+    preset: str
+    seconds: float
+    bytes: int
+    photo_bytes: int
+    cores: int
+    memory: int | None
+    note: str = "an estimate for the processor; a graphics card is faster, other work slows it down"
+
+    def as_json(self) -> dict:
+        """For `--json`."""
+        return asdict(self)
+
+    def line(self) -> str:
+        """For a terminal."""
+        minutes = self.seconds / 60
+        time = f"{minutes:.0f} minutes" if minutes < 90 else f"{minutes / 60:.1f} hours"
+        return (
+            f"estimate: preset {self.preset} takes about {time} and {self.bytes / 1e9:.1f} GB of "
+            f"memory ({self.note})"
+        )
+
+
+def estimate(
+    capture: Capture, preset: str, masked: bool, cores: int | None = None
+) -> Estimate:  # fmt: skip
+    """Estimate a reconstruction of a capture.
+
+    Args:
+        masked: all photos have masks or alpha.
+        cores: None: this machine's.
+
+    Raises:
+        SettingsError: there is no such preset.
+    """
+    settings = settings_for(preset)
+    usable = usable_cores(settings, cores or _cores())
+    pixels = sum(camera.width * camera.height for camera in capture.cameras)
+    speed = 1 + EFFICIENCY * (usable - 1)
+    fit = settings.fit.steps * CORE_SECONDS[preset] / speed
+    seconds = fit + OVERHEAD[preset] + pixels * LOADING
+    photos = photo_bytes(capture, masked)
+    return Estimate(
+        preset, round(seconds, 1), int(BASE_BYTES[preset]) + photos, photos, usable, _memory()
+    )
+
+
+def photo_bytes(capture: Capture, masked: bool) -> int:
+    """Peak memory of a capture's photos and the rays made of them, as `RayBank` makes them."""
+    pixels, lenses = 0, {}
+    for camera in capture.cameras:
+        pixels += camera.width * camera.height
+        lenses[lens_key(camera)] = camera.width * camera.height
+    # Colours and directions are there twice while they are joined.
+    bank = 2 * (BANK_BYTES * pixels + DIRECTION_BYTES * sum(lenses.values()))
+    return PHOTO_BYTES * pixels + bank + (LIKELY_BYTES * pixels if masked else 0)
+
+
+def usable_cores(settings: Settings, cores: int) -> int:
+    """Cores that share a step: no more than it has chunks."""
+    fit = settings.fit
+    if fit.samples > 0:
+        return cores
+    return max(1, min(cores, round(fit.rays / fit.chunk_rays)))
+
+
+def _cores() -> int:
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _memory() -> int | None:
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):
+        return None

@@ -1,0 +1,43 @@
+"""What a check found, a sentence each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+_NAMED = 6
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something to know before a reconstruction.
+
+    Attributes:
+        level: 'warning' (likely to cost quality) or 'note'.
+        photo: the camera's name it is about; None if it is about the capture.
+        text: what it is; what to do about it.
+    """
+
+    level: str
+    photo: str | None
+    text: str
+
+    def line(self) -> str:
+        """For a terminal."""
+        about = f"{self.photo}: " if self.photo else ""
+        return f"{self.level}: {about}{self.text}"
+
+
+def warning(text: str, photo: str | None = None) -> Finding:
+    """A finding that is likely to cost quality."""
+    return Finding("warning", photo, text)
+
+
+def note(text: str, photo: str | None = None) -> Finding:
+    """A finding that is good to know."""
+    return Finding("note", photo, text)
+
+
+def listed(names: list[str]) -> str:
+    """The first names and how many more."""
+    more = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")

@@ -1,0 +1,174 @@
+"""One quick look at every photo, at a reduced size: the numbers all checks of photos judge by."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import scipy.ndimage
+from PIL import Image
+
+from ..capture.camera import Camera
+from ..capture.capture import Capture
+from ..capture.photos import srgb_to_linear
+from ..capture.reduced import load_reduced, load_reduced_mask
+
+LONGEST = 960
+"""pixels of the longer side that is looked at: a quarter of a phone photo's, which JPEG decodes fast"""
+_THUMBNAIL = 32
+_FEWEST_PIXELS = 200
+_TO_LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What a photo looks like where the object is (its mask, else the region's place in the frame).
+
+    Attributes:
+        sharpness: log2 of fine over middle detail at the strongest edges; NaN without any.
+        clipped: share of pixels with a channel at its upper end.
+        exposure: log2 of the luminance, mean over its middle half.
+        white_border: share of the frame's border that is white.
+        coverage: share of the frame that the mask shows; None without a mask.
+        cut: share of the frame's border that the mask shows; 0 without.
+        across: pixels of the photo that the mask's box measures, its longer side; None without.
+        thumbnail: [32, 32, 3] int16.
+    """
+
+    camera: Camera
+    sharpness: float
+    clipped: float
+    exposure: float
+    white_border: float
+    coverage: float | None
+    cut: float
+    across: float | None
+    thumbnail: np.ndarray
+
+    @property
+    def name(self) -> str:
+        return self.camera.name
+
+
+def look_at_photos(
+    capture: Capture, progress: Callable[[int, int], None] | None = None
+) -> list[Look]:
+    """Look at all photos of a capture, in the cameras' order.
+
+    Raises:
+        CaptureError: one cannot be decoded.
+    """
+    looks = []
+    with ThreadPoolExecutor(max_workers=min(os.cpu_count() or 1, 8)) as pool:
+        for look in pool.map(lambda camera: look_at(camera, capture.region), capture.cameras):
+            looks.append(look)
+            if progress is not None:
+                progress(len(looks), len(capture.cameras))
+    return looks
+
+
+def look_at(camera: Camera, region: np.ndarray) -> Look:
+    """Look at one photo.
+
+    Args:
+        region: [2, 3] world box of the object.
+    """
+    colour, alpha = load_reduced(camera.image_path, LONGEST)
+    height, width = colour.shape[:2]
+    if alpha is not None and alpha.min() == 255:
+        alpha = None
+    if camera.mask_path is not None and camera.mask_path.is_file():
+        mask = load_reduced_mask(camera.mask_path, (height, width))
+        alpha = mask if alpha is None else np.minimum(alpha, mask)
+    scale = camera.width / width
+    inside = np.zeros((height, width), bool)
+    inside[frame_of(camera, region, scale, (height, width))] = True
+    coverage, cut, across, white = None, 0.0, None, _border_share((colour >= 250).all(axis=-1))
+    if alpha is not None:
+        shown = alpha > 127
+        coverage, cut = float(shown.mean()), _border_share(shown)
+        across = (
+            float(max(np.ptp(found) + 1 for found in shown.nonzero()) * scale) if coverage else 0.0
+        )
+        # Away from the mask's edge, whose sharpness and brightness are the mask's.
+        object_only = scipy.ndimage.binary_erosion(shown, iterations=2)
+        inside = object_only if object_only.sum() > _FEWEST_PIXELS else inside
+    linear = _TO_LINEAR[colour] @ _LUMINANCE
+    pixels = colour[inside]
+    values = linear[inside]
+    thumbnail = Image.fromarray(np.ascontiguousarray(colour)).resize(
+        (_THUMBNAIL, _THUMBNAIL), Image.Resampling.BOX
+    )
+    return Look(
+        camera, sharpness_of(colour, inside), float((pixels >= 254).any(axis=-1).mean()),
+        _middle_stops(values), white, coverage, cut, across,
+        np.asarray(thumbnail).astype(np.int16),
+    )  # fmt: skip
+
+
+def sharpness_of(colour: np.ndarray, inside: np.ndarray) -> float:
+    """log2 of fine over middle detail where there is most of the latter; NaN if there is none.
+
+    A ratio at edges: a plain object has few edges, but sharp ones, and a blurred one has soft ones.
+
+    Args:
+        colour: [H, W, 3] uint8. inside: [H, W] bool, where to look.
+    """
+    rows, columns = inside.nonzero()
+    if len(rows) < _FEWEST_PIXELS:
+        return float("nan")
+    window = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+    grey = colour[window].astype(np.float32) @ _LUMINANCE
+    # Along rows and columns each, the softer counts: a shaken photo is sharp across its motion.
+    found = [_sharpness_along(grey, inside[window], axis) for axis in (0, 1)]
+    return float(np.nanmin(found)) if np.isfinite(found).any() else float("nan")
+
+
+def _sharpness_along(grey: np.ndarray, inside: np.ndarray, axis: int) -> float:
+    soft = scipy.ndimage.gaussian_filter1d(grey, 1.0, axis=axis)
+    # Second differences: the finest that pixels hold, and the first that goes with any blur.
+    fine = scipy.ndimage.convolve1d(grey, [-0.25, 0.5, -0.25], axis=axis) ** 2
+    middle = (soft - scipy.ndimage.gaussian_filter1d(soft, 3.0, axis=axis)) ** 2
+    # Both over a neighbourhood: the steepest place of an edge is not where its detail is.
+    near = scipy.ndimage.uniform_filter(middle, 7)[inside]
+    strong = near >= np.percentile(near, 95)
+    around = scipy.ndimage.uniform_filter(fine, 7)[inside]
+    if near[strong].mean() < 1.0:
+        return float("nan")
+    # What is there in the flattest parts as well is noise.
+    there = around[strong].mean() - np.percentile(around, 10)
+    return float(np.log2(max(there / near[strong].mean(), 2.0**-12)))
+
+
+def frame_of(
+    camera: Camera, region: np.ndarray, scale: float, shape: tuple[int, int]
+) -> tuple[slice, slice]:
+    """Rows and columns of a photo reduced by `scale` that show the region; all if that is unclear."""
+    corners = np.array(list(product(*region.T)))
+    pixel, depth = camera.project(corners)
+    if (depth <= 0).any() or not np.isfinite(pixel).all():
+        return np.s_[:, :]
+    low = np.clip(np.floor(pixel.min(0) / scale), 0, None).astype(int)
+    high = np.ceil(pixel.max(0) / scale).astype(int)
+    rows, columns = slice(low[1], min(high[1], shape[0])), slice(low[0], min(high[0], shape[1]))
+    few = _FEWEST_PIXELS**0.5
+    if rows.stop - rows.start < few or columns.stop - columns.start < few:
+        return np.s_[:, :]
+    return rows, columns
+
+
+def _middle_stops(luminance: np.ndarray) -> float:
+    """Mean log2 between the quartiles: steadier than the median where there are few tones."""
+    stops = np.log2(np.maximum(luminance, 1e-4))
+    low, high = np.percentile(stops, (25, 75))
+    return float(stops[(stops >= low) & (stops <= high)].mean())
+
+
+def _border_share(shown: np.ndarray) -> float:
+    border = np.concatenate([shown[0], shown[-1], shown[:, 0], shown[:, -1]])
+    return float(border.mean())

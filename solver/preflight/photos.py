@@ -1,0 +1,171 @@
+"""Findings about photos: blur, exposure, duplicates, masks, size."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..capture.capture import Capture
+from .findings import Finding, listed, note, warning
+from .looks import Look
+
+BLUR = 1.8
+"""how far below the capture's median `Look.sharpness` is blurred: 3.5 times less fine detail"""
+STOPS = 0.7
+CLIPPED, WHITE_BORDER = 0.1, 0.8
+EMPTY, FULL, CUT = 0.001, 0.995, 0.02
+SAME_MEAN, SAME_MOST = 1.5, 16
+"""levels of 255 by which thumbnails of one picture differ, on average and at most"""
+SAME_POSE_DEGREES = 3.0
+FEWEST_ACROSS, MOST_PER_CELL = 100, 4
+
+
+def blur(looks: list[Look]) -> list[Finding]:
+    """Photos much softer than the others are."""
+    values = np.array([look.sharpness for look in looks])
+    known = values[np.isfinite(values)]
+    if len(known) < 3:
+        return []
+    middle = np.median(known)
+    spread = 1.4826 * np.median(np.abs(known - middle))
+    limit = middle - max(BLUR, 3.5 * spread)
+    return [
+        warning("the photo is blurred compared with the others; leave it out or take it again",
+                look.name)
+        for look in looks if look.sharpness < limit
+    ]  # fmt: skip
+
+
+def exposure(looks: list[Look]) -> list[Finding]:
+    """Over-exposed photos, and photos that are brighter or darker than the others."""
+    found = []
+    on_white = float(np.median([look.white_border for look in looks])) > WHITE_BORDER
+    masked = all(look.coverage is not None for look in looks)
+    usual = float(np.median([look.clipped for look in looks]))
+    if masked or not on_white:
+        # A white backdrop is clipped, and is meant to be.
+        if usual > CLIPPED:
+            found.append(
+                warning(f"{usual:.0%} of the object's pixels are over-exposed in most photos; "
+                        "expose less, since highlights that are cut off say nothing of the light")
+            )  # fmt: skip
+    for look in looks:
+        if look.clipped > max(usual, 0.02) + CLIPPED:
+            found.append(
+                warning(f"{look.clipped:.0%} of the pixels are over-exposed; leave it out, or take it "
+                        "again with less exposure", look.name)
+            )  # fmt: skip
+    values = np.array([look.exposure for look in looks])
+    stops = values - np.median(values)
+    near = np.array([values[i] - np.median(values[_nearest(looks, i)]) for i in range(len(looks))])
+    apart = (np.abs(stops) > STOPS) & (np.abs(near) > STOPS) & (stops * near > 0)
+    for index in np.flatnonzero(apart):
+        side = "brighter" if stops[index] > 0 else "darker"
+        found.append(
+            warning(f"the object is {abs(near[index]):.1f} stops {side} than in the photos nearby; lock "
+                    "the exposure, or even it out (exposure compensation) before reconstructing",
+                    looks[index].name)
+        )  # fmt: skip
+    return found
+
+
+def duplicates(looks: list[Look]) -> list[Finding]:
+    """Photos that show the same from the same place."""
+    found = []
+    thumbnails = np.stack([look.thumbnail for look in looks]).reshape(len(looks), -1)
+    flat = thumbnails.std(axis=1) < 2.0
+    for index, look in enumerate(looks):
+        difference = np.abs(thumbnails[:index] - thumbnails[index])
+        same = (difference.mean(axis=1) < SAME_MEAN) & (
+            difference.max(axis=1, initial=0) < SAME_MOST
+        )
+        for other in np.flatnonzero(same & ~flat[:index])[:1]:
+            degrees = _turn(looks[other], look)
+            if degrees < SAME_POSE_DEGREES:
+                text = f"it is nearly the same as {looks[other].name}; one of the two adds nothing"
+            else:
+                text = (f"it looks the same as {looks[other].name}, but its camera is turned by "
+                        f"{degrees:.0f}°; one of the cameras is wrong, solve them again")  # fmt: skip
+            found.append(warning(text, look.name))
+    return found
+
+
+def masks(looks: list[Look]) -> list[Finding]:
+    """Photos without masks, and masks that cannot be right."""
+    without = [look.name for look in looks if look.coverage is None]
+    if len(without) == len(looks):
+        return [note("no photo has a mask or alpha; the object is found without them, which is slower "
+                     "and less sure, so add masks if the background is busy")]  # fmt: skip
+    found = [note(f"{len(looks) - len(without)} of {len(looks)} photos have a mask or alpha")]
+    if without:
+        found.append(
+            warning(f"{len(without)} photos have no mask ({listed(without)}), so the masks of the "
+                    "others are not used either; add the missing ones")
+        )  # fmt: skip
+    sizes = [look.coverage for look in looks if look.coverage is not None]
+    usual = float(np.median(sizes))
+    for look in looks:
+        if look.coverage is None:
+            continue
+        if look.coverage < EMPTY:
+            found.append(
+                warning("the mask is empty; make it again or leave the photo out", look.name)
+            )
+        elif look.coverage > FULL and usual < 0.9:
+            found.append(
+                warning("the mask shows the whole photo; make it again or leave it out", look.name)
+            )
+    cut = [look.name for look in looks if look.cut > CUT and (look.coverage or 0) <= FULL]
+    if cut:
+        found.append(
+            warning(f"the object reaches beyond the frame in {len(cut)} photos ({listed(cut)}); step "
+                    "back, so that all of it is seen")
+        )  # fmt: skip
+    return found
+
+
+def size(looks: list[Look], capture: Capture, cells: int) -> list[Finding]:
+    """How large the object is in the photos, against what the preset can use.
+
+    Args:
+        cells: of the preset's finest grid, per axis.
+    """
+    across = pixels_across(looks, capture)
+    if across < FEWEST_ACROSS:
+        return [warning(f"the object is only about {across:.0f} pixels across; go closer, or use "
+                        "larger photos")]  # fmt: skip
+    found = [note(f"the object is about {across:.0f} pixels across")]
+    if across > MOST_PER_CELL * cells:
+        share = MOST_PER_CELL * cells / across
+        found.append(
+            note(f"photos at {share:.0%} of their size would do for this preset and take "
+                 f"{1 - share**2:.0%} less memory")
+        )  # fmt: skip
+    return found
+
+
+def pixels_across(looks: list[Look], capture: Capture) -> float:
+    """Median size of the object in the photos, pixels; of the region, where there are no masks."""
+    measured = [look.across for look in looks if look.across]
+    if measured:
+        return float(np.median(measured))
+    centre, edge = capture.region.mean(0), float((capture.region[1] - capture.region[0]).max())
+    distance = [max(float(np.linalg.norm(c.position - centre)), 1e-9) for c in capture.cameras]
+    seen = [
+        min(edge / d * c.fx, max(c.width, c.height))
+        for d, c in zip(distance, capture.cameras, strict=True)
+    ]
+    return float(np.median(seen))
+
+
+def _nearest(looks: list[Look], index: int, count: int = 6) -> np.ndarray:
+    """The photos [count] taken from nearest by."""
+    positions = np.stack([look.camera.position for look in looks])
+    distance = np.linalg.norm(positions - positions[index], axis=1)
+    distance[index] = np.inf
+    return np.argsort(distance, kind="stable")[: max(1, min(count, len(looks) - 1))]
+
+
+def _turn(a: Look, b: Look) -> float:
+    """Degrees between the directions of two cameras' views."""
+    cosine = float(a.camera.view_direction @ b.camera.view_direction)
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
