@@ -35,7 +35,7 @@ class FieldSettings:
     smoothing: tuple[float, float] = (0.0, 0.0)
     """standard deviation of the normals' smoothing at the start and at the end, as shares of the box's
     edge; never narrower than the paper's kernel (0: that one). Wide is better in short fits"""
-    step_smoothing: tuple[float, float] = (0.0, 0.0)
+    step_smoothing: tuple[float, float] = (0.006, 0.006)
     """standard deviation of the smoothing of the density's every step, at the start and at the end, as
     shares of the box's edge (0: none): surfaces are smooth unless the photos insist"""
     initial_albedo: float = 0.5
@@ -157,7 +157,7 @@ STANDARD = Settings(
         shaded_depths=2, secondary_depths=1, secondary_rays=32, retraced_rays=2048,
         secondary_bounce_rays=4,
     ),
-    fit=FitSettings(steps=8000, rays=2048),
+    fit=FitSettings(steps=5000, rays=2048),
 )  # fmt: skip
 
 # The paper's schedule; where its text and its public code differ, as decisions/0006 says.
@@ -166,7 +166,7 @@ PAPER = Settings(
         sizes=(128, 162, 196, 231, 265, 300),
         size_starts=(0.0, 2000 / 30000, 3000 / 30000, 4000 / 30000, 5500 / 30000, 7000 / 30000),
         hull_start=False, initial_albedo=0.91, initial_roughness=0.6, initial_f0=0.5,
-        occupancy_min_alpha=0.001,
+        occupancy_min_alpha=0.001, step_smoothing=(0.0, 0.0),
     ),
     light=LightSettings(heights=(512,)),
     render=RenderSettings(
