@@ -1,8 +1,8 @@
 """Reconstruct without a window: `blender -c nmf`, `samples/reconstruct.py`, and the plain function.
 
-    reconstruct CAPTURE OUT.blend [--preset draft|standard] [--device auto|cpu|cuda|mps] [--seed 0]
-                [--time-limit SECONDS] [--set section.field=value …] [--job FOLDER] [--resume]
-                [--overwrite]
+    reconstruct CAPTURE OUT.blend [--photos FOLDER] [--masks FOLDER] [--preset draft|standard]
+                [--device auto|cpu|cuda|mps] [--seed 0] [--time-limit SECONDS]
+                [--set section.field=value …] [--job FOLDER] [--resume] [--overwrite]
 
 Exit codes are the solver's: 0 done, 2 bad input, 3 cancelled, 4 out of memory, 1 anything else.
 """
@@ -65,6 +65,8 @@ def _parser() -> argparse.ArgumentParser:
     command = commands.add_parser("reconstruct", help="photos and cameras to a .blend")
     command.add_argument("capture", type=Path, help="folder or camera file")
     command.add_argument("out", type=Path, metavar="OUT.blend")
+    command.add_argument("--photos", type=Path, help="their folder, if not below the capture's")
+    command.add_argument("--masks", type=Path, help="their folder, if not 'masks' there")
     command.add_argument("--preset", default="draft")
     command.add_argument("--device", default="auto")
     command.add_argument("--seed", type=int, default=0)
@@ -92,7 +94,10 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
     python = solver_python(preferences.chosen_python(), preferences.chosen_runtime())
     out.parent.mkdir(parents=True, exist_ok=True)
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    collection = import_capture(bpy.context, options.capture.absolute())
+    photos, masks = (
+        None if folder is None else folder.absolute() for folder in (options.photos, options.masks)
+    )
+    collection = import_capture(bpy.context, options.capture.absolute(), photos, masks)
     root = (
         options.job.absolute() if options.job else out.with_suffix("").with_name(out.stem + "_job")
     )

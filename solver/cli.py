@@ -109,6 +109,7 @@ def _parser() -> argparse.ArgumentParser:
     evaluate = commands.add_parser("evaluate", help="compare renders with held-out photos")
     evaluate.add_argument("job", type=Path)
     evaluate.add_argument("--cameras", type=Path, required=True, help="camera file with photos")
+    evaluate.add_argument("--photos", type=Path, metavar="DIR", help="if not below its folder")
     evaluate.add_argument("--out", type=Path, help="metrics.json")
     evaluate.add_argument("--rays", type=int, default=64, help="secondary rays a pixel")
     _add_neural(evaluate)
@@ -259,8 +260,9 @@ def _evaluate(options: argparse.Namespace) -> int:
     from .fit.evaluate import evaluate_job
 
     evaluate_job(
-        JobFolder.open(options.job), options.cameras, options.out, options.rays, options.neural
-    )
+        JobFolder.open(options.job), options.cameras, options.out, options.rays, options.neural,
+        options.photos,
+    )  # fmt: skip
     return DONE
 
 

@@ -40,7 +40,8 @@ def head_of(path: Path, count: int = 1 << 16) -> bytes:
     """The first bytes of a file; empty if it cannot be read."""
     try:
         with path.open("rb") as file:
-            return file.read(count)
+            # Asked for more than there is, Python sets that much memory aside.
+            return file.read(min(count, path.stat().st_size))
     except OSError:
         return b""
 

@@ -42,12 +42,12 @@ DIELECTRIC_F0 = 0.04  # Principled BSDF at IOR 1.5
 
 def evaluate_job(
     job: JobFolder, cameras: Path, out: Path | None = None, rays: int = 64,
-    neural: float | None = None,
+    neural: float | None = None, photos_folder: Path | None = None,
 ) -> dict:  # fmt: skip
     """Score a job's renders; prints a line a view and the means.
 
     Args:
-        cameras: camera file with photos.
+        cameras: camera file with photos. photos_folder: if they are not below its folder.
         out: where to write everything as JSON.
         rays: secondary rays a pixel.
         neural: share of the neural term; None: as the fit ended.
@@ -59,7 +59,7 @@ def evaluate_job(
     Raises:
         CaptureError, JobError: unusable cameras, photos or job.
     """
-    capture = read_capture(cameras)
+    capture = read_capture(cameras, photos=photos_folder)
     scene, settings = load_job(job)
     photos = load_photos(capture, settings=settings.photos)
     rendered = list(render_cameras(scene, settings, capture.cameras, rays, neural))

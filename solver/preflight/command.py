@@ -13,7 +13,7 @@ DONE = 0
 def add_check(commands: argparse._SubParsersAction) -> None:
     """Add the command to the command line."""
     check = commands.add_parser("check", help="look for problems of a capture, in seconds")
-    check.add_argument("capture", type=Path, help="folder or camera file")
+    check.add_argument("capture", type=Path, help="folder, camera file, or a job")
     check.add_argument(
         "--photos", type=Path, metavar="DIR", help="if not below the capture's folder"
     )
@@ -31,10 +31,15 @@ def run_check(options: argparse.Namespace) -> int:
     """
     from ..capture.read import read_capture
     from ..fit.presets import settings_for
+    from ..job.folder import JobFolder
+    from ..job.inputs import capture_of
     from .check import check
 
     settings_for(options.preset)
-    capture = read_capture(options.capture, photos=options.photos, masks=options.masks)
+    if (options.capture / "job.json").is_file():
+        capture = capture_of(JobFolder.open(options.capture))
+    else:
+        capture = read_capture(options.capture, photos=options.photos, masks=options.masks)
     report = check(capture, options.preset, _progress if sys.stderr.isatty() else None)
     if options.json:
         print(json.dumps(report.as_json(), ensure_ascii=False, allow_nan=False))

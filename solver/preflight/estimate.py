@@ -51,8 +51,8 @@ class Estimate:
     note: str = "an estimate for the processor; a graphics card is faster, other work slows it down"
 
     def as_json(self) -> dict:
-        """For `--json`."""
-        return asdict(self)
+        """For `--json`: the fields, and `text`, a sentence."""
+        return {**asdict(self), "text": self.line()}
 
     def line(self) -> str:
         """For a terminal."""

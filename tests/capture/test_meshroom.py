@@ -127,7 +127,7 @@ def reference(kind, k, to_camera, point, fy=FY):
     elif k:
         scale = 1 + sum(value * r2 ** (i + 1) for i, value in enumerate(k))
         x, y = x * scale, y * scale
-    return x * FX + WIDTH / 2 + OFFSET[0] + 0.5, y * fy + HEIGHT / 2 + OFFSET[1] + 0.5
+    return x * FX + WIDTH / 2 + OFFSET[0], y * fy + HEIGHT / 2 + OFFSET[1]
 
 
 OLD, NEW = (1, 2, 5), (1, 2, 14)
@@ -173,7 +173,7 @@ def test_alicevisions_own_files_of_all_versions_state_one_camera(tmp_path, versi
     folder = tmp_path
     save_photos(folder / "photos", size=(1023, 512))  # a quarter of 4092 × 2048
     item = read_capture(write(folder, content)).cameras[0]
-    quarter = np.array([1000, 2000, 2020.5, 1040.5]) / 4
+    quarter = np.array([1000, 2000, 2020, 1040]) / 4
     np.testing.assert_allclose((item.fx, item.fy, item.cx, item.cy), quarter)
     assert item.lens == ("opencv" if which else "pinhole")
     np.testing.assert_allclose(item.distortion or 0, (0.1, 0.05, 0, 0, -0.001) if which else 0)

@@ -96,7 +96,7 @@ def reference(name, k, to_camera, point):
     else:
         scale = 1 + sum(value * r2 ** (i + 1) for i, value in enumerate(k))
         x, y = x * scale, y * scale
-    return F * x + CX + 0.5, F * y + CY + 0.5
+    return F * x + CX, F * y + CY
 
 
 @pytest.mark.parametrize("nested", [False, True])

@@ -16,8 +16,8 @@ What changed with the versions of the file (`jsonIO.cpp`, scenes in `sfmDataIO/c
 
 Which version between 1.2.9 and 1.2.11 made the last change matters only if pixels are not square.
 
-AliceVision counts pixels from the centre of the first one (`UndistortImage` samples at whole
-numbers), so here the principal point is half a pixel further.
+AliceVision's features count pixels from the centre of the first one, but an offset of 0, which a file
+has unless the point was refined, means the middle of the picture to everyone: so it does here, too.
 """
 
 from __future__ import annotations
@@ -184,7 +184,7 @@ def _intrinsics(path: Path, where: str, entry: dict, version: tuple[int, ...]) -
             fy = fx * ratio
         else:
             fx = fy / ratio
-    cx, cy = numbers(path, f"{where}.principalPoint", entry.get("principalPoint"), 2) + 0.5
+    cx, cy = numbers(path, f"{where}.principalPoint", entry.get("principalPoint"), 2)
     if version >= (1, 2, 1):
         cx, cy = cx + 0.5 * width, cy + 0.5 * height
     shrink, lens, distortion = _lens(path, where, entry)

@@ -5,8 +5,8 @@ its `polymorphic_name` only where the id comes first (with the highest bit set);
 class may lie in `value0`. Rotations [3, 3] are lists of rows from the world to OpenCV's camera axes,
 `center` is the camera's place. A view without pose was not localised.
 
-Lenses are OpenCV's (t1, t2 are p1, p2). OpenMVG counts pixels from the centre of the first one
-(`UndistortImage` samples at whole numbers), so here the principal point is half a pixel further.
+Lenses are OpenCV's (t1, t2 are p1, p2). OpenMVG's features count pixels from the centre of the first
+one, but half the picture's size, its start for the principal point, means the middle: so it does here.
 """
 
 from __future__ import annotations
@@ -163,7 +163,7 @@ def _intrinsics(path: Path, where: str, name: str, data: dict) -> Intrinsics:
         int(number(path, f"{where}.{key}", data.get(key))) for key in ("width", "height")
     )
     focal = number(path, f"{where}.focal_length", data.get("focal_length"))
-    cx, cy = numbers(path, f"{where}.principal_point", data.get("principal_point"), 2) + 0.5
+    cx, cy = numbers(path, f"{where}.principal_point", data.get("principal_point"), 2)
     key, count = _DISTORTION[name]
     given = data.get(key, [])
     given = [given] if isinstance(given, (int, float)) else given
