@@ -31,6 +31,7 @@ from solver.capture.read import read_capture  # noqa: E402
 from solver.job.folder import write_json_atomic  # noqa: E402
 
 AS_IT_IS = "transforms.json"
+PROGRAMS = [AS_IT_IS, *WRITERS]
 HOLD_OUT = 8
 
 
@@ -48,22 +49,22 @@ def main() -> None:
         options.out.with_suffix(".md").write_text(page(rows), encoding="utf-8")
 
     for scene in [options.scene] if options.scene else []:
-        for seed, program in enumerate([AS_IT_IS, *options.programs], 1):
+        for program in options.programs:
             if not done(scene.name, program):
-                keep(run_scene(scene, program, options.work / f"{scene.name}-{program}", seed))
+                keep(run_scene(scene, program, options.work / f"{scene.name}-{program}"))
     for capture in options.real:
         if not done(capture.name, AS_IT_IS):
             keep(run_real(capture, options.work / capture.name))
     print(options.out.with_suffix(".md"))
 
 
-def run_scene(scene: Path, program: str, work: Path, seed: int) -> dict:
+def run_scene(scene: Path, program: str, work: Path) -> dict:
     """Reconstruct a scene as a program would have exported it, and score its test split."""
     train, test = read_capture(scene), read_capture(scene, "test")
     source, matrix = scene, np.eye(4)
     if program != AS_IT_IS:
         source = work / "project"
-        matrix = write_project(program, train, source, seed)
+        matrix = write_project(program, train, source, seed=PROGRAMS.index(program))
     return {
         "capture": scene.name, "program": program,
         **score(source, None, placed(test, matrix), work),
@@ -129,7 +130,7 @@ def _options() -> argparse.Namespace:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--scene", type=Path, help="a capture with a test split")
-    parser.add_argument("--programs", nargs="*", default=list(WRITERS), choices=list(WRITERS))
+    parser.add_argument("--programs", nargs="*", default=PROGRAMS, choices=PROGRAMS)
     parser.add_argument("--real", type=Path, nargs="*", default=[], metavar="DIR")
     parser.add_argument("--work", type=Path, default=ROOT / "build" / "captures")
     parser.add_argument(

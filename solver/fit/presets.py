@@ -127,6 +127,9 @@ class FitSettings:
     """share of the neural term g at the start; 0 switches it off"""
     neural_fade: tuple[float, float] = (0.4, 0.65)
     """fractions of the fit between which g is blended out, so that Cycles can show what is baked"""
+    emission_fade: tuple[float, float] = (0.15, 0.3)
+    """fractions of the fit between which points stop to shine by themselves, where it starts as a fog:
+    without masks, a shape is found first by colours alone, then by what it reflects"""
     decoder: str = ""
     """a finished job whose decoder (feature basis, heads, g) is taken over and kept as it is"""
     snapshots: tuple[int, ...] = ()
@@ -182,7 +185,7 @@ PAPER = Settings(
         # The paper sums over the three channels where `losses` takes their mean.
         orientation_weight=0.1 / 3, opacity_weight=6e-4 / 3, bending_weight=0.0,
         unevenness_weight=0.0, neighbour_distance=0.0, neural_start=1.0,
-        neural_fade=(1.0, 1.0),
+        neural_fade=(1.0, 1.0), emission_fade=(0.0, 0.0),
     ),
 )  # fmt: skip
 
@@ -236,6 +239,12 @@ def neural_share(fit: FitSettings, fraction: float) -> float:
     first, last = fit.neural_fade
     kept = 1 - min(max((fraction - first) / max(last - first, 1e-6), 0), 1)
     return fit.neural_start * kept
+
+
+def emission_share(fit: FitSettings, fraction: float) -> float:
+    """Share of emission of a fit that started as a fog."""
+    first, last = fit.emission_fade
+    return 1 - min(max((fraction - first) / max(last - first, 1e-6), 0), 1) if last > 0 else 0.0
 
 
 def picture_settings(

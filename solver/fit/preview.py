@@ -58,7 +58,9 @@ def write_previews(trainer: Trainer, folder: Path) -> None:
     """Write `render.png` (photo | render | normals) and `environment.png`."""
     scene, bank = trainer.scene, trainer.bank
     camera, photo = bank.preview_camera, bank.preview_photo
-    settings = picture_settings(trainer.settings, rays=16)
+    settings = dataclasses.replace(
+        picture_settings(trainer.settings, rays=16), emission=trainer.emission(trainer.fraction)
+    )
     view = render_view(scene, StepTables.of(scene), settings, smaller(camera, PREVIEW_WIDTH))
     picture = Image.fromarray((over_white(photo) * 255).astype(np.uint8))
     size = (view.opacity.shape[1], view.opacity.shape[0])

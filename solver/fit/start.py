@@ -22,9 +22,10 @@ from .errors import SettingsError
 from .presets import Settings
 from .ray_bank import RayBank
 from .trainer import Trainer
-from .visual_hull import bounding_box, carve, signed_distance, start_from_hull
+from .visual_hull import bounding_box, carve, seen_cells, signed_distance, start_from_hull
 
 COARSE_HULL_CELLS = 96
+SEEN_CELLS = 64
 HULL_MARGIN = 3  # cells of the hull's grid by which the object may reach beyond the hull
 BACKGROUNDS = ("auto", "white", "black", "random", "environment")
 LIKELY_MARGIN = 9  # pixels around the object from which rays are drawn as often as from it
@@ -50,7 +51,7 @@ def new_trainer(
     """A trainer at its start.
 
     With masks (alpha) the density starts as the photos' visual hull in a box around it; without,
-    as a thin fog in the region the cameras look at.
+    as a thin fog where several cameras look, and not right before one of them.
 
     Args:
         region: [2, 3] world box given by the person, or None.
@@ -85,6 +86,9 @@ def new_trainer(
     ).to(device)  # fmt: skip
     if use_hull:
         scene.occupancy.allow_only(torch.from_numpy(hull), HULL_MARGIN)
+    elif settings.field.hull_start:
+        seen = seen_cells(cameras, cube.box, SEEN_CELLS)
+        scene.occupancy.allow_only(torch.from_numpy(seen), 0)
     if settings.fit.decoder:
         take_decoder(scene, Path(settings.fit.decoder), device)
     return trainer_for(scene, capture, photos, settings, seed)
@@ -128,8 +132,9 @@ def trainer_for(
         ]
         bank.restrict(torch.from_numpy(np.concatenate(likely)))
     background = background_of(photos, settings.fit.background)
+    fog = not (use_masks and settings.field.hull_start)
     return Trainer(
-        scene, bank, settings, seed, use_masks, background, bool(settings.fit.decoder)
+        scene, bank, settings, seed, use_masks, background, bool(settings.fit.decoder), fog
     )  # fmt: skip
 
 

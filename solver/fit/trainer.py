@@ -17,7 +17,7 @@ from .adam import Adam
 from .batching import Batching
 from .exposure import exposures_for
 from .losses import Behind, total_loss
-from .presets import Settings, neural_share, smoothing_width, step_width
+from .presets import Settings, emission_share, neural_share, smoothing_width, step_width
 from .ray_bank import RayBank, RayBatch
 from .workers import Workers, worker_count
 
@@ -47,17 +47,18 @@ class Trainer:
         use_masks: the photos have alpha that says what is object.
         background: what stands behind the object: 'white', 'black', 'random' or 'environment'.
         keep_decoder: the feature basis, the heads and g stay as they are.
+        fog: the density starts as one, so colours come first (see `FitSettings.emission_fade`).
     """
 
     OCCUPANCY_EVERY = 50
 
     def __init__(
         self, scene: Scene, bank: RayBank, settings: Settings, seed: int, use_masks: bool,
-        background: str = "white", keep_decoder: bool = False,
+        background: str = "white", keep_decoder: bool = False, fog: bool = False,
     ):  # fmt: skip
         self.scene, self.bank, self.settings, self.seed = scene, bank, settings, seed
         self.use_masks, self.background = use_masks, background
-        self.keep_decoder = keep_decoder
+        self.keep_decoder, self.fog = keep_decoder, fog
         self.exposures = exposures_for(settings.fit.exposure, bank.photo_count, scene.device)
         self.random = RandomNumbers(seed, scene.device)
         self.generator = torch.Generator().manual_seed(seed)
@@ -69,7 +70,7 @@ class Trainer:
         self.step = 0
         self.level = 0
         self.steps_at_level = 0
-        self.fraction_at_level = 0.0
+        self.fraction_at_level = self.fraction = 0.0
         self.workers: Workers | None = None
         self._begin_level()
 
@@ -118,8 +119,12 @@ class Trainer:
         return dataclasses.replace(
             self.settings.render,
             neural=neural_share(fit, fraction),
-            neighbour_distance=fit.neighbour_distance,
-        )
+            neighbour_distance=fit.neighbour_distance, emission=self.emission(fraction),
+        )  # fmt: skip
+
+    def emission(self, fraction: float) -> float:
+        """Share of emission at a fraction of the fit."""
+        return emission_share(self.settings.fit, fraction) if self.fog else 0.0
 
     def _learning_rate_factor(self, fraction: float) -> float:
         fit = self.settings.fit
@@ -130,6 +135,7 @@ class Trainer:
 
     def advance(self, fraction: float) -> dict[str, float]:
         """One optimiser step at `fraction` in [0, 1) of the fit; returns what to report."""
+        self.fraction = fraction
         self._coarse_to_fine(fraction)
         self.scene.field.smoothing = smoothing_width(self.settings.field, fraction)
         factor = self._learning_rate_factor(fraction)

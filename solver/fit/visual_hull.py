@@ -41,6 +41,32 @@ def carve(
     return hull.reshape(cells, cells, cells)
 
 
+def seen_cells(
+    cameras: list[Camera], region: np.ndarray, cells: int, share: float = 0.1, nearest: float = 0.15
+) -> np.ndarray:
+    """Boolean grid [K, K, K] of cell centres of `region` [2, 3] that can be told from photos.
+
+    Args:
+        share: of the cameras, at least three, that must have the cell in their frame.
+        nearest: distance from any camera, in median distances from the region's centre, within which
+            nothing is: what hangs before a lens explains any photo.
+    """
+    ticks = (np.arange(cells) + 0.5) / cells
+    axes = [region[0, a] + ticks * (region[1, a] - region[0, a]) for a in range(3)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    positions = np.stack([camera.position for camera in cameras])
+    near = nearest * np.median(np.linalg.norm(positions - region.mean(0), axis=1))
+    count, clear = np.zeros(len(points), dtype=int), np.ones(len(points), dtype=bool)
+    for camera in cameras:
+        pixel, depth = camera.project(points)
+        with np.errstate(invalid="ignore"):
+            inside = (pixel >= 0).all(1) & (pixel < (camera.width, camera.height)).all(1)
+        count += inside & (depth > 0)
+        clear &= np.linalg.norm(points - camera.position, axis=1) > near
+    enough = count >= max(3, share * len(cameras))
+    return (enough & clear).reshape(cells, cells, cells)
+
+
 def bounding_box(hull: np.ndarray, region: np.ndarray) -> np.ndarray:
     """World box [2, 3] around the occupied cells of a grid over `region`."""
     edge = (region[1] - region[0]) / np.array(hull.shape)

@@ -50,6 +50,8 @@ class RenderSettings:
     """of a batch, how many of those that are blocked are traced for what the blockers send"""
     neural: float = 1.0
     """1: the BRDF has the full neural term g; 0: g = 1; between: g blended towards 1"""
+    emission: float = 0.0
+    """share of its own colour that a point sends as if it shone: 1 is a plain radiance field"""
     visibility: bool = True
     """all secondary rays see the environment through the occupancy grid's extinction"""
     pixel_footprint: bool = True

@@ -49,6 +49,8 @@ def shade(
     """
     surface = scene.surface(samples.points, samples.part, tables.normals)
     normals, materials = surface.normals, surface.materials
+    if settings.emission >= 1:
+        return Shading(materials.albedo, normals, surface.features, materials)
     facing = (normals * view).sum(-1, keepdim=True)
     toward = torch.where(facing < 0, -normals, normals)
 
@@ -60,4 +62,7 @@ def shade(
     glossy = reflected(
         scene, tables, settings, random, samples, surface, toward, view, mass, rays, trace, spread
     )
-    return Shading(diffuse + glossy, normals, surface.features, materials)
+    radiance = diffuse + glossy
+    if settings.emission > 0:
+        radiance = torch.lerp(radiance, materials.albedo, settings.emission)
+    return Shading(radiance, normals, surface.features, materials)

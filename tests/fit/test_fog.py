@@ -1,0 +1,90 @@
+"""Captures without masks: the fog, where it may be, and colours before reflections."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from solver.capture.photos import Photo
+from solver.fit.presets import PAPER, FitSettings, emission_share
+from solver.fit.start import new_trainer
+from solver.fit.visual_hull import seen_cells
+from solver.render.image import image_settings
+from solver.render.radiance import render_rays
+from solver.render.random_numbers import RandomNumbers
+from solver.render.scene import RenderSettings, StepTables
+from tests.fit.test_fit import SMALL, ball_capture
+from tests.render.scenes import ball, camera_rays, refresh
+
+
+def room_capture():
+    """The ball before a grey room, without alpha."""
+    capture, photos = ball_capture()
+    shot = []
+    for photo in photos:
+        alpha = photo.pixels[..., 3:]
+        pixels = photo.pixels + (1 - alpha) * np.array([0.3, 0.35, 0.4, 1.0], np.float32)
+        shot.append(Photo(pixels.astype(np.float32), False, False))
+    return capture, shot
+
+
+def test_a_point_that_shines_sends_its_own_colour_whatever_the_light():
+    scene = ball(0.5, albedo=0.3)
+    refresh(scene)
+    settings = image_settings(RenderSettings(neural=0.0, retraced_rays=0), 4)
+    origins, directions = camera_rays(6)
+
+    def radiance(emission):
+        with torch.no_grad():
+            return render_rays(
+                scene, StepTables.of(scene), dataclasses.replace(settings, emission=emission),
+                RandomNumbers(0), origins, directions, torch.arange(len(origins)), jitter=False,
+            )  # fmt: skip
+
+    lit, glowing, half = radiance(0.0), radiance(1.0), radiance(0.5)
+    torch.testing.assert_close(glowing.radiance, glowing.albedo)
+    torch.testing.assert_close(half.radiance, 0.5 * (lit.radiance + glowing.radiance))
+
+
+def test_emission_fades_for_a_fog_and_pictures_never_have_it():
+    fit = FitSettings(emission_fade=(0.1, 0.3))
+    assert [emission_share(fit, f) for f in (0.0, 0.1, 0.2, 0.3, 1.0)] == pytest.approx(
+        [1, 1, 0.5, 0, 0]
+    )
+    assert emission_share(PAPER.fit, 0.0) == 0
+    assert image_settings(RenderSettings(emission=1.0)).emission == 0
+
+
+@pytest.mark.parametrize("masked", [True, False])
+def test_only_a_fit_without_masks_starts_by_shining(masked):
+    capture, photos = ball_capture() if masked else room_capture()
+    trainer = new_trainer(capture, photos, SMALL, 0, None, "cpu", lambda fraction: None)
+    assert trainer.emission(0.0) == (0.0 if masked else 1.0)
+    assert trainer.background == ("white" if masked else "environment")
+
+
+def test_a_fog_before_a_room_becomes_the_ball():
+    capture, photos = room_capture()
+    trainer = new_trainer(capture, photos, SMALL, 0, None, "cpu", lambda fraction: None)
+    losses = [trainer.advance(i / 200)["image"] for i in range(200)]
+    assert np.mean(losses[-20:]) < 0.15 * np.mean(losses[:5])
+    field = trainer.scene.field
+
+    def extinction(point):
+        return float(field.extinction(field.raw_density(field.to_box(point))).detach())
+
+    assert extinction(torch.zeros(1, 3)) > 3 * extinction(torch.full((1, 3), 0.85))
+
+
+def test_cells_are_where_several_cameras_look_and_none_is_close():
+    capture, _ = ball_capture(10)
+    region = np.array([[-6.0] * 3, [6.0] * 3])
+    seen = seen_cells(list(capture.cameras), region, 48)
+    ticks = (np.arange(48) + 0.5) / 4 - 6
+    points = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), -1)
+    assert seen[np.linalg.norm(points, axis=-1) < 0.6].all()
+    for camera in capture.cameras:
+        assert not seen[np.linalg.norm(points - camera.position, axis=-1) < 0.5].any()
+    assert not seen[np.abs(points[..., 2]) > 5.5].any()
+    assert 0.01 < seen.mean() < 0.5
