@@ -17,6 +17,8 @@ SAME_MEAN, SAME_MOST = 1.5, 16
 """levels of 255 by which thumbnails of one picture differ, on average and at most"""
 SAME_POSE_DEGREES = 3.0
 FEWEST_ACROSS, MOST_PER_CELL = 100, 4
+MANY = 5
+"""photos with one problem, from which they are told together"""
 
 
 def blur(looks: list[Look]) -> list[Finding]:
@@ -48,23 +50,38 @@ def exposure(looks: list[Look]) -> list[Finding]:
                 warning(f"{usual:.0%} of the object's pixels are over-exposed in most photos; "
                         "expose less, since highlights that are cut off say nothing of the light")
             )  # fmt: skip
-    for look in looks:
-        if look.clipped > max(usual, 0.02) + CLIPPED:
-            found.append(
-                warning(f"{look.clipped:.0%} of the pixels are over-exposed; leave it out, or take it "
-                        "again with less exposure", look.name)
-            )  # fmt: skip
+    bright = [look for look in looks if look.clipped > max(usual, 0.02) + CLIPPED]
+    if len(bright) > MANY:
+        most = max(look.clipped for look in bright)
+        found.append(
+            warning(f"{len(bright)} photos are over-exposed, by up to {most:.0%} of their pixels "
+                    f"({listed([look.name for look in bright])}); expose less, since highlights that "
+                    "are cut off say nothing of the light")
+        )  # fmt: skip
+    else:
+        found += [
+            warning(f"{look.clipped:.0%} of the pixels are over-exposed; leave it out, or take it "
+                    "again with less exposure", look.name)
+            for look in bright
+        ]  # fmt: skip
     values = np.array([look.exposure for look in looks])
     stops = values - np.median(values)
     near = np.array([values[i] - np.median(values[_nearest(looks, i)]) for i in range(len(looks))])
-    apart = (np.abs(stops) > STOPS) & (np.abs(near) > STOPS) & (stops * near > 0)
-    for index in np.flatnonzero(apart):
-        side = "brighter" if stops[index] > 0 else "darker"
+    apart = np.flatnonzero((np.abs(stops) > STOPS) & (np.abs(near) > STOPS) & (stops * near > 0))
+    remedy = "even out the exposure (fit.exposure=gain), and lock it the next time"
+    if len(apart) > MANY:
+        names = listed([looks[index].name for index in apart])
         found.append(
-            warning(f"the object is {abs(near[index]):.1f} stops {side} than in the photos nearby; lock "
-                    "the exposure, or even it out (exposure compensation) before reconstructing",
-                    looks[index].name)
+            warning(f"{len(apart)} photos are brighter or darker than those nearby, by up to "
+                    f"{np.abs(near[apart]).max():.1f} stops ({names}); {remedy}")
         )  # fmt: skip
+    else:
+        found += [
+            warning(f"the object is {abs(near[index]):.1f} stops "
+                    f"{'brighter' if stops[index] > 0 else 'darker'} than in the photos nearby; {remedy}",
+                    looks[index].name)
+            for index in apart
+        ]  # fmt: skip
     return found
 
 

@@ -347,3 +347,14 @@ def test_what_cannot_be_read_ends_with_code_2_and_one_sentence(pictures, tmp_pat
         assert result.returncode == 2 and len(result.stderr.strip().splitlines()) == 1
     with pytest.raises(SettingsError):
         check(capture_at(around(4)), "fast")
+
+
+def test_many_photos_with_one_problem_are_one_finding():
+    looks = look_at_photos(read_capture(ROOT / "samples" / "duck"))[:20]
+    clipped = [replace(look, clipped=0.5 if i < 8 else 0.0) for i, look in enumerate(looks)]
+    found = [f for f in checks.exposure(clipped) if "over-exposed" in f.text]
+    assert len(found) == 1 and found[0].photo is None
+    assert "8 photos" in found[0].text and "50%" in found[0].text and looks[0].name in found[0].text
+    few = [replace(look, clipped=0.5 if i < 2 else 0.0) for i, look in enumerate(looks)]
+    named = [f.photo for f in checks.exposure(few) if "over-exposed" in f.text]
+    assert named == [looks[0].name, looks[1].name]
