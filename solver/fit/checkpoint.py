@@ -47,6 +47,8 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
             "feature_components": settings.field.feature_components,
             "feature_size": settings.field.feature_size,
             "smoothed_normals": scene.field.smoothed_normals,
+            "density_scale": scene.field.density_scale,
+            "density_shift": scene.field.density_shift,
             "smoothing": scene.field.smoothing,
             "occupancy_cells": scene.occupancy.cells,
         },
@@ -91,6 +93,9 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
         tensors["scene.field.centre"], shape["half_size"], shape["size"],
         shape["density_components"], shape["feature_components"], shape["feature_size"],
         smoothed_normals=shape["smoothed_normals"],
+        # Jobs of version 0.1 have the public code's.
+        density_scale=shape.get("density_scale", 25.0),
+        density_shift=shape.get("density_shift", -4.0),
     )  # fmt: skip
     field.smoothing = shape.get("smoothing", 0.0)  # jobs of version 0.1 have none
     scene = Scene(

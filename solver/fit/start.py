@@ -26,6 +26,12 @@ from .visual_hull import bounding_box, carve, seen_cells, signed_distance, start
 
 COARSE_HULL_CELLS = 96
 SEEN_CELLS = 64
+EXTINCTION = 35.0
+"""scale of the extinction over half the box: what the public code has, for its scenes, per world unit; so
+a capture may be of any size"""
+HAZE, THIN_FOG = -4.0, -6.0
+"""shift of the raw density: the public code's, and one under which a ray passes the box at the start, for
+else a surface settles before the cameras"""
 HULL_MARGIN = 3  # cells of the hull's grid by which the object may reach beyond the hull
 BACKGROUNDS = ("auto", "white", "black", "random", "environment")
 LIKELY_MARGIN = 9  # pixels around the object from which rays are drawn as often as from it
@@ -70,11 +76,13 @@ def new_trainer(
         cube = Region(box.mean(0), float((box[1] - box[0]).max() / 2))
     progress(0.2)
     shape = settings.field
+    clear_start = shape.hull_start and not use_hull
     field = MicrofacetField(
         torch.tensor(cube.centre), cube.half_size, shape.sizes[0], shape.density_components,
         shape.feature_components, shape.feature_size, initial_albedo=shape.initial_albedo,
         initial_roughness=shape.initial_roughness, initial_f0=shape.initial_f0,
-        smoothed_normals=shape.smoothed_normals,
+        smoothed_normals=shape.smoothed_normals, density_scale=EXTINCTION / cube.half_size,
+        density_shift=THIN_FOG if clear_start else HAZE,
     )  # fmt: skip
     if use_hull:
         hull = carve(cameras, photos, cube.box, shape.hull_cells)
@@ -86,7 +94,7 @@ def new_trainer(
     ).to(device)  # fmt: skip
     if use_hull:
         scene.occupancy.allow_only(torch.from_numpy(hull), HULL_MARGIN)
-    elif settings.field.hull_start:
+    elif clear_start:
         seen = seen_cells(cameras, cube.box, SEEN_CELLS)
         scene.occupancy.allow_only(torch.from_numpy(seen), 0)
     if settings.fit.decoder:

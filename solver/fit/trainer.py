@@ -21,6 +21,9 @@ from .presets import Settings, emission_share, neural_share, smoothing_width, st
 from .ray_bank import RayBank, RayBatch
 from .workers import Workers, worker_count
 
+THIN_FOG_SHARE = 0.02
+"""of the opacity from which a cell counts as occupied, while the fog is thin still"""
+
 
 class Chunk(NamedTuple):
     """What a worker does at once."""
@@ -108,9 +111,11 @@ class Trainer:
 
     def refresh_occupancy(self) -> None:
         """Bring the occupancy grid up to the current density."""
-        field, settings = self.scene.field, self.settings.field
+        field, least = self.scene.field, self.settings.field.occupancy_min_alpha
+        if self.emission(self.fraction) == 1:
+            least *= THIN_FOG_SHARE
         self.scene.occupancy.refresh(
-            field, settings.occupancy_min_alpha, self.settings.render.step * field.voxel, dilation=1
+            field, least, self.settings.render.step * field.voxel, dilation=1
         )
 
     def render_settings(self, fraction: float) -> RenderSettings:
