@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from solver.capture.photos import Photo
+from solver.capture.placement import placed
 from solver.fit.presets import PAPER, FitSettings, emission_share
 from solver.fit.start import new_trainer
 from solver.fit.visual_hull import seen_cells
@@ -88,3 +89,17 @@ def test_cells_are_where_several_cameras_look_and_none_is_close():
         assert not seen[np.linalg.norm(points - camera.position, axis=-1) < 0.5].any()
     assert not seen[np.abs(points[..., 2]) > 5.5].any()
     assert 0.01 < seen.mean() < 0.5
+
+
+@pytest.mark.parametrize("make", [ball_capture, room_capture])
+def test_a_capture_may_be_of_any_size(make):
+    capture, photos = make()
+
+    def losses(scale):
+        bigger = placed(capture, np.diag([scale, scale, scale, 1.0]))
+        trainer = new_trainer(bigger, photos, SMALL, 0, None, "cpu", lambda fraction: None)
+        return [trainer.advance(i / 40)["image"] for i in range(40)]
+
+    usual = losses(1.0)
+    for scale in (0.02, 30.0):
+        np.testing.assert_allclose(losses(scale)[-10:], usual[-10:], rtol=0.05)
