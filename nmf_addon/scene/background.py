@@ -7,6 +7,7 @@ stand behind the scene, so they are small and live in the .blend.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import bpy
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from ...solver.capture.camera import Camera
 from .cameras import UNDISTORTED
 
-WIDEST = 1024  # pixels
+WIDEST = 800  # pixels
 
 
 def is_distorted(camera: Camera) -> bool:
@@ -55,19 +56,11 @@ def undistorted(camera: Camera, pixels: np.ndarray, size: tuple[int, int]) -> np
         size: (w, h) of the result.
     """
     width, height = size
-    pinhole = replace(camera, lens="pinhole", distortion=(), camera_to_world=np.eye(4))
-    lens = replace(camera, camera_to_world=np.eye(4))
-    row, column = np.mgrid[0:height, 0:width] + 0.5
-    _, rays = pinhole.rays(
-        column.ravel() * camera.width / width, row.ravel() * camera.height / height
-    )
-    found, _ = lens.project(rays)
-    found *= np.array([pixels.shape[1] / camera.width, pixels.shape[0] / camera.height])
-    x, y = found[:, 0] - 0.5, found[:, 1] - 0.5
-    with np.errstate(invalid="ignore"):
-        seen = (x > -1) & (y > -1) & (x < pixels.shape[1]) & (y < pixels.shape[0])
-    x, y = np.where(seen, x, 0), np.where(seen, y, 0)
-    x, y = np.clip(x, 0, pixels.shape[1] - 1), np.clip(y, 0, pixels.shape[0] - 1)
+    key = (
+        camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, camera.lens,
+        tuple(camera.distortion),
+    )  # fmt: skip
+    x, y, seen = _seen_from(key, size, pixels.shape[:2])
     left = np.minimum(x.astype(int), max(pixels.shape[1] - 2, 0))
     top = np.minimum(y.astype(int), max(pixels.shape[0] - 2, 0))
     right, bottom = (
@@ -85,3 +78,27 @@ def undistorted(camera: Camera, pixels: np.ndarray, size: tuple[int, int]) -> np
         out[:, 3] = values[:, -1]
     out[~seen] = 0
     return out.reshape(height, width, 4)
+
+
+@lru_cache(maxsize=4)
+def _seen_from(
+    key: tuple, size: tuple[int, int], shape: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where a pinhole's pixels (w, h) lie in the photo [H, W], and which the lens reaches.
+
+    Photos of one lens share it.
+    """
+    width, height = size
+    camera = Camera("", None, np.eye(4), *key)
+    pinhole = replace(camera, lens="pinhole", distortion=())
+    row, column = np.mgrid[0:height, 0:width] + 0.5
+    _, rays = pinhole.rays(
+        column.ravel() * camera.width / width, row.ravel() * camera.height / height
+    )
+    found, _ = camera.project(rays)
+    found *= np.array([shape[1] / camera.width, shape[0] / camera.height])
+    x, y = found[:, 0] - 0.5, found[:, 1] - 0.5
+    with np.errstate(invalid="ignore"):
+        seen = (x > -1) & (y > -1) & (x < shape[1]) & (y < shape[0])
+    x, y = np.where(seen, x, 0), np.where(seen, y, 0)
+    return np.clip(x, 0, shape[1] - 1), np.clip(y, 0, shape[0] - 1), seen

@@ -69,12 +69,16 @@ def _add_capture(
     root[FILE_TO_CAPTURE] = matrix.ravel().tolist()
     root.empty_display_type = "ARROWS"
     collection.objects.link(root)
-    for camera in capture.cameras:
+    progress = context.window_manager
+    progress.progress_begin(0, len(capture.cameras))
+    for number, camera in enumerate(capture.cameras):
+        progress.progress_update(number)
         image = images[camera.image_path]
         shown = undistorted_copy(camera, image) if is_distorted(camera) else None
         item = add_camera(camera, image, shown)
         item.parent = root
         collection.objects.link(item)
+    progress.progress_end()
     if capture.points is not None:
         _add_points(collection, capture.points, root)
     _new_box(collection, capture.region, root)
