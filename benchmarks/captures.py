@@ -86,7 +86,9 @@ def score(source: Path, photos: Path | None, test: Capture, work: Path) -> dict:
     """Reconstruct with the command line and evaluate held-out cameras with it."""
     job = work / "job"
     began = time.monotonic()
-    command = ["reconstruct", source, "--out", job, *(("--photos", photos) if photos else ())]
+    command = ["reconstruct", source, "--out", job]
+    command += ["--photos", photos] if photos else []
+    command += ["--resume"] if (job / "job.json").is_file() else []
     _solver(*command)
     seconds = time.monotonic() - began
     cameras, metrics = work / "test.json", work / "metrics.json"

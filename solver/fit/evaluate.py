@@ -36,6 +36,7 @@ from ..render.scene import Scene
 from .load import load_job, load_light, render_cameras
 from .presets import Settings
 from .preview import display, over_white
+from .start import background_of
 
 DIELECTRIC_F0 = 0.04  # Principled BSDF at IOR 1.5
 
@@ -63,9 +64,10 @@ def evaluate_job(
     scene, settings = load_job(job)
     photos = load_photos(capture, settings=settings.photos)
     rendered = list(render_cameras(scene, settings, capture.cameras, rays, neural))
+    behind = background_of(photos, settings.fit.background)
     views = {}
     for (camera, view), photo in zip(rendered, photos, strict=True):
-        views[camera.name] = scores = image_scores(display(view), over_white(photo.pixels))
+        views[camera.name] = scores = image_scores(display(view, behind), over_white(photo.pixels))
         scores.update(_normal_scores(camera, view, photo))
         print(camera.name, _text(scores), flush=True)
     result = {"views": views, "code_version": __version__, "cameras": str(cameras)}

@@ -19,8 +19,15 @@ from .trainer import Trainer
 PREVIEW_WIDTH = 200
 
 
-def display(view: RenderedView) -> np.ndarray:
-    """sRGB pixels [H, W, 3] in [0, 1] of a view over white."""
+def display(view: RenderedView, behind: str = "white") -> np.ndarray:
+    """sRGB pixels [H, W, 3] in [0, 1] of a view over white, or before the light itself.
+
+    Args:
+        behind: 'environment', as photos with their room are seen; anything else is white.
+    """
+    if behind == "environment":
+        seen = view.radiance + (1 - view.opacity[..., None]) * view.backdrop
+        return np.clip(linear_to_srgb(seen), 0, 1)
     return over_white(np.concatenate([view.radiance, view.opacity[..., None]], axis=-1))
 
 
@@ -67,5 +74,8 @@ def write_previews(trainer: Trainer, folder: Path) -> None:
     reference = np.asarray(picture.resize(size, Image.Resampling.BOX)).astype(np.float32) / 255
     normals = view.normal * 0.5 + 0.5
     normals = normals * view.opacity[..., None] + (1 - view.opacity[..., None])
-    save_png(np.concatenate([reference, display(view), normals], axis=1), folder / "render.png")
+    save_png(
+        np.concatenate([reference, display(view, trainer.background), normals], axis=1),
+        folder / "render.png",
+    )
     save_png(tone_mapped(scene.environment.image()), folder / "environment.png")

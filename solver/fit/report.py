@@ -18,6 +18,7 @@ from ..render.scene import Scene, StepTables
 from ..report import Row, write_report
 from .presets import Settings, picture_settings
 from .preview import display, over_white, save_png, tone_mapped
+from .start import background_of
 
 VIEWS = 4
 
@@ -40,12 +41,13 @@ def write_job_report(
     chosen = np.linspace(0, len(cameras) - 1, min(VIEWS, len(cameras))).astype(int)
     render_settings = picture_settings(settings)
     tables = StepTables.of(scene)
+    behind = background_of(images, settings.fit.background)
     rows, scores = [], []
     folder = job.result_dir / "report"
     for done, index in enumerate(chosen):
         camera, photo = cameras[index], images[index]
         view = render_view(scene, tables, render_settings, camera)
-        truth, prediction = over_white(photo.pixels), display(view)
+        truth, prediction = over_white(photo.pixels), display(view, behind)
         score = psnr(prediction, truth)
         scores.append((score, ssim(prediction, truth)))
         pictures = {

@@ -28,6 +28,7 @@ class RenderedView:
     albedo: np.ndarray  # [H, W, 3] linear, zero where empty
     alpha: np.ndarray  # [H, W] GGX α, zero where empty
     f0: np.ndarray  # [H, W, 3] linear, zero where empty
+    backdrop: np.ndarray  # [H, W, 3] linear Rec.709, the light itself, seen past the object
 
 
 def image_settings(
@@ -83,6 +84,8 @@ def render_view(
         flat = torch.cat([getattr(part, name) for part in parts]).cpu().numpy()
         return flat.reshape(camera.height, camera.width, *flat.shape[1:])
 
+    pixels_of = (camera.height, camera.width, 3)
+    light = scene.environment.lookup(tables.light, directions, pixel_angle**2)
     opacity = image("opacity")
     filled = opacity > 1e-3
     cover = np.where(filled, opacity, 1.0)
@@ -98,6 +101,7 @@ def render_view(
     return RenderedView(
         radiance=image("radiance"), opacity=opacity, normal=normal.astype(np.float32),
         albedo=straight("albedo"), alpha=straight("alpha"), f0=straight("f0"),
+        backdrop=light.cpu().numpy().reshape(pixels_of),
     )  # fmt: skip
 
 

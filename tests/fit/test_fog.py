@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from solver.capture.photos import Photo
+from solver.capture.photos import Photo, linear_to_srgb
 from solver.capture.placement import placed
-from solver.fit.presets import PAPER, FitSettings, emission_share
-from solver.fit.start import new_trainer
+from solver.fit.presets import PAPER, FitSettings, emission_share, picture_settings
+from solver.fit.preview import display, over_white
+from solver.fit.start import background_of, new_trainer
 from solver.fit.visual_hull import seen_cells
-from solver.render.image import image_settings
+from solver.metrics.image import psnr
+from solver.render.image import image_settings, render_view
 from solver.render.radiance import render_rays
 from solver.render.random_numbers import RandomNumbers
 from solver.render.scene import RenderSettings, StepTables
@@ -103,3 +105,17 @@ def test_a_capture_may_be_of_any_size(make):
     usual = losses(1.0)
     for scale in (0.02, 30.0):
         np.testing.assert_allclose(losses(scale)[-10:], usual[-10:], rtol=0.05)
+
+
+def test_a_photo_with_its_room_is_compared_with_the_light_behind_the_object():
+    capture, photos = room_capture()
+    trainer = new_trainer(capture, photos, SMALL, 0, None, "cpu", lambda fraction: None)
+    for i in range(60):
+        trainer.advance(i / 60)
+    scene, camera = trainer.scene, capture.cameras[0]
+    view = render_view(scene, StepTables.of(scene), picture_settings(SMALL, 4), camera)
+    before_light = display(view, background_of(photos))
+    truth = over_white(photos[0].pixels)
+    assert psnr(before_light, truth) > psnr(display(view), truth) + 3
+    corner = view.backdrop[0, 0] * (1 - view.opacity[0, 0]) + view.radiance[0, 0]
+    np.testing.assert_allclose(before_light[0, 0], np.clip(linear_to_srgb(corner), 0, 1), atol=1e-6)
