@@ -207,7 +207,7 @@ def test_the_papers_rectangle_is_inverted(roughness, monkeypatch):
     derived = error()
     right_size = EnvironmentMap.footprint
 
-    def inverted(self, row, solid_angle):
+    def inverted(self, row, solid_angle, blur=None):
         texels_per_steradian = (
             self.height
             * self.width
