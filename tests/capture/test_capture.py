@@ -148,6 +148,19 @@ def test_transforms_round_trip(tmp_path, lens):
         np.testing.assert_allclose(a.distortion or 0, b.distortion or 0)
 
 
+def test_a_file_of_our_own_means_the_photos_it_names_whatever_lies_beside_it(tmp_path):
+    folder = make_capture(tmp_path / "photos")
+    cameras = read_capture(folder).cameras
+    for name in ("sunset", "studio"):
+        make_capture(tmp_path / "renders" / name)
+    file = tmp_path / "renders" / "held_out.json"
+    write_transforms(file, list(cameras))
+    read = read_capture(file, trusted=True).cameras
+    assert [c.image_path for c in read] == [c.image_path for c in cameras]
+    with pytest.raises(CaptureError, match="could both be meant"):
+        read_capture(file)
+
+
 def test_the_region_lies_where_the_cameras_look(tmp_path):
     region = read_capture(make_capture(tmp_path)).region
     np.testing.assert_allclose(region.mean(0), 0, atol=1e-4)
