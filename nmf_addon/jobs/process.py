@@ -161,6 +161,11 @@ def end_group(process: subprocess.Popen, kill: bool) -> None:
         process.send_signal(signal.CTRL_BREAK_EVENT)
 
 
+def solver_command(python: Path, bootstrap: Path, words: list[str]) -> list[str]:
+    """`python -m solver WORDS`, deaf to what the environment says of Python."""
+    return [str(python), "-I", "-u", "-X", "utf8", str(bootstrap), *words]
+
+
 def start_job(
     python: Path, bootstrap: Path, job: JobFolder, environment: dict[str, str]
 ) -> JobProcess:
@@ -169,8 +174,7 @@ def start_job(
     Raises:
         OSError: the Python cannot be started.
     """
-    options = ["-I", "-u", "-X", "utf8"]
-    command = [str(python), *options, str(bootstrap), "run", str(job.root), "--events"]
+    command = solver_command(python, bootstrap, ["run", str(job.root), "--events"])
     return JobProcess(command, job, environment)
 
 

@@ -14,7 +14,7 @@ from ..names import BASE_PACKAGE
 from ..runtime import bootstrap_script, clean_environment
 from .model import JobModel
 from .monitor import INTERVAL, redraw_panels
-from .process import JobProcess
+from .process import JobProcess, solver_command
 
 _log = logging.getLogger(BASE_PACKAGE)
 
@@ -68,8 +68,7 @@ class SideTask:
         if self.running:
             raise TaskError(f"{self.title} is running; wait for it or cancel it.")
         folder.mkdir(parents=True, exist_ok=True)
-        options = ["-I", "-u", "-X", "utf8"]
-        command = [str(python), *options, str(bootstrap_script()), *words]
+        command = solver_command(python, bootstrap_script(), words)
         self.process = JobProcess(command, TaskFolder(folder), clean_environment())
         self.title, self.model, self.events, self._done = title, JobModel(), [], done
         if not bpy.app.timers.is_registered(_tick):

@@ -56,11 +56,7 @@ def undistorted(camera: Camera, pixels: np.ndarray, size: tuple[int, int]) -> np
         size: (w, h) of the result.
     """
     width, height = size
-    key = (
-        camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, camera.lens,
-        tuple(camera.distortion),
-    )  # fmt: skip
-    x, y, seen = _seen_from(key, size, pixels.shape[:2])
+    x, y, seen = _seen_from(camera.lens_key, size, pixels.shape[:2])
     left = np.minimum(x.astype(int), max(pixels.shape[1] - 2, 0))
     top = np.minimum(y.astype(int), max(pixels.shape[0] - 2, 0))
     right, bottom = (

@@ -55,6 +55,15 @@ class Camera:
         return -self.camera_to_world[:3, 2]
 
     @property
+    def lens_key(self) -> tuple:
+        """Size, focal lengths, principal point, lens, distortion: cameras that share them see pixels along
+        the same directions in camera axes."""
+        return (
+            self.width, self.height, self.fx, self.fy, self.cx, self.cy, self.lens,
+            tuple(self.distortion),
+        )  # fmt: skip
+
+    @property
     def pixel_angle(self) -> float:
         """Angular width of a pixel on the optical axis, rad; the root of its solid angle."""
         return (self.fx * self.fy) ** -0.5

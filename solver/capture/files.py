@@ -46,6 +46,17 @@ def head_of(path: Path, count: int = 1 << 16) -> bytes:
         return b""
 
 
+def text_head(path: Path, count: int = 256) -> bytes:
+    """The first bytes of a text file, without a byte order mark and leading blanks."""
+    return head_of(path, count).lstrip(b"\xef\xbb\xbf \r\n\t")
+
+
+def json_head(path: Path, count: int = 1 << 20) -> bytes:
+    """The first bytes of a file that begins as a JSON object does, cut off or not; else nothing."""
+    head = text_head(path, count)
+    return head if head[:1] == b"{" else b""
+
+
 def read_text(path: Path) -> str:
     """A text file in UTF-8, with or without a byte order mark, or in UTF-16 with one.
 

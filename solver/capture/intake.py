@@ -117,6 +117,24 @@ def assemble(
     )  # fmt: skip
 
 
+def without_pose(
+    source: Path, field: str, lost: list[str], count: int, remedy: str
+) -> tuple[str, ...]:
+    """The warning that `lost` of `count` photos have no pose and are left out; none if none is lost.
+
+    Raises:
+        CaptureError: all are lost; `field` and `remedy` are its own.
+    """
+    if not lost:
+        return ()
+    if len(lost) == count:
+        raise CaptureError(source, field, f"none of its {count} photos has a pose", remedy)
+    return (
+        f"{source.name}: {len(lost)} of {count} photos have no pose and are left out "
+        f"(the first: {shown(lost[0])})",
+    )
+
+
 def _for_photo(source: Path, item: Found) -> tuple[Intrinsics, bool]:
     """Intrinsics for the picture as it is now, and whether they had to be scaled."""
     intrinsics = item.intrinsics

@@ -42,7 +42,7 @@ class RayBank:
         lens_start: list[int] = []
         colours, alphas = [], []
         for camera, photo in zip(cameras, photos, strict=True):
-            key = lens_key(camera)
+            key = camera.lens_key
             if key not in lenses:
                 lenses[key] = stored
                 directions.append(_camera_space_directions(camera))
@@ -108,14 +108,6 @@ class RayBank:
         chosen = torch.randint(len(self.likely), (count - background,), generator=generator)
         anywhere = torch.randint(len(self), (background,), generator=generator)
         return torch.cat([self.likely[chosen.to(self.device)], anywhere.to(self.device)])
-
-
-def lens_key(camera: Camera) -> tuple:
-    """Cameras with one key share their pixels' directions in camera axes."""
-    return (
-        camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy,
-        camera.lens, tuple(camera.distortion),
-    )  # fmt: skip
 
 
 def _camera_space_directions(camera: Camera) -> torch.Tensor:

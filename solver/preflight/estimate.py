@@ -12,7 +12,6 @@ from dataclasses import asdict, dataclass
 
 from ..capture.capture import Capture
 from ..fit.presets import Settings, settings_for
-from ..fit.ray_bank import lens_key
 
 CORE_SECONDS = {"draft": 0.15, "standard": 0.45, "paper": 3.0}
 """processor seconds of a step; the paper's is not measured but follows its rays"""
@@ -93,7 +92,7 @@ def photo_bytes(capture: Capture, masked: bool) -> int:
     pixels, lenses = 0, {}
     for camera in capture.cameras:
         pixels += camera.width * camera.height
-        lenses[lens_key(camera)] = camera.width * camera.height
+        lenses[camera.lens_key] = camera.width * camera.height
     # Colours and directions are there twice while they are joined.
     bank = 2 * (BANK_BYTES * pixels + DIRECTION_BYTES * sum(lenses.values()))
     return PHOTO_BYTES * pixels + bank + (LIKELY_BYTES * pixels if masked else 0)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import head_of, number, read_lines, rigid_pose
+from ..files import number, read_lines, rigid_pose, text_head
 from ..frames import invert_pose
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
@@ -37,7 +37,7 @@ _NUMBERS = 15  # of a camera: f k1 k2, rotation, translation
 
 def recognises(file: Path) -> bool:
     """True for files that begin with Bundler's comment."""
-    return head_of(file, 256).lstrip(b"\xef\xbb\xbf \r\n\t").startswith(_HEADER)
+    return text_head(file).startswith(_HEADER)
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:

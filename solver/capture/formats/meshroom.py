@@ -30,9 +30,9 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import entries, head_of, mapping, number, numbers, read_json
+from ..files import entries, json_head, mapping, number, numbers, read_json
 from ..frames import pose_opengl_from_opencv
-from ..intake import Found, Intrinsics, assemble
+from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
 
 NAME = "Meshroom SfM data"
@@ -51,8 +51,7 @@ _COUNTS = {"none": 0, "radialk1": 1, "radialk3": 3, "radialk3pt": 3, "brown": 5,
 
 def recognises(file: Path) -> bool:
     """True for JSON with AliceVision's views, also if it is cut off."""
-    head = head_of(file, 1 << 20)
-    return head.lstrip(b"\xef\xbb\xbf \r\n\t")[:1] == b"{" and b'"viewId"' in head
+    return b'"viewId"' in json_head(file)
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
@@ -97,15 +96,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         found.append(
             Found(where, stated, photo, pose_opengl_from_opencv(pose), read_lenses.get(key))
         )
-    warnings = ()
-    if lost:
-        if not found:
-            raise CaptureError(
-                path, "poses", f"none of its {len(lost)} photos has a pose",
-                "give the file that the node StructureFromMotion has written",
-            )  # fmt: skip
-        warnings = (f"{path.name}: {len(lost)} of {len(views)} photos have no pose and are left out "
-                    f"(the first: {shown(lost[0])})",)  # fmt: skip
+    warnings = without_pose(
+        path, "poses", lost, len(views), "give the file that the node StructureFromMotion has written"
+    )  # fmt: skip
     return assemble(
         path, NAME, found, photos, points=_points(path, content.get("structure")), warnings=warnings
     )

@@ -19,9 +19,9 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import entries, head_of, mapping, number, numbers, read_json
+from ..files import entries, json_head, mapping, number, numbers, read_json
 from ..frames import pose_opengl_from_opencv
-from ..intake import Found, Intrinsics, assemble
+from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
 
 NAME = "OpenMVG sfm_data.json"
@@ -41,8 +41,7 @@ _DISTORTION = {
 
 def recognises(file: Path) -> bool:
     """True for JSON with OpenMVG's version, also if it is cut off."""
-    head = head_of(file, 1 << 20)
-    return head.lstrip(b"\xef\xbb\xbf \r\n\t")[:1] == b"{" and b'"sfm_data_version"' in head
+    return b'"sfm_data_version"' in json_head(file)
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
@@ -80,15 +79,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             continue
         photo = photos.find(stated, beside=path)
         found.append(Found(pose[0], stated, photo, _camera_to_world(path, *pose), lens))
-    warnings = ()
-    if lost:
-        if not found:
-            raise CaptureError(
-                path, "extrinsics", f"none of its {len(lost)} photos has a pose",
-                "give the file that a reconstruction has written, as JSON",
-            )  # fmt: skip
-        warnings = (f"{path.name}: {len(lost)} of {len(views)} photos have no pose and are left out "
-                    f"(the first: {shown(lost[0])})",)  # fmt: skip
+    warnings = without_pose(
+        path, "extrinsics", lost, len(views), "give the file that a reconstruction has written, as JSON"
+    )  # fmt: skip
     return assemble(
         path, NAME, found, photos, points=_points(path, content.get("structure")), warnings=warnings
     )

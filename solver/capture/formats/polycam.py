@@ -16,7 +16,7 @@ from typing import Any
 
 from ..capture import Capture
 from ..errors import CaptureError
-from ..files import head_of, number, read_json
+from ..files import json_head, number, read_json
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
 
@@ -36,8 +36,8 @@ _MOST_CAMERAS = 20_000
 
 def recognises(file: Path) -> bool:
     """True for a JSON file with a matrix in twelve numbers."""
-    head = head_of(file)
-    return head.lstrip(b"\xef\xbb\xbf \r\n\t")[:1] == b"{" and b'"t_00"' in head and b'"fx"' in head
+    head = json_head(file, 1 << 16)
+    return b'"t_00"' in head and b'"fx"' in head
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..capture import Capture
 from ..errors import CaptureError
-from ..files import head_of, number, numbers, read_json
+from ..files import json_head, number, numbers, read_json
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
 
@@ -34,12 +34,8 @@ _MOST_POSES = 100_000
 
 def recognises(file: Path) -> bool:
     """True for a JSON file with poses and a matrix K."""
-    head = head_of(file, 1 << 24)
-    return (
-        head.lstrip(b"\xef\xbb\xbf \r\n\t")[:1] == b"{"
-        and b'"poses"' in head
-        and (b'"K"' in head or b'"perFrameIntrinsicCoeffs"' in head)
-    )
+    head = json_head(file, 1 << 24)
+    return b'"poses"' in head and (b'"K"' in head or b'"perFrameIntrinsicCoeffs"' in head)
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:

@@ -19,7 +19,7 @@ import numpy as np
 from ..camera import Camera
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import head_of, read_json
+from ..files import json_head, read_json
 from ..files import number as checked_number
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
@@ -75,12 +75,10 @@ def is_transforms(content: Any) -> bool:
 
 def recognises(file: Path) -> bool:
     """True for JSON with frames, also if it is cut off."""
-    head = head_of(file, 1 << 20)
+    head = json_head(file)
     if b'"viewId"' in head or b'"sfm_data_version"' in head:
         return False  # Meshroom's and OpenMVG's JSON, whatever the file is called
-    return head.lstrip(b"\xef\xbb\xbf \r\n\t")[:1] == b"{" and (
-        b'"frames"' in head or file.name.lower().startswith("transforms")
-    )
+    return bool(head) and (b'"frames"' in head or file.name.lower().startswith("transforms"))
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:

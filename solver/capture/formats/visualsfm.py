@@ -16,7 +16,7 @@ import numpy as np
 
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import head_of, numbers, read_lines, rigid_pose
+from ..files import numbers, read_lines, rigid_pose, text_head
 from ..frames import invert_pose, pose_opengl_from_opencv, rotation_from_quaternion
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
@@ -32,7 +32,7 @@ _REMEDY = "the file seems cut off or edited; export it again"
 
 def recognises(file: Path) -> bool:
     """True for files that begin with VisualSFM's mark."""
-    return head_of(file, 256).lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b"NVM_V")
+    return text_head(file).startswith(b"NVM_V")
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
