@@ -4,15 +4,12 @@ Files are written here as `sfmDataIO/jsonIO.cpp` of AliceVision writes them; `da
 intrinsics from AliceVision's own tests.
 """
 
-import copy
 import json
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from solver.capture.errors import CaptureError
 from solver.capture.formats import meshroom, openmvg, transforms
@@ -20,13 +17,11 @@ from solver.capture.read import read_capture, reader_of
 from tests.capture.programs import (
     COUNT,
     HEIGHT,
-    HOSTILE,
     WIDTH,
     check_projection,
     names,
     nested,
     outcome,
-    places,
     poses,
     put,
     rotation,
@@ -277,35 +272,6 @@ def test_a_malformed_file_gets_an_error_with_file_field_and_remedy(tmp_path, at,
         read_capture(write(tmp_path, content))
     assert caught.value.file.name == "cameras.sfm" and field in caught.value.field
     assert caught.value.remedy and "\n" not in str(caught.value)
-
-
-FUZZ = settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
-
-
-@FUZZ
-@given(data=st.data(), value=HOSTILE)
-def test_hostile_values_end_in_a_capture_or_an_error(tmp_path, data, value):
-    content = copy.deepcopy(scene())
-    put(content, data.draw(st.sampled_from(places(content))), value)
-    outcome(write(tmp_path, content))
-
-
-@FUZZ
-@given(share=st.floats(0, 1))
-def test_a_file_cut_anywhere_ends_in_an_error(tmp_path, share):
-    content = json.dumps(scene())
-    assert outcome(write(tmp_path, content[: int(share * (len(content) - 1))])) is None
-
-
-@FUZZ
-@given(order=st.permutations(range(COUNT)))
-def test_the_order_of_views_and_poses_does_not_matter(tmp_path, order):
-    for item in read_capture(write(tmp_path, scene(order=order))).cameras:
-        expected = poses()[int(item.name[-4:])]
-        np.testing.assert_allclose(item.position, expected[:3, 3])
-        np.testing.assert_allclose(item.view_direction, expected[:3, 2])
 
 
 def test_deeply_nested_files_end_in_an_error(tmp_path):
