@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .camera import Camera
+from .image_header import may_have_alpha
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +39,17 @@ FEWEST_POINTS = 100
 """sparse points from which they say more about the object's bounds than the cameras do"""
 
 
+LONGEST_WITHOUT_MASKS = 1.2
+"""longer side of what belongs to the object, in shorter sides of the views, where there are no masks"""
+
+
 def region_seen_by(cameras: list[Camera], points: np.ndarray | None = None) -> np.ndarray:
     """World box [2, 3] of what the cameras look at.
 
     A cube around the point where the optical axes meet, as big as the views: the centre minimises
     the squared distance to all axes, the half edge is what the median camera sees to either side.
-    Sparse points within it, where there are many, draw its faces closer.
+    Sparse points within it, where there are many, draw its faces closer. Masks will do so later, so
+    with them the longer side of the views counts; without, what lies along it is likely the room.
 
     Args:
         points: [N, 3] sparse points, world.
@@ -73,7 +79,15 @@ def _cube_seen_by(cameras: list[Camera]) -> np.ndarray:
         # The axes diverge, or there is one camera: look a unit ahead.
         distance = np.ones(len(cameras))
         centre = (positions + axes).mean(0)
-    half_view = [max(c.width / c.fx, c.height / c.fy) / 2 for c in cameras]
-    half = float(np.median(distance * half_view))
+    sides = np.array([sorted((c.width / c.fx, c.height / c.fy)) for c in cameras]) / 2
+    if not _may_have_masks(cameras):
+        sides[:, 1] = np.minimum(sides[:, 1], LONGEST_WITHOUT_MASKS * sides[:, 0])
+    half = float(np.median(distance * sides[:, 1]))
     half = min(half, 0.9 * float(np.median(distance)))
     return np.stack([centre - half, centre + half])
+
+
+def _may_have_masks(cameras: list[Camera]) -> bool:
+    """Masks beside the photos, or within the first."""
+    first = cameras[0].image_path
+    return any(c.mask_path for c in cameras) or first is None or may_have_alpha(first)

@@ -169,7 +169,9 @@ def numbers(path: Path, field: str, values: Any, count: int | None = None) -> np
         values = values.replace(",", " ").split()
     if not isinstance(values, (list, tuple)) or (count is not None and len(values) != count):
         wanted = "numbers" if count is None else f"{count} numbers"
-        raise CaptureError(path, field, f"'{shown(values)}' is not {wanted}", "export it again")
+        words = isinstance(values, list) and all(isinstance(value, str) for value in values)
+        text = shown(" ".join(values) if words else values)
+        raise CaptureError(path, field, f"'{text}' is not {wanted}", "export it again")
     return np.array([number(path, field, value) for value in values], dtype=np.float64)
 
 

@@ -1,4 +1,4 @@
-"""Size of an image file from its header, with the standard library alone.
+"""Size of an image file, and whether it may have alpha, by its header and the standard library alone.
 
 Only headers are read, a part at a time, so a file that claims to be huge costs nothing.
 """
@@ -49,6 +49,18 @@ def image_size(path: Path) -> tuple[int, int]:
             "replace the file",
         )  # fmt: skip
     return width, height
+
+
+def may_have_alpha(path: Path) -> bool:
+    """False for a file that certainly has no alpha channel: JPEG, HDR, PNG of grey or colour alone."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(26)
+    except OSError:
+        return True
+    if head[:8] == b"\x89PNG\r\n\x1a\n" and len(head) == 26:
+        return head[25] not in (0, 2)
+    return head[:2] not in (b"\xff\xd8", b"#?")
 
 
 def _reason(error: Exception) -> str:

@@ -39,11 +39,15 @@ class MaterialHeads(nn.Module):
         nn.init.constant_(layer.bias, float(torch.logit(torch.tensor(value))))
         return layer
 
+    def albedo_of(self, features: torch.Tensor) -> torch.Tensor:
+        """Albedo [N, 3] alone of features [N, F]."""
+        return torch.sigmoid(self.albedo(features))
+
     def forward(self, features: torch.Tensor) -> Materials:
         """Materials of features [N, F]."""
         roughness = torch.sigmoid(self.roughness(features))[:, 0]
         return Materials(
-            albedo=torch.sigmoid(self.albedo(features)),
+            albedo=self.albedo_of(features),
             alpha=(roughness * roughness).clamp(min=MIN_ALPHA),
             f0=torch.sigmoid(self.f0(features)),
         )

@@ -16,6 +16,8 @@ class Adam:
     Args:
         groups: of 'params', a list of tensors, and 'base', the group's rate; 'lr' is what counts.
             'smooth', if there and not None, gets every tensor's change and returns what is made.
+            'floor', if there, is a share of a tensor's mean gradient (root of its running square):
+            entries with far less take small steps, where Adam's would all be of one size.
     """
 
     DECAYS, EPSILON = (0.9, 0.99), 1e-15
@@ -35,13 +37,21 @@ class Adam:
         self.count += 1
         for (group, parameter), moments in zip(self._parameters(), self._moments, strict=True):
             if parameter.grad is not None:
-                rates = Rates(group["lr"], *self.DECAYS, self.EPSILON, self.count)
+                epsilon = self._epsilon(moments, group.get("floor", 0.0))
+                rates = Rates(group["lr"], *self.DECAYS, epsilon, self.count)
                 smooth = group.get("smooth")
                 before = parameter.detach().clone() if smooth else None
                 adam_step(parameter.detach(), parameter.grad, moments, rates)
                 if smooth:
                     with torch.no_grad():
                         parameter.copy_(before + smooth(parameter - before))
+
+    def _epsilon(self, moments: Moments, floor: float) -> float:
+        if floor <= 0:
+            return self.EPSILON
+        # The running squares start at zero; that of the step to come is not in them yet.
+        scale = 1 / (1 - self.DECAYS[1] ** max(self.count - 1, 1))
+        return max(floor * float((scale * moments.square).sqrt().mean()), self.EPSILON)
 
     def state(self) -> dict[str, torch.Tensor]:
         """For a checkpoint."""

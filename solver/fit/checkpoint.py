@@ -12,6 +12,7 @@ from safetensors.torch import load_file, save_file
 
 from ..brdf.neural import NeuralTerm
 from ..field.field import MicrofacetField
+from ..field.room import Room
 from ..job.folder import JobError, replace_file, write_json_atomic
 from ..light.environment import EnvironmentMap
 from ..render.scene import Scene
@@ -53,6 +54,10 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
             "occupancy_cells": scene.occupancy.cells,
         },
         "environment_height": scene.environment.height,
+        "room": scene.room and {
+            "size": scene.room.size, "half_size": scene.room.half_size,
+            "nearest": scene.room.nearest,
+        },
         "settings": dataclasses.asdict(settings),
     }  # fmt: skip
     part = folder.with_name(folder.name + ".part")
@@ -100,13 +105,23 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
     field.smoothing = shape.get("smoothing", 0.0)  # jobs of version 0.1 have none
     scene = Scene(
         field, EnvironmentMap(state["environment_height"]), NeuralTerm(shape["feature_size"]),
-        shape["occupancy_cells"],
+        shape["occupancy_cells"], _room_of(state, tensors),
     ).to(device)  # fmt: skip
     scene.load_state_dict(
         {k.removeprefix("scene."): v for k, v in tensors.items() if k.startswith("scene.")}
     )
     _restore_occupancy(scene, tensors)
     return scene, state, tensors
+
+
+def _room_of(state: dict, tensors: dict[str, torch.Tensor]) -> Room | None:
+    shape = state.get("room")
+    if shape is None:
+        return None
+    return Room(
+        tensors["scene.room.centre"], shape["half_size"], shape["size"],
+        tensors["scene.room.allowed"], shape["nearest"],
+    )  # fmt: skip
 
 
 def _restore_occupancy(scene: Scene, tensors: dict[str, torch.Tensor]) -> None:

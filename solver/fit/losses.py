@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
 
 import torch
 
 from ..render.radiance import RayBuffers
+from ..render.random_numbers import ROOM_DIRECTION, RandomNumbers
+from ..render.scene import Scene, StepTables
+from ..render.surroundings import Surroundings, light_of_room
 from ..render.tonemap import linear_to_srgb, over_background
 from .presets import FitSettings
 from .ray_bank import RayBatch
 
+SATURATED = 0.95
+"""radiance from which a photo's white may be any brighter light"""
+LEAST_LIGHT = 1e-2
+"""radiance below which light and room are equally dark"""
 
-class Behind(NamedTuple):
-    """What is seen where the object is not.
-
-    Photos with alpha are laid over an sRGB colour; a photo's own background is light in the scene.
-    """
-
-    colour: torch.Tensor  # [R, 3] sRGB, or linear radiance
-    is_linear: bool = False
+Behind = torch.Tensor | Surroundings
+"""what is seen where the object is not: an sRGB colour [R, 3] over which photos with alpha are laid, or
+what else there is in the scene, where a photo shows that"""
 
 
 def photometric(
@@ -35,13 +37,12 @@ def photometric(
     """
     gain = 1.0 if gain is None else gain
     alpha = batch.alpha[:, None]
-    if behind.is_linear:
-        passing = (1 - buffers.opacity)[:, None]
-        predicted = linear_to_srgb(gain * (buffers.radiance + passing * behind.colour))
-        target = batch.colour * alpha + (1 - alpha) * linear_to_srgb(gain * behind.colour.detach())
+    if isinstance(behind, Surroundings):
+        predicted = linear_to_srgb(gain * behind.around(buffers.radiance, buffers.opacity))
+        target = batch.colour * alpha + (1 - alpha) * linear_to_srgb(gain * behind.behind.detach())
     else:
-        predicted = over_background(gain * buffers.radiance, buffers.opacity, behind.colour)
-        target = batch.colour * alpha + (1 - alpha) * behind.colour
+        predicted = over_background(gain * buffers.radiance, buffers.opacity, behind)
+        target = batch.colour * alpha + (1 - alpha) * behind
     error = predicted - target
     forgiven = batch.clipped & (error > 0) & (alpha > 0.999)
     return torch.where(forgiven, torch.zeros_like(error), error).square().mean()
@@ -70,3 +71,29 @@ def total_loss(
         loss = loss + fade * settings.bending_weight * buffers.bending.mean()
         loss = loss + fade * settings.unevenness_weight * buffers.unevenness.mean()
     return loss, {"image": float(image.detach())}
+
+
+def room_light(
+    scene: Scene, tables: StepTables, random: RandomNumbers, keys: torch.Tensor
+) -> torch.Tensor:
+    """How far the light is from what the room sends to the box's centre, in random directions.
+
+    The mean squared difference of logarithms, by the room's opacity. Photos say of a lamp but that it
+    is at least white, so the light may be brighter there.
+
+    Args:
+        keys: [K] a number per direction.
+    """
+    u = random.uniform(ROOM_DIRECTION, keys, 3)
+    height, turn = 2 * u[:, 0] - 1, 2 * math.pi * u[:, 1]
+    level = (1 - height * height).clamp(min=0).sqrt()
+    directions = torch.stack([level * turn.cos(), level * turn.sin(), height], dim=-1)
+    with torch.no_grad():
+        seen, opacity = light_of_room(scene.room, directions, u[:, 2])
+        known = (seen / opacity.clamp(min=1e-3)[:, None]).clamp(min=LEAST_LIGHT)
+    texel = scene.environment.texel_solid_angle.mean().to(u)
+    light = scene.environment.lookup(tables.light, directions, texel.expand(len(keys)))
+    error = light.clamp(min=LEAST_LIGHT).log() - known.log()
+    forgiven = (known > SATURATED) & (error > 0)
+    error = torch.where(forgiven, torch.zeros_like(error), error)
+    return (error.square() * opacity[:, None]).mean()

@@ -91,6 +91,9 @@ class FitSettings:
     """of the feature basis, the heads and g"""
     learning_rate_light: float = 0.03
     """of the environment map's logarithm"""
+    light_floor: float = 0.3
+    """before a room, share of the light's mean gradient below which its texels take smaller steps: what
+    hardly any ray tells of stays as it was, instead of becoming noise (0: Adam's, all of one size)"""
     final_learning_rate: float = 0.05
     """all rates at the end, as a share of their start"""
     restart_schedule: bool = False
@@ -99,8 +102,10 @@ class FitSettings:
     """steps over which the rates rise from a tenth, at the start and after each upsampling"""
     background: str = "auto"
     """what stands behind the object: 'white', 'black', 'random' (a colour a ray, photos with alpha
-    only), 'environment' (the fitted light itself), or 'auto': white for photos with alpha or before
-    plain white, else environment"""
+    only), 'environment' (the fitted light itself), 'room' (a radiance field around the box, before the
+    fitted light), or 'auto': white for photos with alpha or before plain white, else room"""
+    room_light_weight: float = 0.05
+    """of the squared difference between the logarithms of light and room as seen from the box's centre"""
     exposure: str = "fixed"
     """'gain' finds each photo's exposure, 'white_balance' a gain per channel, for photos that were shot
     on automatic; 'fixed' takes them as they are"""

@@ -20,14 +20,13 @@ PREVIEW_WIDTH = 200
 
 
 def display(view: RenderedView, behind: str = "white") -> np.ndarray:
-    """sRGB pixels [H, W, 3] in [0, 1] of a view over white, or before the light itself.
+    """sRGB pixels [H, W, 3] in [0, 1] of a view over white, or in its room and light.
 
     Args:
-        behind: 'environment', as photos with their room are seen; anything else is white.
+        behind: 'room' or 'environment', as photos with their room are seen; anything else is white.
     """
-    if behind == "environment":
-        seen = view.radiance + (1 - view.opacity[..., None]) * view.backdrop
-        return np.clip(linear_to_srgb(seen), 0, 1)
+    if behind in ("room", "environment"):
+        return np.clip(linear_to_srgb(view.surrounded), 0, 1)
     return over_white(np.concatenate([view.radiance, view.opacity[..., None]], axis=-1))
 
 

@@ -11,10 +11,12 @@ import scipy.ndimage
 import torch
 
 from ..brdf.neural import NeuralTerm
+from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
 from ..capture.photos import Photo
 from ..field.field import MicrofacetField
+from ..field.room import EXTENT, Room, expand
 from ..job.folder import JobFolder
 from ..light.environment import EnvironmentMap
 from ..render.scene import Scene
@@ -22,10 +24,21 @@ from .errors import SettingsError
 from .presets import Settings
 from .ray_bank import RayBank
 from .trainer import Trainer
-from .visual_hull import bounding_box, carve, seen_cells, signed_distance, start_from_hull
+from .visual_hull import (
+    bounding_box,
+    carve,
+    nearest_distance,
+    seen_cells,
+    seen_points,
+    signed_distance,
+    start_from_hull,
+    walked_through,
+)
 
 COARSE_HULL_CELLS = 96
 SEEN_CELLS = 64
+ROOM_SHARE = 0.04
+"""of the cameras that must see a place of the room, which most look away from"""
 EXTINCTION = 35.0
 """scale of the extinction over half the box: what the public code has, for its scenes, per world unit; so
 a capture may be of any size"""
@@ -33,7 +46,7 @@ HAZE, THIN_FOG = -4.0, -6.0
 """shift of the raw density: the public code's, and one under which a ray passes the box at the start, for
 else a surface settles before the cameras"""
 HULL_MARGIN = 3  # cells of the hull's grid by which the object may reach beyond the hull
-BACKGROUNDS = ("auto", "white", "black", "random", "environment")
+BACKGROUNDS = ("auto", "white", "black", "random", "environment", "room")
 LIKELY_MARGIN = 9  # pixels around the object from which rays are drawn as often as from it
 
 
@@ -91,6 +104,8 @@ def new_trainer(
     scene = Scene(
         field, EnvironmentMap(settings.light.heights[0], settings.light.initial),
         NeuralTerm(shape.feature_size), shape.occupancy_cells,
+        _room(cameras, cube, shape.sizes[0], settings.light.initial)
+        if background_of(photos, settings.fit.background) == "room" else None,
     ).to(device)  # fmt: skip
     if use_hull:
         scene.occupancy.allow_only(torch.from_numpy(hull), HULL_MARGIN)
@@ -100,6 +115,21 @@ def new_trainer(
     if settings.fit.decoder:
         take_decoder(scene, Path(settings.fit.decoder), device)
     return trainer_for(scene, capture, photos, settings, seed)
+
+
+def _room(cameras: list[Camera], cube: Region, size: int, initial: float) -> Room:
+    """A room around the box: a thin fog where several cameras look, but not between them and the box,
+    where it would be easier to explain each photo by what hangs before it."""
+    ticks = ((np.arange(SEEN_CELLS) + 0.5) / SEEN_CELLS * 2 - 1) * EXTENT
+    cells = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = cube.centre + cube.half_size * expand(cells)
+    nearest = nearest_distance(cameras, cube.centre)
+    seen = seen_points(cameras, points, nearest, ROOM_SHARE)
+    seen &= ~walked_through(cameras, points, cube.centre)
+    allowed = torch.from_numpy(seen.reshape((SEEN_CELLS,) * 3))
+    return Room(
+        torch.tensor(cube.centre), cube.half_size, size, allowed, nearest, initial=initial
+    )  # fmt: skip
 
 
 def take_decoder(scene: Scene, job: Path, device: str) -> None:
@@ -169,7 +199,7 @@ def background_of(photos: list[Photo], wanted: str = "auto") -> str:
         for p in photos
     ]
     white = [float((border > 0.97).all(-1).mean()) for border in borders]
-    return "white" if np.median(white) > 0.8 else "environment"
+    return "white" if np.median(white) > 0.8 else "room"
 
 
 def _object_cube(capture: Capture, photos: list[Photo], box: np.ndarray, margin: float) -> Region:

@@ -11,18 +11,21 @@ import torch
 from ..field.smoothing import step_smoothing
 from ..kernels.backend import gradients_in_place
 from ..render.radiance import render_rays
-from ..render.random_numbers import RandomNumbers
+from ..render.random_numbers import ROOM_OFFSET, RandomNumbers
 from ..render.scene import RenderSettings, Scene, StepTables
+from ..render.surroundings import surroundings
 from .adam import Adam
 from .batching import Batching
 from .exposure import exposures_for
-from .losses import Behind, total_loss
+from .losses import Behind, room_light, total_loss
 from .presets import Settings, emission_share, neural_share, smoothing_width, step_width
 from .ray_bank import RayBank, RayBatch
 from .workers import Workers, worker_count
 
 THIN_FOG_SHARE = 0.02
 """of the opacity from which a cell counts as occupied, while the fog is thin still"""
+ROOM_DIRECTIONS = 256
+"""directions a step in which the light is held to the room"""
 
 
 class Chunk(NamedTuple):
@@ -48,7 +51,8 @@ class Trainer:
         scene: what is fitted, changed in place.
         bank: the photos' pixels.
         use_masks: the photos have alpha that says what is object.
-        background: what stands behind the object: 'white', 'black', 'random' or 'environment'.
+        background: what stands behind the object: 'white', 'black', 'random', 'environment' or
+            'room'.
         keep_decoder: the feature basis, the heads and g stay as they are.
         fog: the density starts as one, so colours come first (see `FitSettings.emission_fade`).
     """
@@ -105,8 +109,18 @@ class Trainer:
             {"params": density, "base": fit.learning_rate_grid, "smooth": None},
             {"params": features, "base": fit.learning_rate_grid},
             {"params": networks, "base": fit.learning_rate_network},
-            {"params": [scene.environment.log_radiance], "base": fit.learning_rate_light},
+            {
+                "params": [scene.environment.log_radiance],
+                "base": fit.learning_rate_light,
+                "floor": fit.light_floor,
+            },
         ]
+        if scene.room is not None:
+            rates = fit.learning_rate_grid, fit.learning_rate_network
+            groups += [
+                {"params": params, "base": rate}
+                for params, rate in zip(scene.room.parameter_groups(), rates, strict=True)
+            ]
         return Adam(groups)
 
     def refresh_occupancy(self) -> None:
@@ -210,18 +224,24 @@ class Trainer:
             buffers, batch, self.settings.fit, self.use_masks, fraction,
             self._behind(scene, batch, tables, chunk), gain,
         )  # fmt: skip
+        if scene.room is not None:
+            keys = chunk.keys[: max(1, round(ROOM_DIRECTIONS * share))]
+            loss = loss + self.settings.fit.room_light_weight * room_light(
+                scene, tables, self.random, keys
+            )
         (loss * share).backward()
         samples = (buffers.samples, buffers.retraced, buffers.retraced_samples)
         return Taken(terms["image"], samples, None if log_gain is None else log_gain.grad)
 
     def _behind(self, scene: Scene, batch: RayBatch, tables: StepTables, chunk: Chunk) -> Behind:
         rays, device = len(batch.origins), batch.origins.device
-        if self.background == "environment":
-            light = scene.environment.lookup(tables.light, batch.directions, batch.pixel_angle**2)
-            return Behind(light, is_linear=True)
+        if self.background in ("environment", "room"):
+            u = self.random.uniform(ROOM_OFFSET, chunk.keys)
+            rays_and_width = batch.origins, batch.directions, batch.pixel_angle
+            return surroundings(scene, tables, *rays_and_width, u)
         if chunk.colour is not None:
-            return Behind(chunk.colour)
-        return Behind(torch.full((rays, 3), 0.0 if self.background == "black" else 1.0).to(device))
+            return chunk.colour
+        return torch.full((rays, 3), 0.0 if self.background == "black" else 1.0).to(device)
 
     def _coarse_to_fine(self, fraction: float) -> None:
         starts = self.settings.field.size_starts
@@ -231,6 +251,8 @@ class Trainer:
         self.level, self.fraction_at_level = level, fraction
         sizes, heights = self.settings.field.sizes, self.settings.light.heights
         self.scene.field.upsample(sizes[level])
+        if self.scene.room is not None:
+            self.scene.room.upsample(sizes[level])
         if level < len(heights):
             self.scene.environment = self.scene.environment.resized(heights[level])
         self.batching.restart()

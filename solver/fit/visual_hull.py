@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.ndimage
+import scipy.spatial
 import torch
 import torch.nn.functional as F
 
@@ -42,29 +43,57 @@ def carve(
 
 
 def seen_cells(
-    cameras: list[Camera], region: np.ndarray, cells: int, share: float = 0.1, nearest: float = 0.15
+    cameras: list[Camera], region: np.ndarray, cells: int, share: float = 0.1
 ) -> np.ndarray:
     """Boolean grid [K, K, K] of cell centres of `region` [2, 3] that can be told from photos.
 
     Args:
-        share: of the cameras, at least three, that must have the cell in their frame.
-        nearest: distance from any camera, in median distances from the region's centre, within which
-            nothing is: what hangs before a lens explains any photo.
+        share, nearest: see `seen_points` and `nearest_distance`.
     """
     ticks = (np.arange(cells) + 0.5) / cells
     axes = [region[0, a] + ticks * (region[1, a] - region[0, a]) for a in range(3)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    seen = seen_points(cameras, points, nearest_distance(cameras, region.mean(0)), share)
+    return seen.reshape(cells, cells, cells)
+
+
+def nearest_distance(cameras: list[Camera], centre: np.ndarray, share: float = 0.15) -> float:
+    """Distance from a camera within which nothing is, world units: a share of the median distance
+    from `centre` [3]. What hangs before a lens explains any photo."""
     positions = np.stack([camera.position for camera in cameras])
-    near = nearest * np.median(np.linalg.norm(positions - region.mean(0), axis=1))
+    return float(share * np.median(np.linalg.norm(positions - centre, axis=1)))
+
+
+def seen_points(
+    cameras: list[Camera], points: np.ndarray, nearest: float, share: float
+) -> np.ndarray:
+    """Boolean [N] of world points [N, 3] that several cameras look at and none has right before it.
+
+    Args:
+        nearest: of any camera, world units. share: of the cameras, at least three, that must look.
+    """
     count, clear = np.zeros(len(points), dtype=int), np.ones(len(points), dtype=bool)
     for camera in cameras:
         pixel, depth = camera.project(points)
         with np.errstate(invalid="ignore"):
             inside = (pixel >= 0).all(1) & (pixel < (camera.width, camera.height)).all(1)
         count += inside & (depth > 0)
-        clear &= np.linalg.norm(points - camera.position, axis=1) > near
-    enough = count >= max(3, share * len(cameras))
-    return (enough & clear).reshape(cells, cells, cells)
+        clear &= np.linalg.norm(points - camera.position, axis=1) > nearest
+    return (count >= max(3, share * len(cameras))) & clear
+
+
+def walked_through(cameras: list[Camera], points: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """Boolean [N] of world points [N, 3] in the convex hull of the cameras and what they look at, [3].
+
+    Somebody walked there with a camera and saw the object from everywhere, so it is most likely empty.
+    """
+    corners = np.stack([*(camera.position for camera in cameras), centre])
+    try:
+        # Joggled, since cameras on a ring lie in a plane.
+        hull = scipy.spatial.Delaunay(corners, qhull_options="QJ Qbb Qc")
+    except (scipy.spatial.QhullError, ValueError):
+        return np.zeros(len(points), dtype=bool)
+    return hull.find_simplex(points) >= 0
 
 
 def bounding_box(hull: np.ndarray, region: np.ndarray) -> np.ndarray:

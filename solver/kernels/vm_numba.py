@@ -10,7 +10,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-CHANNELS_PER_TASK = 8
+from .lanes import LANES, add_to, added, blend, load, multiplied, scaled
+
 ONE = np.float32(1)  # an integer one would make its line double precision, at half the speed
 
 _axis_a = np.array([0, 0, 1])
@@ -108,40 +109,82 @@ def spread(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g):
     grad_lines[k, m + 1, ch] += w * to_line
 
 
+@numba.njit(inline="always", fastmath=True)
+def spread_lanes(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g):
+    """`spread` for eight channels from ch on, with their cotangents g."""
+    w00 = (ONE - u) * (ONE - v)
+    w01 = (ONE - u) * v
+    w10 = u * (ONE - v)
+    w11 = u * v
+    line = blend(ONE - w, load(lines[k, m], ch), w, load(lines[k, m + 1], ch))
+    plane = added(
+        blend(w00, load(planes[k, i, j], ch), w01, load(planes[k, i, j + 1], ch)),
+        blend(w10, load(planes[k, i + 1, j], ch), w11, load(planes[k, i + 1, j + 1], ch)),
+    )
+    to_plane = multiplied(g, line)
+    to_line = multiplied(g, plane)
+    add_to(grad_planes[k, i, j], ch, scaled(w00, to_plane))
+    add_to(grad_planes[k, i, j + 1], ch, scaled(w01, to_plane))
+    add_to(grad_planes[k, i + 1, j], ch, scaled(w10, to_plane))
+    add_to(grad_planes[k, i + 1, j + 1], ch, scaled(w11, to_plane))
+    add_to(grad_lines[k, m], ch, scaled(ONE - w, to_line))
+    add_to(grad_lines[k, m + 1], ch, scaled(w, to_line))
+
+
+def channels_per_task(planes):
+    """Whole rows where there is one thread, so that each cache line is fetched once; else fair shares."""
+    return planes.shape[3] if numba.get_num_threads() == 1 else LANES
+
+
 @numba.njit(inline="always")
-def task_of(task, channels):
+def task_of(task, channels, width):
     """Pair and range of channels of a task."""
-    tasks_per_pair = (channels + CHANNELS_PER_TASK - 1) // CHANNELS_PER_TASK
-    first = (task % tasks_per_pair) * CHANNELS_PER_TASK
-    return task // tasks_per_pair, first, min(first + CHANNELS_PER_TASK, channels)
+    tasks_per_pair = (channels + width - 1) // width
+    first = (task % tasks_per_pair) * width
+    return task // tasks_per_pair, first, min(first + width, channels)
 
 
 @numba.njit(inline="always")
-def task_count(channels):
-    return 3 * ((channels + CHANNELS_PER_TASK - 1) // CHANNELS_PER_TASK)
+def task_count(channels, width):
+    return 3 * ((channels + width - 1) // width)
+
+
+def vm_products_backward(points, planes, lines, cotangent, grad_planes, grad_lines):
+    """Adjoint of `vm_products`, cotangent [N, 3·C]."""
+    width = channels_per_task(planes)
+    _products_backward(points, planes, lines, cotangent, width, grad_planes, grad_lines)
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
-def vm_products_backward(points, planes, lines, cotangent, grad_planes, grad_lines):
-    """Adjoint of `vm_products`, cotangent [N, 3·C]."""
+def _products_backward(points, planes, lines, cotangent, width, grad_planes, grad_lines):
     size, channels = planes.shape[1], planes.shape[3]
-    for task in numba.prange(task_count(channels)):
-        k, first, last = task_of(task, channels)
+    for task in numba.prange(task_count(channels, width)):
+        k, first, last = task_of(task, channels, width)
+        whole = last - (last - first) % LANES
         for n in range(points.shape[0]):
             i, u = cell(points[n, _axis_a[k]], size)
             j, v = cell(points[n, _axis_b[k]], size)
             m, w = cell(points[n, _axis_c[k]], size)
-            for ch in range(first, last):
+            for ch in range(first, whole, LANES):
+                g = load(cotangent[n], k * channels + ch)
+                spread_lanes(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g)
+            for ch in range(whole, last):
                 g = cotangent[n, k * channels + ch]
                 spread(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g)
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
 def vm_sum_backward(points, planes, lines, cotangent, least, grad_planes, grad_lines):
     """Adjoint of `vm_sum`, cotangent [N]; those of at most `least` are left out."""
+    width = channels_per_task(planes)
+    _sum_backward(points, planes, lines, cotangent, least, width, grad_planes, grad_lines)
+
+
+@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+def _sum_backward(points, planes, lines, cotangent, least, width, grad_planes, grad_lines):
     size, channels = planes.shape[1], planes.shape[3]
-    for task in numba.prange(task_count(channels)):
-        k, first, last = task_of(task, channels)
+    for task in numba.prange(task_count(channels, width)):
+        k, first, last = task_of(task, channels, width)
+        whole = last - (last - first) % LANES
         for n in range(points.shape[0]):
             g = cotangent[n]
             if abs(g) <= least:
@@ -149,7 +192,10 @@ def vm_sum_backward(points, planes, lines, cotangent, least, grad_planes, grad_l
             i, u = cell(points[n, _axis_a[k]], size)
             j, v = cell(points[n, _axis_b[k]], size)
             m, w = cell(points[n, _axis_c[k]], size)
-            for ch in range(first, last):
+            same = (g, g, g, g, g, g, g, g)
+            for ch in range(first, whole, LANES):
+                spread_lanes(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, same)
+            for ch in range(whole, last):
                 spread(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g)
 
 
@@ -221,12 +267,17 @@ def vm_gradient(points, planes, lines, out):
             out[n, _axis_c[k]] += np.float32(0.5) * along_c
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
 def vm_gradient_backward(points, planes, lines, cotangent, grad_planes, grad_lines):
+    width = channels_per_task(planes)
+    _gradient_backward(points, planes, lines, cotangent, width, grad_planes, grad_lines)
+
+
+@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+def _gradient_backward(points, planes, lines, cotangent, width, grad_planes, grad_lines):
     size = planes.shape[1]
     channels = planes.shape[3]
-    for task in numba.prange(task_count(channels)):
-        k, first, last = task_of(task, channels)
+    for task in numba.prange(task_count(channels, width)):
+        k, first, last = task_of(task, channels, width)
         for n in range(points.shape[0]):
             i0, i, i3, u = difference_cell(points[n, _axis_a[k]], size)
             j0, j, j3, v = difference_cell(points[n, _axis_b[k]], size)

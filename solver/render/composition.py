@@ -38,8 +38,11 @@ class Composition(nn.Module):
     """Scenes placed in one world, with what a renderer asks of a `Scene`.
 
     Media are superposed: every part is sampled with its own step, and the samples of all parts are
-    sorted along each ray, so parts may interpenetrate. Secondary rays see all parts.
+    sorted along each ray, so parts may interpenetrate. Secondary rays see all parts. The rooms they
+    were photographed in stay behind.
     """
+
+    room = None
 
     def __init__(
         self, parts: list[Scene], placements: list[Placement], environment: EnvironmentMap

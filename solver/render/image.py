@@ -14,6 +14,7 @@ from ..kernels.march import composite, march
 from .radiance import render_rays
 from .random_numbers import RandomNumbers
 from .scene import RenderSettings, Scene, StepTables
+from .surroundings import surroundings
 
 RAYS_PER_CHUNK = 4096
 
@@ -28,7 +29,7 @@ class RenderedView:
     albedo: np.ndarray  # [H, W, 3] linear, zero where empty
     alpha: np.ndarray  # [H, W] GGX α, zero where empty
     f0: np.ndarray  # [H, W, 3] linear, zero where empty
-    backdrop: np.ndarray  # [H, W, 3] linear Rec.709, the light itself, seen past the object
+    surrounded: np.ndarray  # [H, W, 3] linear Rec.709, in its room and before its light; opaque
 
 
 def image_settings(
@@ -68,15 +69,17 @@ def render_view(
     directions = torch.from_numpy(directions).float().to(device)
     pixels = torch.arange(len(origins), device=device)
     pixel_angle = torch.full((len(origins),), camera.pixel_angle, device=device)
-    parts = []
+    parts, around = [], []
     for first in range(0, len(origins), rays_per_chunk):
         chunk = slice(first, first + rays_per_chunk)
-        parts.append(
-            render_rays(
-                scene, tables, settings, random, origins[chunk], directions[chunk], pixels[chunk],
-                jitter=False, pixel_angle=pixel_angle[chunk],
-            )
+        rays = origins[chunk], directions[chunk]
+        part = render_rays(
+            scene, tables, settings, random, *rays, pixels[chunk], jitter=False,
+            pixel_angle=pixel_angle[chunk],
         )  # fmt: skip
+        parts.append(part)
+        room = surroundings(scene, tables, *rays, pixel_angle[chunk])
+        around.append(room.around(part.radiance, part.opacity))
         if progress is not None:
             progress(min(1.0, (first + rays_per_chunk) / len(origins)))
 
@@ -84,8 +87,6 @@ def render_view(
         flat = torch.cat([getattr(part, name) for part in parts]).cpu().numpy()
         return flat.reshape(camera.height, camera.width, *flat.shape[1:])
 
-    pixels_of = (camera.height, camera.width, 3)
-    light = scene.environment.lookup(tables.light, directions, pixel_angle**2)
     opacity = image("opacity")
     filled = opacity > 1e-3
     cover = np.where(filled, opacity, 1.0)
@@ -101,7 +102,7 @@ def render_view(
     return RenderedView(
         radiance=image("radiance"), opacity=opacity, normal=normal.astype(np.float32),
         albedo=straight("albedo"), alpha=straight("alpha"), f0=straight("f0"),
-        backdrop=light.cpu().numpy().reshape(pixels_of),
+        surrounded=torch.cat(around).cpu().numpy().reshape(normal.shape),
     )  # fmt: skip
 
 

@@ -21,6 +21,8 @@ from .shade import shade
 
 SECONDARY_MIN_WEIGHT = 5.0
 """threshold of shading at the end of retraced rays, in units of `RenderSettings.min_weight`"""
+GLOW_MIN_WEIGHT = 5e-4
+"""samples of a plain radiance field that weigh less are not looked at; a fog has many light ones"""
 RAYS_PER_TRACE = 65536
 """retraced rays at once where no gradient is wanted; bounds the memory"""
 
@@ -77,7 +79,10 @@ def render_rays(
         traced[0], traced[1] = traced[0] + len(origins), traced[1] + taken
         return radiance, passing
 
-    if settings.shaded_depths > 0:
+    if settings.emission >= 1:
+        # A fog's colours cost little, and chosen at random they would hardly tell where it is dense.
+        chosen = all_depths(weights, ray, 1 - transmittance, GLOW_MIN_WEIGHT)
+    elif settings.shaded_depths > 0:
         u = random.uniform(DEPTH, keys, settings.shaded_depths).view(count, -1)
         chosen = random_depths(weights, samples.offsets, ray, 1 - transmittance, u)
     else:
@@ -94,7 +99,7 @@ def render_rays(
     with torch.no_grad():
         distance = torch.zeros_like(near).index_add(0, ray, weights * samples.distance)
     bending = unevenness = None
-    if settings.neighbour_distance > 0:
+    if settings.neighbour_distance > 0 and settings.emission < 1:
         away_normal, difference = _neighbours(scene, tables, settings, random, kept, shading)
         bending, unevenness = gather(away_normal), gather(difference)
     return RayBuffers(

@@ -13,6 +13,7 @@ from ..brdf.neural import NeuralTerm
 from ..field.field import MicrofacetField
 from ..field.heads import Materials
 from ..field.occupancy import Occupancy
+from ..field.room import Room
 from ..kernels.march import grid_transmittance, march
 from ..kernels.specular import Blockers
 from ..light.environment import EnvironmentMap, LightTables
@@ -90,15 +91,21 @@ SELF_SHADOW_VOXELS = 2.0
 
 
 class Scene(nn.Module):
-    """Field, light and neural term, with the occupancy grid that follows the field."""
+    """Field, light and neural term, with the occupancy grid that follows the field.
+
+    `room`, where photos show one, is what else they see: it is fitted and looked at, but neither
+    lights the object (the environment does) nor becomes an asset.
+    """
 
     def __init__(
-        self, field: MicrofacetField, environment: EnvironmentMap, neural: NeuralTerm, cells: int
-    ):
+        self, field: MicrofacetField, environment: EnvironmentMap, neural: NeuralTerm, cells: int,
+        room: Room | None = None,
+    ):  # fmt: skip
         super().__init__()
         self.field = field
         self.environment = environment
         self.neural = neural
+        self.room = room
         self.occupancy = Occupancy(cells, field.centre.device)
 
     @property

@@ -47,10 +47,10 @@ def shade(
             (radiance [K, 3], transmittance [K]); None at the last bounce.
         pixel_angle: [R] angular width of each ray's pixel, rad; None: rays have no width.
     """
+    if settings.emission >= 1:
+        return _glow(scene, tables, samples)
     surface = scene.surface(samples.points, samples.part, tables.normals)
     normals, materials = surface.normals, surface.materials
-    if settings.emission >= 1:
-        return Shading(materials.albedo, normals, surface.features, materials)
     facing = (normals * view).sum(-1, keepdim=True)
     toward = torch.where(facing < 0, -normals, normals)
 
@@ -66,3 +66,16 @@ def shade(
     if settings.emission > 0:
         radiance = torch.lerp(radiance, materials.albedo, settings.emission)
     return Shading(radiance, normals, surface.features, materials)
+
+
+def _glow(scene: Scene, tables: StepTables, samples: Samples) -> Shading:
+    """Samples that shine by themselves: nothing but their colour has a gradient, so the rest is left
+    out of fits (zero), and only pictures have it."""
+    if not torch.is_grad_enabled():
+        surface = scene.surface(samples.points, samples.part, tables.normals)
+        return Shading(surface.materials.albedo, *surface[:3])
+    features = scene.field.features(scene.field.to_box(samples.points))
+    albedo = scene.field.heads.albedo_of(features)
+    nothing = torch.zeros_like(albedo)
+    materials = Materials(albedo, nothing[:, 0], nothing)
+    return Shading(albedo, nothing, features, materials)

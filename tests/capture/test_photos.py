@@ -17,7 +17,7 @@ from PIL import Image, ImageCms
 from solver.capture import frames
 from solver.capture.camera import Camera
 from solver.capture.errors import CaptureError
-from solver.capture.image_header import image_size
+from solver.capture.image_header import image_size, may_have_alpha
 from solver.capture.intake import Found, Intrinsics, assemble
 from solver.capture.masks import resized_by_area
 from solver.capture.photo_finder import PhotoFinder
@@ -488,6 +488,16 @@ def test_sizes_in_headers_are_those_of_the_pixels(tmp_path, name):
     kind = np.float32 if name in ("a.exr", "a.hdr") else np.uint8
     write(tmp_path / name, ramp(kind, 3, (5, 11)))
     assert image_size(tmp_path / name) == (11, 5)
+
+
+@pytest.mark.parametrize(
+    "name, channels, may", [("a.png", 3, False), ("a.png", 4, True), ("a.png", 1, False),
+                            ("a.jpg", 3, False), ("a.tif", 3, True)]
+)  # fmt: skip
+def test_a_header_says_whether_a_photo_may_have_alpha(tmp_path, name, channels, may):
+    write(tmp_path / name, ramp(np.uint8, channels, (5, 11)))
+    assert may_have_alpha(tmp_path / name) == may
+    assert may_have_alpha(tmp_path / "missing.png")
 
 
 @pytest.fixture(scope="module")

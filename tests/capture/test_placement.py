@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from solver.capture.camera import Camera
@@ -116,6 +117,17 @@ def test_placing_moves_cameras_points_and_what_they_project_to_alike():
         np.testing.assert_allclose(
             before.project(points)[0], after.project(moved.points)[0], atol=1e-6
         )
+
+
+def test_without_masks_the_region_is_no_longer_than_the_views_are_wide(tmp_path):
+    def edge(mode, mask=None):
+        photo = tmp_path / f"{mode}.png"
+        Image.new(mode, (4, 4)).save(photo)
+        tall = [replace(c, width=30, height=90, image_path=photo, mask_path=mask) for c in ring()]
+        return float(np.ptp(region_seen_by(tall), axis=0)[0])
+
+    assert edge("RGB") == pytest.approx(1.2 / 3 * edge("RGBA"))
+    assert edge("RGB", tmp_path / "mask.png") == pytest.approx(edge("RGBA"))
 
 
 def test_points_draw_the_region_closer_and_a_few_do_not():

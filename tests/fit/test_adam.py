@@ -27,6 +27,21 @@ def test_smooth_steps_are_the_smoothing_of_plain_steps():
         assert made.square().mean() < 0.2 * plain.square().mean()
 
 
+def test_below_the_floor_steps_shrink_with_the_gradient_and_above_they_stay():
+    def moved(floor):
+        values = torch.nn.Parameter(torch.zeros(2, 8))
+        optimiser = Adam([{"params": [values], "base": 0.1, "floor": floor}])
+        for _ in range(40):
+            values.grad = torch.stack([torch.ones(8), torch.full((8,), 1e-5)])
+            optimiser.step()
+        return values.detach()
+
+    plain, floored = moved(0.0), moved(0.2)
+    torch.testing.assert_close(plain[1], plain[0])
+    assert (floored[0] < 0.7 * plain[0]).all()
+    assert (floored[1].abs() < 1e-2 * floored[0].abs()).all()
+
+
 def test_smoothing_leaves_a_constant_step_as_it_is():
     for constant in (torch.full((3, 16, 16, 2), 0.3), torch.full((3, 16, 2), 0.3)):
         torch.testing.assert_close(step_smoothing(2.0)(constant), constant)

@@ -12,7 +12,7 @@ from solver.capture.errors import CaptureError
 from solver.capture.photos import Photo
 from solver.fit import checkpoint
 from solver.fit.errors import SettingsError
-from solver.fit.losses import Behind, photometric
+from solver.fit.losses import photometric
 from solver.fit.presets import PRESETS, Settings, neural_share, settings_for, smoothing_width
 from solver.fit.ray_bank import RayBank, RayBatch
 from solver.fit.start import background_of, new_trainer, trainer_for
@@ -189,7 +189,7 @@ def test_a_saturated_pixel_forgives_more_light_but_not_less():
         )
         clipped = torch.ones(1, 3, dtype=torch.bool)
         batch = RayBatch(None, None, torch.ones(1, 3), ones, clipped, ones, torch.zeros(1).long())
-        return float(photometric(buffers, batch, Behind(torch.ones(1, 3))))
+        return float(photometric(buffers, batch, torch.ones(1, 3)))
 
     assert loss(3.0) == 0 and loss(0.5) > 0.01
 
@@ -215,4 +215,4 @@ def test_the_background_is_recognised():
     white = [Photo(np.ones((8, 8, 4), np.float32), False, False)] * 2
     room = [Photo(np.full((8, 8, 4), 0.3, np.float32), False, False)] * 2
     assert background_of(masked) == background_of(white) == "white"
-    assert background_of(room) == "environment"
+    assert background_of(room) == "room"

@@ -8,10 +8,11 @@ import torch
 
 from solver.capture.photos import Photo, linear_to_srgb
 from solver.capture.placement import placed
+from solver.fit import checkpoint
 from solver.fit.presets import PAPER, FitSettings, emission_share, picture_settings
 from solver.fit.preview import display, over_white
-from solver.fit.start import background_of, new_trainer
-from solver.fit.visual_hull import seen_cells
+from solver.fit.start import background_of, new_trainer, trainer_for
+from solver.fit.visual_hull import seen_cells, walked_through
 from solver.metrics.image import psnr
 from solver.render.image import image_settings, render_view
 from solver.render.radiance import render_rays
@@ -64,7 +65,8 @@ def test_only_a_fit_without_masks_starts_by_shining(masked):
     capture, photos = ball_capture() if masked else room_capture()
     trainer = new_trainer(capture, photos, SMALL, 0, None, "cpu", lambda fraction: None)
     assert trainer.emission(0.0) == (0.0 if masked else 1.0)
-    assert trainer.background == ("white" if masked else "environment")
+    assert trainer.background == ("white" if masked else "room")
+    assert (trainer.scene.room is None) == masked
 
 
 def test_a_fog_before_a_room_becomes_the_ball():
@@ -109,7 +111,7 @@ def test_a_capture_may_be_of_any_size(make):
         np.testing.assert_allclose(losses(scale)[-10:], usual[-10:], rtol=0.05)
 
 
-def test_a_photo_with_its_room_is_compared_with_the_light_behind_the_object():
+def test_a_photo_with_its_room_is_compared_with_all_that_is_in_the_scene():
     capture, photos = room_capture()
     trainer = new_trainer(capture, photos, SMALL, 0, None, "cpu", lambda fraction: None)
     for i in range(60):
@@ -119,5 +121,86 @@ def test_a_photo_with_its_room_is_compared_with_the_light_behind_the_object():
     before_light = display(view, background_of(photos))
     truth = over_white(photos[0].pixels)
     assert psnr(before_light, truth) > psnr(display(view), truth) + 3
-    corner = view.backdrop[0, 0] * (1 - view.opacity[0, 0]) + view.radiance[0, 0]
-    np.testing.assert_allclose(before_light[0, 0], np.clip(linear_to_srgb(corner), 0, 1), atol=1e-6)
+    whole = np.clip(linear_to_srgb(view.surrounded), 0, 1)
+    np.testing.assert_array_equal(before_light, whole)
+
+
+def walled_capture(views=12):
+    """The ball in a box-shaped room with waves on its walls, which parallax alone tells from far away."""
+    capture, photos = ball_capture(views)
+    shot = []
+    for camera, photo in zip(capture.cameras, photos, strict=True):
+        row, column = np.mgrid[0 : camera.height, 0 : camera.width] + 0.5
+        origins, directions = camera.rays(column.ravel(), row.ravel())
+        with np.errstate(divide="ignore"):
+            distance = ((np.sign(directions) * 4.5 - origins) / directions).min(1)
+        wall = origins + distance[:, None] * directions
+        colour = 0.35 + 0.25 * np.sin(2.0 * wall + [0.0, 1.0, 2.0])
+        behind = np.concatenate([colour, np.ones((len(colour), 1))], 1).reshape(photo.pixels.shape)
+        pixels = photo.pixels + (1 - photo.pixels[..., 3:]) * behind
+        shot.append(Photo(pixels.astype(np.float32), False, False))
+    return capture, shot
+
+
+def fitted(capture, photos, background, steps=250):
+    settings = dataclasses.replace(
+        SMALL, fit=dataclasses.replace(SMALL.fit, background=background, emission_fade=(0.9, 1.0))
+    )
+    trainer = new_trainer(capture, photos, settings, 0, None, "cpu", lambda fraction: None)
+    losses = [trainer.advance(i / steps)["image"] for i in range(steps)]
+    return trainer, float(np.mean(losses[-20:]))
+
+
+def test_walls_near_by_are_explained_by_the_room_where_an_environment_cannot():
+    capture, photos = walled_capture()
+    trainer, with_room = fitted(capture, photos, "room")
+    _, with_environment = fitted(capture, photos, "environment")
+    assert with_room < 0.75 * with_environment
+    assert all(p.grad is not None for p in trainer.scene.room.parameters())
+
+
+def test_a_resumed_fit_in_a_room_goes_on_as_if_nothing_had_happened(tmp_path):
+    capture, photos = walled_capture(6)
+    trainer = new_trainer(capture, photos, SMALL, 0, None, "cpu", lambda fraction: None)
+    for i in range(12):  # of them the last after an upsampling
+        trainer.advance(i / 20)
+    checkpoint.save_checkpoint(trainer, tmp_path / "checkpoint", 1.0, done=False)
+    expected = [trainer.advance(i / 20)["image"] for i in range(12, 16)]
+    scene, state, tensors = checkpoint.load_scene(tmp_path / "checkpoint")
+    assert scene.room.size == 32
+    other = trainer_for(scene, capture, photos, checkpoint.settings_of(state), 0)
+    checkpoint.restore(other, state, tensors)
+    result = [other.advance(i / 20)["image"] for i in range(12, 16)]
+    np.testing.assert_allclose(result, expected, rtol=1e-4)
+
+
+def test_a_fog_is_seen_whole_whatever_the_random_numbers():
+    scene = ball(0.5, albedo=0.3, sharpness=4.0)
+    refresh(scene)
+    settings = RenderSettings(emission=1.0, shaded_depths=2)
+    origins, directions = camera_rays(6)
+    keys = torch.arange(len(origins))
+
+    def seen(seed):
+        tables, random = StepTables.of(scene), RandomNumbers(seed)
+        return render_rays(scene, tables, settings, random, origins, directions, keys, jitter=False)
+
+    one, other = seen(0), seen(1)
+    torch.testing.assert_close(one.radiance, other.radiance)
+    torch.testing.assert_close(
+        one.radiance, 0.3 * one.opacity[:, None].expand(-1, 3), rtol=0.01, atol=1e-3
+    )
+    one.radiance.sum().backward()
+    assert scene.field.density_planes.grad.abs().max() > 0
+    assert scene.field.heads.albedo.bias.grad.abs().max() > 0
+
+
+def test_the_space_that_cameras_were_carried_through_is_taken_for_empty():
+    cameras = list(ball_capture(12)[0].cameras)
+    centre = np.zeros(3)
+    positions = np.stack([camera.position for camera in cameras])
+    assert walked_through(cameras, 0.6 * positions, centre).all()
+    assert not walked_through(cameras, 1.3 * positions, centre).any()
+    below = np.array([[0.0, 0.0, -0.5], [0.5, 0.0, -1.0]])
+    assert not walked_through(cameras, below - [0, 0, abs(positions[:, 2]).max()], centre).any()
+    assert not walked_through(cameras[:1], positions, centre).any()
