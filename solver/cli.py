@@ -6,27 +6,18 @@ Exit codes: 0 done, 2 bad input, 3 cancelled, 4 out of memory, 1 anything else.
 from __future__ import annotations
 
 import argparse
-import errno
 import math
 import sys
 import time
 from pathlib import Path
 
 from . import __version__
-from .asset.errors import EmptySurfaceError
 from .cameras.command import add_solve
-from .capture.errors import CaptureError
-from .fit.errors import SettingsError
-from .job.control import Control
-from .job.events import EventStream, take_stdout_for_events
 from .job.folder import JobError, JobFolder, JobRequest
-from .job.status import Heartbeat, process_is_alive, read_status
+from .job.status import process_is_alive, read_status
 from .preflight.command import add_check
+from .session import CANCELLED, DONE, FAILED, KNOWN_FAILURES, explain, session
 from .threads import let_idle_threads_sleep
-
-DONE, FAILED, BAD_INPUT, CANCELLED, OUT_OF_MEMORY = 0, 1, 2, 3, 4
-KNOWN_FAILURES = (EmptySurfaceError,)
-_DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -42,23 +33,6 @@ def main(arguments: list[str] | None = None) -> int:
             raise
         print(message, file=sys.stderr)
         return code
-
-
-def explain(error: Exception) -> tuple[int, str]:
-    """Exit code and one sentence for an error; FAILED for one that nobody foresaw."""
-    if isinstance(error, (CaptureError, JobError, SettingsError)):
-        return BAD_INPUT, str(error)
-    text = str(error).lower()
-    if isinstance(error, MemoryError) or "out of memory" in text or "can't allocate" in text:
-        return OUT_OF_MEMORY, "Out of memory: choose the draft preset or smaller photos."
-    if isinstance(error, OSError) and error.errno in _DISK_ERRORS:
-        where = error.filename or "the job folder"
-        return BAD_INPUT, f"{where}: writing failed ({error.strerror}); free space or move the job."
-    if "no space left" in text or "i/o error" in text:
-        return BAD_INPUT, f"The job folder cannot be written ({error}); free space or move the job."
-    if isinstance(error, KNOWN_FAILURES):
-        return FAILED, str(error)
-    return FAILED, f"{type(error).__name__}: {error}"
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -193,40 +167,16 @@ def _run_job(job: JobFolder, events: bool, began: float) -> int:
     """Run a job with its heartbeat, events and log; the last line on stdout is the manifest."""
     if process_is_alive(read_status(job.status_path)):
         raise JobError(f"{job.root}: another process works on this job; cancel it first.")
-    job.cancel_path.unlink(missing_ok=True)
-    stream = take_stdout_for_events() if events else None
-    control = Control(job.cancel_path)
-    control.start()
-    out = EventStream(job.events_path, stream)
-    heartbeat = Heartbeat(job.status_path)
-    out.emit("hello", version=__version__)
-    heartbeat.update("preparing")
+    with session(job.events_path, job.status_path, job.cancel_path, events) as run:
+        from .fit.reconstruct import run_job
 
-    from .fit.progress import Progress
-    from .fit.reconstruct import Cancelled, run_job
-
-    progress = Progress(out, heartbeat, bar=not events and sys.stderr.isatty())
-    try:
-        manifest = run_job(job, progress, control, began)
-        code = DONE
-        out.emit("result", file="result/manifest.json")
-    except (Cancelled, KeyboardInterrupt):
-        code = CANCELLED
-    except Exception as error:
-        code, message = explain(error)
-        out.emit("error", code=code, message=message)
-        heartbeat.update("failed")
-        out.emit("bye", exit_code=code)
-        progress.close()
-        raise
-    progress.close()
-    heartbeat.update("done" if code == DONE else "cancelled")
-    out.emit("bye", exit_code=code)
-    if code == CANCELLED:
+        manifest = run_job(job, run.progress, run.control, began)
+        run.events.emit("result", file="result/manifest.json")
+    if run.code == CANCELLED:
         print(f"Cancelled; continue with --resume ({job.root}).", file=sys.stderr)
     elif not events:
         print(manifest)
-    return code
+    return run.code
 
 
 def _render(options: argparse.Namespace) -> int:

@@ -6,14 +6,10 @@ import argparse
 import sys
 from pathlib import Path
 
-from .. import __version__
 from ..capture.errors import CaptureError
-from ..job.control import Control
-from ..job.events import EventStream, take_stdout_for_events
-from ..job.status import Heartbeat, process_is_alive, read_status
+from ..job.status import process_is_alive, read_status
+from ..session import CANCELLED, session
 from .folder import CAMERA_MODELS, MATCHERS, SolveFolder, SolveRequest, photos_below
-
-DONE, CANCELLED = 0, 3
 
 
 def add_solve(commands: argparse._SubParsersAction) -> None:
@@ -69,49 +65,22 @@ def run_solve(options: argparse.Namespace) -> int:
 
 
 def _run(folder: SolveFolder, request: SolveRequest, events: bool) -> int:
-    folder.cancel_path.unlink(missing_ok=True)
-    stream = take_stdout_for_events() if events else None
-    control = Control(folder.cancel_path)
-    control.start()
-    out = EventStream(folder.events_path, stream)
-    heartbeat = Heartbeat(folder.status_path)
-    out.emit("hello", version=__version__)
-    heartbeat.update("preparing")
+    from .solve import SHARES, Solver
 
-    from ..cli import explain
-    from ..fit.progress import Progress
-    from .solve import SHARES, SolveCancelled, Solver
-
-    progress = Progress(out, heartbeat, not events and sys.stderr.isatty(), SHARES)
-    try:
-        solved = Solver(folder, request, progress, control).run()
-    except (SolveCancelled, KeyboardInterrupt):
-        progress.close()
-        heartbeat.update("cancelled")
-        out.emit("bye", exit_code=CANCELLED)
+    paths = folder.events_path, folder.status_path, folder.cancel_path
+    with session(*paths, events, SHARES) as run:
+        solved = Solver(folder, request, run.progress, run.control).run()
+        if solved.warning:
+            run.events.emit("warning", text=solved.warning)
+        run.events.emit(
+            "result", file=folder.cameras_path.name, placed=solved.placed, photos=solved.photos,
+            points=solved.points,
+        )  # fmt: skip
+    if run.code == CANCELLED:
         print("Cancelled; the same command continues.", file=sys.stderr)
-        return CANCELLED
-    except Exception as error:
-        code, message = explain(error)
-        progress.close()
-        out.emit("error", code=code, message=message)
-        heartbeat.update("failed")
-        out.emit("bye", exit_code=code)
-        raise
-    finally:
-        control.stop()
-    if solved.warning:
-        out.emit("warning", text=solved.warning)
-    out.emit(
-        "result", file=folder.cameras_path.name, placed=solved.placed, photos=solved.photos,
-        points=solved.points,
-    )  # fmt: skip
-    progress.close()
-    heartbeat.update("done")
-    out.emit("bye", exit_code=DONE)
-    if not events:
+    elif not events:
         _tell(folder, Path(request.photos), solved)
-    return DONE
+    return run.code
 
 
 def _tell(folder: SolveFolder, photos: Path, solved) -> None:

@@ -20,7 +20,7 @@ from typing import Any
 
 from ..capture.errors import CaptureError
 from ..fit.progress import Progress
-from ..job.control import Control
+from ..job.control import Cancelled, Control
 from .diagnosis import Evidence, unplaced
 from .folder import FEWEST_PHOTOS, SolveFolder, SolveRequest
 from .model import finish_model
@@ -33,10 +33,6 @@ DEFAULT_FOCAL = 1.2
 """focal length over the longer side, where a photo says nothing: a phone's main camera and most lenses"""
 FEWEST_FEATURES = 16
 _BLOCK_SECONDS = 2.0
-
-
-class SolveCancelled(Exception):
-    """The solve was asked to stop; it continues where it was."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +74,7 @@ class Solver:
         """Do all that is left to do.
 
         Raises:
-            SolveCancelled: asked to stop. CaptureError: the photos do not make cameras.
+            Cancelled: asked to stop; the next run goes on. CaptureError: photos that make no cameras.
         """
         root = Path(self.request.photos)
         masks = None if self.request.masks is None else Path(self.request.masks)
@@ -110,13 +106,13 @@ class Solver:
         try:
             yield
         except InterruptedError as error:
-            raise SolveCancelled from error
+            raise Cancelled from error
         finally:
             done.set()
 
     def _check(self) -> None:
         if self.control.should_stop:
-            raise SolveCancelled
+            raise Cancelled
 
     @contextmanager
     def _database(self) -> Iterator[Any]:

@@ -12,7 +12,7 @@ from .. import __version__
 from ..asset.build import build_asset
 from ..asset.from_scene import SceneSurface, surface_level
 from ..capture.photos import load_photos
-from ..job.control import Control
+from ..job.control import Cancelled, Control
 from ..job.folder import JobFolder
 from ..job.inputs import capture_of
 from ..kernels.backend import fast
@@ -29,10 +29,6 @@ from .start import new_trainer, trainer_for
 from .trainer import Trainer
 
 STAGES = ("photos", "compile", "geometry", "fit", "asset", "report")
-
-
-class Cancelled(Exception):
-    """The job was asked to stop; its checkpoint is written."""
 
 
 def run_job(

@@ -12,6 +12,10 @@ import time
 from pathlib import Path
 
 
+class Cancelled(Exception):
+    """The work was asked to stop, and did."""
+
+
 class Control:
     """Watches stdin, the `cancel` file and SIGTERM.
 

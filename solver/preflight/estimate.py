@@ -19,6 +19,8 @@ OVERHEAD = {"draft": 60.0, "standard": 120.0, "paper": 240.0}
 """seconds for kernels, hull, asset and report"""
 BASE_BYTES = {"draft": 1.3e9, "standard": 2.0e9, "paper": 4.0e9}
 """memory of a fit of few, small photos"""
+WITHOUT_MASKS = 1.8
+"""times as long takes a step without masks: a fog at first, and the room to the end"""
 EFFICIENCY = 0.9
 LOADING = 0.25e-6
 """processor seconds a pixel of the photos takes until it is in the ray bank"""
@@ -79,7 +81,7 @@ def estimate(
     usable = usable_cores(settings, cores or _cores())
     pixels = sum(camera.width * camera.height for camera in capture.cameras)
     speed = 1 + EFFICIENCY * (usable - 1)
-    fit = settings.fit.steps * CORE_SECONDS[preset] / speed
+    fit = settings.fit.steps * CORE_SECONDS[preset] * (1 if masked else WITHOUT_MASKS) / speed
     seconds = fit + OVERHEAD[preset] + pixels * LOADING
     photos = photo_bytes(capture, masked)
     return Estimate(

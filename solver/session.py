@@ -1,0 +1,95 @@
+"""A long run as others see it: events, heartbeat, cancelling, a bar, and how it ended."""
+
+from __future__ import annotations
+
+import errno
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from . import __version__
+from .asset.errors import EmptySurfaceError
+from .capture.errors import CaptureError
+from .fit.errors import SettingsError
+from .job.control import Cancelled, Control
+from .job.events import EventStream, take_stdout_for_events
+from .job.folder import JobError
+from .job.status import Heartbeat
+
+if TYPE_CHECKING:
+    from .fit.progress import Progress
+
+DONE, FAILED, BAD_INPUT, CANCELLED, OUT_OF_MEMORY = 0, 1, 2, 3, 4
+KNOWN_FAILURES = (EmptySurfaceError,)
+_DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
+
+
+@dataclass
+class Session:
+    """What the work inside a session uses; `code` is its exit code once that is over."""
+
+    progress: Progress
+    control: Control
+    events: EventStream
+    code: int = DONE
+
+
+@contextmanager
+def session(
+    events_path: Path, status_path: Path, cancel_path: Path, to_stdout: bool,
+    shares: dict[str, float] | None = None,
+) -> Iterator[Session]:  # fmt: skip
+    """Run the body with a heartbeat and events, and tell both how it ended.
+
+    `Cancelled` and Ctrl-C end in the code for that; any other error is told and raised again.
+
+    Args:
+        to_stdout: events go there, too, and there is no bar.
+        shares: of the time that the stages take (see `Progress`).
+    """
+    cancel_path.unlink(missing_ok=True)
+    stream = take_stdout_for_events() if to_stdout else None
+    control = Control(cancel_path)
+    control.start()
+    events = EventStream(events_path, stream)
+    heartbeat = Heartbeat(status_path)
+    events.emit("hello", version=__version__)
+    heartbeat.update("preparing")
+
+    from .fit.progress import Progress
+
+    progress = Progress(events, heartbeat, not to_stdout and sys.stderr.isatty(), shares)
+    run = Session(progress, control, events)
+    try:
+        yield run
+    except (Cancelled, KeyboardInterrupt):
+        run.code = CANCELLED
+    except Exception as error:
+        run.code, message = explain(error)
+        events.emit("error", code=run.code, message=message)
+        raise
+    finally:
+        control.stop()
+        progress.close()
+        heartbeat.update({DONE: "done", CANCELLED: "cancelled"}.get(run.code, "failed"))
+        events.emit("bye", exit_code=run.code)
+
+
+def explain(error: Exception) -> tuple[int, str]:
+    """Exit code and one sentence for an error; FAILED for one that nobody foresaw."""
+    if isinstance(error, (CaptureError, JobError, SettingsError)):
+        return BAD_INPUT, str(error)
+    text = str(error).lower()
+    if isinstance(error, MemoryError) or "out of memory" in text or "can't allocate" in text:
+        return OUT_OF_MEMORY, "Out of memory: choose the draft preset or smaller photos."
+    if isinstance(error, OSError) and error.errno in _DISK_ERRORS:
+        where = error.filename or "the job folder"
+        return BAD_INPUT, f"{where}: writing failed ({error.strerror}); free space or move the job."
+    if "no space left" in text or "i/o error" in text:
+        return BAD_INPUT, f"The job folder cannot be written ({error}); free space or move the job."
+    if isinstance(error, KNOWN_FAILURES):
+        return FAILED, str(error)
+    return FAILED, f"{type(error).__name__}: {error}"
