@@ -132,7 +132,7 @@ class FitSettings:
     """share of the neural term g at the start; 0 switches it off"""
     neural_fade: tuple[float, float] = (0.4, 0.65)
     """fractions of the fit between which g is blended out, so that Cycles can show what is baked"""
-    emission_fade: tuple[float, float] = (0.15, 0.3)
+    emission_fade: tuple[float, float] = (0.3, 0.45)
     """fractions of the fit between which points stop to shine by themselves, where it starts as a fog:
     without masks, a shape is found first by colours alone, then by what it reflects"""
     decoder: str = ""
