@@ -3,10 +3,12 @@
     python benchmarks/kernels.py            all kernels, a page for docs
     python benchmarks/kernels.py --short    few points, for a look in CI
 
-The limit of a kernel is the larger of two times: its bytes at the machine's copy rate (an array as
-large as a grid's planes) and its operations at the machine's rate of multiply-adds (on data in the
-nearest cache, by the same compiler). Bytes count every node that a lookup touches, as if none were
-met twice; operations are counted in the source. All is measured in one run, by the best of a few.
+The limit of a kernel is the largest of three times: its bytes at the machine's copy rate (an array as
+large as a grid's planes), its operations at the machine's rate of multiply-adds (on data in the nearest
+cache, by the same compiler), and, for lookups all over a table, the cache lines they touch at the rate of
+independent random reads from an array of that size. Bytes and lines count every node that a lookup
+touches, as if none were met twice; operations are counted in the source; both are single precision's, also
+for kernels in double. All is measured in one run, by the best of a few.
 """
 
 from __future__ import annotations
@@ -33,14 +35,14 @@ from benchmarks.machine import describe_machine  # noqa: E402
 from solver.field.smoothing import gaussian_taps  # noqa: E402
 from solver.kernels import vm  # noqa: E402
 from solver.kernels.adam import Moments, Rates, adam_step  # noqa: E402
-from solver.kernels.backend import plain_torch  # noqa: E402
+from solver.kernels.backend import gradients_in_place, plain_torch  # noqa: E402
 from solver.kernels.integral import prefix_sums, rectangle_mean  # noqa: E402
 from solver.kernels.march import march  # noqa: E402
 from solver.kernels.skipping import blocking_grid, free_distance  # noqa: E402
 from solver.kernels.specular import Blockers, specular  # noqa: E402
 
 SIZE, DENSITY, FEATURES, LIGHT = 160, 16, 24, 256
-FLOAT = 4
+FLOAT, LINE = 4, 64  # bytes
 REPEATS = 7
 
 
@@ -52,6 +54,7 @@ class Case(NamedTuple):
     bytes: float
     operations: float
     twin: bool = True
+    lines: float = 0.0  # cache lines met at random; 0 where neighbours share them
 
 
 def best(run: Callable[[], object], repeats: int = REPEATS) -> float:
@@ -80,6 +83,26 @@ def copy_rate() -> float:
     source = np.ones(3 * SIZE * SIZE * DENSITY, np.float32)
     target = np.empty_like(source)
     return 2 * source.nbytes / best(lambda: np.copyto(target, source), 30)
+
+
+@numba.njit(parallel=True, fastmath=True)
+def _read_lines(values, first, out):
+    """A number of every line in a random order that is known early, so that reads overlap."""
+    for task in numba.prange(first.shape[0]):
+        total = np.float32(0)
+        for i in range(first.shape[1]):
+            total += values[first[task, i]]
+        out[task] = total
+
+
+def line_rate() -> float:
+    """Cache lines a second that are read at random from an array as large as a grid's planes."""
+    values = np.ones(3 * SIZE * SIZE * DENSITY, np.float32)
+    threads = numba.get_num_threads()
+    generator = np.random.default_rng(0)
+    first = generator.integers(0, len(values) // 16, (threads, 1 << 18)) * 16
+    out = np.empty(threads, np.float32)
+    return first.size / best(lambda: _read_lines(values, first, out))
 
 
 def multiply_rate() -> float:
@@ -113,7 +136,16 @@ def cases(points: int) -> list[Case]:
     def backward(lookup, at, factors):
         value = lookup(at, *factors)
         cotangent = torch.ones_like(value)
-        return lambda: torch.autograd.grad(value, factors, cotangent, retain_graph=True)
+        return in_place(lambda: value.backward(cotangent, retain_graph=True))
+
+    def in_place(run):
+        """As in a fit, where gradients are added where they lie."""
+
+        def inside():
+            with gradients_in_place():
+                run()
+
+        return inside
 
     def twin_backward(lookup, at, factors):
         return lambda: torch.autograd.grad(lookup(at, *factors).sum(), factors)
@@ -157,21 +189,25 @@ def cases(points: int) -> list[Case]:
         Case("vm_sum, adjoint", backward(vm.vm_sum, along, density),
              len(along) * 3 * nodes * DENSITY * FLOAT, len(along) * 3 * DENSITY * 26, False),
         Case("vm_products, adjoint", backward(vm.vm_products, surface, features),
-             shaded * 3 * nodes * FEATURES * FLOAT, shaded * 3 * FEATURES * 26, False),
+             shaded * 3 * nodes * FEATURES * FLOAT, shaded * 3 * FEATURES * 26, False,
+             shaded * 2 * 12 * FEATURES * FLOAT / LINE),
         Case("vm_gradient", lambda: vm.vm_gradient(surface, *density),
-             shaded * smooth_nodes * DENSITY * FLOAT, shaded * 3 * DENSITY * 46),
+             shaded * smooth_nodes * DENSITY * FLOAT, shaded * 3 * DENSITY * 46,
+             lines=shaded * 36 * DENSITY * FLOAT / LINE),
         Case("vm_gradient, adjoint", backward(vm.vm_gradient, surface, density),
-             shaded * 3 * smooth_nodes * DENSITY * FLOAT, shaded * 3 * DENSITY * 100, False),
+             shaded * 3 * smooth_nodes * DENSITY * FLOAT, shaded * 3 * DENSITY * 100, False,
+             shaded * 2 * 36 * DENSITY * FLOAT / LINE),
         Case("smooth_planes", lambda: vm.smooth_planes(density[0].detach(), taps),
              2 * planes_bytes * DENSITY, 3 * SIZE * SIZE * DENSITY * 4 * len(taps)),
         Case("rectangle_mean", lambda: rectangle_mean(table, rows, centre, sizes),
-             len(centre) * 8 * 3 * 8, len(centre) * 3 * 60),
+             len(centre) * 8 * 3 * 8, len(centre) * 3 * 60, lines=len(centre) * 8),
         # Per ray: about 250 operations for direction and weight, 180 for a mean of three channels,
         # 20 cells of the grid; the adjoint has twice the former and scatters the latter.
-        Case("specular", glossy, glossy_rays * (8 * 3 * 8 + 20 + 4 * 25), glossy_rays * 600, False),
-        Case("specular, adjoint", lambda: torch.autograd.grad(
-            reflected.sum(), lobe, retain_graph=True),
-             glossy_rays * (3 * 8 * 3 * 8 + 4 * 25) + table.numel() * 8, glossy_rays * 700, False),
+        Case("specular", glossy, glossy_rays * (8 * 3 * 8 + 20 + 4 * 25), glossy_rays * 600, False,
+             glossy_rays * (8 + 20)),
+        Case("specular, adjoint", in_place(lambda: reflected.sum().backward(retain_graph=True)),
+             glossy_rays * (3 * 8 * 3 * 8 + 4 * 25), glossy_rays * 700, False,
+             glossy_rays * 8),
         Case("march", lambda: march(
             origins, directions, torch.zeros(rays), torch.zeros(rays), 0.01, 1 / 128, free,
             density[0].detach(), density[1].detach(), -4.0, 5.0),
@@ -190,22 +226,26 @@ def main() -> None:
     options = parser.parse_args()
     points = 2_000 if options.short else options.points
     torch.set_num_threads(numba.get_num_threads())
-    copies, multiplies = copy_rate(), multiply_rate()
+    copies, multiplies, reads = copy_rate(), multiply_rate(), line_rate()
     lines = [
         f"{describe_machine()}; {points} density samples, grid {SIZE}³.",
-        f"Copy {copies / 1e9:.1f} GB/s, multiply-add {multiplies / 1e9:.1f} Gop/s.", "",
+        f"Copy {copies / 1e9:.1f} GB/s, multiply-add {multiplies / 1e9:.1f} Gop/s, random reads "
+        f"{reads / 1e6:.0f} million lines/s.", "",
         "| kernel | ms | limit ms (by) | share of the limit reached | times faster than its twin |",
         "| --- | ---: | ---: | ---: | ---: |",
     ]  # fmt: skip
     for case in cases(points):
         seconds = best(case.run, 3 if options.short else REPEATS)
-        by_bytes, by_operations = case.bytes / copies, case.operations / multiplies
-        limit = max(by_bytes, by_operations)
+        limits = {
+            "bytes": case.bytes / copies, "operations": case.operations / multiplies,
+            "reads": case.lines / reads,
+        }  # fmt: skip
+        by = max(limits, key=limits.get)
+        limit = limits[by]
         ratio = "–"
         if case.twin:
             with plain_torch():
                 ratio = f"{best(case.run, 3) / seconds:.1f}"
-        by = "bytes" if by_bytes > by_operations else "operations"
         lines.append(
             f"| {case.name} | {1e3 * seconds:.2f} | {1e3 * limit:.2f} ({by}) | "
             f"{100 * limit / seconds:.0f} % | {ratio} |"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 
 from . import integral_torch
-from .backend import fast, kernels, on_numba
+from .backend import fast, gradient_buffer, kernels, on_numba
 
 
 class _RectangleMean(torch.autograd.Function):
@@ -14,18 +14,17 @@ class _RectangleMean(torch.autograd.Function):
         out, slope = centre.new_empty(len(centre), 3), centre.new_empty(len(centre), 3, 2)
         run = kernels("integral", centre.device)
         run.rectangle_mean(table, rows, centre, size, out, slope)
-        ctx.save_for_backward(rows, centre, size, slope)
-        ctx.shape = table.shape
+        ctx.save_for_backward(table, rows, centre, size, slope)
         return out
 
     @staticmethod
     def backward(ctx, cotangent):
-        rows, centre, size, slope = ctx.saved_tensors
+        table, rows, centre, size, slope = ctx.saved_tensors
         grad_table = grad_centre = None
         if ctx.needs_input_grad[0]:
-            grad_table = rows.new_zeros(ctx.shape)
+            buffer, grad_table = gradient_buffer(table)
             run = kernels("integral", centre.device)
-            run.rectangle_mean_backward(rows, centre, size, cotangent.contiguous(), grad_table)
+            run.rectangle_mean_backward(rows, centre, size, cotangent.contiguous(), buffer)
         if ctx.needs_input_grad[2]:
             grad_centre = torch.einsum("nc,ncd->nd", cotangent, slope)
         return grad_table, None, grad_centre, None

@@ -12,10 +12,10 @@ import math
 import numba
 import numpy as np
 
-BANDS = 8  # of rows; the tasks of a scatter
+BANDS = 8  # of rows; the tasks of a scatter, where several threads share it
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def column(x, width):
     """Whole turns, texel and fraction of a continuous column; columns wrap around."""
     turns = math.floor(x / width)
@@ -24,7 +24,7 @@ def column(x, width):
     return turns, i, x - i
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def row_terms(table, j, c, width, x0, x1):
     """Prefix sum of table row j between columns x0 and x1, and its slopes by x1 and by x0."""
     turns0, i0, f0 = x0
@@ -35,7 +35,7 @@ def row_terms(table, j, c, width, x0, x1):
     return between + f1 * step1 - f0 * step0, step1, step0
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def slab(table, c, width, height, x0, x1, y):
     """Integral over columns x0..x1 and rows 0..y, y in [0, H]; its slopes by y, x1 and x0."""
     j = min(int(y), height - 1)
@@ -48,7 +48,7 @@ def slab(table, c, width, height, x0, x1, y):
     )  # fmt: skip
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def slab_over_poles(table, c, width, height, x0, x1, far0, far1, y):
     """`slab` for y in [−H, 2H]: past a pole the map goes on half a turn away (`far`), mirrored."""
     if y < 0.0:
@@ -63,7 +63,7 @@ def slab_over_poles(table, c, width, height, x0, x1, far0, far1, y):
     return slab(table, c, width, height, x0, x1, y)
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def row_integral_over_poles(rows, y, height):
     """Solid angle of one texel column between row 0 and continuous row y; its slope by y."""
     folded = -y if y < 0.0 else (2.0 * height - y if y > height else y)
@@ -77,7 +77,7 @@ def row_integral_over_poles(rows, y, height):
     return value, slope
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def rectangle(table, rows, x, y, columns, lines, mean, slope, n):
     """Write the mean [n, 3] over a rectangle around (x, y), and its slopes [n, 3, 2] by x and y."""
     height, width = table.shape[0] - 1, table.shape[1] - 1
@@ -97,7 +97,7 @@ def rectangle(table, rows, x, y, columns, lines, mean, slope, n):
         slope[n, c, 1] = ((a_y - b_y) - value * area_slope) / area
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
 def rectangle_mean(table, rows, centre, size, out, slope):
     """Solid-angle weighted means [N, 3] over rectangles, and their slopes [N, 3, 2] by centre.
 
@@ -108,7 +108,7 @@ def rectangle_mean(table, rows, centre, size, out, slope):
         rectangle(table, rows, x, y, float(size[n, 0]), float(size[n, 1]), out, slope, n)
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def scatter_row(grad, j, low, high, width, x0, x1, g, cotangent, n):
     if j < low or j >= high:
         return
@@ -123,7 +123,7 @@ def scatter_row(grad, j, low, high, width, x0, x1, g, cotangent, n):
         grad[j, i0 + 1, c] -= f0 * value
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def scatter_slab(grad, low, high, width, height, x0, x1, y, g, cotangent, n):
     j = min(int(y), height - 1)
     f = y - j
@@ -131,9 +131,8 @@ def scatter_slab(grad, low, high, width, height, x0, x1, y, g, cotangent, n):
     scatter_row(grad, j + 1, low, high, width, x0, x1, f * g, cotangent, n)
 
 
-@numba.njit
-def scatter_over_poles(grad, low, high, width, height, left, right, y, g, cotangent, n):
-    x0, x1 = column(left, width), column(right, width)
+@numba.njit(fastmath=True)
+def scatter_over_poles(grad, low, high, width, height, left, right, x0, x1, y, g, cotangent, n):
     if 0.0 <= y <= height:
         scatter_slab(grad, low, high, width, height, x0, x1, y, g, cotangent, n)
         return
@@ -148,11 +147,13 @@ def scatter_over_poles(grad, low, high, width, height, left, right, y, g, cotang
     scatter_slab(grad, low, high, width, height, far0, far1, mirrored, -g, cotangent, n)
 
 
-@numba.njit(nogil=True)
+@numba.njit(fastmath=True, nogil=True)
 def scatter_band(rows, centre, size, cotangent, low, high, grad):
     """Adjoint of all rectangles, as far as it falls into table rows low ≤ j < high."""
     height, width = grad.shape[0] - 1, grad.shape[1] - 1
     for n in range(centre.shape[0]):
+        if cotangent[n, 0] == 0 and cotangent[n, 1] == 0 and cotangent[n, 2] == 0:
+            continue
         x, y = float(centre[n, 0]), float(centre[n, 1])
         columns, lines = float(size[n, 0]), float(size[n, 1])
         y0, y1 = y - 0.5 * lines, y + 0.5 * lines
@@ -162,16 +163,24 @@ def scatter_band(rows, centre, size, cotangent, low, high, grad):
         above, _ = row_integral_over_poles(rows, y0, height)
         g = 1.0 / (columns * (below - above))
         left, right = x - 0.5 * columns, x + 0.5 * columns
-        scatter_over_poles(grad, low, high, width, height, left, right, y1, g, cotangent, n)
-        scatter_over_poles(grad, low, high, width, height, left, right, y0, -g, cotangent, n)
+        x0, x1 = column(left, width), column(right, width)
+        for y, sign in ((y1, g), (y0, -g)):
+            scatter_over_poles(
+                grad, low, high, width, height, left, right, x0, x1, y, sign, cotangent, n
+            )
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
 def rectangle_mean_backward(rows, centre, size, cotangent, grad):
     """Adjoint of `rectangle_mean` with respect to `table`; a task owns a band of rows: no collisions."""
+    bands = 1 if numba.get_num_threads() == 1 else BANDS
+    _scatter(rows, centre, size, cotangent, bands, grad)
+
+
+@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+def _scatter(rows, centre, size, cotangent, bands, grad):
     count = grad.shape[0]
-    for band in numba.prange(BANDS):
-        low, high = band * count // BANDS, (band + 1) * count // BANDS
+    for band in numba.prange(bands):
+        low, high = band * count // bands, (band + 1) * count // bands
         scatter_band(rows, centre, size, cotangent, low, high, grad)
 
 

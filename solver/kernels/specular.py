@@ -10,6 +10,7 @@ from typing import NamedTuple
 import torch
 
 from . import integral_numba, specular_numba
+from .backend import gradient_buffer
 
 
 class Blockers(NamedTuple):
@@ -49,19 +50,21 @@ class _Specular(torch.autograd.Function):
             directions.numpy(), weights.numpy(), passing.numpy(), light.numpy(), slope.numpy(),
             centre.numpy(), size.numpy(),
         )  # fmt: skip
-        ctx.masking, ctx.shape = masking, table.shape
+        ctx.masking = masking
         ctx.save_for_backward(
-            *inputs, rows, directions, weights, passing, light, slope, centre, size
+            *inputs, table, rows, directions, weights, passing, light, slope, centre, size
         )
         ctx.mark_non_differentiable(directions, weights, passing)
         return radiance, directions, weights, passing
 
     @staticmethod
     def backward(ctx, cotangent, *_):
-        *inputs, rows, directions, weights, passing, light, slope, centre, size = ctx.saved_tensors
+        *inputs, table, rows, directions, weights, passing, light, slope, centre, size = (
+            ctx.saved_tensors
+        )
         arrays = [value.detach().contiguous().numpy() for value in inputs]
         normals, first, cotangent = inputs[0], arrays[4], cotangent.contiguous().numpy()
-        height, width = ctx.shape[0] - 1, ctx.shape[1] - 1
+        height, width = table.shape[0] - 1, table.shape[1] - 1
         g_normals, g_f0s = torch.empty_like(normals), torch.empty_like(normals)
         g_alphas = torch.empty(len(normals))
         specular_numba.specular_backward(
@@ -72,9 +75,9 @@ class _Specular(torch.autograd.Function):
         specular_numba.light_cotangents(
             first, cotangent, weights.numpy(), passing.numpy(), to_light.numpy()
         )
-        g_table = torch.zeros(ctx.shape, dtype=torch.float64)
+        buffer, g_table = gradient_buffer(table)
         integral_numba.rectangle_mean_backward(
-            rows.numpy(), centre.numpy(), size.numpy(), to_light.numpy(), g_table.numpy()
+            rows.numpy(), centre.numpy(), size.numpy(), to_light.numpy(), buffer.detach().numpy()
         )
         return g_normals, g_alphas, g_f0s, g_table, *[None] * 10
 

@@ -20,23 +20,23 @@ LEAST_VIEW = 1e-3  # cosine to the viewer, at least
 SELF_SHADOW_COSINE = 0.2
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def cross(a, b):
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def plus(a, f, b):
     """a + f·b."""
     return (a[0] + f * b[0], a[1] + f * b[1], a[2] + f * b[2])
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def across(g, unit, length):
     """Adjoint of normalising a vector of `length` to `unit`."""
     along = dot(unit, g)
@@ -47,7 +47,7 @@ def across(g, unit, length):
     )
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def frame(n):
     """Tangent and bitangent of a unit normal (Duff et al. 2017)."""
     sign = 1.0 if n[2] >= 0 else -1.0
@@ -60,7 +60,7 @@ def frame(n):
     )
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def frame_adjoint(n, g_t, g_b):
     sign = 1.0 if n[2] >= 0 else -1.0
     a = -1.0 / (sign + n[2])
@@ -73,7 +73,7 @@ def frame_adjoint(n, g_t, g_b):
     )  # fmt: skip
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def local_view(t, b, n, v):
     """Viewer in the frame, not below LEAST_VIEW, as a unit vector; and the length it had."""
     x, y, z = dot(t, v), dot(b, v), max(dot(n, v), LEAST_VIEW)
@@ -81,7 +81,7 @@ def local_view(t, b, n, v):
     return (x / length, y / length, z / length), length
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def seen_sample(normals, views, s):
     """Normal, viewer, tangent, bitangent, local viewer and its length, of sample s."""
     n = (float(normals[s, 0]), float(normals[s, 1]), float(normals[s, 2]))
@@ -91,14 +91,14 @@ def seen_sample(normals, views, s):
     return n, v, t, b, view, length
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def mirrored(view, half):
     """Cosine between viewer and half vector, and the viewer mirrored at it; all local."""
     view_half = dot(view, half)
     return view_half, plus((-view[0], -view[1], -view[2]), 2.0 * view_half, half)
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def stretched_frame(view, alpha):
     """Stretched viewer, its two tangents, and what its adjoint needs (Heitz 2018)."""
     x, y, z = alpha * view[0], alpha * view[1], view[2]
@@ -110,14 +110,14 @@ def stretched_frame(view, alpha):
     return s, t1, cross(s, t1), length, square, inverse
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def smith(cosine, alpha):
     """Smith's Λ."""
     c2 = min(max(cosine * cosine, 1e-8), 1.0)
     return 0.5 * (math.sqrt(1.0 + alpha * alpha * (1.0 - c2) / c2) - 1.0)
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def smith_slopes(cosine, alpha):
     """dΛ/dcosine, dΛ/dα."""
     c2 = min(max(cosine * cosine, 1e-8), 1.0)
@@ -127,7 +127,7 @@ def smith_slopes(cosine, alpha):
     return slope * by_cosine, slope * 2.0 * alpha * ratio
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def half_vector(s, t1, t2, alpha, u0, u1):
     """Half vector of a visible normal, and what its adjoint needs."""
     radius, phi = math.sqrt(u0), 2.0 * math.pi * u1
@@ -142,7 +142,7 @@ def half_vector(s, t1, t2, alpha, u0, u1):
     return (x / length, y / length, z / length), length, flat, p1, p2, p3, side - far
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def to_world(t, b, n, local):
     x = t[0] * local[0] + b[0] * local[1] + n[0] * local[2]
     y = t[1] * local[0] + b[1] * local[1] + n[1] * local[2]
@@ -151,12 +151,12 @@ def to_world(t, b, n, local):
     return (x / length, y / length, z / length), length
 
 
-@numba.njit
+@numba.njit(fastmath=True)
 def power5(x):
     return x * x * x * x * x
 
 
-@numba.njit(nogil=True)
+@numba.njit(fastmath=True, nogil=True)
 def specular_of_sample(
     s, normals, views, alphas, f0s, first, shares, u, masking, averaged, spread,
     points, reach, box_low, box_scale, cell, blocking, table, rows,
@@ -197,14 +197,13 @@ def specular_of_sample(
         solid_angle = min(1.0 / max(count * density, 1e-6), 4.0 * math.pi) if averaged else 0.0
         column = (0.5 - math.atan2(d[1], d[0]) / (2.0 * math.pi)) * width
         row = math.acos(min(max(d[2], -1.0 + 1e-7), 1.0 - 1e-7)) / math.pi * height
-        sine = max(math.sin(row * math.pi / height), 1e-4)
+        sine = max(math.sqrt(d[0] * d[0] + d[1] * d[1]), 1e-4)
         wide, high = solid_angle, solid_angle
         if averaged:
-            flat = max(math.sqrt(d[0] * d[0] + d[1] * d[1]), 1e-4)
             for e in range(2):
                 x, y, z = spread[s, e, 0], spread[s, e, 1], spread[s, e, 2]
-                east = (y * d[0] - x * d[1]) / flat
-                south = (x * d[0] + y * d[1]) * d[2] / flat - z * flat
+                east = (y * d[0] - x * d[1]) / sine
+                south = (x * d[0] + y * d[1]) * d[2] / sine - z * sine
                 wide += east * east
                 high += south * south
         columns = min(max(math.sqrt(wide) / sine * width / (2.0 * math.pi), 1.0), float(width))
@@ -229,7 +228,7 @@ def specular_of_sample(
     radiance[s, 0], radiance[s, 1], radiance[s, 2] = r0, r1, r2
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
 def specular(
     normals, views, alphas, f0s, first, shares, u, masking, averaged, spread,
     points, reach, box_low, box_scale, cell, blocking, table, rows,
@@ -249,7 +248,7 @@ def specular(
         )  # fmt: skip
 
 
-@numba.njit(nogil=True)
+@numba.njit(fastmath=True, nogil=True)
 def specular_backward_of_sample(
     s, normals, views, alphas, f0s, first, shares, u, masking, directions, light, slope, width, height,
     cotangent, g_normals, g_alphas, g_f0s,
@@ -358,7 +357,7 @@ def specular_backward_of_sample(
         g_f0s[s, c] = g_f0[c]
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
 def specular_backward(
     normals, views, alphas, f0s, first, shares, u, masking, directions, light, slope, width, height,
     cotangent, g_normals, g_alphas, g_f0s,
@@ -371,7 +370,7 @@ def specular_backward(
         )  # fmt: skip
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
 def light_cotangents(first, cotangent, weights, passing, out):
     """Cotangents [K, 3] of undimmed mean radiances along rays, from those [S, 3] of their samples."""
     for s in numba.prange(first.shape[0] - 1):
