@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from .skipping import DEPTHS_PER_UNIT, EMPTY
-from .vm_numba import raw_density
+from .vm_point_numba import raw_density
 
 DEPTH_UNIT = np.float32(1 / DEPTHS_PER_UNIT)
 
