@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 import time
+from itertools import pairwise
 
 import torch
 
 from ..render.scene import Scene
-from .presets import Settings
+from .presets import Settings, emission_share
 
 # A step costs about as much as 1 + (G/194)² on a grid of G nodes per axis: rays, and passes over
 # the whole grid (measured, 64 to 160 nodes).
 _GRID_AT_EQUAL_COST = 194.0
+# A fog is seen at all its samples, so while points shine by themselves a step costs more (measured).
+_FOG_COST = 1.7
 # Mesh, textures and report take as long as this many lookups of the surface a texel, and that many
 # for what does not depend on the textures (measured: 18 s where a lookup takes 0.29 µs).
 _LOOKUPS_PER_TEXEL = 30.0
@@ -20,11 +23,22 @@ _OTHER_LOOKUPS = 30_000_000
 _TRIAL = 30_000
 
 
-def work_done(settings: Settings, fraction: float) -> float:
-    """Share of a fit's time that its first `fraction` takes: steps on coarse grids are faster."""
-    starts = [*settings.field.size_starts, 1.0]
-    costs = [1 + (size / _GRID_AT_EQUAL_COST) ** 2 for size in settings.field.sizes]
-    spans = list(zip(starts, starts[1:], costs, strict=False))
+def work_done(settings: Settings, fraction: float, fog: bool = False) -> float:
+    """Share of a fit's time that its first `fraction` takes: steps on coarse grids are faster.
+
+    Args:
+        fog: it starts as one (see `Trainer`).
+    """
+    fade = settings.fit.emission_fade if fog else (0.0, 0.0)
+    edges = sorted({*settings.field.size_starts, *fade, 1.0})
+
+    def cost(at: float) -> float:
+        level = sum(start <= at for start in settings.field.size_starts) - 1
+        grid = 1 + (settings.field.sizes[level] / _GRID_AT_EQUAL_COST) ** 2
+        shining = emission_share(settings.fit, at) if fog else 0.0
+        return grid * (1 + (_FOG_COST - 1) * shining)
+
+    spans = [(start, end, cost((start + end) / 2)) for start, end in pairwise(edges)]
     whole = sum((end - start) * cost for start, end, cost in spans)
     return sum(max(min(end, fraction) - start, 0) * cost for start, end, cost in spans) / whole
 
@@ -51,12 +65,13 @@ class FitClock:
     Args:
         begun: fraction of the fit that was done before (a resumed fit).
         limit: seconds of wall time for the rest, or None to count steps.
+        fog: the fit started as one.
     """
 
     PATIENCE = 2.0  # seconds before an estimate means anything
 
-    def __init__(self, settings: Settings, begun: float, limit: float | None):
-        self.settings, self.begun, self.limit = settings, begun, limit
+    def __init__(self, settings: Settings, begun: float, limit: float | None, fog: bool = False):
+        self.settings, self.begun, self.limit, self.fog = settings, begun, limit, fog
         self.started = time.monotonic()
 
     @property
@@ -76,7 +91,7 @@ class FitClock:
         elapsed, done = self.elapsed, self.fraction(step)
         if elapsed < self.PATIENCE or done <= self.begun:
             return None
-        before = work_done(self.settings, self.begun)
-        share = work_done(self.settings, done) - before
+        before = work_done(self.settings, self.begun, self.fog)
+        share = work_done(self.settings, done, self.fog) - before
         by_work = elapsed / max(share, 1e-3) * (1 - before - share)
         return by_work if self.limit is None else min(by_work, max(self.limit - elapsed, 0.0))

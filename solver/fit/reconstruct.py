@@ -126,7 +126,7 @@ def fit(
     """
     settings = trainer.settings
     steps = settings.fit.steps
-    clock = FitClock(settings, trainer.step / steps, limit)
+    clock = FitClock(settings, trainer.step / steps, limit, trainer.fog)
     last_preview = last_checkpoint = time.monotonic()
     smooth_psnr = None
     while True:

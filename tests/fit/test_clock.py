@@ -34,12 +34,21 @@ def test_work_grows_with_the_fraction_and_faster_on_finer_grids():
     assert gained[-1] > 1.1 * gained[0]
 
 
-def test_time_left_is_right_when_steps_take_as_long_as_the_model_says(time):
-    watch = FitClock(DRAFT, 0.0, None)
+def test_a_fog_takes_longer_while_it_shines():
+    first, last = DRAFT.fit.emission_fade
+    shining = work_done(DRAFT, first, fog=True) / work_done(DRAFT, first)
+    rest = (1 - work_done(DRAFT, last, fog=True)) / (1 - work_done(DRAFT, last))
+    assert shining / rest == pytest.approx(1.7, rel=1e-6)
+    assert work_done(DRAFT, 1.0, fog=True) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("fog", [False, True])
+def test_time_left_is_right_when_steps_take_as_long_as_the_model_says(time, fog):
+    watch = FitClock(DRAFT, 0.0, None, fog)
     for fraction in (0.1, 0.3, 0.7):
         step = round(fraction * DRAFT.fit.steps)
-        time.now = 100.0 + 200.0 * work_done(DRAFT, step / DRAFT.fit.steps)
-        left = 200.0 * (1 - work_done(DRAFT, step / DRAFT.fit.steps))
+        time.now = 100.0 + 200.0 * work_done(DRAFT, step / DRAFT.fit.steps, fog)
+        left = 200.0 * (1 - work_done(DRAFT, step / DRAFT.fit.steps, fog))
         assert watch.seconds_left(step) == pytest.approx(left, rel=0.01)
 
 
