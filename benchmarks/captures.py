@@ -114,7 +114,7 @@ def page(rows: list[dict]) -> str:
         "`python benchmarks/captures.py`: preset *draft*, no other setting. Projects hold a scene's "
         "cameras in another world, with its photos renamed and paths of another machine; views that were "
         "held out are scored in that world. Photos of real captures are as shot, with their room, without "
-        "masks.", "",
+        "masks. Seconds are wall time beside other work.", "",
         "| capture | cameras from | photos | held out | PSNR dB | SSIM | seconds | commit |",
         "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]  # fmt: skip
