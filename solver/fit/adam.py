@@ -37,7 +37,7 @@ class Adam:
         self.count += 1
         for (group, parameter), moments in zip(self._parameters(), self._moments, strict=True):
             if parameter.grad is not None:
-                epsilon = self._epsilon(moments, group.get("floor", 0.0))
+                epsilon = self._epsilon(parameter.grad, moments, group.get("floor", 0.0))
                 rates = Rates(group["lr"], *self.DECAYS, epsilon, self.count)
                 smooth = group.get("smooth")
                 before = parameter.detach().clone() if smooth else None
@@ -46,12 +46,13 @@ class Adam:
                     with torch.no_grad():
                         parameter.copy_(before + smooth(parameter - before))
 
-    def _epsilon(self, moments: Moments, floor: float) -> float:
+    def _epsilon(self, gradient: torch.Tensor, moments: Moments, floor: float) -> float:
         if floor <= 0:
             return self.EPSILON
-        # The running squares start at zero; that of the step to come is not in them yet.
-        scale = 1 / (1 - self.DECAYS[1] ** max(self.count - 1, 1))
-        return max(floor * float((scale * moments.square).sqrt().mean()), self.EPSILON)
+        decay = self.DECAYS[1]
+        square = decay * moments.square + (1 - decay) * gradient * gradient
+        scale = 1 / (1 - decay**self.count)
+        return max(floor * float((scale * square).sqrt().mean()), self.EPSILON)
 
     def state(self) -> dict[str, torch.Tensor]:
         """For a checkpoint."""
