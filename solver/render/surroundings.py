@@ -38,6 +38,8 @@ def surroundings(
 ) -> Surroundings:  # fmt: skip
     """The surroundings along world rays [R, 3]; without a room, the environment itself.
 
+    Where a room lets rays through, they end in the environment, which has no gradient then.
+
     Args:
         pixel_angle: [R] angular width of each ray's pixel, rad.
         u: [R] offset of the samples in [0, 1); None: half.
@@ -57,7 +59,9 @@ def surroundings(
     ticks = torch.linspace(0, 1 - FARTHEST, BEHIND + 1, device=origins.device)
     edges = leave[:, None] + _distance(ticks.expand(len(u), -1), reach[:, None])
     behind, last = _seen(room, origins, directions, edges, u)
-    return Surroundings(before, passing, behind + last[:, None] * light)
+    # The light must not learn from what is seen: a room of no parallax would explain it first, and
+    # what the object always hides could be any colour there and show through in its place.
+    return Surroundings(before, passing, behind + last[:, None] * light.detach())
 
 
 def light_of_room(
