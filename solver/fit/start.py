@@ -37,8 +37,6 @@ from .visual_hull import (
 
 COARSE_HULL_CELLS = 96
 SEEN_CELLS = 64
-ROOM_SHARE = 0.04
-"""of the cameras that must see a place of the room, which most look away from"""
 EXTINCTION = 35.0
 """scale of the extinction over half the box: what the public code has, for its scenes, per world unit; so
 a capture may be of any size"""
@@ -118,13 +116,13 @@ def new_trainer(
 
 
 def _room(cameras: list[Camera], cube: Region, size: int, initial: float) -> Room:
-    """A room around the box: a thin fog where several cameras look, but not between them and the box,
-    where it would be easier to explain each photo by what hangs before it."""
+    """A room around the box: a thin fog where any camera looks, but not between them and the box, where
+    it would be easier to explain each photo by what hangs before it."""
     ticks = ((np.arange(SEEN_CELLS) + 0.5) / SEEN_CELLS * 2 - 1) * EXTENT
     cells = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 3)
     points = cube.centre + cube.half_size * expand(cells)
     nearest = nearest_distance(cameras, cube.centre)
-    seen = seen_points(cameras, points, nearest, ROOM_SHARE)
+    seen = seen_points(cameras, points, nearest, fewest=1)
     seen &= ~walked_through(cameras, points, cube.centre)
     allowed = torch.from_numpy(seen.reshape((SEEN_CELLS,) * 3))
     return Room(

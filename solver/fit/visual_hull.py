@@ -48,12 +48,13 @@ def seen_cells(
     """Boolean grid [K, K, K] of cell centres of `region` [2, 3] that can be told from photos.
 
     Args:
-        share, nearest: see `seen_points` and `nearest_distance`.
+        share: of the cameras, at least three, that must have the cell in their frame.
     """
     ticks = (np.arange(cells) + 0.5) / cells
     axes = [region[0, a] + ticks * (region[1, a] - region[0, a]) for a in range(3)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    seen = seen_points(cameras, points, nearest_distance(cameras, region.mean(0)), share)
+    nearest, fewest = nearest_distance(cameras, region.mean(0)), max(3, share * len(cameras))
+    seen = seen_points(cameras, points, nearest, fewest)
     return seen.reshape(cells, cells, cells)
 
 
@@ -65,12 +66,12 @@ def nearest_distance(cameras: list[Camera], centre: np.ndarray, share: float = 0
 
 
 def seen_points(
-    cameras: list[Camera], points: np.ndarray, nearest: float, share: float
+    cameras: list[Camera], points: np.ndarray, nearest: float, fewest: float
 ) -> np.ndarray:
-    """Boolean [N] of world points [N, 3] that several cameras look at and none has right before it.
+    """Boolean [N] of world points [N, 3] that cameras look at and none has right before it.
 
     Args:
-        nearest: of any camera, world units. share: of the cameras, at least three, that must look.
+        nearest: distance of what is right before a camera, world units. fewest: cameras that must look.
     """
     count, clear = np.zeros(len(points), dtype=int), np.ones(len(points), dtype=bool)
     for camera in cameras:
@@ -79,7 +80,7 @@ def seen_points(
             inside = (pixel >= 0).all(1) & (pixel < (camera.width, camera.height)).all(1)
         count += inside & (depth > 0)
         clear &= np.linalg.norm(points - camera.position, axis=1) > nearest
-    return (count >= max(3, share * len(cameras))) & clear
+    return (count >= fewest) & clear
 
 
 def walked_through(cameras: list[Camera], points: np.ndarray, centre: np.ndarray) -> np.ndarray:
