@@ -155,7 +155,7 @@ def test_walls_near_by_are_explained_by_the_room_where_an_environment_cannot():
     capture, photos = walled_capture()
     trainer, with_room = fitted(capture, photos, "room")
     _, with_environment = fitted(capture, photos, "environment")
-    assert with_room < 0.75 * with_environment
+    assert with_room < 0.6 * with_environment
     assert all(p.grad is not None for p in trainer.scene.room.parameters())
 
 
