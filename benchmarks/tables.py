@@ -141,6 +141,9 @@ Written by `make benchmark`; do not edit. The same numbers are in the JSON file 
 is, is said in `solver/metrics` and `docs/method.md`. A dash: not measured (no truth, or LPIPS without
 its weights).
 Scenes are our own unless a line *paper* stands below: a name may be shared with a scene of the paper.
+
+More: [quality over time](curves.md), [kernels](kernels.md), [scaling](scaling.md),
+[captures of other programs](captures.md).
 """
 _ABLATION_NOTE = """Mean over scenes of setting − default. The paper's are those of its own 14 scenes
 (6 for relighting), at its own length of training: compare signs, not sizes."""
