@@ -1,0 +1,150 @@
+"""Photos' headers, memory, and files that are huge, damaged or something else."""
+
+import struct
+import time
+import tracemalloc
+import zlib
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from solver.capture.errors import CaptureError
+from solver.capture.image_header import image_size, may_have_alpha
+from solver.capture.photos import (
+    load_photo,
+)
+from tests.capture.pictures import camera_for, load, ramp, write, write_exr
+
+
+def test_a_whole_photo_needs_little_more_memory_than_its_pixels(tmp_path):
+    file = write(tmp_path / "a.png", ramp(np.uint16, 3, (1000, 1500)))
+    load(file)
+    tracemalloc.start()
+    photo = load(file)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    raw = 1000 * 1500 * 3 * 2
+    # Finiteness is checked on booleans, a byte a value.
+    assert peak < 1.5 * photo.pixels.nbytes + raw
+
+
+def png_chunk(kind, data):
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def huge_png(width, height):
+    head = png_chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + head
+        + png_chunk(b"IDAT", zlib.compress(b"\0" * 99))
+        + png_chunk(b"IEND", b"")
+    )
+
+
+HUGE = {
+    "a.png": huge_png(1 << 16, 1 << 15),
+    "b.png": huge_png(0, 5),
+    "a.tif": b"II*\0\x08\0\0\0\2\0" + struct.pack("<HHII", 256, 4, 1, 1 << 30)
+    + struct.pack("<HHII", 257, 4, 1, 9) + b"\0\0\0\0",
+    "a.hdr": b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 99999 +X 99999\n",
+    "a.exr": b"\x76\x2f\x31\x01\2\0\0\0dataWindow\0box2i\0\x10\0\0\0"
+    + struct.pack("<4i", -(1 << 30), 0, 1 << 30, 9),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HUGE)
+def test_a_header_that_claims_a_huge_picture_costs_nothing(tmp_path, name):
+    (tmp_path / name).write_bytes(HUGE[name])
+    tracemalloc.start()
+    start = time.monotonic()
+    try:
+        with pytest.raises(CaptureError, match="which no photo has"):
+            load_photo(camera_for(tmp_path / name, 8, 8))
+        assert time.monotonic() - start < 1
+        assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("big", [False, True])
+def test_sizes_of_tiff_are_read_in_both_byte_orders_and_in_bigtiff(tmp_path, order, big):
+    mark = b"II" if order == "<" else b"MM"
+    if big:
+        head = mark + struct.pack(order + "HHHQ", 43, 8, 0, 16) + struct.pack(order + "Q", 2)
+        entries = struct.pack(order + "HHQQ", 256, 16, 1, 70000)
+        entries += struct.pack(order + "HHQHHI", 257, 3, 1, 3000, 0, 0)
+    else:
+        head = mark + struct.pack(order + "HI", 42, 8) + struct.pack(order + "H", 2)
+        entries = struct.pack(order + "HHII", 256, 4, 1, 70000)
+        entries += struct.pack(order + "HHIHH", 257, 3, 1, 3000, 0)
+    (tmp_path / "a.tif").write_bytes(head + entries)
+    assert image_size(tmp_path / "a.tif") == (70000, 3000)
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.tif", "a.exr", "a.hdr"])
+def test_sizes_in_headers_are_those_of_the_pixels(tmp_path, name):
+    kind = np.float32 if name in ("a.exr", "a.hdr") else np.uint8
+    write(tmp_path / name, ramp(kind, 3, (5, 11)))
+    assert image_size(tmp_path / name) == (11, 5)
+
+
+@pytest.mark.parametrize(
+    "name, channels, may", [("a.png", 3, False), ("a.png", 4, True), ("a.png", 1, False),
+                            ("a.jpg", 3, False), ("a.tif", 3, True)]
+)  # fmt: skip
+def test_a_header_says_whether_a_photo_may_have_alpha(tmp_path, name, channels, may):
+    write(tmp_path / name, ramp(np.uint8, channels, (5, 11)))
+    assert may_have_alpha(tmp_path / name) == may
+    assert may_have_alpha(tmp_path / "missing.png")
+
+
+@pytest.fixture(scope="module")
+def intact(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("intact")
+    files = {}
+    for name in ("a.png", "a.jpg", "a.tif", "a.exr", "a.hdr"):
+        kind = np.float32 if name in ("a.exr", "a.hdr") else np.uint8
+        files[name] = write(folder / name, ramp(kind, 3, (9, 13))).read_bytes()
+    return files
+
+
+@settings(
+    max_examples=150, deadline=5000, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    name=st.sampled_from(["a.png", "a.jpg", "a.tif", "a.exr", "a.hdr"]),
+    keep=st.floats(0, 1), at=st.floats(0, 1), patch=st.binary(max_size=6),
+)  # fmt: skip
+def test_damaged_photos_end_in_a_photo_or_an_error_of_one_line(
+    tmp_path, intact, name, keep, at, patch
+):
+    data = bytearray(intact[name][: round(keep * len(intact[name]))])
+    start = int(at * min(len(data), 400))
+    data[start : start + len(patch)] = patch
+    (tmp_path / name).write_bytes(data)
+    try:
+        assert load_photo(camera_for(tmp_path / name, 13, 9)).pixels.shape == (9, 13, 4)
+    except CaptureError as error:
+        assert name in str(error) and "\n" not in str(error)
+
+
+def test_other_files_are_no_photos(tmp_path):
+    Image.new("RGB", (4, 4)).save(tmp_path / "a.gif")
+    (tmp_path / "a.gif").rename(tmp_path / "a.png")
+    with pytest.raises(CaptureError, match="no PNG, JPEG, TIFF, OpenEXR or Radiance HDR"):
+        load_photo(camera_for(tmp_path / "a.png", 4, 4))
+    (tmp_path / "b.png").mkdir()
+    with pytest.raises(CaptureError, match="b.png: the image cannot be read"):
+        image_size(tmp_path / "b.png")
+
+
+def test_values_that_are_no_numbers_are_named(tmp_path):
+    pixels = np.ones((4, 4, 3), np.float32)
+    pixels[1, 1, 1] = np.nan
+    with pytest.raises(CaptureError, match="a.exr: .*not numbers"):
+        load(write_exr(tmp_path / "a.exr", pixels))
