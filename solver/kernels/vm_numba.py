@@ -14,9 +14,11 @@ from .lanes import LANES, load
 from .vm_point_numba import (
     ONE,
     cell,
+    corner_weights,
     difference_cell,
     differences,
     neighbourhood,
+    plane_and_line,
     raw_density,
     spread,
     spread_lanes,
@@ -42,18 +44,9 @@ def vm_products(points, planes, lines, out):
             i, u = cell(points[n, _axis_a[k]], size)
             j, v = cell(points[n, _axis_b[k]], size)
             m, w = cell(points[n, _axis_c[k]], size)
-            w00 = (ONE - u) * (ONE - v)
-            w01 = (ONE - u) * v
-            w10 = u * (ONE - v)
-            w11 = u * v
+            weights = corner_weights(u, v)
             for ch in range(channels):
-                plane = (
-                    w00 * planes[k, i, j, ch]
-                    + w01 * planes[k, i, j + 1, ch]
-                    + w10 * planes[k, i + 1, j, ch]
-                    + w11 * planes[k, i + 1, j + 1, ch]
-                )
-                line = (ONE - w) * lines[k, m, ch] + w * lines[k, m + 1, ch]
+                plane, line = plane_and_line(planes, lines, k, i, j, m, weights, w, ch)
                 out[n, k * channels + ch] = plane * line
 
 

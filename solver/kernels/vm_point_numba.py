@@ -19,6 +19,24 @@ def cell(x, size):
 
 
 @numba.njit(inline="always", fastmath=True)
+def corner_weights(u, v):
+    """Weights of a plane's nodes (0, 0), (0, 1), (1, 0), (1, 1) around fractions u, v."""
+    return (ONE - u) * (ONE - v), (ONE - u) * v, u * (ONE - v), u * v
+
+
+@numba.njit(inline="always", fastmath=True)
+def plane_and_line(planes, lines, k, i, j, m, weights, w, ch):
+    """Both factors of the product of pair k, channel ch, interpolated."""
+    plane = (
+        weights[0] * planes[k, i, j, ch]
+        + weights[1] * planes[k, i, j + 1, ch]
+        + weights[2] * planes[k, i + 1, j, ch]
+        + weights[3] * planes[k, i + 1, j + 1, ch]
+    )
+    return plane, (ONE - w) * lines[k, m, ch] + w * lines[k, m + 1, ch]
+
+
+@numba.njit(inline="always", fastmath=True)
 def raw_density(px, py, pz, planes, lines):
     """The VM sum at one point in grid units."""
     size = planes.shape[1]
@@ -31,35 +49,18 @@ def raw_density(px, py, pz, planes, lines):
         i, u = cell(a, size)
         j, v = cell(b, size)
         m, w = cell(c, size)
-        w00 = (ONE - u) * (ONE - v)
-        w01 = (ONE - u) * v
-        w10 = u * (ONE - v)
-        w11 = u * v
+        weights = corner_weights(u, v)
         for ch in range(channels):
-            plane = (
-                w00 * planes[k, i, j, ch]
-                + w01 * planes[k, i, j + 1, ch]
-                + w10 * planes[k, i + 1, j, ch]
-                + w11 * planes[k, i + 1, j + 1, ch]
-            )
-            total += plane * ((ONE - w) * lines[k, m, ch] + w * lines[k, m + 1, ch])
+            plane, line = plane_and_line(planes, lines, k, i, j, m, weights, w, ch)
+            total += plane * line
     return total
 
 
 @numba.njit(inline="always", fastmath=True)
 def spread(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g):
     """Add the adjoint of one product of pair k, channel ch, with cotangent g."""
-    w00 = (ONE - u) * (ONE - v)
-    w01 = (ONE - u) * v
-    w10 = u * (ONE - v)
-    w11 = u * v
-    line = (ONE - w) * lines[k, m, ch] + w * lines[k, m + 1, ch]
-    plane = (
-        w00 * planes[k, i, j, ch]
-        + w01 * planes[k, i, j + 1, ch]
-        + w10 * planes[k, i + 1, j, ch]
-        + w11 * planes[k, i + 1, j + 1, ch]
-    )
+    w00, w01, w10, w11 = weights = corner_weights(u, v)
+    plane, line = plane_and_line(planes, lines, k, i, j, m, weights, w, ch)
     to_plane = g * line
     to_line = g * plane
     grad_planes[k, i, j, ch] += w00 * to_plane
@@ -73,10 +74,7 @@ def spread(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g):
 @numba.njit(inline="always", fastmath=True)
 def spread_lanes(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g):
     """`spread` for eight channels from ch on, with their cotangents g."""
-    w00 = (ONE - u) * (ONE - v)
-    w01 = (ONE - u) * v
-    w10 = u * (ONE - v)
-    w11 = u * v
+    w00, w01, w10, w11 = corner_weights(u, v)
     line = blend(ONE - w, load(lines[k, m], ch), w, load(lines[k, m + 1], ch))
     plane = added(
         blend(w00, load(planes[k, i, j], ch), w01, load(planes[k, i, j + 1], ch)),
