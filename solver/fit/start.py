@@ -23,17 +23,9 @@ from ..render.scene import Scene
 from .errors import SettingsError
 from .presets import Settings
 from .ray_bank import RayBank
+from .seen_space import cell_centres, nearest_distance, seen_cells, seen_points, walked_through
 from .trainer import Trainer
-from .visual_hull import (
-    bounding_box,
-    carve,
-    nearest_distance,
-    seen_cells,
-    seen_points,
-    signed_distance,
-    start_from_hull,
-    walked_through,
-)
+from .visual_hull import bounding_box, carve, signed_distance, start_from_hull
 
 COARSE_HULL_CELLS = 96
 SEEN_CELLS = 64
@@ -99,12 +91,12 @@ def new_trainer(
         hull = carve(cameras, photos, cube.box, shape.hull_cells)
         distance = torch.from_numpy(signed_distance(hull)) * (2 * cube.half_size / hull.shape[0])
         start_from_hull(field, distance, shape.hull_slope / cube.half_size, -12.0, 12.0)
-    scene = Scene(
-        field, EnvironmentMap(settings.light.heights[0], settings.light.initial),
-        NeuralTerm(shape.feature_size), shape.occupancy_cells,
-        _room(cameras, cube, shape.sizes[0], settings.light.initial)
-        if background_of(photos, settings.fit.background) == "room" else None,
-    ).to(device)  # fmt: skip
+    room = None
+    if background_of(photos, settings.fit.background) == "room":
+        room = _room(cameras, cube, shape.sizes[0], settings.light.initial)
+    environment = EnvironmentMap(settings.light.heights[0], settings.light.initial)
+    neural = NeuralTerm(shape.feature_size)
+    scene = Scene(field, environment, neural, shape.occupancy_cells, room).to(device)
     if use_hull:
         scene.occupancy.allow_only(torch.from_numpy(hull), HULL_MARGIN)
     elif clear_start:
@@ -118,8 +110,7 @@ def new_trainer(
 def _room(cameras: list[Camera], cube: Region, size: int, initial: float) -> Room:
     """A room around the box: a thin fog where any camera looks, but not between them and the box, where
     it would be easier to explain each photo by what hangs before it."""
-    ticks = ((np.arange(SEEN_CELLS) + 0.5) / SEEN_CELLS * 2 - 1) * EXTENT
-    cells = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 3)
+    cells = cell_centres(np.array([[-EXTENT] * 3, [EXTENT] * 3]), SEEN_CELLS)
     points = cube.centre + cube.half_size * expand(cells)
     nearest = nearest_distance(cameras, cube.centre)
     seen = seen_points(cameras, points, nearest, fewest=1)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.ndimage
-import scipy.spatial
 import torch
 import torch.nn.functional as F
 
@@ -12,6 +11,7 @@ from ..capture.camera import Camera
 from ..capture.photos import Photo
 from ..field.field import MicrofacetField
 from ..kernels.vm_torch import LINE_AXES, PLANE_AXES
+from .seen_space import cell_centres
 
 
 def carve(
@@ -22,11 +22,7 @@ def carve(
 
     A cell outside a photo's frame is not carved by it. Laurentini 1994, doi:10.1109/34.273735.
     """
-    axes = [
-        region[0, a] + (np.arange(cells) + 0.5) / cells * (region[1, a] - region[0, a])
-        for a in range(3)
-    ]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = cell_centres(region, cells)
     alive = np.arange(len(points))
     for camera, photo in zip(cameras, photos, strict=True):
         pixel, depth = camera.project(points[alive])
@@ -40,61 +36,6 @@ def carve(
     hull = np.zeros(len(points), dtype=bool)
     hull[alive] = True
     return hull.reshape(cells, cells, cells)
-
-
-def seen_cells(
-    cameras: list[Camera], region: np.ndarray, cells: int, share: float = 0.1
-) -> np.ndarray:
-    """Boolean grid [K, K, K] of cell centres of `region` [2, 3] that can be told from photos.
-
-    Args:
-        share: of the cameras, at least three, that must have the cell in their frame.
-    """
-    ticks = (np.arange(cells) + 0.5) / cells
-    axes = [region[0, a] + ticks * (region[1, a] - region[0, a]) for a in range(3)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    nearest, fewest = nearest_distance(cameras, region.mean(0)), max(3, share * len(cameras))
-    seen = seen_points(cameras, points, nearest, fewest)
-    return seen.reshape(cells, cells, cells)
-
-
-def nearest_distance(cameras: list[Camera], centre: np.ndarray, share: float = 0.15) -> float:
-    """Distance from a camera within which nothing is, world units: a share of the median distance
-    from `centre` [3]. What hangs before a lens explains any photo."""
-    positions = np.stack([camera.position for camera in cameras])
-    return float(share * np.median(np.linalg.norm(positions - centre, axis=1)))
-
-
-def seen_points(
-    cameras: list[Camera], points: np.ndarray, nearest: float, fewest: float
-) -> np.ndarray:
-    """Boolean [N] of world points [N, 3] that cameras look at and none has right before it.
-
-    Args:
-        nearest: distance of what is right before a camera, world units. fewest: cameras that must look.
-    """
-    count, clear = np.zeros(len(points), dtype=int), np.ones(len(points), dtype=bool)
-    for camera in cameras:
-        pixel, depth = camera.project(points)
-        with np.errstate(invalid="ignore"):
-            inside = (pixel >= 0).all(1) & (pixel < (camera.width, camera.height)).all(1)
-        count += inside & (depth > 0)
-        clear &= np.linalg.norm(points - camera.position, axis=1) > nearest
-    return (count >= fewest) & clear
-
-
-def walked_through(cameras: list[Camera], points: np.ndarray, centre: np.ndarray) -> np.ndarray:
-    """Boolean [N] of world points [N, 3] in the convex hull of the cameras and what they look at, [3].
-
-    Somebody walked there with a camera and saw the object from everywhere, so it is most likely empty.
-    """
-    corners = np.stack([*(camera.position for camera in cameras), centre])
-    try:
-        # Joggled, since cameras on a ring lie in a plane.
-        hull = scipy.spatial.Delaunay(corners, qhull_options="QJ Qbb Qc")
-    except (scipy.spatial.QhullError, ValueError):
-        return np.zeros(len(points), dtype=bool)
-    return hull.find_simplex(points) >= 0
 
 
 def bounding_box(hull: np.ndarray, region: np.ndarray) -> np.ndarray:

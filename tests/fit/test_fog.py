@@ -11,8 +11,8 @@ from solver.capture.placement import placed
 from solver.fit import checkpoint
 from solver.fit.presets import PAPER, FitSettings, emission_share, picture_settings
 from solver.fit.preview import display, over_white
+from solver.fit.seen_space import seen_cells, walked_through
 from solver.fit.start import background_of, new_trainer, trainer_for
-from solver.fit.visual_hull import seen_cells, walked_through
 from solver.metrics.image import psnr
 from solver.render.image import image_settings, render_view
 from solver.render.radiance import render_rays

@@ -1,0 +1,66 @@
+"""Where something can be, from the cameras alone: what they look at, and where they were carried."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.spatial
+
+from ..capture.camera import Camera
+
+
+def cell_centres(region: np.ndarray, cells: int) -> np.ndarray:
+    """Centres [K·K·K, 3] of the cells of a grid over the box `region` [2, 3], x slowest."""
+    ticks = region[0] + (np.arange(cells)[:, None] + 0.5) / cells * (region[1] - region[0])
+    return np.stack(np.meshgrid(*ticks.T, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def seen_cells(
+    cameras: list[Camera], region: np.ndarray, cells: int, share: float = 0.1
+) -> np.ndarray:
+    """Boolean grid [K, K, K] of cell centres of `region` [2, 3] that can be told from photos.
+
+    Args:
+        share: of the cameras, at least three, that must have the cell in their frame.
+    """
+    nearest, fewest = nearest_distance(cameras, region.mean(0)), max(3, share * len(cameras))
+    seen = seen_points(cameras, cell_centres(region, cells), nearest, fewest)
+    return seen.reshape(cells, cells, cells)
+
+
+def nearest_distance(cameras: list[Camera], centre: np.ndarray, share: float = 0.15) -> float:
+    """Distance from a camera within which nothing is, world units: a share of the median distance
+    from `centre` [3]. What hangs before a lens explains any photo."""
+    positions = np.stack([camera.position for camera in cameras])
+    return float(share * np.median(np.linalg.norm(positions - centre, axis=1)))
+
+
+def seen_points(
+    cameras: list[Camera], points: np.ndarray, nearest: float, fewest: float
+) -> np.ndarray:
+    """Boolean [N] of world points [N, 3] that cameras look at and none has right before it.
+
+    Args:
+        nearest: distance of what is right before a camera, world units. fewest: cameras that must look.
+    """
+    count, clear = np.zeros(len(points), dtype=int), np.ones(len(points), dtype=bool)
+    for camera in cameras:
+        pixel, depth = camera.project(points)
+        with np.errstate(invalid="ignore"):
+            inside = (pixel >= 0).all(1) & (pixel < (camera.width, camera.height)).all(1)
+        count += inside & (depth > 0)
+        clear &= np.linalg.norm(points - camera.position, axis=1) > nearest
+    return (count >= fewest) & clear
+
+
+def walked_through(cameras: list[Camera], points: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """Boolean [N] of world points [N, 3] in the convex hull of the cameras and what they look at, [3].
+
+    Somebody walked there with a camera and saw the object from everywhere, so it is most likely empty.
+    """
+    corners = np.stack([*(camera.position for camera in cameras), centre])
+    try:
+        # Joggled, since cameras on a ring lie in a plane.
+        hull = scipy.spatial.Delaunay(corners, qhull_options="QJ Qbb Qc")
+    except (scipy.spatial.QhullError, ValueError):
+        return np.zeros(len(points), dtype=bool)
+    return hull.find_simplex(points) >= 0
