@@ -14,18 +14,18 @@ from ..job.folder import replace_file
 from ..render.image import RenderedView, render_view
 from ..render.scene import StepTables
 from .presets import picture_settings
-from .trainer import Trainer
+from .trainer import SURROUNDED, Trainer
 
 PREVIEW_WIDTH = 200
 
 
-def display(view: RenderedView, behind: str = "white") -> np.ndarray:
-    """sRGB pixels [H, W, 3] in [0, 1] of a view over white, or in its room and light.
+def display(view: RenderedView, background: str = "white") -> np.ndarray:
+    """sRGB pixels [H, W, 3] in [0, 1] of a view as photos before that background show it.
 
     Args:
-        behind: 'room' or 'environment', as photos with their room are seen; anything else is white.
+        background: with one of `SURROUNDED`, room and light are in the picture; else it is over white.
     """
-    if behind in ("room", "environment"):
+    if background in SURROUNDED:
         return np.clip(linear_to_srgb(view.surrounded), 0, 1)
     return over_white(np.concatenate([view.radiance, view.opacity[..., None]], axis=-1))
 

@@ -24,6 +24,8 @@ from .workers import Workers, worker_count
 
 THIN_FOG_SHARE = 0.02
 """of the opacity from which a cell counts as occupied, while the fog is thin still"""
+SURROUNDED = ("environment", "room")
+"""backgrounds that the scene itself has; photos before them are seen with their surroundings"""
 ROOM_DIRECTIONS = 256
 """directions a step in which the light is held to the room"""
 
@@ -232,7 +234,7 @@ class Trainer:
 
     def _behind(self, scene: Scene, batch: RayBatch, tables: StepTables, chunk: Chunk) -> Behind:
         rays, device = len(batch.origins), batch.origins.device
-        if self.background in ("environment", "room"):
+        if self.background in SURROUNDED:
             u = self.random.uniform(ROOM_OFFSET, chunk.keys)
             rays_and_width = batch.origins, batch.directions, batch.pixel_angle
             return surroundings(scene, tables, *rays_and_width, u)

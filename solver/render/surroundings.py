@@ -44,8 +44,11 @@ def surroundings(
         pixel_angle: [R] angular width of each ray's pixel, rad.
         u: [R] offset of the samples in [0, 1); None: half.
     """
-    light = scene.environment.lookup(tables.light, directions, pixel_angle**2)
     room = scene.room
+    # The light must not learn from what is seen: a room of no parallax would explain it first, and
+    # what the object always hides could be any colour there and show through in its place.
+    with torch.set_grad_enabled(room is None and torch.is_grad_enabled()):
+        light = scene.environment.lookup(tables.light, directions, pixel_angle**2)
     if room is None:
         return Surroundings(torch.zeros_like(light), torch.ones_like(light[:, 0]), light)
     u = origins.new_full((len(origins),), 0.5) if u is None else u
@@ -59,9 +62,7 @@ def surroundings(
     ticks = torch.linspace(0, 1 - FARTHEST, BEHIND + 1, device=origins.device)
     edges = leave[:, None] + _distance(ticks.expand(len(u), -1), reach[:, None])
     behind, last = _seen(room, origins, directions, edges, u)
-    # The light must not learn from what is seen: a room of no parallax would explain it first, and
-    # what the object always hides could be any colour there and show through in its place.
-    return Surroundings(before, passing, behind + last[:, None] * light.detach())
+    return Surroundings(before, passing, behind + last[:, None] * light)
 
 
 def light_of_room(
