@@ -5,7 +5,7 @@ World, camera axes and pixels are as `frames` has them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +53,12 @@ class Camera:
     def view_direction(self) -> np.ndarray:
         """Unit world direction [3] of the optical axis."""
         return -self.camera_to_world[:3, 2]
+
+    def seen_from(self, origin: np.ndarray) -> Camera:
+        """The camera in the same world with its origin at `origin` [3]."""
+        pose = self.camera_to_world.copy()
+        pose[:3, 3] -= origin
+        return replace(self, camera_to_world=pose)
 
     @property
     def lens_key(self) -> tuple:

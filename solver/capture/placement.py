@@ -18,6 +18,9 @@ SIZE = 2.0
 """edge of what the cameras look at, world units, where the file's unit means nothing"""
 FAR = 100.0
 """distance from the origin, in sizes of the region, from which a capture is moved to it"""
+PRECISE = 1e3
+"""distance from the origin, in sizes of the region, up to which single precision is fine enough: a
+fiftieth of a fine grid's voxel"""
 LEVEL = 0.35
 """sine of the roll, at most, at which a camera counts as held level"""
 
@@ -55,6 +58,25 @@ def placed(capture: Capture, matrix: np.ndarray) -> Capture:
     return replace(
         capture, cameras=tuple(cameras), points=points, up=up,
         region=region_seen_by(cameras, points), metric=capture.metric and abs(scale - 1) < 1e-9,
+    )  # fmt: skip
+
+
+def far_origin(capture: Capture) -> np.ndarray:
+    """A point [3] near what the cameras look at, from which to count where the file's own origin is too
+    far away for single precision, as with georeferenced coordinates; else zero."""
+    low, high = capture.region
+    centre, size = (low + high) / 2, float((high - low).max())
+    if np.linalg.norm(centre) <= PRECISE * size:
+        return np.zeros(3)
+    return np.round(centre)
+
+
+def seen_from(capture: Capture, origin: np.ndarray) -> Capture:
+    """The capture in the same world with its origin at `origin` [3]."""
+    return replace(
+        capture, cameras=tuple(camera.seen_from(origin) for camera in capture.cameras),
+        points=None if capture.points is None else capture.points - origin,
+        region=capture.region - origin,
     )  # fmt: skip
 
 

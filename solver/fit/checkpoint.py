@@ -53,6 +53,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
             "smoothing": scene.field.smoothing,
             "occupancy_cells": scene.occupancy.cells,
         },
+        "origin": scene.origin.tolist(),
         "environment_height": scene.environment.height,
         "room": scene.room and {
             "size": scene.room.size, "half_size": scene.room.half_size,
@@ -105,7 +106,7 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
     field.smoothing = shape.get("smoothing", 0.0)  # jobs of version 0.1 have none
     scene = Scene(
         field, EnvironmentMap(state["environment_height"]), NeuralTerm(shape["feature_size"]),
-        shape["occupancy_cells"], _room_of(state, tensors),
+        shape["occupancy_cells"], _room_of(state, tensors), state.get("origin"),
     ).to(device)  # fmt: skip
     scene.load_state_dict(
         {k.removeprefix("scene."): v for k, v in tensors.items() if k.startswith("scene.")}

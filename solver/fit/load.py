@@ -53,7 +53,7 @@ def render_cameras(
     scene: Scene, settings: Settings, cameras: tuple[Camera, ...], rays: int,
     neural: float | None = None,
 ) -> Iterator[tuple[Camera, RenderedView]]:  # fmt: skip
-    """Render cameras one by one.
+    """Render cameras of the capture's world one by one.
 
     Args:
         scene: a `Scene` or a `Composition`.
@@ -63,4 +63,4 @@ def render_cameras(
     tables = StepTables.of(scene)
     render = picture_settings(settings, rays, neural=neural)
     for camera in cameras:
-        yield camera, render_view(scene, tables, render, camera)
+        yield camera, render_view(scene, tables, render, camera.seen_from(scene.origin))

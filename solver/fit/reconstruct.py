@@ -87,7 +87,8 @@ def run_job(
 
     progress.stage("asset", "mesh and textures")
     scene = trainer.scene
-    level = surface_level(scene, settings.render, list(capture.cameras))
+    cameras = [camera.seen_from(scene.origin) for camera in capture.cameras]
+    level = surface_level(scene, settings.render, cameras)
     parts = build_asset(
         SceneSurface(scene), scene.environment.image(), level, job.result_dir, settings.asset,
         lambda fraction, text: progress.fraction(fraction, text),
@@ -105,6 +106,7 @@ def run_job(
         {
             **parts, "report": report, "bounces": 2,
             "region": {"min": (centre - half).tolist(), "max": (centre + half).tolist()},
+            "origin": scene.origin.tolist(),
             "preset": request.preset, "seed": request.seed, "code_version": __version__,
         }
     )  # fmt: skip

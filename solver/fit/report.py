@@ -46,7 +46,7 @@ def write_job_report(
     folder = job.result_dir / "report"
     for done, index in enumerate(chosen):
         camera, photo = cameras[index], images[index]
-        view = render_view(scene, tables, render_settings, camera)
+        view = render_view(scene, tables, render_settings, camera.seen_from(scene.origin))
         truth, prediction = over_white(photo.pixels), display(view, behind)
         score = psnr(prediction, truth)
         scores.append((score, ssim(prediction, truth)))

@@ -15,6 +15,7 @@ from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
 from ..capture.photos import Photo
+from ..capture.placement import far_origin, seen_from
 from ..field.field import MicrofacetField
 from ..field.room import EXTENT, Room, expand
 from ..job.folder import JobFolder
@@ -69,12 +70,14 @@ def new_trainer(
         CaptureError: the photos' masks have nothing in common.
     """
     torch.manual_seed(seed)
-    cameras = list(capture.cameras)
+    origin = far_origin(capture)
+    near = seen_from(capture, origin)
+    cameras = list(near.cameras)
     use_masks = uses_masks(photos, settings)
     use_hull = use_masks and settings.field.hull_start
-    box = capture.region if region is None else np.asarray(region, dtype=np.float64)
+    box = near.region if region is None else np.asarray(region, dtype=np.float64) - origin
     if use_masks:
-        cube = _object_cube(capture, photos, box, settings.field.box_margin)
+        cube = _object_cube(near, photos, box, settings.field.box_margin)
     else:
         cube = Region(box.mean(0), float((box[1] - box[0]).max() / 2))
     progress(0.2)
@@ -96,7 +99,7 @@ def new_trainer(
         room = _room(cameras, cube, shape.sizes[0], settings.light.initial)
     environment = EnvironmentMap(settings.light.heights[0], settings.light.initial)
     neural = NeuralTerm(shape.feature_size)
-    scene = Scene(field, environment, neural, shape.occupancy_cells, room).to(device)
+    scene = Scene(field, environment, neural, shape.occupancy_cells, room, origin).to(device)
     if use_hull:
         scene.occupancy.allow_only(torch.from_numpy(hull), HULL_MARGIN)
     elif clear_start:
@@ -151,7 +154,8 @@ def trainer_for(
 ) -> Trainer:
     """A trainer of a given scene on a capture's photos."""
     use_masks = uses_masks(photos, settings)
-    bank = RayBank(list(capture.cameras), photos, scene.field.centre.device)
+    cameras = [camera.seen_from(scene.origin) for camera in capture.cameras]
+    bank = RayBank(cameras, photos, scene.field.centre.device)
     if use_masks:
         likely = [
             scipy.ndimage.maximum_filter(photo.pixels[..., 3] > 0.01, LIKELY_MARGIN).ravel()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import nn
 
@@ -39,10 +40,11 @@ class Composition(nn.Module):
 
     Media are superposed: every part is sampled with its own step, and the samples of all parts are
     sorted along each ray, so parts may interpenetrate. Secondary rays see all parts. The rooms they
-    were photographed in stay behind.
+    were photographed in stay behind, and so do the origins of far captures.
     """
 
     room = None
+    origin = np.zeros(3)
 
     def __init__(
         self, parts: list[Scene], placements: list[Placement], environment: EnvironmentMap

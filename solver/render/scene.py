@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import nn
 
@@ -94,18 +95,20 @@ class Scene(nn.Module):
     """Field, light and neural term, with the occupancy grid that follows the field.
 
     `room`, where photos show one, is what else they see: it is fitted and looked at, but neither
-    lights the object (the environment does) nor becomes an asset.
+    lights the object (the environment does) nor becomes an asset. `origin` [3] (double) is where in the
+    capture's world the scene's coordinates are counted from.
     """
 
     def __init__(
         self, field: MicrofacetField, environment: EnvironmentMap, neural: NeuralTerm, cells: int,
-        room: Room | None = None,
+        room: Room | None = None, origin: np.ndarray | None = None,
     ):  # fmt: skip
         super().__init__()
         self.field = field
         self.environment = environment
         self.neural = neural
         self.room = room
+        self.origin = np.zeros(3) if origin is None else np.asarray(origin, dtype=np.float64)
         self.occupancy = Occupancy(cells, field.centre.device)
 
     @property
