@@ -12,6 +12,8 @@ import math
 import numba
 import numpy as np
 
+from .vectors_numba import minus, plus, triple
+
 BANDS = 8  # of rows; the tasks of a scatter, where several threads share it
 
 
@@ -25,42 +27,49 @@ def column(x, width):
 
 
 @numba.njit(fastmath=True)
-def row_terms(table, j, c, width, x0, x1):
-    """Prefix sum of table row j between columns x0 and x1, and its slopes by x1 and by x0."""
+def row_terms(table, j, width, x0, x1):
+    """Prefix sums [3] of table row j between columns x0 and x1, and their slopes by x1 and by x0."""
     turns0, i0, f0 = x0
     turns1, i1, f1 = x1
-    step0 = table[j, i0 + 1, c] - table[j, i0, c]
-    step1 = table[j, i1 + 1, c] - table[j, i1, c]
-    between = (turns1 - turns0) * table[j, width, c] + table[j, i1, c] - table[j, i0, c]
-    return between + f1 * step1 - f0 * step0, step1, step0
+    left, right = triple(table, j, i0), triple(table, j, i1)
+    step0 = minus(triple(table, j, i0 + 1), left)
+    step1 = minus(triple(table, j, i1 + 1), right)
+    between = plus(plus(minus(right, left), f1, step1), -f0, step0)
+    if turns1 != turns0:
+        between = plus(between, turns1 - turns0, triple(table, j, width))
+    return between, step1, step0
 
 
 @numba.njit(fastmath=True)
-def slab(table, c, width, height, x0, x1, y):
-    """Integral over columns x0..x1 and rows 0..y, y in [0, H]; its slopes by y, x1 and x0."""
+def slab(table, width, height, x0, x1, y):
+    """Integrals [3] over columns x0..x1 and rows 0..y, y in [0, H]; their slopes by y, x1 and x0."""
     j = min(int(y), height - 1)
     f = y - j
-    top, top1, top0 = row_terms(table, j, c, width, x0, x1)
-    bottom, bottom1, bottom0 = row_terms(table, j + 1, c, width, x0, x1)
-    return (
-        top + f * (bottom - top), bottom - top, top1 + f * (bottom1 - top1),
-        top0 + f * (bottom0 - top0),
-    )  # fmt: skip
+    top, top1, top0 = row_terms(table, j, width, x0, x1)
+    bottom, bottom1, bottom0 = row_terms(table, j + 1, width, x0, x1)
+    by_y = minus(bottom, top)
+    by_1 = plus(top1, f, minus(bottom1, top1))
+    by_0 = plus(top0, f, minus(bottom0, top0))
+    return plus(top, f, by_y), by_y, by_1, by_0
 
 
 @numba.njit(fastmath=True)
-def slab_over_poles(table, c, width, height, x0, x1, far0, far1, y):
+def slab_over_poles(table, width, height, x0, x1, far0, far1, y):
     """`slab` for y in [−H, 2H]: past a pole the map goes on half a turn away (`far`), mirrored."""
+    zero = (0.0, 0.0, 0.0)
     if y < 0.0:
-        value, by_y, by_1, by_0 = slab(table, c, width, height, far0, far1, -y)
-        return -value, by_y, -by_1, -by_0
+        value, by_y, by_1, by_0 = slab(table, width, height, far0, far1, -y)
+        return minus(zero, value), by_y, minus(zero, by_1), minus(zero, by_0)
     if y > height:
         bottom = float(height)
-        a, _, a1, a0 = slab(table, c, width, height, x0, x1, bottom)
-        b, _, b1, b0 = slab(table, c, width, height, far0, far1, bottom)
-        d, by_y, d1, d0 = slab(table, c, width, height, far0, far1, 2.0 * height - y)
-        return a + b - d, by_y, a1 + b1 - d1, a0 + b0 - d0
-    return slab(table, c, width, height, x0, x1, y)
+        a, _, a1, a0 = slab(table, width, height, x0, x1, bottom)
+        b, _, b1, b0 = slab(table, width, height, far0, far1, bottom)
+        d, by_y, d1, d0 = slab(table, width, height, far0, far1, 2.0 * height - y)
+        return (
+            minus(plus(a, 1.0, b), d), by_y, minus(plus(a1, 1.0, b1), d1),
+            minus(plus(a0, 1.0, b0), d0),
+        )  # fmt: skip
+    return slab(table, width, height, x0, x1, y)
 
 
 @numba.njit(fastmath=True)
@@ -86,15 +95,16 @@ def rectangle(table, rows, x, y, columns, lines, mean, slope, n):
     far0, far1 = column(left + 0.5 * width, width), column(right + 0.5 * width, width)
     below, below_slope = row_integral_over_poles(rows, y1, height)
     above, above_slope = row_integral_over_poles(rows, y0, height)
-    area = columns * (below - above)
+    per_area = 1.0 / (columns * (below - above))
     area_slope = columns * (below_slope - above_slope)
+    a, a_y, a_1, a_0 = slab_over_poles(table, width, height, x0, x1, far0, far1, y1)
+    b, b_y, b_1, b_0 = slab_over_poles(table, width, height, x0, x1, far0, far1, y0)
+    by_x = minus(minus(a_1, b_1), minus(a_0, b_0))
+    value, by_y = minus(a, b), minus(a_y, b_y)
     for c in range(3):
-        a, a_y, a_1, a_0 = slab_over_poles(table, c, width, height, x0, x1, far0, far1, y1)
-        b, b_y, b_1, b_0 = slab_over_poles(table, c, width, height, x0, x1, far0, far1, y0)
-        value = (a - b) / area
-        mean[n, c] = value
-        slope[n, c, 0] = ((a_1 - b_1) - (a_0 - b_0)) / area
-        slope[n, c, 1] = ((a_y - b_y) - value * area_slope) / area
+        mean[n, c] = per_area * value[c]
+        slope[n, c, 0] = per_area * by_x[c]
+        slope[n, c, 1] = per_area * (by_y[c] - per_area * value[c] * area_slope)
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)

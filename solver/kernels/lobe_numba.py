@@ -9,23 +9,9 @@ import math
 
 import numba
 
+from .vectors_numba import cross, dot, plus
+
 LEAST_VIEW = 1e-3  # cosine to the viewer, at least
-
-
-@numba.njit(fastmath=True)
-def dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@numba.njit(fastmath=True)
-def cross(a, b):
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
-@numba.njit(fastmath=True)
-def plus(a, f, b):
-    """a + f·b."""
-    return (a[0] + f * b[0], a[1] + f * b[1], a[2] + f * b[2])
 
 
 @numba.njit(fastmath=True)

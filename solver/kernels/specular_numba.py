@@ -16,12 +16,9 @@ from .integral_numba import rectangle
 from .lobe_numba import (
     LEAST_VIEW,
     across,
-    cross,
-    dot,
     frame_adjoint,
     half_vector,
     mirrored,
-    plus,
     power5,
     seen_sample,
     smith,
@@ -29,10 +26,12 @@ from .lobe_numba import (
     stretched_frame,
     to_world,
 )
-from .march_numba import through_grid
+from .march_numba import through_four
+from .vectors_numba import cross, dot, plus
 
 ABOVE = 1e-4  # cosine from which a reflected direction counts as above the surface
 SELF_SHADOW_COSINE = 0.2
+NEVER = 1e30  # distance from which a ray that is not looked at can be blocked
 
 
 @numba.njit(fastmath=True, nogil=True)
@@ -48,34 +47,33 @@ def specular_of_sample(
     st, t1, t2, _, _, _ = stretched_frame(view, alpha)
     view_lambda = smith(view[2], alpha)
     count = first[s + 1] - first[s]
-    sx = (points[s, 0] + reach * n[0] - box_low[0]) * box_scale
-    sy = (points[s, 1] + reach * n[1] - box_low[1]) * box_scale
-    sz = (points[s, 2] + reach * n[2] - box_low[2]) * box_scale
-    r0 = 0.0
-    r1 = 0.0
-    r2 = 0.0
+    origin = (
+        (points[s, 0] + reach * n[0] - box_low[0]) * box_scale,
+        (points[s, 1] + reach * n[1] - box_low[1]) * box_scale,
+        (points[s, 2] + reach * n[2] - box_low[2]) * box_scale,
+    )
     for k in range(first[s], first[s + 1]):
         half, _, _, _, _, _, _ = half_vector(st, t1, t2, alpha, float(u[k, 0]), float(u[k, 1]))
         view_half, out = mirrored(view, half)
         d, _ = to_world(t, b, n, out)
         directions[k, 0], directions[k, 1], directions[k, 2] = d[0], d[1], d[2]
         if out[2] <= ABOVE:
-            passing[k] = 1.0
+            passing[k] = NEVER
             centre[k, 0], centre[k, 1], size[k, 0], size[k, 1] = 0.0, 0.0, 1.0, 1.0
             for c in range(3):
-                weights[k, c], light[k, c] = 0.0, 0.0
-                slope[k, c, 0], slope[k, c, 1] = 0.0, 0.0
+                weights[k, c] = 0.0
             continue
         bend = shares[s]
         if masking:
             bend *= (1.0 + view_lambda) / (1.0 + view_lambda + smith(out[2], alpha))
         m5 = power5(min(max(1.0 - view_half, 0.0), 1.0))
+        for c in range(3):
+            f0 = float(f0s[s, c])
+            weights[k, c] = (f0 + (1.0 - f0) * m5) * bend
         denominator = half[2] * half[2] * (alpha * alpha - 1.0) + 1.0
         density = alpha * alpha / max(math.pi * denominator * denominator, 1e-20)
         density /= (1.0 + view_lambda) * 4.0 * view[2]
         solid_angle = min(1.0 / max(count * density, 1e-6), 4.0 * math.pi) if averaged else 0.0
-        column = (0.5 - math.atan2(d[1], d[0]) / (2.0 * math.pi)) * width
-        row = math.acos(min(max(d[2], -1.0 + 1e-7), 1.0 - 1e-7)) / math.pi * height
         sine = max(math.sqrt(d[0] * d[0] + d[1] * d[1]), 1e-4)
         wide, high = solid_angle, solid_angle
         if averaged:
@@ -85,19 +83,19 @@ def specular_of_sample(
                 south = (x * d[0] + y * d[1]) * d[2] / sine - z * sine
                 wide += east * east
                 high += south * south
-        columns = min(max(math.sqrt(wide) / sine * width / (2.0 * math.pi), 1.0), float(width))
-        lines = min(max(math.sqrt(high) * height / math.pi, 1.0), 0.5 * height)
-        centre[k, 0], centre[k, 1], size[k, 0], size[k, 1] = column, row, columns, lines
-        start = min(reach * (1.0 / max(out[2], SELF_SHADOW_COSINE) - 1.0), 4.0 * reach)
-        through = through_grid(
-            sx, sy, sz, d[0] * box_scale, d[1] * box_scale, d[2] * box_scale, start, cell,
-            blocking,
-        )  # fmt: skip
-        passing[k] = through
-        rectangle(table, rows, column, row, columns, lines, light, slope, k)
+        centre[k, 0] = (0.5 - math.atan2(d[1], d[0]) / (2.0 * math.pi)) * width
+        centre[k, 1] = math.acos(min(max(d[2], -1.0 + 1e-7), 1.0 - 1e-7)) / math.pi * height
+        size[k, 0] = min(max(math.sqrt(wide) / sine * width / (2.0 * math.pi), 1.0), float(width))
+        size[k, 1] = min(max(math.sqrt(high) * height / math.pi, 1.0), 0.5 * height)
+        passing[k] = min(reach * (1.0 / max(out[2], SELF_SHADOW_COSINE) - 1.0), 4.0 * reach)
+    for k in range(first[s], first[s + 1], 4):
+        last = min(k + 4, first[s + 1])
+        through_four(origin, directions, box_scale, k, last, cell, blocking, passing)
+    r0, r1, r2 = 0.0, 0.0, 0.0
+    for k in range(first[s], first[s + 1]):
+        rectangle(table, rows, centre[k, 0], centre[k, 1], size[k, 0], size[k, 1], light, slope, k)
+        through = passing[k] if weights[k, 0] > 0.0 else 0.0
         for c in range(3):
-            f0 = float(f0s[s, c])
-            weights[k, c] = (f0 + (1.0 - f0) * m5) * bend
             light[k, c] *= through
             slope[k, c, 0] *= through
             slope[k, c, 1] *= through

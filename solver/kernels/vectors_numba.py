@@ -1,0 +1,33 @@
+"""Arithmetic of three numbers, vectors and colours alike, for the kernels: tuples, so that they stay in
+registers."""
+
+from __future__ import annotations
+
+import numba
+
+
+@numba.njit(inline="always")
+def triple(values, i, j):
+    """values[i, j] of an array [..., ..., 3]."""
+    return values[i, j, 0], values[i, j, 1], values[i, j, 2]
+
+
+@numba.njit(fastmath=True)
+def dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@numba.njit(fastmath=True)
+def cross(a, b):
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+@numba.njit(fastmath=True)
+def minus(a, b):
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+@numba.njit(fastmath=True)
+def plus(a, f, b):
+    """a + f·b."""
+    return (a[0] + f * b[0], a[1] + f * b[1], a[2] + f * b[2])
