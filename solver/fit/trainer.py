@@ -166,7 +166,8 @@ class Trainer:
         self.random.step = self.step
         chunks = self._draw(self.batching.chunks())
         total = sum(len(chunk.keys) for chunk in chunks)
-        tables, carry_gradients = StepTables.of(self.scene).cut(len(self.workers.scenes))
+        together = self.workers.together
+        tables, carry_gradients = StepTables.of(self.scene, together).cut(len(self.workers.scenes))
         with gradients_in_place():
             found = self.workers.run(
                 lambda worker, chunk: self._accumulate(
@@ -175,8 +176,8 @@ class Trainer:
                 chunks,
             )
             self.workers.gather_gradients()
-            carry_gradients()
-        self.optimiser.step()
+            together(carry_gradients)
+        together(self.optimiser.moves())
         if self.exposures is not None:
             self.exposures.step([taken.to_exposures for taken in found], factor)
         self.step += 1

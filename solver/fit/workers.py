@@ -7,8 +7,10 @@ which use several cores well only in this way (measured in docs/decisions/0009).
 from __future__ import annotations
 
 import copy
+import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import TypeVar
 
 import numba
@@ -18,6 +20,10 @@ from torch import nn
 from ..render.scene import Scene
 
 Item, Result = TypeVar("Item"), TypeVar("Result")
+
+TURN = 5e-4
+"""seconds after which a thread that waits for Python's lock gets it; Python's own 5 ms are longer than
+most of what a step does, and cost a tenth of it"""
 
 
 def sharing(scene: Scene) -> Scene:
@@ -51,7 +57,10 @@ class Workers:
 
     def __init__(self, scene: Scene, count: int):
         self.scenes = [scene, *(sharing(scene) for _ in range(count - 1))]
-        self._pool = ThreadPoolExecutor(count, initializer=_one_thread) if count > 1 else None
+        self._pool = None
+        if count > 1:
+            sys.setswitchinterval(min(sys.getswitchinterval(), TURN))
+            self._pool = ThreadPoolExecutor(count, initializer=_one_thread)
 
     def run(self, work: Callable[[int, Item], Result], items: list[Item]) -> list[Result]:
         """work(worker, item) of all items; worker w takes items w, w + count, … in this order."""
@@ -65,23 +74,33 @@ class Workers:
         shares = list(self._pool.map(share, range(count)))
         return [shares[index % count][index // count] for index in range(len(items))]
 
+    def together(self, calls: list[Callable[[], Result]]) -> list[Result]:
+        """Results of calls that have nothing to do with each other, the longest first."""
+        if self._pool is None:
+            return [call() for call in calls]
+        return list(self._pool.map(lambda call: call(), calls))
+
     def gather_gradients(self) -> None:
-        """Add all workers' gradients to the first one's, in the order of the workers."""
-        first, *others = (list(scene.parameters()) for scene in self.scenes)
-        for other in others:
-            for mine, theirs in zip(first, other, strict=True):
-                if theirs.grad is None:
-                    continue
-                if mine.grad is None:
-                    mine.grad = theirs.grad
-                else:
-                    mine.grad.add_(theirs.grad)
-                theirs.grad = None
+        """Add all workers' gradients to the first one's, in the order of the workers, and clear them."""
+        copies = zip(*(scene.parameters() for scene in self.scenes), strict=True)
+        self.together([partial(_gather, *same) for same in copies])
 
     def close(self) -> None:
         """End the threads."""
         if self._pool is not None:
             self._pool.shutdown()
+
+
+def _gather(mine: nn.Parameter, *others: nn.Parameter) -> None:
+    for theirs in others:
+        if theirs.grad is None:
+            continue
+        if mine.grad is None:
+            mine.grad, theirs.grad = theirs.grad, None
+        else:
+            mine.grad.add_(theirs.grad)
+            # Cleared and kept: a new one would have to be fetched from the system page by page.
+            theirs.grad.zero_()
 
 
 def _one_thread() -> None:

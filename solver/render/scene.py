@@ -186,6 +186,14 @@ class Scene(nn.Module):
         return 2 * self.field.half_size / self.occupancy.cells
 
 
+Together = Callable[[list[Callable[[], object]]], list]
+"""makes calls that have nothing to do with each other, and returns their results"""
+
+
+def _in_turn(calls: list[Callable[[], object]]) -> list:
+    return [call() for call in calls]
+
+
 @dataclass
 class StepTables:
     """Lookup tables that hold for one state of the parameters; build them once a step."""
@@ -194,39 +202,52 @@ class StepTables:
     normals: object
 
     @classmethod
-    def of(cls, scene: Scene) -> StepTables:
-        """Tables of the current parameters of a scene or a composition."""
-        return cls(scene.environment.tables(), scene.normal_tables())
+    def of(cls, scene: Scene, together: Together = _in_turn) -> StepTables:
+        """Tables of the current parameters of a scene or a composition.
 
-    def cut(self, copies: int = 1) -> tuple[list[StepTables], Callable[[], None]]:
-        """Copies cut off from the parameters, and what carries their gradients there at last.
+        Args:
+            together: makes calls that have nothing to do with each other.
+        """
+        return cls(*together([scene.environment.tables, scene.normal_tables]))
+
+    def cut(self, copies: int = 1) -> tuple[list[StepTables], list[Callable[[], None]]]:
+        """Copies cut off from the parameters, and calls that carry their gradients there at last.
 
         So that several backward passes of one step share one set of tables.
         """
-        inner: list[list[torch.Tensor]] = []
-        outer: list[torch.Tensor] = []
+        lights, carry_light = _cut(self.light, copies)
+        normals, carry_normals = _cut(self.normals, copies)
+        tables = [StepTables(*parts) for parts in zip(lights, normals, strict=True)]
+        return tables, [carry_light, carry_normals]
 
-        def leaf(value):
-            if isinstance(value, torch.Tensor):
-                inner[-1].append(value.detach().requires_grad_(value.requires_grad))
-                if len(inner) == 1:
-                    outer.append(value)
-                return inner[-1][-1]
-            parts = [leaf(part) for part in value]
-            return type(value)(*parts) if hasattr(value, "_fields") else type(value)(parts)
 
-        def carry() -> None:
-            reached, gradients = [], []
-            for value, *leaves in zip(outer, *inner, strict=True):
-                found = [leaf.grad for leaf in leaves if leaf.grad is not None]
-                if found:
-                    reached.append(value)
-                    gradients.append(sum(found[1:], found[0]))
-            if reached:
-                torch.autograd.backward(reached, gradients)
+def _cut(tables, copies: int):
+    """Copies of nested tuples or lists of tensors as leaves of their own, and the call that carries their
+    gradients on."""
+    inner: list[list[torch.Tensor]] = []
+    outer: list[torch.Tensor] = []
 
-        tables = []
-        for _ in range(copies):
-            inner.append([])
-            tables.append(StepTables(leaf(self.light), leaf(self.normals)))
-        return tables, carry
+    def leaf(value):
+        if isinstance(value, torch.Tensor):
+            inner[-1].append(value.detach().requires_grad_(value.requires_grad))
+            if len(inner) == 1:
+                outer.append(value)
+            return inner[-1][-1]
+        parts = [leaf(part) for part in value]
+        return type(value)(*parts) if hasattr(value, "_fields") else type(value)(parts)
+
+    def carry() -> None:
+        reached, gradients = [], []
+        for value, *leaves in zip(outer, *inner, strict=True):
+            found = [leaf.grad for leaf in leaves if leaf.grad is not None]
+            if found:
+                reached.append(value)
+                gradients.append(sum(found[1:], found[0]))
+        if reached:
+            torch.autograd.backward(reached, gradients)
+
+    cut = []
+    for _ in range(copies):
+        inner.append([])
+        cut.append(leaf(tables))
+    return cut, carry

@@ -25,7 +25,8 @@ def test_gradients_and_results_do_not_depend_on_the_number_of_workers():
         results.append(work(workers, [1, 2, 3, 4, 5]))
         workers.gather_gradients()
         gradients.append(workers.scenes[0].field.density_planes.grad)
-        assert all(p.grad is None for scene in workers.scenes[1:] for p in scene.parameters())
+        others = [p.grad for scene in workers.scenes[1:] for p in scene.parameters()]
+        assert all(grad is None or not grad.any() for grad in others)
         workers.close()
     assert results[0] == results[1] == results[2]
     for other in gradients[1:]:
@@ -43,6 +44,26 @@ def test_a_sharing_scene_sees_every_change_but_has_its_own_gradients():
     other.field.raw_density(torch.rand(4, 3)).sum().backward()
     assert scene.field.density_planes.grad is None
     assert other.environment is not scene.environment
+
+
+def test_gathered_twice_each_gradient_counts_once():
+    workers = Workers(ball(), 2)
+    for _ in range(2):
+        work(workers, [1, 2])
+        workers.gather_gradients()
+        workers.gather_gradients()
+    twice = workers.scenes[0].field.density_planes.grad
+    once = Workers(ball(), 1)
+    work(once, [1, 2])
+    torch.testing.assert_close(twice, 2 * once.scenes[0].field.density_planes.grad)
+    workers.close()
+
+
+def test_calls_made_together_give_their_results_in_order():
+    for count in (1, 2):
+        workers = Workers(ball(), count)
+        assert workers.together([lambda i=i: i * i for i in range(5)]) == [0, 1, 4, 9, 16]
+        workers.close()
 
 
 def test_a_workers_error_reaches_the_caller():
