@@ -6,6 +6,7 @@ is horizontal; that of all of them together says which way is up.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -68,7 +69,7 @@ def far_origin(capture: Capture) -> np.ndarray:
     centre, size = (low + high) / 2, float((high - low).max())
     if np.linalg.norm(centre) <= PRECISE * size:
         return np.zeros(3)
-    return np.round(centre)
+    return np.round(centre, max(0, math.ceil(-math.log10(size))))
 
 
 def seen_from(capture: Capture, origin: np.ndarray) -> Capture:

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from solver.capture.placement import far_origin, seen_from
+from solver.capture.placement import far_origin, placed, seen_from
 from solver.fit import checkpoint
 from solver.fit.load import render_cameras
 from solver.fit.start import new_trainer, trainer_for
@@ -64,6 +64,15 @@ def test_a_given_region_is_in_the_capture_s_own_coordinates():
     scene = new_trainer(moved, photos, settings, 0, box, "cpu", lambda fraction: None).scene
     np.testing.assert_allclose(scene.field.centre.numpy() + scene.origin, PLACE, atol=1e-5)
     assert scene.field.half_size == pytest.approx(0.9)
+
+
+def test_a_tiny_capture_is_counted_from_within_its_own_size():
+    capture, _ = ball_capture()
+    small = placed(capture, np.diag([1e-4, 1e-4, 1e-4, 1.0]))
+    far = seen_from(small, np.array([-0.7, 3.3, 0.05]))
+    near = seen_from(far, far_origin(far))
+    size = float((near.region[1] - near.region[0]).max())
+    assert np.abs(near.region).max() < 3 * size < np.abs(far.region).max() / 100
 
 
 def test_captures_as_they_usually_are_keep_their_coordinates():
