@@ -8,6 +8,10 @@ import numpy as np
 import trimesh
 import xatlas
 
+LEAST_CHARTS = 30
+"""xatlas grows a chart in time with the square of its triangles: without a limit to their area, a smooth
+surface of 40,000 takes four times as long, for 15 % more of the texture in use"""
+
 
 @dataclass(frozen=True)
 class UnwrappedMesh:
@@ -36,6 +40,7 @@ def unwrap(mesh: trimesh.Trimesh, normals: np.ndarray, texture_size: int) -> Unw
     )  # fmt: skip
     charts, pack = xatlas.ChartOptions(), xatlas.PackOptions()
     charts.max_iterations = 1
+    charts.max_chart_area = mesh.area / LEAST_CHARTS
     pack.resolution, pack.padding, pack.bilinear = texture_size, 4, True
     pack.create_image = False
     atlas.generate(charts, pack)
