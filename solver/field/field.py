@@ -112,8 +112,7 @@ class MicrofacetField(nn.Module):
         """Unit outward normals [N, 3]: minus the (smoothed) gradient of the raw density."""
         gradient_of = vm_gradient if self.smoothed_normals else vm_interpolation_gradient
         gradient = gradient_of(box_points * (self.size - 1), *factors)
-        length = (gradient * gradient).sum(-1, keepdim=True).clamp(min=1e-10).sqrt()
-        return -gradient / length
+        return -F.normalize(gradient, dim=-1, eps=1e-5)
 
     def features(self, box_points: torch.Tensor) -> torch.Tensor:
         """Feature vectors [N, F] at box points [N, 3]."""

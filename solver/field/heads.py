@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import torch
+import torch.nn.functional as F
 from torch import nn
 
 MIN_ALPHA = 0.001
@@ -45,9 +46,10 @@ class MaterialHeads(nn.Module):
 
     def forward(self, features: torch.Tensor) -> Materials:
         """Materials of features [N, F]."""
-        roughness = torch.sigmoid(self.roughness(features))[:, 0]
-        return Materials(
-            albedo=self.albedo_of(features),
-            alpha=(roughness * roughness).clamp(min=MIN_ALPHA),
-            f0=torch.sigmoid(self.f0(features)),
-        )
+        # One product for all three layers: a call costs more than its numbers.
+        layers = self.albedo, self.f0, self.roughness
+        weight = torch.cat([layer.weight for layer in layers])
+        bias = torch.cat([layer.bias for layer in layers])
+        albedo, f0, roughness = torch.sigmoid(F.linear(features, weight, bias)).split([3, 3, 1], 1)
+        roughness = roughness[:, 0]
+        return Materials(albedo, (roughness * roughness).clamp(min=MIN_ALPHA), f0)

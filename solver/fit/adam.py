@@ -54,11 +54,12 @@ class Adam:
         epsilon = self._epsilon(parameter.grad, moments, group.get("floor", 0.0))
         rates = Rates(group["lr"], *self.DECAYS, epsilon, self.count)
         smooth = group.get("smooth")
-        before = parameter.detach().clone() if smooth else None
-        adam_step(parameter.detach(), parameter.grad, moments, rates)
-        if smooth:
-            with torch.no_grad():
-                parameter.copy_(before + smooth(parameter - before))
+        if smooth is None:
+            adam_step(parameter.detach(), parameter.grad, moments, rates)
+            return
+        change = torch.zeros_like(parameter)
+        adam_step(change, parameter.grad, moments, rates)
+        parameter.detach().add_(smooth(change))
 
     def _epsilon(self, gradient: torch.Tensor, moments: Moments, floor: float) -> float:
         if floor <= 0:

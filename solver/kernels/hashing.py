@@ -7,6 +7,7 @@ seed, the key's upper and its lower half. Good enough for sampling; not for secr
 from __future__ import annotations
 
 import numba
+import numpy as np
 import torch
 
 from .backend import on_numba
@@ -48,11 +49,17 @@ def _mix_one(x):
     return x ^ (x >> 16)
 
 
+@numba.njit(inline="always")
+def unit_number(key, seed):
+    """The number of one key; column c of `uniform` is that of seed + c."""
+    state = _mix_one(seed)
+    state = _mix_one(state ^ ((key >> 32) & 0xFFFFFFFF))
+    state = _mix_one(state ^ (key & 0xFFFFFFFF))
+    return np.float32((state >> 8) * (1.0 / 16777216.0))
+
+
 @numba.njit(cache=True, nogil=True)
 def _uniform(keys, seed, out):
     for n in range(out.shape[0]):
         for column in range(out.shape[1]):
-            state = _mix_one(seed + column)
-            state = _mix_one(state ^ ((keys[n] >> 32) & 0xFFFFFFFF))
-            state = _mix_one(state ^ (keys[n] & 0xFFFFFFFF))
-            out[n, column] = (state >> 8) * (1.0 / 16777216.0)
+            out[n, column] = unit_number(keys[n], seed + column)

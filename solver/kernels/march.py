@@ -19,6 +19,7 @@ class Segments(NamedTuple):
 
     distance: torch.Tensor  # [S] world units
     raw: torch.Tensor  # [S] raw densities there, no gradient
+    points: torch.Tensor  # [S, 3] box units, no gradient
     ray: torch.Tensor  # [S] long
     offsets: torch.Tensor  # [R + 1] long
 
@@ -46,20 +47,21 @@ def march(
             origins, directions, start, jitter, step, cell, free, planes, lines, shift, scale,
             min_transmittance, min_alpha, capacity,
         ))  # fmt: skip
+    origins, directions = origins.contiguous(), directions.contiguous()
     rays, run = len(origins), kernels("march", origins.device)
     distance, raw = origins.new_empty(2, rays, capacity).unbind()
     counts = torch.empty(rays, dtype=torch.long, device=origins.device)
     run.march(
-        origins.contiguous(), directions.contiguous(), start.contiguous(), jitter.contiguous(),
-        step, cell, free, planes.contiguous(), lines.contiguous(), shift, scale, min_transmittance,
-        min_alpha, distance, raw, counts,
+        origins, directions, start.contiguous(), jitter.contiguous(), step, cell, free,
+        planes.contiguous(), lines.contiguous(), shift, scale, min_transmittance, min_alpha, distance,
+        raw, counts,
     )  # fmt: skip
     offsets = torch.cat([counts.new_zeros(1), counts.cumsum(0)])
     count = int(offsets[-1])
     flat, flat_raw = origins.new_empty(2, count).unbind()
-    ray = counts.new_empty(count)
-    run.compact(distance, raw, counts, offsets, flat, flat_raw, ray)
-    return Segments(flat, flat_raw, ray, offsets)
+    points, ray = origins.new_empty(count, 3), counts.new_empty(count)
+    run.compact(origins, directions, distance, raw, counts, offsets, flat, flat_raw, points, ray)
+    return Segments(flat, flat_raw, points, ray, offsets)
 
 
 def grid_transmittance(

@@ -90,13 +90,18 @@ def march(
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def compact(distance, raw, counts, offsets, flat_distance, flat_raw, ray):
-    """Copy the rows' leading entries into flat segments."""
+def compact(
+    origins, directions, distance, raw, counts, offsets, flat_distance, flat_raw, points, ray
+):  # fmt: skip
+    """Copy the rows' leading entries into flat segments, and note where they are."""
     for r in numba.prange(counts.shape[0]):
         first = offsets[r]
         for i in range(counts[r]):
-            flat_distance[first + i] = distance[r, i]
+            t = distance[r, i]
+            flat_distance[first + i] = t
             flat_raw[first + i] = raw[r, i]
+            for axis in range(3):
+                points[first + i, axis] = origins[r, axis] + t * directions[r, axis]
             ray[first + i] = r
 
 

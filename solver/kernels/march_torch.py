@@ -31,7 +31,7 @@ def march(
     origins, directions, start, jitter, step, cell, free, planes, lines, shift, scale,
     min_transmittance, min_alpha, capacity,
 ):  # fmt: skip
-    """See `march_numba.march`; returns flat distances, raw densities, ray indices, offsets."""
+    """See `march_numba.march`; returns flat distances, raw densities, points, ray indices, offsets."""
     near, far = box_span(origins, directions)
     near = torch.maximum(near, start)
     most = int(torch.ceil(((far - near).clamp(min=0) / step).max()).item()) + 1 if len(near) else 0
@@ -50,7 +50,7 @@ def march(
     counts = inside.sum(-1)
     offsets = torch.cat([counts.new_zeros(1), counts.cumsum(0)])
     ray = torch.arange(len(near), device=near.device).repeat_interleave(counts)
-    return t[inside], raw[inside], ray, offsets
+    return t[inside], raw[inside], points[inside], ray, offsets
 
 
 def grid_transmittance(origins, directions, start, step, blocking) -> torch.Tensor:

@@ -107,16 +107,20 @@ def _march(
 
 @wp.kernel
 def _compact(
+    origins: wp.array2d(dtype=float), directions: wp.array2d(dtype=float),
     distance: wp.array2d(dtype=float), raw: wp.array2d(dtype=float),
     counts: wp.array(dtype=wp.int64), offsets: wp.array(dtype=wp.int64),
     flat_distance: wp.array(dtype=float), flat_raw: wp.array(dtype=float),
-    ray: wp.array(dtype=wp.int64),
+    points: wp.array2d(dtype=float), ray: wp.array(dtype=wp.int64),
 ):  # fmt: skip
     r = wp.tid()
     first = int(offsets[r])
     for i in range(int(counts[r])):
-        flat_distance[first + i] = distance[r, i]
+        t = distance[r, i]
+        flat_distance[first + i] = t
         flat_raw[first + i] = raw[r, i]
+        for axis in range(3):
+            points[first + i, axis] = origins[r, axis] + t * directions[r, axis]
         ray[first + i] = wp.int64(r)
 
 
@@ -184,9 +188,12 @@ def march(
     )  # fmt: skip
 
 
-def compact(distance, raw, counts, offsets, flat_distance, flat_raw, ray) -> None:
+def compact(
+    origins, directions, distance, raw, counts, offsets, flat_distance, flat_raw, points, ray
+) -> None:  # fmt: skip
     launch(
-        _compact, len(counts), distance, raw, counts, offsets, flat_distance, flat_raw, ray
+        _compact, len(counts), origins, directions, distance, raw, counts, offsets, flat_distance,
+        flat_raw, points, ray,
     )  # fmt: skip
 
 

@@ -11,6 +11,9 @@ import torch
 
 from . import integral_numba, specular_numba
 from .backend import gradient_buffer
+from .specular_numba import SELF_SHADOW_COSINE
+
+__all__ = ["SELF_SHADOW_COSINE", "Blockers", "Carried", "specular"]
 
 
 class Blockers(NamedTuple):
@@ -24,11 +27,11 @@ class Blockers(NamedTuple):
 
 
 class Carried(NamedTuple):
-    """What the rays [K] of the samples carried; no gradient."""
+    """What the rays [K] of the samples carried."""
 
     directions: torch.Tensor  # [K, 3] world, unit
     weights: torch.Tensor  # [K, 3] BRDF · cosine / density · share
-    passing: torch.Tensor  # [K] transmittance of the grid
+    passing: torch.Tensor  # [K] transmittance of the grid, no gradient
 
 
 class _Specular(torch.autograd.Function):
@@ -54,11 +57,11 @@ class _Specular(torch.autograd.Function):
         ctx.save_for_backward(
             *inputs, table, rows, directions, weights, passing, light, slope, centre, size
         )
-        ctx.mark_non_differentiable(directions, weights, passing)
+        ctx.mark_non_differentiable(passing)
         return radiance, directions, weights, passing
 
     @staticmethod
-    def backward(ctx, cotangent, *_):
+    def backward(ctx, cotangent, g_directions, g_weights, _):
         *inputs, table, rows, directions, weights, passing, light, slope, centre, size = (
             ctx.saved_tensors
         )
@@ -69,7 +72,8 @@ class _Specular(torch.autograd.Function):
         g_alphas = torch.empty(len(normals))
         specular_numba.specular_backward(
             *arrays, ctx.masking, directions.numpy(), light.numpy(), slope.numpy(), width, height,
-            cotangent, g_normals.numpy(), g_alphas.numpy(), g_f0s.numpy(),
+            cotangent, g_directions.contiguous().numpy(), g_weights.contiguous().numpy(),
+            g_normals.numpy(), g_alphas.numpy(), g_f0s.numpy(),
         )  # fmt: skip
         to_light = torch.empty_like(light)
         specular_numba.light_cotangents(
@@ -98,7 +102,8 @@ def specular(
         masking: weigh by G2/G1. averaged: a ray stands for its share of the solid angle.
         spread: [S, 2, 3] what the pixel adds to that (`footprint.reflected_spread`); none: nothing.
 
-    Gradients flow to normals, alphas, f0s and the table.
+    Gradients of the radiance flow to normals, alphas, f0s and the table, those of what rays carried to
+    the first three.
     """
     first = torch.nn.functional.pad(counts.cumsum(0), (1, 0))
     spread = normals.new_zeros(len(normals), 2, 3) if spread is None else spread

@@ -128,7 +128,7 @@ def specular(
 @numba.njit(fastmath=True, nogil=True)
 def specular_backward_of_sample(
     s, normals, views, alphas, f0s, first, shares, u, masking, directions, light, slope, width, height,
-    cotangent, g_normals, g_alphas, g_f0s,
+    cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
 ):  # fmt: skip
     """One sample of `specular_backward`."""
     alpha = float(alphas[s])
@@ -161,8 +161,9 @@ def specular_backward_of_sample(
             g = float(cotangent[s, c])
             g_column += g * fresnel * bend * slope[k, c, 0]
             g_row += g * fresnel * bend * slope[k, c, 1]
-            g_fresnel = g * bend * light[k, c]
-            g_bend += g * fresnel * light[k, c]
+            g_weight = g * light[k, c] + g_weights[k, c]
+            g_fresnel = g_weight * bend
+            g_bend += g_weight * fresnel
             g_m5 += g_fresnel * (1.0 - f0)
             by_f0 = g_fresnel * (1.0 - m5)
             g_f0 = (
@@ -186,7 +187,10 @@ def specular_backward_of_sample(
         if abs(z) < 1.0 - 1e-7:
             fall = -g_row * height / (math.pi * math.sqrt(1.0 - z * z))
         _, d_length = to_world(t, b, n, out)
-        g_d = across((turn * y, -turn * x, fall), (x, y, z), d_length)
+        g_d = (
+            turn * y + g_directions[k, 0], g_directions[k, 1] - turn * x, fall + g_directions[k, 2]
+        )  # fmt: skip
+        g_d = across(g_d, (x, y, z), d_length)
         g_t, g_b, g_n = plus(g_t, out[0], g_d), plus(g_b, out[1], g_d), plus(g_n, out[2], g_d)
         g_out = (dot(t, g_d), dot(b, g_d), dot(n, g_d) + g_out_z)
         g_view_half = 2.0 * dot(half, g_out) - 5.0 * m * m * m * m * g_m5
@@ -237,13 +241,14 @@ def specular_backward_of_sample(
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
 def specular_backward(
     normals, views, alphas, f0s, first, shares, u, masking, directions, light, slope, width, height,
-    cotangent, g_normals, g_alphas, g_f0s,
+    cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
 ):  # fmt: skip
-    """Adjoint of `specular` with respect to normals, α and F0."""
+    """Adjoint of `specular` with respect to normals, α and F0: of radiances (`cotangent`), and of the
+    rays' directions and weights."""
     for s in numba.prange(normals.shape[0]):
         specular_backward_of_sample(
             s, normals, views, alphas, f0s, first, shares, u, masking, directions, light, slope,
-            width, height, cotangent, g_normals, g_alphas, g_f0s,
+            width, height, cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
         )  # fmt: skip
 
 

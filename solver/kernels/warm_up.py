@@ -6,6 +6,7 @@ import torch
 
 from .adam import Moments, Rates, adam_step
 from .backend import on_numba
+from .drawing import draw_depths, plan_rays
 from .hashing import uniform
 from .integral import prefix_sums, rectangle_mean
 from .march import composite, grid_transmittance, march
@@ -54,7 +55,10 @@ def _run_shared() -> None:
 
 def _run_numba() -> None:
     points, directions = _rays()
-    uniform(torch.arange(4), 0, 2)
+    keys, ones = torch.arange(4), torch.ones(4)
+    uniform(keys, 0, 2)
+    draw_depths(ones, torch.arange(5), ones, torch.rand(4, 2), 0.0)
+    plan_rays(keys, ones, 1, torch.rand(4, 2), (0, 0))
     blockers = Blockers(torch.zeros(3), 1.0, 0.25, blocking_grid(torch.rand(4, 4, 4)), 0.1)
     rows = torch.linspace(0, 1, 5, dtype=torch.float64)
     table, normals = prefix_sums(_leaf(3, 4, 8), rows[1:]), directions.clone().requires_grad_()

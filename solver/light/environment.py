@@ -17,7 +17,7 @@ from torch import nn
 from ..capture.frames import direction_from_equirect
 from ..kernels.backend import precise
 from ..kernels.integral import prefix_sums, rectangle_mean
-from .spherical_harmonics import sh_basis
+from .spherical_harmonics import quadratic, quadratic_form, sh_basis
 
 _COSINE_LOBE = (math.pi, 2 * math.pi / 3, math.pi / 4)  # Ramamoorthi & Hanrahan 2001, l = 0, 1, 2
 
@@ -195,4 +195,5 @@ def irradiance(tables: LightTables, normals: torch.Tensor) -> torch.Tensor:
 
     Ramamoorthi & Hanrahan, "An Efficient Representation for Irradiance Environment Maps", 2001.
     """
-    return (sh_basis(normals, 2) @ tables.irradiance).clamp(min=0)
+    form = quadratic_form().to(normals) @ tables.irradiance
+    return (quadratic(normals) @ form).clamp(min=0)

@@ -6,7 +6,10 @@ Order: (l, m) with l = 0…degree and m = −l…l; the sign convention without 
 
 from __future__ import annotations
 
+from functools import cache
+
 import torch
+import torch.nn.functional as F
 
 
 def sh_basis(directions: torch.Tensor, degree: int) -> torch.Tensor:
@@ -49,6 +52,37 @@ def sh_basis(directions: torch.Tensor, degree: int) -> torch.Tensor:
             0.6258357354491761 * (xx * (xx - 3 * yy) - yy * (3 * xx - yy)),
         ]
     return torch.stack(values, dim=-1)
+
+
+def quadratic(directions: torch.Tensor) -> torch.Tensor:
+    """All products of pairs of (x, y, z, 1) [N, 16] of unit directions [N, 3]."""
+    homogeneous = F.pad(directions, (0, 1), value=1.0)
+    return (homogeneous[:, :, None] * homogeneous[:, None, :]).flatten(1)
+
+
+@cache
+def quadratic_form() -> torch.Tensor:
+    """[16, 9] with sh_basis(d, 2) = quadratic(d) @ it: three operations where the sum takes twenty.
+
+    Ramamoorthi & Hanrahan, "An Efficient Representation for Irradiance Environment Maps", 2001, eq. 11.
+    """
+    x, y, z, one = range(4)
+    terms = [
+        {(one, one): 0.28209479177387814},
+        {(y, one): 0.4886025119029199},
+        {(z, one): 0.4886025119029199},
+        {(x, one): 0.4886025119029199},
+        {(x, y): 1.0925484305920792},
+        {(y, z): 1.0925484305920792},
+        {(z, z): 3 * 0.31539156525252005, (one, one): -0.31539156525252005},
+        {(x, z): 1.0925484305920792},
+        {(x, x): 0.5462742152960396, (y, y): -0.5462742152960396},
+    ]
+    form = torch.zeros(4, 4, 9)
+    for column, term in enumerate(terms):
+        for pair, factor in term.items():
+            form[(*pair, column)] = factor
+    return form.view(16, 9)
 
 
 def sh_degrees(degree: int, device: torch.device | None = None) -> torch.Tensor:

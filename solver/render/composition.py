@@ -10,8 +10,7 @@ from torch import nn
 
 from ..field.heads import Materials
 from ..light.environment import EnvironmentMap
-from .random_numbers import sample_keys
-from .scene import Samples, Scene, Surface
+from .scene import Scene, Steps, Surface
 
 
 @dataclass(frozen=True)
@@ -62,16 +61,16 @@ class Composition(nn.Module):
         return [part.normal_tables() for part in self.parts]
 
     def sample(
-        self, origins, directions, keys, start, offset, step_voxels, min_transmittance
-    ) -> Samples:
+        self, origins, directions, start, offset, step_voxels, min_transmittance
+    ) -> Steps:  # fmt: skip
         """See `Scene.sample`."""
         found = []
         for part, placement in zip(self.parts, self.placements, strict=True):
-            samples = part.sample(
-                *self._to_local(placement, origins, directions), keys, start / placement.scale,
-                offset, step_voxels, min_transmittance,
+            steps = part.sample(
+                *self._to_local(placement, origins, directions), start / placement.scale, offset,
+                step_voxels, min_transmittance,
             )  # fmt: skip
-            found.append((samples.ray, samples.distance * placement.scale, samples.depth))
+            found.append((steps.ray, steps.distance * placement.scale, steps.depth))
         ray, distance, depth = (torch.cat(values) for values in zip(*found, strict=True))
         part = torch.cat([torch.full_like(values[0], index) for index, values in enumerate(found)])
         order = torch.argsort(distance, stable=True)
@@ -79,8 +78,7 @@ class Composition(nn.Module):
         ray, distance, depth, part = ray[order], distance[order], depth[order], part[order]
         counts = torch.bincount(ray, minlength=len(origins))
         offsets = torch.cat([counts.new_zeros(1), counts.cumsum(0)])
-        points = origins[ray] + distance[:, None] * directions[ray]
-        return Samples(points, depth, distance, ray, sample_keys(keys, ray, offsets), offsets, part)
+        return Steps(depth, distance, ray, offsets, part)
 
     def surface(self, points, part, normal_tables) -> Surface:
         """See `Scene.surface`; `part` [S] says which part each point belongs to."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import torch
 
-from ..kernels.backend import precise
+from ..kernels.drawing import draw_depths
 
 LEAST_OPACITY = 1e-3
 """rays that are more transparent than this are not shaded"""
@@ -24,19 +24,20 @@ class Depths:
     slope: torch.Tensor | None = None  # [K] zero, with the gradient of the share's logarithm
 
     def gather(self, values: torch.Tensor) -> torch.Tensor:
-        """What the rays see [R, …], premultiplied, of what the samples show [K, …]."""
-        shape = (-1,) + (1,) * (values.dim() - 1)
+        """What the rays see [R, C], premultiplied, of what the samples show [K, C]."""
         rays = len(self.opacity)
 
         def over_rays(values):
-            return values.new_zeros(rays, *values.shape[1:]).index_add(0, self.ray, values)
+            return values.new_zeros(rays, values.shape[1]).index_add(0, self.ray, values)
 
-        seen = over_rays(values * self.share.view(shape))
+        share = self.share[:, None]
+        shown = values * share
+        seen = over_rays(shown)
         if self.slope is not None:
             with torch.no_grad():
-                difference = (values - seen[self.ray]) * self.share.view(shape)
-            seen = seen + over_rays(difference * self.slope.view(shape))
-        return seen * self.opacity.view(shape)
+                difference = shown - seen[self.ray] * share
+            seen = seen + over_rays(difference * self.slope[:, None])
+        return seen * self.opacity[:, None]
 
 
 def all_depths(
@@ -54,9 +55,8 @@ def all_depths(
 
 
 def random_depths(
-    weights: torch.Tensor, offsets: torch.Tensor, ray: torch.Tensor, opacity: torch.Tensor,
-    u: torch.Tensor,
-) -> Depths:  # fmt: skip
+    weights: torch.Tensor, offsets: torch.Tensor, opacity: torch.Tensor, u: torch.Tensor
+) -> Depths:
     """D samples of every ray, drawn independently with probabilities q = weight/opacity.
 
     A sample that is drawn n times stands for n/D of the opacity, which is right in the mean. So is the
@@ -71,17 +71,7 @@ def random_depths(
     """
     depths = u.shape[1]
     with torch.no_grad():
-        running = weights.detach().to(precise(weights.device)).cumsum(0)
-        last = (offsets[1:] - 1).clamp(min=0)
-        active = (opacity > LEAST_OPACITY) & (offsets[1:] > offsets[:-1])
-        rows = active.nonzero()[:, 0]
-        end = running[last[rows]]
-        start = running[offsets[rows]] - weights.detach()[offsets[rows]]
-        target = start[:, None] + u[rows].to(running.dtype) * (end - start)[:, None]
-        found = torch.searchsorted(running, target, right=True)
-        found = torch.minimum(torch.maximum(found, offsets[rows, None]), last[rows, None])
-        index, times = torch.unique(found, return_counts=True)
-        chosen = ray[index]
+        index, chosen, times = draw_depths(weights, offsets, opacity, u, LEAST_OPACITY)
         share = times / depths
         mass = share * opacity.detach()[chosen]
     slope = None

@@ -13,12 +13,11 @@ import math
 import torch
 
 from ..brdf.microfacet import tangent_frame
+from ..kernels.drawing import RAYS_PER_SAMPLE, Plan
 from ..light.environment import irradiance
 from .random_numbers import DIFFUSE_CHOICE, DIFFUSE_ROTATION, RandomNumbers
 from .reflection import (
     CLEAR,
-    RAYS_PER_SAMPLE,
-    Plan,
     SecondaryRays,
     choose_systematic,
     plan_rays,
@@ -46,7 +45,7 @@ def diffused(
         samples.keys, mass, settings.diffuse_rays, random, DIFFUSE_ROTATION, RAYS_PER_SAMPLE // 2
     )
     rays = cosine_rays(normals.detach(), plan)
-    origins, start = secondary_origins(samples, normals, rays, surface.reach)
+    origins, start = secondary_origins(samples, normals, rays.sample, rays.direction, surface.reach)
     with torch.no_grad():
         passing = scene.grid_transmittance(origins, rays.direction, start)
     blocked = (passing < CLEAR).nonzero()[:, 0]
@@ -82,6 +81,4 @@ def cosine_rays(normals: torch.Tensor, plan: Plan) -> SecondaryRays:
     )
     direction = direction / direction.norm(dim=-1, keepdim=True)
     solid_angle = math.pi / (plan.counts[sample] * height)
-    return SecondaryRays(
-        sample, plan.keys, direction, plan.share[sample][:, None], solid_angle, height
-    )
+    return SecondaryRays(sample, plan.keys, direction, plan.share[sample][:, None], solid_angle)

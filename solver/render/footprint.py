@@ -33,15 +33,14 @@ def reflected_spread(
     facing = (normals * view).sum(-1, keepdim=True)
     sign = torch.where(facing < 0, -1.0, 1.0)
     slope = facing.abs().clamp(min=LEAST_COSINE) * sign
-    spread = []
-    for edge in tangent_frame(view):
-        # The pixel's edge, slid along the view onto the surface's tangent plane.
-        along = edge - (edge * normals).sum(-1, keepdim=True) / slope * view
-        points = samples.points + angle * samples.distance[:, None] * along
-        other = scene.surface_normals(points, samples.part, tables.normals)
-        bend = other - normals
-        turn = angle * edge
-        # Of r = d − 2 (d·n) n with d = −view: dr = dd − 2 (dd·n + d·dn) n − 2 (d·n) dn.
-        change = (turn * normals).sum(-1, keepdim=True) - (view * bend).sum(-1, keepdim=True)
-        spread.append(turn - 2 * change * normals + 2 * facing * bend)
-    return torch.stack(spread, dim=1)
+    edges = torch.stack(tangent_frame(view))
+    # The pixel's edges, slid along the view onto the surface's tangent plane.
+    along = edges - (edges * normals).sum(-1, keepdim=True) / slope * view
+    points = samples.points + angle * samples.distance[:, None] * along
+    part = None if samples.part is None else samples.part.repeat(2)
+    other = scene.surface_normals(points.view(-1, 3), part, tables.normals).view_as(points)
+    bend = other - normals
+    turn = angle * edges
+    # Of r = d − 2 (d·n) n with d = −view: dr = dd − 2 (dd·n + d·dn) n − 2 (d·n) dn.
+    change = (turn * normals - view * bend).sum(-1, keepdim=True)
+    return (turn - 2 * change * normals + 2 * facing * bend).transpose(0, 1)

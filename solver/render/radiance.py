@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 
 from ..kernels.march import composite
-from .depths import all_depths, random_depths
+from .depths import Depths, all_depths, random_depths
 from .random_numbers import (
     DEPTH,
     NEIGHBOUR,
@@ -15,8 +15,9 @@ from .random_numbers import (
     SECONDARY_DEPTH,
     SECONDARY_OFFSET,
     RandomNumbers,
+    sample_keys,
 )
-from .scene import RenderSettings, Samples, Scene, StepTables
+from .scene import RenderSettings, Samples, Scene, Steps, StepTables
 from .shade import shade
 
 SECONDARY_MIN_WEIGHT = 5.0
@@ -65,11 +66,11 @@ def render_rays(
     count = len(origins)
     offset = random.uniform(OFFSET, keys) if jitter else origins.new_full((count,), 0.5)
     near = origins.new_zeros(count)
-    samples = scene.sample(
-        origins, directions, keys, near, offset, settings.step, settings.min_transmittance
+    steps = scene.sample(
+        origins, directions, near, offset, settings.step, settings.min_transmittance
     )
-    weights, transmittance = composite(samples.depth, samples.offsets)
-    ray = samples.ray
+    weights, transmittance = composite(steps.depth, steps.offsets)
+    ray = steps.ray
     traced = [0, 0]
 
     def trace(origins, directions, keys, start):
@@ -84,48 +85,57 @@ def render_rays(
         chosen = all_depths(weights, ray, 1 - transmittance, GLOW_MIN_WEIGHT)
     elif settings.shaded_depths > 0:
         u = random.uniform(DEPTH, keys, settings.shaded_depths).view(count, -1)
-        chosen = random_depths(weights, samples.offsets, ray, 1 - transmittance, u)
+        chosen = random_depths(weights, steps.offsets, 1 - transmittance, u)
     else:
         chosen = all_depths(weights, ray, 1 - transmittance, settings.min_weight)
-    kept = _only(samples, chosen.index)
+    kept = _samples(steps, chosen, origins, directions, keys)
     view = -directions[kept.ray]
     shading = shade(
         scene, tables, settings, random, kept, view, chosen.mass, settings.secondary_rays, trace,
         pixel_angle,
     )  # fmt: skip
-    gather = chosen.gather
     away = -(shading.normals * view).sum(-1)
     materials = shading.materials
-    with torch.no_grad():
-        distance = torch.zeros_like(near).index_add(0, ray, weights * samples.distance)
-    bending = unevenness = None
+    shown = {
+        "radiance": shading.radiance, "normal": shading.normals, "albedo": materials.albedo,
+        "alpha": materials.alpha, "f0": materials.f0, "backfacing": away.clamp(min=0) ** 2,
+    }  # fmt: skip
     if settings.neighbour_distance > 0 and settings.emission < 1:
-        away_normal, difference = _neighbours(scene, tables, settings, random, kept, shading)
-        bending, unevenness = gather(away_normal), gather(difference)
+        shown["bending"], shown["unevenness"] = _neighbours(
+            scene, tables, settings, random, kept, shading
+        )
+    with torch.no_grad():
+        distance = torch.zeros_like(near).index_add(0, ray, weights * steps.distance)
     return RayBuffers(
-        radiance=gather(shading.radiance),
         opacity=1 - transmittance,
-        normal=gather(shading.normals),
-        albedo=gather(materials.albedo),
-        alpha=gather(materials.alpha),
-        f0=gather(materials.f0),
-        backfacing=gather(away.clamp(min=0) ** 2),
         distance=distance,
         samples=len(ray),
         retraced=traced[0],
         retraced_samples=traced[1],
-        bending=bending,
-        unevenness=unevenness,
+        **_seen(chosen, shown),
     )
 
 
-def _only(samples: Samples, kept: torch.Tensor) -> Samples:
-    """The samples at indices `kept` [K]; offsets no longer hold."""
-    part = None if samples.part is None else samples.part[kept]
-    return Samples(
-        samples.points[kept], samples.depth[kept], samples.distance[kept], samples.ray[kept],
-        samples.keys[kept], samples.offsets[:0], part,
-    )  # fmt: skip
+def _seen(chosen: Depths, shown: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    """What rays see of what the chosen samples show, [K] or [K, C] each; all gathered at once."""
+    columns = [value if value.dim() > 1 else value[:, None] for value in shown.values()]
+    seen = chosen.gather(torch.cat(columns, 1)).split([c.shape[1] for c in columns], 1)
+    return {
+        name: column if value.dim() > 1 else column[:, 0]
+        for (name, value), column in zip(shown.items(), seen, strict=True)
+    }
+
+
+def _samples(
+    steps: Steps, chosen: Depths, origins: torch.Tensor, directions: torch.Tensor,
+    keys: torch.Tensor,
+) -> Samples:  # fmt: skip
+    """The chosen steps along rays of the given origins, directions [R, 3] and keys [R]."""
+    index, ray = chosen.index, chosen.ray
+    distance = steps.distance[index]
+    points = origins[ray] + distance[:, None] * directions[ray]
+    part = None if steps.part is None else steps.part[index]
+    return Samples(points, distance, ray, sample_keys(keys, ray, index, steps.offsets), part)
 
 
 def _neighbours(scene, tables, settings, random, samples, shading):
@@ -162,20 +172,19 @@ def _trace_secondary(scene, tables, settings, random, origins, directions, keys,
         ]
         radiance, passing, taken = zip(*pieces, strict=True)
         return torch.cat(radiance), torch.cat(passing), sum(taken)
-    samples = scene.sample(
-        origins.detach(), directions.detach(), keys, start,
-        random.uniform(SECONDARY_OFFSET, keys), settings.secondary_step,
-        settings.min_transmittance,
+    steps = scene.sample(
+        origins.detach(), directions.detach(), start, random.uniform(SECONDARY_OFFSET, keys),
+        settings.secondary_step, settings.min_transmittance,
     )  # fmt: skip
-    weights, transmittance = composite(samples.depth, samples.offsets)
-    ray = samples.ray
+    weights, transmittance = composite(steps.depth, steps.offsets)
+    ray = steps.ray
     if settings.secondary_depths > 0:
         u = random.uniform(SECONDARY_DEPTH, keys, settings.secondary_depths).view(len(keys), -1)
-        chosen = random_depths(weights, samples.offsets, ray, 1 - transmittance, u)
+        chosen = random_depths(weights, steps.offsets, 1 - transmittance, u)
     else:
         least = SECONDARY_MIN_WEIGHT * settings.min_weight
         chosen = all_depths(weights, ray, 1 - transmittance, least)
-    kept = _only(samples, chosen.index)
+    kept = _samples(steps, chosen, origins.detach(), directions.detach(), keys)
     shading = shade(
         scene, tables, settings, random, kept, -directions[kept.ray], chosen.mass,
         settings.secondary_bounce_rays,

@@ -27,27 +27,19 @@ class RandomNumbers:
 
     def uniform(self, purpose: int, keys: torch.Tensor, columns: int = 1) -> torch.Tensor:
         """Independent uniform numbers in [0, 1) of keys [N]: [N], or [N, columns]."""
-        # Odd multipliers keep seeds, steps and purposes apart before they are hashed.
-        stream = self.seed * 0x9E3779B1 + self.step * 0x85EBCA77 + purpose * 0xC2B2AE3D
-        values = uniform(keys, stream, columns)
+        values = uniform(keys, self.stream(purpose), columns)
         return values[:, 0] if columns == 1 else values
 
-    def draw(
-        self, keys: torch.Tensor, sample: torch.Tensor, index: torch.Tensor,
-        purpose: int = ROTATION,
-    ) -> torch.Tensor:  # fmt: skip
-        """Points [K, 2] for ray number `index` [K] of sample `sample` [K]; `keys` [S] name the samples.
-
-        The first N points of one scrambled Sobol set, shifted on the torus for every sample by an
-        offset from all of [0, 1)^2 (Cranley & Patterson 1976; the public code shifts by a quarter
-        at most, so that a sample's one ray is biased).
-        """
-        shift = self.uniform(purpose, keys, 2)
-        points = self.points[index % len(self.points)] + shift[sample]
-        return points - points.floor()
+    def stream(self, purpose: int) -> int:
+        """The hash's seed for the numbers of a purpose."""
+        # Odd multipliers keep seeds, steps and purposes apart before they are hashed.
+        mixed = self.seed * 0x9E3779B1 + self.step * 0x85EBCA77 + purpose * 0xC2B2AE3D
+        return mixed & 0xFFFFFFFF
 
 
-def sample_keys(ray_keys: torch.Tensor, ray: torch.Tensor, offsets: torch.Tensor) -> torch.Tensor:
-    """Keys [S] of samples in flat form, from those of their rays [R]."""
-    number = torch.arange(len(ray), device=ray.device) - offsets[ray]
-    return ray_keys[ray] * SAMPLES_PER_RAY + number
+def sample_keys(
+    ray_keys: torch.Tensor, ray: torch.Tensor, index: torch.Tensor, offsets: torch.Tensor
+) -> torch.Tensor:
+    """Keys [K] of samples at indices `index` [K] of a flat form, on rays `ray` [K], from those of
+    the rays [R]."""
+    return ray_keys[ray] * SAMPLES_PER_RAY + (index - offsets[ray])

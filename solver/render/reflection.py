@@ -13,29 +13,15 @@ from ..brdf.microfacet import (
     tangent_frame,
     visible_normal_pdf,
 )
+from ..kernels import drawing
 from ..kernels.backend import fast, on_numba
-from ..kernels.specular import specular
+from ..kernels.drawing import Plan
+from ..kernels.specular import SELF_SHADOW_COSINE, specular
 from .random_numbers import ALLOCATION, CHOICE, ROTATION, RandomNumbers
 from .scene import RenderSettings, Samples, Scene, StepTables, Surface
 
-RAYS_PER_SAMPLE = 1024
-"""room for the secondary rays of a sample in a key"""
 CLEAR = 0.95
 """transmittance of the grid above which a secondary ray counts as free"""
-
-
-class Plan(NamedTuple):
-    """Which secondary rays are to be sampled: ray k belongs to sample `sample[k]`."""
-
-    counts: torch.Tensor  # [S] long, rays of a sample
-    sample: torch.Tensor  # [K] long
-    keys: torch.Tensor  # [K] long
-    share: torch.Tensor  # [S] by how much a ray counts
-    u: torch.Tensor  # [K, 2] uniform in [0, 1)
-
-    def only(self, chosen: torch.Tensor) -> Plan:
-        """The rays at indices `chosen`."""
-        return Plan(self.counts, self.sample[chosen], self.keys[chosen], self.share, self.u[chosen])
 
 
 class SecondaryRays(NamedTuple):
@@ -46,31 +32,16 @@ class SecondaryRays(NamedTuple):
     direction: torch.Tensor  # [K, 3] world, unit
     weight: torch.Tensor  # [K, 3] BRDF · cosine / density
     solid_angle: torch.Tensor  # [K] 1 / (N · pdf)
-    cosine: torch.Tensor  # [K] of the direction to the normal
     spread: torch.Tensor | None = None  # [K, 2, 3] what the pixel adds to the solid angle, rad
-
-
-def allocate_rays(weights: torch.Tensor, rays: int, u: torch.Tensor) -> torch.Tensor:
-    """How many of a pixel's `rays` each sample gets: floor(w·M + u), unbiased for u ~ U[0, 1).
-
-    The paper's floor(w·M) leaves every sample with w < 1/M without any (errata).
-    """
-    return (weights * rays + u).floor().long()
 
 
 def plan_rays(
     keys: torch.Tensor, mass: torch.Tensor, rays: int, random: RandomNumbers,
     rotation: int = ROTATION, first_key: int = 0,
 ) -> Plan:  # fmt: skip
-    """Share out a pixel's `rays` among its samples by their mass [S]."""
-    expected = mass * rays
-    counts = allocate_rays(mass, rays, random.uniform(ALLOCATION, keys))
-    sample = torch.repeat_interleave(torch.arange(len(counts), device=counts.device), counts)
-    index = torch.arange(len(sample), device=counts.device) - (counts.cumsum(0) - counts)[sample]
-    # A sample that was lucky to get its one ray stands for the others like it.
-    share = 1 / (expected.clamp(1e-6, 1) * counts.clamp(min=1))
-    ray_keys = keys[sample] * RAYS_PER_SAMPLE + (first_key + index) % RAYS_PER_SAMPLE
-    return Plan(counts, sample, ray_keys, share, random.draw(keys, sample, index, rotation))
+    """Share out a pixel's `rays` among its samples by their mass [S] (`drawing.plan_rays`)."""
+    streams = random.stream(ALLOCATION), random.stream(rotation)
+    return drawing.plan_rays(keys, mass, rays, random.points, streams, first_key)
 
 
 def scatter(
@@ -113,22 +84,25 @@ def scatter(
     direction = torch.einsum("nij,ni->nj", frame, light)
     direction = direction / direction.norm(dim=-1, keepdim=True)
     spread = None if spread is None or not settings.integral_image else spread[sample]
-    return SecondaryRays(
-        sample, plan.keys, direction, weight, solid_angle, light[:, 2].detach(), spread
-    )
+    return SecondaryRays(sample, plan.keys, direction, weight, solid_angle, spread)
 
 
+@torch.no_grad()
 def secondary_origins(
-    samples: Samples, normals: torch.Tensor, rays: SecondaryRays, reach: torch.Tensor | float
-) -> tuple[torch.Tensor, torch.Tensor]:
+    samples: Samples, normals: torch.Tensor, sample: torch.Tensor, direction: torch.Tensor,
+    reach: torch.Tensor | float,
+) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
     """Where secondary rays begin: world points [K, 3] lifted off the surface by `reach`, and the
-    distances [K] from which anything can be in their way. No gradient."""
-    with torch.no_grad():
-        reach = torch.as_tensor(reach, device=normals.device).expand(len(normals))
-        origins = (samples.points + reach[:, None] * normals)[rays.sample]
-        reach = reach[rays.sample]
-        start = torch.minimum(reach * (1 / rays.cosine.clamp(min=0.2) - 1), 4 * reach)
-    return origins, start
+    distances [K] from which anything can be in their way. No gradient.
+
+    Args:
+        normals: [S, 3]. sample: [K] long, where each ray leaves from. direction: [K, 3] unit.
+    """
+    normal = normals[sample]
+    reach = torch.as_tensor(reach, device=normals.device).expand(len(normals))[sample]
+    origins = samples.points[sample] + reach[:, None] * normal
+    cosine = (normal * direction).sum(-1).clamp(min=SELF_SHADOW_COSINE)
+    return origins, reach * (1 / cosine - 1).clamp(max=4.0)
 
 
 def choose_noisy_largest(scores: torch.Tensor, budget: int, noise: torch.Tensor) -> torch.Tensor:
@@ -178,29 +152,31 @@ def reflected(
         rays, trace: see `shade`. spread: [S, 2, 3] see `footprint.reflected_spread`.
     """
     plan = plan_rays(samples.keys, mass, rays, random)
+    sample = plan.sample
     fused = settings.visibility and settings.neural == 0 and samples.part is None
     if fused and fast(toward) and on_numba(toward.device):
-        radiance, (_, weights, passing) = specular(
+        radiance, (direction, weight, passing) = specular(
             toward, surface.materials.alpha, surface.materials.f0, tables.light.table, view,
             samples.points, plan.counts, plan.share, plan.u, scene.environment.row_prefix,
             settings.light_masking, settings.integral_image, scene.blockers(surface.reach), spread,
         )  # fmt: skip
     else:
         secondary = scatter(surface, toward, view, samples.part, plan, scene, settings, spread)
+        direction, weight = secondary.direction, secondary.weight
         light = scene.environment.lookup(
-            tables.light, secondary.direction, secondary.solid_angle, secondary.spread
+            tables.light, direction, secondary.solid_angle, secondary.spread
         )
-        weights, passing = secondary.weight, light.new_ones(len(light))
+        passing = light.new_ones(len(light))
         if settings.visibility:
             with torch.no_grad():
-                origins, start = secondary_origins(samples, toward, secondary, surface.reach)
-                passing = scene.grid_transmittance(origins, secondary.direction, start)
-        arriving = weights * light * passing[:, None]
-        radiance = torch.zeros_like(toward).index_add(0, plan.sample, arriving)
-    if trace is None or settings.retraced_rays <= 0 or len(plan.sample) == 0:
+                lifted = secondary_origins(samples, toward, sample, direction, surface.reach)
+                passing = scene.grid_transmittance(lifted[0], direction, lifted[1])
+        arriving = weight * light * passing[:, None]
+        radiance = torch.zeros_like(toward).index_add(0, sample, arriving)
+    if trace is None or settings.retraced_rays <= 0 or len(sample) == 0:
         return radiance
 
-    importance = weights.detach().amax(-1) * mass[plan.sample]
+    importance = weight.detach().amax(-1) * mass[sample]
     if settings.visibility:
         importance = torch.where(passing < CLEAR, (1 - passing) * importance, 0.0)
     if settings.retrace_choice == "noisy":
@@ -213,12 +189,10 @@ def reflected(
         chosen, probability = choose_systematic(importance, settings.retraced_rays, u)
     if len(chosen) == 0:
         return radiance
-    again = scatter(surface, toward, view, samples.part, plan.only(chosen), scene, settings, spread)
-    origins, start = secondary_origins(samples, toward, again, surface.reach)
-    bounced, transmittance = trace(origins, again.direction, again.keys, start)
+    sample = sample[chosen]
+    direction, weight = direction.index_select(0, chosen), weight.index_select(0, chosen)
+    origins, start = secondary_origins(samples, toward, sample, direction, surface.reach)
+    bounced, transmittance = trace(origins, direction, plan.keys[chosen], start)
     if not settings.visibility:
-        light = scene.environment.lookup(
-            tables.light, again.direction, again.solid_angle, again.spread
-        )
-        bounced = bounced - (1 - transmittance)[:, None] * light
-    return radiance.index_add(0, again.sample, again.weight * bounced / probability[:, None])
+        bounced = bounced - (1 - transmittance)[:, None] * light.index_select(0, chosen)
+    return radiance.index_add(0, sample, weight * bounced / probability[:, None])

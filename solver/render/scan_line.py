@@ -23,15 +23,15 @@ def scan_line_weights(
     origins = torch.from_numpy(origins).float().to(scene.device)
     directions = torch.from_numpy(directions).float().to(scene.device)
     count = len(origins)
-    samples = scene.sample(
-        origins, directions, torch.arange(count, device=scene.device), origins.new_zeros(count),
-        origins.new_full((count,), 0.5), settings.step, 0.0,
+    steps = scene.sample(
+        origins, directions, origins.new_zeros(count), origins.new_full((count,), 0.5),
+        settings.step, 0.0,
     )  # fmt: skip
-    weights, _ = composite(samples.depth, samples.offsets)
+    weights, _ = composite(steps.depth, steps.offsets)
     centre = float((scene.field.centre - origins[0]).norm())
     reach = 3**0.5 * scene.field.half_size
-    position = (samples.distance - (centre - reach)) / (2 * reach)
+    position = (steps.distance - (centre - reach)) / (2 * reach)
     bin_of = (position * bins).long().clamp(0, bins - 1)
     picture = torch.zeros(bins, count, device=scene.device)
-    picture.index_put_((bins - 1 - bin_of, samples.ray), weights, accumulate=True)
+    picture.index_put_((bins - 1 - bin_of, steps.ray), weights, accumulate=True)
     return picture.cpu().numpy()

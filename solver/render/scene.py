@@ -18,7 +18,6 @@ from ..field.room import Room
 from ..kernels.march import grid_transmittance, march
 from ..kernels.specular import Blockers
 from ..light.environment import EnvironmentMap, LightTables
-from .random_numbers import sample_keys
 
 
 @dataclass(frozen=True)
@@ -66,15 +65,23 @@ class RenderSettings:
     """weight G2/G1 of a visible-normal sample is applied (the paper leaves it to g)"""
 
 
-class Samples(NamedTuple):
+class Steps(NamedTuple):
     """Density samples of R rays in flat form; those of ray r are `offsets[r]:offsets[r + 1]`."""
 
-    points: torch.Tensor  # [S, 3] world
     depth: torch.Tensor  # [S] optical depth
     distance: torch.Tensor  # [S] along the ray, world units
     ray: torch.Tensor  # [S] long
-    keys: torch.Tensor  # [S] long, for random numbers
     offsets: torch.Tensor  # [R + 1] long
+    part: torch.Tensor | None = None  # [S] long: which part of a composition
+
+
+class Samples(NamedTuple):
+    """The steps that are shaded, and where they are."""
+
+    points: torch.Tensor  # [S, 3] world
+    distance: torch.Tensor  # [S] along the ray, world units
+    ray: torch.Tensor  # [S] long
+    keys: torch.Tensor  # [S] long, for random numbers
     part: torch.Tensor | None = None  # [S] long: which part of a composition
 
 
@@ -120,28 +127,24 @@ class Scene(nn.Module):
         return self.field.normal_factors()
 
     def sample(
-        self, origins: torch.Tensor, directions: torch.Tensor, keys: torch.Tensor,
-        start: torch.Tensor, offset: torch.Tensor, step_voxels: float, min_transmittance: float,
-    ) -> Samples:  # fmt: skip
+        self, origins: torch.Tensor, directions: torch.Tensor, start: torch.Tensor,
+        offset: torch.Tensor, step_voxels: float, min_transmittance: float,
+    ) -> Steps:  # fmt: skip
         """Density samples along world rays [R, 3] with unit directions.
 
         Args:
-            keys: [R] of the rays. start: [R] distance before which nothing is sampled.
+            start: [R] distance before which nothing is sampled.
             offset: [R] of the samples, in steps, in [0, 1).
         """
         field = self.field
         step = step_voxels * field.voxel
-        box_origins, box_directions = field.to_box(origins), field.directions_to_box(directions)
-        segments = march(
-            box_origins, box_directions, start, offset, step, self.cell, self.occupancy.free,
-            field.density_planes, field.density_lines, field.density_shift, field.density_scale,
-            min_transmittance,
+        found = march(
+            field.to_box(origins), field.directions_to_box(directions), start, offset, step,
+            self.cell, self.occupancy.free, field.density_planes, field.density_lines,
+            field.density_shift, field.density_scale, min_transmittance,
         )  # fmt: skip
-        ray, distance = segments.ray, segments.distance
-        points = origins[ray] + distance[:, None] * directions[ray]
-        depth = field.extinction(field.raw_density(field.to_box(points), segments.raw)) * step
-        keys = sample_keys(keys, ray, segments.offsets)
-        return Samples(points, depth, distance, ray, keys, segments.offsets)
+        depth = field.extinction(field.raw_density(found.points, found.raw)) * step
+        return Steps(depth, found.distance, found.ray, found.offsets)
 
     def surface(self, points: torch.Tensor, part: torch.Tensor | None, normal_tables) -> Surface:
         """Normals, features and materials at world points [S, 3]."""

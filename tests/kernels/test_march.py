@@ -50,6 +50,7 @@ def test_march_agrees_with_its_twin(cells, filled, step, path, device):
     a, b = same[fused.ray], same[plain.ray]
     torch.testing.assert_close(fused.distance[a], plain.distance[b], rtol=1e-4, atol=1e-4)
     torch.testing.assert_close(fused.raw[a], plain.raw[b], rtol=1e-3, atol=1e-3)
+    torch.testing.assert_close(fused.points[a], plain.points[b], rtol=1e-4, atol=1e-4)
 
 
 def test_samples_lie_in_occupied_cells_of_the_box():

@@ -14,7 +14,7 @@ from solver.light.environment import (
     equirect_directions,
     irradiance,
 )
-from solver.light.spherical_harmonics import sh_basis
+from solver.light.spherical_harmonics import quadratic, quadratic_form, sh_basis
 
 
 def unit(count, seed=0):
@@ -39,6 +39,11 @@ def test_spherical_harmonics_agree_with_scipy():
             )
             np.testing.assert_allclose(values[:, index], expected, atol=1e-10)
             index += 1
+
+
+def test_degree_two_as_a_quadratic_form_is_the_same():
+    directions = torch.nn.functional.normalize(torch.randn(50, 3), dim=-1)
+    torch.testing.assert_close(quadratic(directions) @ quadratic_form(), sh_basis(directions, 2))
 
 
 def test_directions_and_texels_are_inverse():

@@ -21,10 +21,9 @@ def seen(depth, values, depths):
     repeated = depth.repeat(REPEATS)
     offsets = torch.arange(REPEATS + 1) * COUNT
     weights, transmittance = composite(repeated, offsets)
-    index = torch.arange(REPEATS).repeat_interleave(COUNT)
     torch.manual_seed(0)
-    found = random_depths(weights, offsets, index, 1 - transmittance, torch.rand(REPEATS, depths))
-    return found.gather(values.repeat(REPEATS)[found.index]), found
+    found = random_depths(weights, offsets, 1 - transmittance, torch.rand(REPEATS, depths))
+    return found.gather(values.repeat(REPEATS)[found.index, None])[:, 0], found
 
 
 def exact(depth, values):
@@ -67,5 +66,5 @@ def test_all_heavy_samples_make_up_for_the_faint_ones():
     index = torch.zeros(COUNT, dtype=torch.long)
     found = all_depths(weights, index, 1 - transmittance, 0.1)
     assert 0 < len(found.index) < COUNT
-    gathered = found.gather(torch.ones(len(found.index)))
-    torch.testing.assert_close(gathered, 1 - transmittance)
+    gathered = found.gather(torch.ones(len(found.index), 1))
+    torch.testing.assert_close(gathered[:, 0], 1 - transmittance)

@@ -25,8 +25,7 @@ def setting(count=3):
     scene.occupancy.fill(depths > 0, depths)
     normals = torch.tensor([0.0, 0.0, 1.0]).expand(count, 3).contiguous()
     samples = Samples(
-        torch.zeros(count, 3), torch.ones(count), torch.ones(count), torch.arange(count),
-        torch.arange(count), torch.arange(count + 1),
+        torch.zeros(count, 3), torch.ones(count), torch.arange(count), torch.arange(count)
     )  # fmt: skip
     material = Materials(torch.full((count, 3), 0.5), torch.ones(count), torch.zeros(count, 3))
     return scene, samples, Surface(normals, torch.zeros(count, 4), material, 0.05)
@@ -46,7 +45,8 @@ def test_blocked_diffuse_light_agrees_with_brute_force():
     random = RandomNumbers(7, points=many)
     rays = cosine_rays(surface.normals, plan_rays(samples.keys, torch.ones(3), many, random))
     origins = samples.points[rays.sample] + 0.05 * surface.normals[rays.sample]
-    start = torch.minimum(0.05 * (1 / rays.cosine.clamp(min=0.2) - 1), torch.tensor(0.2))
+    cosine = (rays.direction * surface.normals[rays.sample]).sum(-1)
+    start = torch.minimum(0.05 * (1 / cosine.clamp(min=0.2) - 1), torch.tensor(0.2))
     passing = scene.grid_transmittance(origins, rays.direction, start)
     assert 0.2 < passing.mean() < 0.8
     light = 1.3 + rays.direction

@@ -39,8 +39,7 @@ def shaded(scene, settings, view, rays, seed=0):
     """Radiance leaving the ball's pole along `view`, by the renderer's own estimator."""
     points = torch.tensor([[0.0, 0.0, 0.5]])
     samples = Samples(
-        points, torch.ones(1), torch.ones(1), torch.zeros(1, dtype=torch.long),
-        torch.tensor([7]), torch.tensor([0, 1]),
+        points, torch.ones(1), torch.zeros(1, dtype=torch.long), torch.tensor([7])
     )  # fmt: skip
     random = RandomNumbers(seed, points=8192)
     tables = StepTables.of(scene)

@@ -41,7 +41,7 @@ def test_spread_is_the_change_of_mirrored_rays_across_a_pixel_of_a_ball():
     scene, directions = ball(RADIUS), toward_ball()
     points, distance, normals, mirrored = on_ball(directions)
     index = torch.arange(len(points))
-    samples = Samples(points, distance, distance, index, index, index)
+    samples = Samples(points, distance, index, index)
     spread = reflected_spread(
         scene,
         StepTables.of(scene),
@@ -67,12 +67,12 @@ def test_spread_of_a_placed_scene_turns_with_it():
     part = torch.zeros(len(points), dtype=torch.long)
     angle = torch.full((len(points),), PIXEL)
     here = reflected_spread(
-        scene, StepTables.of(scene), Samples(points, distance, distance, index, index, index),
+        scene, StepTables.of(scene), Samples(points, distance, index, index),
         normals, -directions, angle,
     )  # fmt: skip
     there = reflected_spread(
         placed, StepTables.of(placed),
-        Samples(moved, distance, 2 * distance, index, index, index, part),
+        Samples(moved, 2 * distance, index, index, part),
         normals @ turn.T, -directions @ turn.T, angle,
     )  # fmt: skip
 

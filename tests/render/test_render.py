@@ -7,9 +7,10 @@ import pytest
 import torch
 
 from solver.kernels.backend import plain_torch
+from solver.kernels.drawing_torch import allocate_rays
 from solver.render.radiance import render_rays
 from solver.render.random_numbers import RandomNumbers
-from solver.render.reflection import allocate_rays, choose_systematic
+from solver.render.reflection import choose_systematic
 from solver.render.scene import RenderSettings, StepTables
 from solver.render.tonemap import linear_to_srgb, over_background, srgb_to_linear
 from tests.render.scenes import ball, camera_rays, fill_everywhere

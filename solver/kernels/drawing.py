@@ -1,0 +1,73 @@
+"""A step's random choices, on the fastest path at hand: which samples of a ray are shaded, and which
+secondary rays leave from them. No gradients.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+
+from . import drawing_torch
+from .backend import kernels, on_numba
+
+RAYS_PER_SAMPLE = 1024
+"""room for the secondary rays of a sample in a key"""
+
+
+class Plan(NamedTuple):
+    """Which secondary rays are to be sampled: ray k belongs to sample `sample[k]`."""
+
+    counts: torch.Tensor  # [S] long, rays of a sample
+    sample: torch.Tensor  # [K] long
+    keys: torch.Tensor  # [K] long
+    share: torch.Tensor  # [S] by how much a ray counts
+    u: torch.Tensor  # [K, 2] uniform in [0, 1)
+
+
+def draw_depths(
+    weights: torch.Tensor, offsets: torch.Tensor, opacity: torch.Tensor, u: torch.Tensor,
+    least: float,
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:  # fmt: skip
+    """D samples of each ray, drawn independently by weight: which ones [K], ascending, their rays, and
+    how often each was drawn.
+
+    Args:
+        weights: [S] in flat form; those of ray r are `offsets[r]:offsets[r + 1]`. opacity: [R], their
+            sums; rays with no more than `least` get none. u: [R, D] uniform in [0, 1).
+    """
+    if not on_numba(weights.device):
+        return drawing_torch.draw_depths(weights, offsets, opacity, u, least)
+    rows, row_times = torch.empty(2, *u.shape, dtype=torch.long).unbind()
+    counts = torch.empty_like(offsets[1:])
+    run = kernels("drawing", weights.device)
+    run.draw_depths(weights.contiguous(), offsets, opacity, u, least, rows, row_times, counts)
+    index, ray, times = torch.empty(3, int(counts.sum()), dtype=torch.long).unbind()
+    run.flatten(rows, row_times, counts, index, times, ray)
+    return index, ray, times
+
+
+def plan_rays(
+    keys: torch.Tensor, mass: torch.Tensor, rays: int, points: torch.Tensor, streams: tuple[int, int],
+    first_key: int = 0,
+) -> Plan:  # fmt: skip
+    """Share out a pixel's `rays` among its samples.
+
+    Args:
+        keys: [S] long. mass: [S] by how much of its pixel each sample stands for.
+        points: [P, 2] low-discrepancy in [0, 1)²; a sample's rays get the first ones, turned.
+        streams: the hash's seeds for how many rays a sample gets and for its turn.
+        first_key: of the rays' keys.
+    """
+    if not on_numba(keys.device):
+        parts = drawing_torch.plan_rays(
+            keys, mass, rays, points, streams, first_key, RAYS_PER_SAMPLE
+        )
+        return Plan(*parts)
+    counts, share = torch.empty_like(keys), torch.empty_like(mass)
+    run = kernels("drawing", keys.device)
+    run.share_out(keys, mass, rays, streams[0], counts, share)
+    sample, ray_keys = keys.new_empty(2, int(counts.sum())).unbind()
+    u = mass.new_empty(len(sample), 2)
+    run.leave(keys, counts, streams[1], points, first_key, RAYS_PER_SAMPLE, sample, ray_keys, u)
+    return Plan(counts, sample, ray_keys, share, u)

@@ -1,0 +1,84 @@
+"""Fused CPU kernels for a step's random choices; `drawing_torch` is their plain twin."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from .hashing import unit_number
+
+
+@numba.njit(cache=True, nogil=True)
+def draw_depths(weights, offsets, opacity, u, least, index, times, counts):
+    """Draw D samples of each ray by weight; different ones, ascending, and how often each was drawn.
+
+    Args:
+        weights: [S]; those of ray r are `offsets[r]:offsets[r + 1]`. opacity: [R]; rays with no more
+            than `least` get none. u: [R, D] in [0, 1).
+        index, times: [R, D], out; the first `counts[r]` of a row hold.
+    """
+    for r in range(u.shape[0]):
+        first, last = offsets[r], offsets[r + 1] - 1
+        counts[r] = 0
+        if opacity[r] <= least or last < first:
+            continue
+        total = 0.0
+        for i in range(first, last + 1):
+            total += weights[i]
+        found = 0
+        for d in range(u.shape[1]):
+            target = u[r, d] * total
+            running, i = float(weights[first]), first
+            while running <= target and i < last:
+                i += 1
+                running += weights[i]
+            at = 0
+            while at < found and index[r, at] < i:
+                at += 1
+            if at < found and index[r, at] == i:
+                times[r, at] += 1
+                continue
+            for later in range(found, at, -1):
+                index[r, later], times[r, later] = index[r, later - 1], times[r, later - 1]
+            index[r, at], times[r, at] = i, 1
+            found += 1
+        counts[r] = found
+
+
+@numba.njit(cache=True, nogil=True)
+def flatten(rows, more_rows, counts, flat, more_flat, row):
+    """The first `counts[r]` entries of each row r of two arrays, one row after the other."""
+    at = 0
+    for r in range(counts.shape[0]):
+        for i in range(counts[r]):
+            flat[at], more_flat[at], row[at] = rows[r, i], more_rows[r, i], r
+            at += 1
+
+
+@numba.njit(cache=True, nogil=True)
+def share_out(keys, mass, rays, seed, counts, share):
+    """How many of a pixel's `rays` each sample gets, and by how much each of them counts; all [S]."""
+    least, one = np.float32(1e-6), np.float32(1)
+    for s in range(keys.shape[0]):
+        expected = mass[s] * np.float32(rays)
+        count = int(math.floor(expected + unit_number(keys[s], seed)))
+        counts[s] = count
+        share[s] = one / (min(max(expected, least), one) * np.float32(max(count, 1)))
+
+
+@numba.njit(cache=True, nogil=True)
+def leave(keys, counts, seed, points, first_key, keys_per_sample, sample, ray_keys, u):
+    """The rays [K] of all samples: whose they are, their keys, and their points, turned by sample."""
+    k = 0
+    for s in range(keys.shape[0]):
+        if counts[s] == 0:
+            continue
+        shift0, shift1 = unit_number(keys[s], seed), unit_number(keys[s], seed + 1)
+        for i in range(counts[s]):
+            sample[k] = s
+            ray_keys[k] = keys[s] * keys_per_sample + (first_key + i) % keys_per_sample
+            x, y = points[i % len(points), 0] + shift0, points[i % len(points), 1] + shift1
+            u[k, 0], u[k, 1] = x - np.floor(x), y - np.floor(y)
+            k += 1
