@@ -26,10 +26,6 @@ class Exposures:
         self.log_gain.requires_grad_()
         self.optimiser = Adam([{"params": [self.log_gain], "base": RATE}])
 
-    def cut(self) -> torch.Tensor:
-        """The logarithms [P, C], cut off, for one worker's backward pass."""
-        return self.log_gain.detach().clone().requires_grad_()
-
     def step(self, gradients: list[torch.Tensor | None], factor: float) -> None:
         """Move by the sum of the workers' gradients [P, C]; `factor` scales the rate."""
         found = [gradient for gradient in gradients if gradient is not None]

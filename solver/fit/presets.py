@@ -157,7 +157,7 @@ class Settings:
     asset: AssetSettings = dataclasses.field(default_factory=AssetSettings)
 
 
-DRAFT = Settings(render=RenderSettings(shaded_depths=2, secondary_depths=1))
+DRAFT = Settings(render=RenderSettings(shaded_depths=2, secondary_depths=1, secondary_rays=8))
 
 STANDARD = Settings(
     field=FieldSettings(sizes=(128, 192, 256), size_starts=(0.0, 0.1, 0.35)),

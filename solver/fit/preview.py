@@ -13,8 +13,9 @@ from ..capture.photos import linear_to_srgb
 from ..job.folder import replace_file
 from ..render.image import RenderedView, render_view
 from ..render.scene import StepTables
+from .chunk import SURROUNDED
 from .presets import picture_settings
-from .trainer import SURROUNDED, Trainer
+from .trainer import Trainer
 
 PREVIEW_WIDTH = 200
 

@@ -4,46 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import NamedTuple
 
 import torch
 
 from ..field.smoothing import step_smoothing
-from ..kernels.backend import gradients_in_place
-from ..render.radiance import render_rays
-from ..render.random_numbers import ROOM_OFFSET, RandomNumbers
-from ..render.scene import RenderSettings, Scene, StepTables
-from ..render.surroundings import surroundings
+from ..render.random_numbers import RandomNumbers
+from ..render.scene import Scene
 from .adam import Adam
 from .batching import Batching
+from .chunk import Chunk, ChunkLoss
 from .exposure import exposures_for
-from .losses import Behind, room_light, total_loss
-from .presets import Settings, emission_share, neural_share, smoothing_width, step_width
+from .presets import Settings, smoothing_width, step_width
 from .ray_bank import RayBank, RayBatch
 from .workers import Workers, worker_count
 
 THIN_FOG_SHARE = 0.02
 """of the opacity from which a cell counts as occupied, while the fog is thin still"""
-SURROUNDED = ("environment", "room")
-"""backgrounds that the scene itself has; photos before them are seen with their surroundings"""
-ROOM_DIRECTIONS = 256
-"""directions a step in which the light is held to the room"""
-
-
-class Chunk(NamedTuple):
-    """What a worker does at once."""
-
-    pixels: torch.Tensor  # [R] long, global pixel indices
-    keys: torch.Tensor  # [R] long, for random numbers
-    colour: torch.Tensor | None  # [R, 3] sRGB behind the object, where it is random
-
-
-class Taken(NamedTuple):
-    """What came of a chunk."""
-
-    image: float  # its image loss
-    samples: tuple[int, int, int]  # density samples, retraced rays, their samples
-    to_exposures: torch.Tensor | None  # [P, C] gradient of the photos' log gains
 
 
 class Trainer:
@@ -70,6 +46,7 @@ class Trainer:
         self.keep_decoder, self.fog = keep_decoder, fog
         self.exposures = exposures_for(settings.fit.exposure, bank.photo_count, scene.device)
         self.random = RandomNumbers(seed, scene.device)
+        self.loss = ChunkLoss(settings, self.random, use_masks, background, fog)
         self.generator = torch.Generator().manual_seed(seed)
         fit = settings.fit
         if scene.device.type != "cpu":
@@ -91,7 +68,7 @@ class Trainer:
         count = worker_count(self.scene.device)
         if self.settings.fit.samples <= 0:
             count = min(count, len(self.batching.chunks()))
-        self.workers = Workers(self.scene, count)
+        self.workers = Workers(self.scene, self.loss, count)
         self.steps_at_level = 0
         self.refresh_occupancy()
 
@@ -131,18 +108,9 @@ class Trainer:
             field, least, self.settings.render.step * field.voxel, dilation=1
         )
 
-    def render_settings(self, fraction: float) -> RenderSettings:
-        """Render settings at a fraction of the fit: g is blended out (see `FitSettings`)."""
-        fit = self.settings.fit
-        return dataclasses.replace(
-            self.settings.render,
-            neural=neural_share(fit, fraction),
-            neighbour_distance=fit.neighbour_distance, emission=self.emission(fraction),
-        )  # fmt: skip
-
     def emission(self, fraction: float) -> float:
         """Share of emission at a fraction of the fit."""
-        return emission_share(self.settings.fit, fraction) if self.fog else 0.0
+        return self.loss.emission(fraction)
 
     def _learning_rate_factor(self, fraction: float) -> float:
         fit = self.settings.fit
@@ -163,21 +131,9 @@ class Trainer:
         self.optimiser.param_groups[0]["smooth"] = step_smoothing(width)
         if self.step % self.OCCUPANCY_EVERY == 0:
             self.refresh_occupancy()
-        self.random.step = self.step
         chunks = self._draw(self.batching.chunks())
-        total = sum(len(chunk.keys) for chunk in chunks)
-        together = self.workers.together
-        tables, carry_gradients = StepTables.of(self.scene, together).cut(len(self.workers.scenes))
-        with gradients_in_place():
-            found = self.workers.run(
-                lambda worker, chunk: self._accumulate(
-                    self.workers.scenes[worker], tables[worker], chunk, fraction, total
-                ),
-                chunks,
-            )
-            self.workers.gather_gradients()
-            together(carry_gradients)
-        together(self.optimiser.moves())
+        found = self.workers.gradients(chunks)
+        self.workers.together(self.optimiser.moves())
         if self.exposures is not None:
             self.exposures.step([taken.to_exposures for taken in found], factor)
         self.step += 1
@@ -185,63 +141,34 @@ class Trainer:
         image = 0.0
         for chunk, taken in zip(chunks, found, strict=True):
             self.batching.observe(len(chunk.keys), *taken.samples)
-            image += taken.image * len(chunk.keys)
+            image += taken.image * chunk.share
         return {
-            "image": image / total, "psnr": -10 * math.log10(max(image / total, 1e-12)),
-            "samples": sum(taken.samples[0] for taken in found), "rays": total,
+            "image": image, "psnr": -10 * math.log10(max(image, 1e-12)),
+            "samples": sum(taken.samples[0] for taken in found),
+            "rays": sum(len(chunk.keys) for chunk in chunks),
         }  # fmt: skip
 
     def _draw(self, sizes: list[int]) -> list[Chunk]:
-        """Random pixels for chunks of so many rays; all random numbers of a step are drawn here."""
-        chunks, first, device = [], 0, self.scene.device
+        """Chunks of so many random pixels; all random numbers of a step are drawn here."""
+        pixels, colours, device = [], [], self.scene.device
         for size in sizes:
-            pixels = self.bank.draw(size, self.generator)
-            colour = None
+            pixels.append(self.bank.draw(size, self.generator))
             if self.background == "random":
-                colour = torch.rand(size, 3, generator=self.generator).to(device)
-            chunks.append(Chunk(pixels, torch.arange(first, first + size, device=device), colour))
-            first += size
+                colours.append(torch.rand(size, 3, generator=self.generator).to(device))
+        batch = self.bank.batch(torch.cat(pixels))
+        keys = torch.arange(sum(sizes), device=device)
+        colour = torch.cat(colours) if colours else None
+        log_gain = None if self.exposures is None else self.exposures.log_gain.detach()
+        chunks = []
+        for keys_here in keys.split(sizes):
+            share = len(keys_here) / len(keys)
+            here = slice(int(keys_here[0]), int(keys_here[-1]) + 1)
+            chunks.append(Chunk(
+                RayBatch(*(values[here] for values in batch)), keys_here,
+                None if colour is None else colour[here], log_gain, share,
+                self.batching.retraced_of(share), self.step, self.fraction,
+            ))  # fmt: skip
         return chunks
-
-    def _accumulate(
-        self, scene: Scene, tables: StepTables, chunk: Chunk, fraction: float, total: int
-    ) -> Taken:
-        """Add a chunk's gradient to a worker's scene."""
-        share = len(chunk.keys) / total
-        batch = self.bank.batch(chunk.pixels)
-        settings = dataclasses.replace(
-            self.render_settings(fraction),
-            retraced_rays=self.batching.retraced_of(share),
-            diffuse_retraced_rays=round(self.settings.render.diffuse_retraced_rays * share),
-        )
-        buffers = render_rays(
-            scene, tables, settings, self.random, batch.origins, batch.directions, chunk.keys,
-            jitter=True, pixel_angle=batch.pixel_angle,
-        )  # fmt: skip
-        log_gain = None if self.exposures is None else self.exposures.cut()
-        gain = None if log_gain is None else log_gain[batch.photo].exp()
-        loss, terms = total_loss(
-            buffers, batch, self.settings.fit, self.use_masks, fraction,
-            self._behind(scene, batch, tables, chunk), gain,
-        )  # fmt: skip
-        if scene.room is not None:
-            keys = chunk.keys[: max(1, round(ROOM_DIRECTIONS * share))]
-            loss = loss + self.settings.fit.room_light_weight * room_light(
-                scene, tables, self.random, keys
-            )
-        (loss * share).backward()
-        samples = (buffers.samples, buffers.retraced, buffers.retraced_samples)
-        return Taken(terms["image"], samples, None if log_gain is None else log_gain.grad)
-
-    def _behind(self, scene: Scene, batch: RayBatch, tables: StepTables, chunk: Chunk) -> Behind:
-        rays, device = len(batch.origins), batch.origins.device
-        if self.background in SURROUNDED:
-            u = self.random.uniform(ROOM_OFFSET, chunk.keys)
-            rays_and_width = batch.origins, batch.directions, batch.pixel_angle
-            return surroundings(scene, tables, *rays_and_width, u)
-        if chunk.colour is not None:
-            return chunk.colour
-        return torch.full((rays, 3), 0.0 if self.background == "black" else 1.0).to(device)
 
     def _coarse_to_fine(self, fraction: float) -> None:
         starts = self.settings.field.size_starts

@@ -17,9 +17,11 @@ import numba
 import torch
 from torch import nn
 
-from ..render.scene import Scene
+from ..kernels.backend import gradients_in_place
+from ..render.scene import Scene, StepTables
+from .chunk import Chunk, ChunkLoss, Taken
 
-Item, Result = TypeVar("Item"), TypeVar("Result")
+Result = TypeVar("Result")
 
 TURN = 5e-4
 """seconds after which a thread that waits for Python's lock gets it; Python's own 5 ms are longer than
@@ -52,38 +54,45 @@ class Workers:
     """Threads for the chunks of a step, and a scene for each.
 
     Args:
-        scene: the first worker's; it is where gradients are gathered. count: of workers.
+        scene: the first worker's; it is where gradients are gathered. loss: of a chunk.
+        count: of workers.
     """
 
-    def __init__(self, scene: Scene, count: int):
+    def __init__(self, scene: Scene, loss: ChunkLoss, count: int = 1):
+        self.loss = loss
         self.scenes = [scene, *(sharing(scene) for _ in range(count - 1))]
         self._pool = None
         if count > 1:
             sys.setswitchinterval(min(sys.getswitchinterval(), TURN))
             self._pool = ThreadPoolExecutor(count, initializer=_one_thread)
 
-    def run(self, work: Callable[[int, Item], Result], items: list[Item]) -> list[Result]:
-        """work(worker, item) of all items; worker w takes items w, w + count, … in this order."""
+    def gradients(self, chunks: list[Chunk]) -> list[Taken]:
+        """Add the gradients of all chunks to those of the scene; worker w takes chunks w, w + count, …"""
+        tables = StepTables.of(self.scenes[0], self.together)
         count = len(self.scenes)
-        if self._pool is None or len(items) == 1:
-            return [work(0, item) for item in items]
+        copies = [tables.cut() for _ in range(count)]
+        with gradients_in_place():
+            shares = self.together(
+                [partial(self._share, worker, copies[worker], chunks[worker::count])
+                 for worker in range(count)]
+            )  # fmt: skip
+            self._gather()
+            self.together(tables.carries(copies))
+        return [shares[index % count][index // count] for index in range(len(chunks))]
 
-        def share(worker: int) -> list[Result]:
-            return [work(worker, item) for item in items[worker::count]]
+    def _share(self, worker: int, tables: StepTables, chunks: list[Chunk]) -> list[Taken]:
+        return [self.loss.accumulate(self.scenes[worker], tables, chunk) for chunk in chunks]
 
-        shares = list(self._pool.map(share, range(count)))
-        return [shares[index % count][index // count] for index in range(len(items))]
+    def _gather(self) -> None:
+        """Add all workers' gradients to the first one's, in the order of the workers, and clear them."""
+        copies = zip(*(scene.parameters() for scene in self.scenes), strict=True)
+        self.together([partial(_gather, *same) for same in copies])
 
     def together(self, calls: list[Callable[[], Result]]) -> list[Result]:
         """Results of calls that have nothing to do with each other, the longest first."""
         if self._pool is None:
             return [call() for call in calls]
         return list(self._pool.map(lambda call: call(), calls))
-
-    def gather_gradients(self) -> None:
-        """Add all workers' gradients to the first one's, in the order of the workers, and clear them."""
-        copies = zip(*(scene.parameters() for scene in self.scenes), strict=True)
-        self.together([partial(_gather, *same) for same in copies])
 
     def close(self) -> None:
         """End the threads."""
@@ -96,11 +105,11 @@ def _gather(mine: nn.Parameter, *others: nn.Parameter) -> None:
         if theirs.grad is None:
             continue
         if mine.grad is None:
-            mine.grad, theirs.grad = theirs.grad, None
+            mine.grad = theirs.grad.clone()
         else:
             mine.grad.add_(theirs.grad)
-            # Cleared and kept: a new one would have to be fetched from the system page by page.
-            theirs.grad.zero_()
+        # Not thrown away: a new one would have to be fetched from the system page by page.
+        theirs.grad.zero_()
 
 
 def _one_thread() -> None:

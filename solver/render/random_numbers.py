@@ -6,6 +6,8 @@ along its ray. So an image does not depend on how its pixels are batched, nor on
 
 from __future__ import annotations
 
+import copy
+
 import torch
 
 from ..kernels.hashing import uniform
@@ -29,6 +31,12 @@ class RandomNumbers:
         """Independent uniform numbers in [0, 1) of keys [N]: [N], or [N, columns]."""
         values = uniform(keys, self.stream(purpose), columns)
         return values[:, 0] if columns == 1 else values
+
+    def at(self, step: int) -> RandomNumbers:
+        """Those of a step."""
+        other = copy.copy(self)
+        other.step = step
+        return other
 
     def stream(self, purpose: int) -> int:
         """The hash's seed for the numbers of a purpose."""

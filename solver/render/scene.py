@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from ..field.room import Room
 from ..kernels.march import grid_transmittance, march
 from ..kernels.specular import Blockers
 from ..light.environment import EnvironmentMap, LightTables
+from .nested import mapped, tensors_of
 
 
 @dataclass(frozen=True)
@@ -197,12 +199,11 @@ def _in_turn(calls: list[Callable[[], object]]) -> list:
     return [call() for call in calls]
 
 
-@dataclass
-class StepTables:
+class StepTables(NamedTuple):
     """Lookup tables that hold for one state of the parameters; build them once a step."""
 
     light: LightTables
-    normals: object
+    normals: object  # nested tuples or lists of tensors
 
     @classmethod
     def of(cls, scene: Scene, together: Together = _in_turn) -> StepTables:
@@ -213,44 +214,23 @@ class StepTables:
         """
         return cls(*together([scene.environment.tables, scene.normal_tables]))
 
-    def cut(self, copies: int = 1) -> tuple[list[StepTables], list[Callable[[], None]]]:
-        """Copies cut off from the parameters, and calls that carry their gradients there at last.
+    def cut(self) -> StepTables:
+        """A copy cut off from the parameters, so that several backward passes share one set."""
+        return mapped(lambda value: value.detach().requires_grad_(value.requires_grad), self)
 
-        So that several backward passes of one step share one set of tables.
-        """
-        lights, carry_light = _cut(self.light, copies)
-        normals, carry_normals = _cut(self.normals, copies)
-        tables = [StepTables(*parts) for parts in zip(lights, normals, strict=True)]
-        return tables, [carry_light, carry_normals]
+    def carries(self, copies: list[StepTables]) -> list[Callable[[], None]]:
+        """Calls, independent of each other, that carry gradients of cut copies to the parameters."""
+        return [partial(_carry, *same) for same in zip(self, *copies, strict=True)]
 
 
-def _cut(tables, copies: int):
-    """Copies of nested tuples or lists of tensors as leaves of their own, and the call that carries their
-    gradients on."""
-    inner: list[list[torch.Tensor]] = []
-    outer: list[torch.Tensor] = []
-
-    def leaf(value):
-        if isinstance(value, torch.Tensor):
-            inner[-1].append(value.detach().requires_grad_(value.requires_grad))
-            if len(inner) == 1:
-                outer.append(value)
-            return inner[-1][-1]
-        parts = [leaf(part) for part in value]
-        return type(value)(*parts) if hasattr(value, "_fields") else type(value)(parts)
-
-    def carry() -> None:
-        reached, gradients = [], []
-        for value, *leaves in zip(outer, *inner, strict=True):
-            found = [leaf.grad for leaf in leaves if leaf.grad is not None]
-            if found:
-                reached.append(value)
-                gradients.append(sum(found[1:], found[0]))
-        if reached:
-            torch.autograd.backward(reached, gradients)
-
-    cut = []
-    for _ in range(copies):
-        inner.append([])
-        cut.append(leaf(tables))
-    return cut, carry
+def _carry(tables, *copies) -> None:
+    reached, gradients = [], []
+    for value, *leaves in zip(tensors_of(tables), *map(tensors_of, copies), strict=True):
+        found = [leaf.grad for leaf in leaves if leaf.grad is not None]
+        for other in found[1:]:
+            found[0].add_(other)
+        if found:
+            reached.append(value)
+            gradients.append(found[0])
+    if reached:
+        torch.autograd.backward(reached, gradients)

@@ -1,34 +1,51 @@
 """Threads with scenes that share memory: the same gradients as one alone, and one optimiser for all."""
 
+from typing import NamedTuple
+
+import pytest
 import torch
 
 from solver.fit.workers import Workers, sharing
 from tests.render.scenes import ball
 
 
-def work(workers, items):
-    """Each item's gradient: that of the density at a point, times the item."""
+class Point(NamedTuple):
+    """A chunk that is one point."""
 
-    def one(worker, item):
-        scene = workers.scenes[worker]
-        value = item * scene.field.raw_density(torch.full((1, 3), 0.1 * item)).sum()
-        value.backward()
-        return float(value)
+    at: float
 
-    return workers.run(one, items)
+
+class DensityThere:
+    """A loss: the raw density at each point, times how far along it is; and a little of the light."""
+
+    def accumulate(self, scene, tables, chunk):
+        there = torch.full((1, 3), 0.1 * chunk.at)
+        value = chunk.at * scene.field.raw_density(there).sum()
+        normals = scene.field.normals(there, tables.normals)
+        (value + normals.sum() + chunk.at * tables.light.irradiance.sum()).backward()
+        return float(value.detach())
+
+
+def points(count):
+    return [Point(float(n)) for n in range(1, count + 1)]
+
+
+def gradients_of(scene):
+    return [p.grad for p in scene.parameters() if p.grad is not None and p.grad.any()]
 
 
 def test_gradients_and_results_do_not_depend_on_the_number_of_workers():
     results, gradients = [], []
     for count in (1, 2, 3):
-        workers = Workers(ball(), count)
-        results.append(work(workers, [1, 2, 3, 4, 5]))
-        workers.gather_gradients()
-        gradients.append(workers.scenes[0].field.density_planes.grad)
+        workers = Workers(ball(), DensityThere(), count)
+        results.append(workers.gradients(points(5)))
+        gradients.append(gradients_of(workers.scenes[0]))
         others = [p.grad for scene in workers.scenes[1:] for p in scene.parameters()]
         assert all(grad is None or not grad.any() for grad in others)
         workers.close()
     assert results[0] == results[1] == results[2]
+    # Planes and lines of the density, and the light.
+    assert len(gradients[0]) == 3
     for other in gradients[1:]:
         torch.testing.assert_close(other, gradients[0])
 
@@ -46,36 +63,29 @@ def test_a_sharing_scene_sees_every_change_but_has_its_own_gradients():
     assert other.environment is not scene.environment
 
 
-def test_gathered_twice_each_gradient_counts_once():
-    workers = Workers(ball(), 2)
+def test_over_two_steps_each_gradient_counts_once():
+    workers, alone = Workers(ball(), DensityThere(), 2), Workers(ball(), DensityThere(), 1)
     for _ in range(2):
-        work(workers, [1, 2])
-        workers.gather_gradients()
-        workers.gather_gradients()
-    twice = workers.scenes[0].field.density_planes.grad
-    once = Workers(ball(), 1)
-    work(once, [1, 2])
-    torch.testing.assert_close(twice, 2 * once.scenes[0].field.density_planes.grad)
+        workers.gradients(points(2))
+    alone.gradients(points(2))
+    twice, once = gradients_of(workers.scenes[0]), gradients_of(alone.scenes[0])
+    torch.testing.assert_close(twice, [2 * gradient for gradient in once])
     workers.close()
 
 
 def test_calls_made_together_give_their_results_in_order():
     for count in (1, 2):
-        workers = Workers(ball(), count)
+        workers = Workers(ball(), DensityThere(), count)
         assert workers.together([lambda i=i: i * i for i in range(5)]) == [0, 1, 4, 9, 16]
         workers.close()
 
 
 def test_a_workers_error_reaches_the_caller():
-    workers = Workers(ball(), 2)
+    class Failing:
+        def accumulate(self, scene, tables, chunk):
+            raise ValueError(f"chunk {chunk.at}")
 
-    def fail(worker, item):
-        raise ValueError(f"item {item}")
-
-    try:
-        workers.run(fail, [1, 2])
-    except ValueError as error:
-        assert "item" in str(error)
-    else:
-        raise AssertionError("no error")
+    workers = Workers(ball(), Failing(), 2)
+    with pytest.raises(ValueError, match="chunk"):
+        workers.gradients(points(2))
     workers.close()

@@ -1,0 +1,113 @@
+"""A chunk of a step: from its rays to the gradients they have for a scene and its tables."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+
+from ..render.radiance import render_rays
+from ..render.random_numbers import ROOM_OFFSET, RandomNumbers
+from ..render.scene import RenderSettings, Scene, StepTables
+from ..render.surroundings import surroundings
+from .losses import Behind, room_light, total_loss
+from .presets import Settings, emission_share, neural_share
+from .ray_bank import RayBatch
+
+SURROUNDED = ("environment", "room")
+"""backgrounds that the scene itself has; photos before them are seen with their surroundings"""
+ROOM_DIRECTIONS = 256
+"""directions a step in which the light is held to the room"""
+
+
+class Chunk(NamedTuple):
+    """What a worker does at once."""
+
+    batch: RayBatch
+    keys: torch.Tensor  # [R] long, for random numbers
+    colour: torch.Tensor | None  # [R, 3] sRGB behind the object, where it is random
+    log_gain: (
+        torch.Tensor | None
+    )  # [P, C] logarithms of the photos' exposures, where they are found
+    share: float  # of the step's rays
+    retraced: int  # secondary rays to be traced through the field
+    step: int
+    fraction: float  # of the fit done
+
+
+class Taken(NamedTuple):
+    """What came of a chunk, next to gradients."""
+
+    image: float  # its image loss
+    samples: tuple[int, int, int]  # density samples, retraced rays, their samples
+    to_exposures: torch.Tensor | None  # [P, C] gradient of the photos' log gains
+
+
+@dataclass(frozen=True)
+class ChunkLoss:
+    """The loss of chunks; what it knows stays the same over a fit.
+
+    Attributes: see `Trainer`.
+    """
+
+    settings: Settings
+    random: RandomNumbers
+    use_masks: bool
+    background: str
+    fog: bool
+
+    def render_settings(self, fraction: float) -> RenderSettings:
+        """Render settings at a fraction of the fit: g is blended out (see `FitSettings`)."""
+        fit = self.settings.fit
+        return dataclasses.replace(
+            self.settings.render,
+            neural=neural_share(fit, fraction),
+            neighbour_distance=fit.neighbour_distance, emission=self.emission(fraction),
+        )  # fmt: skip
+
+    def emission(self, fraction: float) -> float:
+        """Share of emission at a fraction of the fit."""
+        return emission_share(self.settings.fit, fraction) if self.fog else 0.0
+
+    def accumulate(self, scene: Scene, tables: StepTables, chunk: Chunk) -> Taken:
+        """Add the gradients of a chunk's share of the loss to those of scene and tables."""
+        batch, share, fit = chunk.batch, chunk.share, self.settings.fit
+        random = self.random.at(chunk.step)
+        settings = dataclasses.replace(
+            self.render_settings(chunk.fraction),
+            retraced_rays=chunk.retraced,
+            diffuse_retraced_rays=round(self.settings.render.diffuse_retraced_rays * share),
+        )
+        buffers = render_rays(
+            scene, tables, settings, random, batch.origins, batch.directions, chunk.keys,
+            jitter=True, pixel_angle=batch.pixel_angle,
+        )  # fmt: skip
+        log_gain = gain = None
+        if chunk.log_gain is not None:
+            log_gain = chunk.log_gain.clone().requires_grad_()
+            gain = log_gain[batch.photo].exp()
+        loss, terms = total_loss(
+            buffers, batch, fit, self.use_masks, chunk.fraction,
+            self._behind(scene, tables, random, chunk), gain,
+        )  # fmt: skip
+        if scene.room is not None:
+            keys = chunk.keys[: max(1, round(ROOM_DIRECTIONS * share))]
+            loss = loss + fit.room_light_weight * room_light(scene, tables, random, keys)
+        (loss * share).backward()
+        samples = (buffers.samples, buffers.retraced, buffers.retraced_samples)
+        return Taken(terms["image"], samples, None if log_gain is None else log_gain.grad)
+
+    def _behind(
+        self, scene: Scene, tables: StepTables, random: RandomNumbers, chunk: Chunk
+    ) -> Behind:
+        batch = chunk.batch
+        if self.background in SURROUNDED:
+            u = random.uniform(ROOM_OFFSET, chunk.keys)
+            return surroundings(
+                scene, tables, batch.origins, batch.directions, batch.pixel_angle, u
+            )
+        if chunk.colour is not None:
+            return chunk.colour
+        return batch.colour.new_full((len(batch.colour), 3), float(self.background != "black"))
