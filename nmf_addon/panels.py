@@ -12,7 +12,8 @@ from .jobs.model import JobModel, clock
 from .jobs.monitor import monitor
 from .jobs.side_task import side_task
 from .scene.cameras import photo_of
-from .scene.capture_collection import FINDINGS, active_capture, region_box
+from .scene.capture_collection import FINDINGS, active_capture, masked_box
+from .scene.region import region_box
 
 UNIT = 20  # pixels of a button's height at a resolution scale of 1
 ERROR_LINES = 3
@@ -63,7 +64,10 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
         if region_box(collection) is None:
             layout.operator("nmf.add_region_box", icon="CUBE")
         else:
-            layout.label(text="Region box: fit it to the object", icon="CUBE")
+            row = layout.row(align=True)
+            row.label(text="Region box: fit it to the object", icon="CUBE")
+            if masked_box(collection) is not None:
+                row.operator("nmf.fit_region_box", text="", icon="MOD_MASK")
         row = layout.row(align=True)
         row.operator("nmf.set_scale", icon="DRIVER_DISTANCE")
         row.operator("nmf.check_capture", icon="VIEWZOOM")

@@ -13,6 +13,7 @@ from ..nmf_addon.jobs.create import create_job
 from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
 from ..nmf_addon.runtime import RuntimeMissing, solver_python
 from ..nmf_addon.scene.capture_collection import FINDINGS, active_capture
+from ..nmf_addon.scene.region import is_as_placed, region_box
 from ..solver.capture.errors import CaptureError
 from ..solver.job.folder import JobError
 
@@ -43,6 +44,10 @@ class NMF_OT_check_capture(bpy.types.Operator):
             found = bpy.data.collections.get(name)
             if found is not None:
                 found[FINDINGS] = json.dumps(report)
+                box = region_box(found)
+                if report.get("box") and box is not None and is_as_placed(box):
+                    # True: an operator called from Python makes no undo step of its own accord.
+                    bpy.ops.nmf.fit_region_box("EXEC_DEFAULT", True, collection=name)
             count = sum(finding["level"] == "warning" for finding in report["findings"])
             plural = "" if count == 1 else "s"
             task.model.text = f"Check: {count or 'no'} warning{plural}"

@@ -1,10 +1,15 @@
-"""The region box."""
+"""The region box: add one, fit it to what masks show."""
 
 from __future__ import annotations
 
 import bpy
 
-from ..nmf_addon.scene.capture_collection import active_capture, add_region_box
+from ..nmf_addon.scene.capture_collection import (
+    active_capture,
+    add_region_box,
+    fit_region_box,
+    masked_box,
+)
 from ..solver.capture.errors import CaptureError
 
 
@@ -31,4 +36,29 @@ class NMF_OT_add_region_box(bpy.types.Operator):
         return {"FINISHED"}
 
 
-classes = (NMF_OT_add_region_box,)
+class NMF_OT_fit_region_box(bpy.types.Operator):
+    """Fit the region box to where all photos' masks show the object"""
+
+    bl_idname = "nmf.fit_region_box"
+    bl_label = "Fit Box to Masks"
+    bl_options = {"REGISTER", "UNDO"}
+
+    collection: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """With a capture."""
+        cls.poll_message_set("Import a capture first")
+        return active_capture(context) is not None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Move the box."""
+        collection = bpy.data.collections.get(self.collection) or active_capture(context)
+        if masked_box(collection) is None:
+            self.report({"ERROR"}, "Press Check Capture first, with photos that have masks.")
+            return {"CANCELLED"}
+        fit_region_box(collection)
+        return {"FINISHED"}
+
+
+classes = (NMF_OT_add_region_box, NMF_OT_fit_region_box)

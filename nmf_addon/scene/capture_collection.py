@@ -6,6 +6,7 @@ collection is the truth the solver is started from.
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import bpy
@@ -20,8 +21,9 @@ from ...solver.capture.placement import placed, suggest_placement
 from ...solver.capture.read import read_capture
 from .background import is_distorted, undistorted_copy
 from .cameras import add_camera, photo_of, to_solver
+from .region import new_region_box, place_box, region_box
 
-SOURCE, ROOT, REGION, WARNINGS = "nmf_source", "nmf_root", "nmf_region", "nmf_warnings"
+SOURCE, ROOT, WARNINGS = "nmf_source", "nmf_root", "nmf_warnings"
 FILE_TO_CAPTURE, FINDINGS = "nmf_file_to_capture", "nmf_findings"
 MOST_POINTS = 200_000
 
@@ -81,7 +83,7 @@ def _add_capture(
     progress.progress_end()
     if capture.points is not None:
         _add_points(collection, capture.points, root)
-    _new_box(collection, capture.region, root)
+    new_region_box(collection, capture.region, root)
     first = next(item for item in collection.objects if item.type == "CAMERA")
     if context.scene.camera is None:
         context.scene.camera = first
@@ -180,25 +182,7 @@ def add_region_box(
         return existing
     matrix = to_capture_space(collection)
     cameras = [to_solver(item, matrix) for item in _photo_cameras(collection)]
-    return _new_box(collection, region_seen_by(cameras), root_of(collection))
-
-
-def _new_box(
-    collection: bpy.types.Collection, region: np.ndarray, root: bpy.types.Object | None
-) -> bpy.types.Object:
-    low, high = region
-    box = bpy.data.objects.new(f"{collection.name} Region", None)
-    box[REGION] = True
-    box.empty_display_type, box.empty_display_size = "CUBE", 1.0
-    box.location, box.scale = (low + high) / 2, (high - low) / 2
-    box.parent = root
-    collection.objects.link(box)
-    return box
-
-
-def region_box(collection: bpy.types.Collection) -> bpy.types.Object | None:
-    """The collection's region box."""
-    return next((item for item in collection.all_objects if item.get(REGION)), None)
+    return new_region_box(collection, region_seen_by(cameras), root_of(collection))
 
 
 def region_of(collection: bpy.types.Collection) -> dict[str, list[float]] | None:
@@ -212,6 +196,26 @@ def region_of(collection: bpy.types.Collection) -> dict[str, list[float]] | None
     corners = np.array(np.meshgrid(*[(-size, size)] * 3)).reshape(3, -1)
     points = matrix[:3, :3] @ corners + matrix[:3, 3:]
     return {"min": points.min(1).tolist(), "max": points.max(1).tolist()}
+
+
+def masked_box(collection: bpy.types.Collection) -> np.ndarray | None:
+    """Where masks show the object, in capture space [2, 3], as the last check of the capture found it."""
+    try:
+        box = json.loads(collection.get(FINDINGS, "{}")).get("box")
+        return None if box is None else np.array([box["min"], box["max"]], dtype=np.float64)
+    except (ValueError, KeyError, AttributeError):
+        return None
+
+
+def fit_region_box(collection: bpy.types.Collection) -> bpy.types.Object | None:
+    """Move the region box to where masks show the object, or make one there; None if none do."""
+    region, box = masked_box(collection), region_box(collection)
+    if region is None:
+        return None
+    if box is None:
+        return new_region_box(collection, region, root_of(collection))
+    place_box(box, region)
+    return box
 
 
 def _photo_cameras(collection: bpy.types.Collection) -> list[bpy.types.Object]:

@@ -26,7 +26,7 @@ from .presets import Settings
 from .ray_bank import RayBank
 from .seen_space import cell_centres, nearest_distance, seen_cells, seen_points, walked_through
 from .trainer import Trainer
-from .visual_hull import bounding_box, carve, signed_distance, start_from_hull
+from .visual_hull import SEEN_BY, bounding_box, carve, signed_distance, start_from_hull
 
 COARSE_HULL_CELLS = 96
 SEEN_CELLS = 64
@@ -91,7 +91,7 @@ def new_trainer(
         density_shift=THIN_FOG if clear_start else HAZE,
     )  # fmt: skip
     if use_hull:
-        hull = carve(cameras, photos, cube.box, shape.hull_cells)
+        hull = carve(cameras, masks_of(photos), cube.box, shape.hull_cells)
         distance = torch.from_numpy(signed_distance(hull)) * (2 * cube.half_size / hull.shape[0])
         start_from_hull(field, distance, shape.hull_slope / cube.half_size, -12.0, 12.0)
     room = None
@@ -142,6 +142,11 @@ def take_decoder(scene: Scene, job: Path, device: str) -> None:
             f"Setting 'fit.decoder': the decoder of {job} has another shape; choose the same "
             "field.feature_size and field.feature_components."
         ) from error
+
+
+def masks_of(photos: list[Photo]) -> list[np.ndarray]:
+    """Booleans [H, W]: where each photo shows the object."""
+    return [photo.pixels[..., 3] > 0.5 for photo in photos]
 
 
 def uses_masks(photos: list[Photo], settings: Settings) -> bool:
@@ -197,7 +202,7 @@ def background_of(photos: list[Photo], wanted: str = "auto") -> str:
 
 def _object_cube(capture: Capture, photos: list[Photo], box: np.ndarray, margin: float) -> Region:
     """The cube around the visual hull within `box`."""
-    hull = carve(list(capture.cameras), photos, box, COARSE_HULL_CELLS)
+    hull = carve(list(capture.cameras), masks_of(photos), box, COARSE_HULL_CELLS, SEEN_BY)
     if not hull.any():
         raise CaptureError(
             capture.source, "alpha", "no point in the region lies inside the masks of all photos",

@@ -8,33 +8,42 @@ import torch
 import torch.nn.functional as F
 
 from ..capture.camera import Camera
-from ..capture.photos import Photo
 from ..field.field import MicrofacetField
 from ..kernels.vm_torch import LINE_AXES, PLANE_AXES
 from .seen_space import cell_centres
 
+SEEN_BY = 0.2
+"""share of the photos that see any part of the object. What stands before a camera, so that the others
+don't see it, lies inside all their masks, as it were"""
+
 
 def carve(
-    cameras: list[Camera], photos: list[Photo], region: np.ndarray, cells: int,
-    threshold: float = 0.5,
+    cameras: list[Camera], masks: list[np.ndarray], region: np.ndarray, cells: int,
+    fewest: float = 0.0,
 ) -> np.ndarray:  # fmt: skip
-    """Boolean grid [K, K, K] of cell centres of `region` [2, 3] that no photo shows as background.
+    """Boolean grid [K, K, K] of cell centres of `region` [2, 3] that no mask shows as background.
 
     A cell outside a photo's frame is not carved by it. Laurentini 1994, doi:10.1109/34.273735.
+
+    Args:
+        masks: booleans [H, W] of the whole frame, of any size.
+        fewest: share of the photos in whose frame a cell has to be.
     """
     points = cell_centres(region, cells)
     alive = np.arange(len(points))
-    for camera, photo in zip(cameras, photos, strict=True):
+    times_seen = np.zeros(len(points), dtype=np.int32)
+    for camera, mask in zip(cameras, masks, strict=True):
+        height, width = mask.shape
         pixel, depth = camera.project(points[alive])
-        column = np.floor(np.nan_to_num(pixel[:, 0], nan=-1.0)).clip(-1, camera.width)
-        row = np.floor(np.nan_to_num(pixel[:, 1], nan=-1.0)).clip(-1, camera.height)
-        seen = (depth > 0) & (column >= 0) & (column < camera.width)
-        seen &= (row >= 0) & (row < camera.height)
+        pixel = np.nan_to_num(pixel, nan=-1.0) * (width / camera.width, height / camera.height)
+        column, row = np.floor(pixel).clip(-1, (width, height)).T
+        seen = (depth > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        times_seen[alive] += seen
         covered = np.ones(len(alive), dtype=bool)
-        covered[seen] = photo.pixels[row[seen].astype(int), column[seen].astype(int), 3] > threshold
+        covered[seen] = mask[row[seen].astype(int), column[seen].astype(int)]
         alive = alive[covered]
     hull = np.zeros(len(points), dtype=bool)
-    hull[alive] = True
+    hull[alive] = times_seen[alive] >= fewest * len(cameras)
     return hull.reshape(cells, cells, cells)
 
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..capture.capture import Capture
 from ..fit.presets import settings_for
 from . import photos
+from .bounds import nothing_in_common, object_box
 from .coverage import coverage
 from .estimate import Estimate, estimate
 from .findings import Finding, note, warning
@@ -16,16 +19,22 @@ from .looks import look_at_photos
 
 @dataclass(frozen=True)
 class Report:
-    """What a check found; warnings first."""
+    """What a check found; warnings first. `box` [2, 3] is where masks show the object, in the capture's
+    world; None without them."""
 
     findings: tuple[Finding, ...]
     estimate: Estimate
+    box: np.ndarray | None
 
     def as_json(self) -> dict:
-        """{"findings": [{"level", "photo", "text"}], "estimate": {…}}."""
+        """{"findings": [{"level", "photo", "text"}], "estimate": {…}, "box": {"min", "max"} or null}."""
+        box = None
+        if self.box is not None:
+            box = dict(zip(("min", "max"), self.box.tolist(), strict=True))
         return {
             "findings": [vars(finding) for finding in self.findings],
             "estimate": self.estimate.as_json(),
+            "box": box,
         }
 
 
@@ -46,10 +55,12 @@ def check(
     found = [note(text) for text in capture.warnings]
     found += photos.blur(looks) + photos.exposure(looks) + photos.duplicates(looks)
     found += photos.masks(looks) + photos.size(looks, capture, cells) + coverage(capture)
+    box = object_box(capture, looks)
+    found += nothing_in_common(looks, box)
     if told.memory is not None and told.bytes > 0.8 * told.memory:
         found.append(
             warning(f"the fit will need about {told.bytes / 1e9:.0f} GB of this machine's "
                     f"{told.memory / 1e9:.0f}; make the photos smaller")
         )  # fmt: skip
     found.sort(key=lambda finding: finding.level != "warning")
-    return Report(tuple(found), told)
+    return Report(tuple(found), told, box)

@@ -46,6 +46,9 @@ def run_check(options: argparse.Namespace) -> int:
         return DONE
     for finding in report.findings:
         print(finding.line())
+    if report.box is not None:
+        low, high = (" ".join(f"{value:.6g}" for value in corner) for corner in report.box)
+        print(f"box: masks show the object between {low} and {high}")
     print(report.estimate.line())
     return DONE
 

@@ -38,6 +38,7 @@ class Look:
         cut: share of the frame's border that the mask shows; 0 without.
         across: pixels of the photo that the mask's box measures, its longer side; None without.
         thumbnail: [32, 32, 3] int16.
+        mask: [H, W] bool, reduced; None without.
     """
 
     camera: Camera
@@ -49,6 +50,7 @@ class Look:
     cut: float
     across: float | None
     thumbnail: np.ndarray
+    mask: np.ndarray | None = None
 
     @property
     def name(self) -> str:
@@ -88,7 +90,8 @@ def look_at(camera: Camera, region: np.ndarray) -> Look:
     scale = camera.width / width
     inside = np.zeros((height, width), bool)
     inside[frame_of(camera, region, scale, (height, width))] = True
-    coverage, cut, across, white = None, 0.0, None, _border_share((colour >= 250).all(axis=-1))
+    white = _border_share((colour >= 250).all(axis=-1))
+    shown, coverage, cut, across = None, None, 0.0, None
     if alpha is not None:
         shown = alpha > 127
         coverage, cut = float(shown.mean()), _border_share(shown)
@@ -107,7 +110,7 @@ def look_at(camera: Camera, region: np.ndarray) -> Look:
     return Look(
         camera, sharpness_of(colour, inside), float((pixels >= 254).any(axis=-1).mean()),
         _middle_stops(values), white, coverage, cut, across,
-        np.asarray(thumbnail).astype(np.int16),
+        np.asarray(thumbnail).astype(np.int16), shown,
     )  # fmt: skip
 
 

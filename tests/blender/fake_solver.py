@@ -213,7 +213,8 @@ def check(job: Path) -> int:
     ]
     print("a library's banner")
     estimate = {"text": "about 5 minutes and 1.6 GB", "seconds": 300.0}
-    print(json.dumps({"findings": findings, "estimate": estimate}))
+    box = {"min": [-0.5, -0.25, 0.0], "max": [0.5, 0.25, 1.0]}
+    print(json.dumps({"findings": findings, "estimate": estimate, "box": box}))
     return 0
 
 

@@ -94,7 +94,7 @@ def test_a_broken_capture_changes_nothing(extension, tmp_path):
 def test_the_region_box_is_read_in_capture_space(extension, duck):
     scene = extension("scene.capture_collection")
     collection = scene.import_capture(bpy.context, duck)
-    bpy.data.objects.remove(scene.region_box(collection))
+    bpy.data.objects.remove(extension("scene.region").region_box(collection))
     assert scene.region_of(collection) is None
     box = scene.add_region_box(bpy.context, collection)
     box.location, box.scale = (0.5, 0, 0), (1, 2, 3)

@@ -5,6 +5,7 @@ import time
 
 import bpy
 import fake_capture
+import numpy as np
 import pytest
 
 
@@ -90,6 +91,36 @@ def test_findings_of_a_check_stay_with_the_capture_and_show_in_its_panel(
     assert report["findings"][0]["photo"] == "r_0"
     assert [f["level"] for f in report["findings"]] == ["warning", "note"]
     assert bpy.context.scene.nmf.job == "", "a check is no job"
+
+
+def test_a_check_fits_the_region_box_to_the_masks_unless_somebody_has_moved_it(
+    extension, task, capture, fake_solver
+):
+    region = extension("scene.region")
+    shown = [[-0.5, -0.25, 0.0], [0.5, 0.25, 1.0]]
+    box = region.region_box(capture)
+    bpy.ops.nmf.check_capture()
+    task.finish()
+    np.testing.assert_allclose(box.location, np.mean(shown, 0), atol=1e-6)
+    np.testing.assert_allclose(box.scale, (0.5, 0.25, 0.5), atol=1e-6)
+    box.location.x += 0.1
+    moved = list(box.location)
+    bpy.ops.nmf.check_capture()
+    task.finish()
+    assert list(box.location) == moved
+    assert bpy.ops.nmf.fit_region_box() == {"FINISHED"}
+    np.testing.assert_allclose(box.location, np.mean(shown, 0), atol=1e-6)
+    bpy.data.objects.remove(box)
+    bpy.ops.nmf.fit_region_box()
+    found = extension("scene.capture_collection").region_of(capture)
+    np.testing.assert_allclose([found["min"], found["max"]], shown, atol=1e-6)
+
+
+def test_without_masks_there_is_nothing_to_fit_the_box_to(extension, capture):
+    with pytest.raises(
+        RuntimeError, match="Press Check Capture first, with photos that have masks"
+    ):
+        bpy.ops.nmf.fit_region_box()
 
 
 def test_the_task_ends_with_the_extension(extension, task, photos, fake_solver, package):

@@ -15,7 +15,7 @@ from solver.fit.errors import SettingsError
 from solver.fit.losses import photometric
 from solver.fit.presets import PRESETS, Settings, neural_share, settings_for, smoothing_width
 from solver.fit.ray_bank import RayBank, RayBatch
-from solver.fit.start import background_of, new_trainer, trainer_for
+from solver.fit.start import background_of, masks_of, new_trainer, trainer_for
 from solver.fit.visual_hull import bounding_box, carve, signed_distance
 from solver.job.folder import JobError
 from tests.capture.test_capture import pose
@@ -57,7 +57,7 @@ def trained(steps=0, seed=0):
 
 def test_the_visual_hull_of_a_ball_holds_the_ball_and_little_more():
     capture, photos = ball_capture(24)
-    hull = carve(list(capture.cameras), photos, capture.region, 40)
+    hull = carve(list(capture.cameras), masks_of(photos), capture.region, 40)
     ticks = (np.arange(40) + 0.5) / 20 - 1
     distance = np.linalg.norm(
         np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), -1), axis=-1

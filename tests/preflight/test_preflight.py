@@ -24,6 +24,7 @@ from solver.fit.errors import SettingsError
 from solver.fit.presets import settings_for
 from solver.fit.ray_bank import RayBank
 from solver.preflight import photos as checks
+from solver.preflight.bounds import object_box
 from solver.preflight.check import check
 from solver.preflight.coverage import coverage, coverage_of, side_of
 from solver.preflight.estimate import (
@@ -35,7 +36,7 @@ from solver.preflight.estimate import (
     usable_cores,
 )  # fmt: skip
 from solver.preflight.looks import look_at_photos
-from tests.cameras.box_scene import BoxScene, box_camera, look_at
+from tests.cameras.box_scene import HALF, BoxScene, box_camera, look_at
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -215,6 +216,26 @@ def test_mask_files_count_as_masks(pictures, tmp_path):
     looks = look_at_photos(write(tmp_path, pictures, masked=False))
     for look, (_, mask) in zip(looks, shots, strict=True):
         assert look.coverage == pytest.approx(mask.mean(), abs=0.01)
+
+
+def test_masks_show_where_the_object_is_even_in_a_region_that_is_far_too_large(pictures, tmp_path):
+    capture = write(tmp_path, pictures)
+    truth = np.array([-HALF, HALF]) + [0, 0, HALF[2]]
+    for region in (capture.region, np.array([[-2.2] * 3, [2.0] * 3])):
+        capture = replace(capture, region=region)
+        box = object_box(capture, look_at_photos(capture))
+        # A hull is larger than what it holds where no camera looks from below or right above.
+        assert (box[0] < truth[0]).all() and (box[1] > truth[1]).all()
+        assert (box[0] > truth[0] - 0.45).all() and (box[1] < truth[1] + 0.45).all()
+
+
+def test_masks_with_nothing_in_common_are_told_before_the_fit_fails(pictures, tmp_path):
+    def aside(colour, mask):
+        return colour, np.roll(np.where(mask, True, False), mask.shape[1] // 2, axis=1)
+
+    report = check(write(tmp_path, pictures, only(at3=aside)))
+    assert report.box is None and report.as_json()["box"] is None
+    assert any("inside the masks of all photos" in f.text for f in warnings(report.findings))
 
 
 def capture_at(poses, **changes):

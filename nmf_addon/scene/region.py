@@ -1,0 +1,43 @@
+"""The region box: an empty cube that says where the object is, for the person to move and scale."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+REGION, PLACED = "nmf_region", "nmf_placed"
+
+
+def new_region_box(
+    collection: bpy.types.Collection, region: np.ndarray, root: bpy.types.Object | None
+) -> bpy.types.Object:
+    """A box of capture space [2, 3] in a collection, under the capture's empty."""
+    box = bpy.data.objects.new(f"{collection.name} Region", None)
+    box[REGION] = True
+    box.empty_display_type, box.empty_display_size = "CUBE", 1.0
+    box.parent = root
+    collection.objects.link(box)
+    place_box(box, region)
+    return box
+
+
+def place_box(box: bpy.types.Object, region: np.ndarray) -> None:
+    """Move a box to a region of capture space [2, 3], and remember that nobody has moved it since."""
+    low, high = np.asarray(region, dtype=np.float64)
+    box.rotation_euler = (0.0, 0.0, 0.0)
+    box.location, box.scale = (low + high) / 2, (high - low) / 2 / box.empty_display_size
+    box[PLACED] = _state(box)
+
+
+def is_as_placed(box: bpy.types.Object) -> bool:
+    """True if nobody has moved, turned or scaled the box since it was placed."""
+    return np.allclose(list(box.get(PLACED, ())) or np.nan, _state(box), rtol=1e-6, atol=0)
+
+
+def region_box(collection: bpy.types.Collection) -> bpy.types.Object | None:
+    """The collection's region box."""
+    return next((item for item in collection.all_objects if item.get(REGION)), None)
+
+
+def _state(box: bpy.types.Object) -> list[float]:
+    return [*box.location, *box.rotation_euler, *box.scale]
