@@ -148,6 +148,25 @@ def root_of(collection: bpy.types.Collection) -> bpy.types.Object | None:
     return next((item for item in collection.all_objects if item.get(ROOT)), None)
 
 
+def file_placement(
+    collection: bpy.types.Collection, capture: Path, origin: np.ndarray
+) -> Matrix | None:
+    """From coordinates of the capture's file, counted from `origin` [3], to capture space.
+
+    None if the collection was not imported from the file (or folder) `capture`.
+    """
+    root, source = root_of(collection), collection.get(SOURCE)
+    if root is None or not source or FILE_TO_CAPTURE not in root:
+        return None
+    file = Path(source).resolve()
+    if capture.resolve() not in (file, *file.parents):
+        return None
+    # In double precision: both may be far away.
+    matrix = np.array(root[FILE_TO_CAPTURE], dtype=np.float64).reshape(4, 4)
+    matrix[:3, 3] += matrix[:3, :3] @ origin
+    return Matrix(matrix)
+
+
 def to_capture_space(collection: bpy.types.Collection) -> Matrix:
     """World to capture space."""
     root = root_of(collection)

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from mathutils import Matrix
 
 from ...solver.job.folder import JobError, JobFolder
-from .capture_collection import root_of
+from .capture_collection import file_placement, root_of
 from .material import build_material
 from .world import build_world
 
@@ -57,10 +58,17 @@ def install_result(
     mesh.materials.append(material)
     item = bpy.data.objects.new(name, mesh)
     item[JOB] = str(job.root)
-    (collection or context.scene.collection).objects.link(item)
-    root = None if collection is None else root_of(collection)
-    item.parent = root
-    world = build_world(f"{name} light", folder / manifest["environment"]["file"], root)
+    home = collection or context.scene.collection
+    home.objects.link(item)
+    parent = None if collection is None else root_of(collection)
+    matrix = None if collection is None else _from_file(job, manifest, collection)
+    if matrix is not None:
+        frame = bpy.data.objects.new(f"{name} Frame", None)
+        frame.empty_display_type, frame.parent, frame.matrix_local = "ARROWS", parent, matrix
+        home.objects.link(frame)
+        parent = frame
+    item.parent = parent
+    world = build_world(f"{name} light", folder / manifest["environment"]["file"], parent)
     if context.scene.world is not None:
         context.scene.world.use_fake_user = True
     context.scene.world = world
@@ -70,6 +78,17 @@ def install_result(
         item.select_set(True)
         context.view_layer.objects.active = item
     return InstalledAsset(item, material, world, manifest)
+
+
+def _from_file(job: JobFolder, manifest: dict, collection: bpy.types.Collection) -> Matrix | None:
+    """Where in the capture's space the coordinates of a result are that was made from the capture's own
+    file, outside Blender; None if it was made from the capture as it stands here."""
+    try:
+        capture = JobFolder.open(job.root).request.capture
+    except JobError:
+        return None
+    origin = manifest.get("origin", (0.0, 0.0, 0.0))
+    return file_placement(collection, Path(capture), np.asarray(origin, dtype=np.float64))
 
 
 def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

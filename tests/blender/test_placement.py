@@ -126,6 +126,42 @@ def test_the_recovered_light_turns_with_the_capture(extension, capture, result_j
     assert turned.inputs["Rotation"].default_value[2] == pytest.approx(math.pi / 2, abs=1e-5)
 
 
+def test_a_result_made_from_the_captures_file_stands_where_its_cameras_do(
+    extension, result_job, tmp_path
+):
+    """A job of the command line is in the file's coordinates; here they are turned, scaled and moved."""
+    scene, install = extension("scene.capture_collection"), extension("scene.install")
+    origin = np.array([412345.0, 5212345.0, 120.0])
+    path = fake_capture.write_capture(tmp_path / "photos")
+    collection = scene.import_capture(bpy.context, path)
+    root = scene.root_of(collection)
+    placed = np.eye(4)
+    placed[:3, :3] = 0.4 * np.array(Matrix.Rotation(0.7, 3, "Y"))
+    placed[:3, 3] = -placed[:3, :3] @ (origin + (1.0, 2.0, 3.0))
+    root[scene.FILE_TO_CAPTURE] = placed.ravel().tolist()
+    root.location = (0.0, 0.0, 2.0)
+    edit(result_job / "job.json", lambda job: job.update(capture=str(path.parent)))
+    edit(result_job / "result" / "manifest.json", lambda m: m.update(origin=origin.tolist()))
+    asset = install.install_result(bpy.context, result_job, collection)
+    bpy.context.view_layer.update()
+    corner = np.array(asset.object.data.vertices[0].co, dtype=np.float64)
+    expected = (placed @ [*(origin + corner), 1.0])[:3] + (0.0, 0.0, 2.0)
+    shown = asset.object.matrix_world @ asset.object.data.vertices[0].co
+    np.testing.assert_allclose(shown, expected, atol=1e-5)
+    mapping = next(n for n in asset.world.node_tree.nodes if n.type == "MAPPING")
+    evaluated = asset.world.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    turn = Euler(evaluated.node_tree.nodes[mapping.name].inputs["Rotation"].default_value)
+    np.testing.assert_allclose(turn.to_matrix(), placed[:3, :3] / 0.4, atol=1e-4)
+
+
+def test_a_result_of_cameras_as_they_stand_in_blender_needs_no_frame(
+    extension, capture, result_job
+):
+    install = extension("scene.install")
+    asset = install.install_result(bpy.context, result_job, capture)
+    assert asset.object.parent == extension("scene.capture_collection").root_of(capture)
+
+
 def two_empties(first, second):
     for item in bpy.context.view_layer.objects.selected:
         item.select_set(False)
