@@ -27,8 +27,10 @@ from benchmarks.machine import describe_machine  # noqa: E402
 from benchmarks.plots import line_charts  # noqa: E402
 from solver.capture.photos import load_photos, read_exr  # noqa: E402
 from solver.capture.read import read_capture  # noqa: E402
-from solver.fit.presets import Settings, picture_settings, settings_for  # noqa: E402
+from solver.fit.presets import settings_for  # noqa: E402
 from solver.fit.preview import display, over_white  # noqa: E402
+from solver.fit.schedule import picture_settings  # noqa: E402
+from solver.fit.settings import Settings  # noqa: E402
 from solver.fit.start import new_trainer  # noqa: E402
 from solver.fit.trainer import Trainer  # noqa: E402
 from solver.kernels.warm_up import compile_kernels  # noqa: E402

@@ -5,7 +5,7 @@ Early, rays go through fog and take many samples; later few. After NeRFAcc (Li e
 
 from __future__ import annotations
 
-from .presets import FitSettings
+from .settings import FitSettings
 
 FIRST_RAYS = 100
 SMOOTHING = 0.1

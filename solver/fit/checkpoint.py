@@ -16,7 +16,7 @@ from ..field.room import Room
 from ..job.folder import JobError, replace_file, write_json_atomic
 from ..light.environment import EnvironmentMap
 from ..render.scene import Scene
-from .presets import Settings
+from .settings import Settings
 from .trainer import Trainer
 
 TENSORS, STATE = "scene.safetensors", "state.json"

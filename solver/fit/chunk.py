@@ -13,8 +13,9 @@ from ..render.random_numbers import ROOM_OFFSET, RandomNumbers
 from ..render.scene import RenderSettings, Scene, StepTables
 from ..render.surroundings import surroundings
 from .losses import Behind, room_light, total_loss
-from .presets import Settings, emission_share, neural_share
 from .ray_bank import RayBatch
+from .schedule import emission_share, neural_share
+from .settings import Settings
 
 SURROUNDED = ("environment", "room")
 """backgrounds that the scene itself has; photos before them are seen with their surroundings"""

@@ -9,7 +9,8 @@ from itertools import pairwise
 import torch
 
 from ..render.scene import Scene
-from .presets import Settings, emission_share
+from .schedule import emission_share
+from .settings import Settings
 
 # A step costs about as much as 1 + (G/194)² on a grid of G nodes per axis: rays, and passes over
 # the whole grid (measured, 64 to 160 nodes).

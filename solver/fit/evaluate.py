@@ -34,8 +34,8 @@ from ..metrics.scale import LeastSquaresFactor, clipped_factor
 from ..render.image import RenderedView
 from ..render.scene import Scene
 from .load import load_job, load_light, render_cameras
-from .presets import Settings
 from .preview import display, over_white
+from .settings import Settings
 from .start import background_of
 
 DIELECTRIC_F0 = 0.04  # Principled BSDF at IOR 1.5

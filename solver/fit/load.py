@@ -15,8 +15,9 @@ from ..light.environment import EnvironmentMap
 from ..render.image import RenderedView, render_view
 from ..render.scene import Scene, StepTables
 from . import checkpoint
-from .presets import Settings, picture_settings
 from .reconstruct import choose_device
+from .schedule import picture_settings
+from .settings import Settings
 
 
 def load_job(job: JobFolder) -> tuple[Scene, Settings]:

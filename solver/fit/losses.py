@@ -11,8 +11,8 @@ from ..render.random_numbers import ROOM_DIRECTION, RandomNumbers
 from ..render.scene import Scene, StepTables
 from ..render.surroundings import Surroundings, light_of_room
 from ..render.tonemap import linear_to_srgb, over_background
-from .presets import FitSettings
 from .ray_bank import RayBatch
+from .settings import FitSettings
 
 SATURATED = 0.95
 """radiance from which a photo's white may be any brighter light"""

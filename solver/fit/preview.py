@@ -14,7 +14,7 @@ from ..job.folder import replace_file
 from ..render.image import RenderedView, render_view
 from ..render.scene import StepTables
 from .chunk import SURROUNDED
-from .presets import picture_settings
+from .schedule import picture_settings
 from .trainer import Trainer
 
 PREVIEW_WIDTH = 200

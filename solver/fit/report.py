@@ -16,8 +16,9 @@ from ..metrics.image import psnr, ssim
 from ..render.image import render_view
 from ..render.scene import Scene, StepTables
 from ..report import Row, write_report
-from .presets import Settings, picture_settings
 from .preview import display, over_white, save_png, tone_mapped
+from .schedule import picture_settings
+from .settings import Settings
 from .start import background_of
 
 VIEWS = 4

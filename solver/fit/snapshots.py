@@ -10,8 +10,8 @@ from PIL import Image
 from ..render.image import render_view
 from ..render.scan_line import scan_line_weights
 from ..render.scene import StepTables
-from .presets import picture_settings
 from .preview import display, save_png, tone_mapped
+from .schedule import picture_settings
 from .trainer import Trainer
 
 PARTS = ("render", "weights", "environment")

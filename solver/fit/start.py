@@ -22,9 +22,9 @@ from ..job.folder import JobFolder
 from ..light.environment import EnvironmentMap
 from ..render.scene import Scene
 from .errors import SettingsError
-from .presets import Settings
 from .ray_bank import RayBank
 from .seen_space import cell_centres, nearest_distance, seen_cells, seen_points, walked_through
+from .settings import Settings
 from .trainer import Trainer
 from .visual_hull import SEEN_BY, bounding_box, carve, signed_distance, start_from_hull
 

@@ -14,8 +14,9 @@ from .adam import Adam
 from .batching import Batching
 from .chunk import Chunk, ChunkLoss
 from .exposure import exposures_for
-from .presets import Settings, smoothing_width, step_width
 from .ray_bank import RayBank, RayBatch
+from .schedule import smoothing_width, step_width
+from .settings import Settings
 from .workers import Workers, worker_count
 
 THIN_FOG_SHARE = 0.02

@@ -11,7 +11,8 @@ import os
 from dataclasses import asdict, dataclass
 
 from ..capture.capture import Capture
-from ..fit.presets import Settings, settings_for
+from ..fit.presets import settings_for
+from ..fit.settings import Settings
 
 CORE_SECONDS = {"draft": 0.15, "standard": 0.45, "paper": 3.0}
 """processor seconds of a step; the paper's is not measured but follows its rays"""

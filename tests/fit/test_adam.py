@@ -5,7 +5,8 @@ import torch
 
 from solver.field.smoothing import step_smoothing
 from solver.fit.adam import Adam
-from solver.fit.presets import FieldSettings, step_width
+from solver.fit.schedule import step_width
+from solver.fit.settings import FieldSettings
 
 
 def stepped(smooth):

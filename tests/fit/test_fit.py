@@ -13,8 +13,10 @@ from solver.capture.photos import Photo
 from solver.fit import checkpoint
 from solver.fit.errors import SettingsError
 from solver.fit.losses import photometric
-from solver.fit.presets import PRESETS, Settings, neural_share, settings_for, smoothing_width
+from solver.fit.presets import PRESETS, settings_for
 from solver.fit.ray_bank import RayBank, RayBatch
+from solver.fit.schedule import neural_share, smoothing_width
+from solver.fit.settings import Settings
 from solver.fit.start import background_of, masks_of, new_trainer, trainer_for
 from solver.fit.visual_hull import bounding_box, carve, signed_distance
 from solver.job.folder import JobError

@@ -9,9 +9,11 @@ import torch
 from solver.capture.photos import Photo, linear_to_srgb
 from solver.capture.placement import placed
 from solver.fit import checkpoint
-from solver.fit.presets import PAPER, FitSettings, emission_share, picture_settings
+from solver.fit.presets import PAPER
 from solver.fit.preview import display, over_white
+from solver.fit.schedule import emission_share, picture_settings
 from solver.fit.seen_space import seen_cells, walked_through
+from solver.fit.settings import FitSettings
 from solver.fit.start import background_of, new_trainer, trainer_for
 from solver.metrics.image import psnr
 from solver.render.image import image_settings, render_view

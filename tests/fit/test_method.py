@@ -11,7 +11,9 @@ from PIL import Image
 from solver.fit import checkpoint
 from solver.fit.batching import FIRST_RAYS, Batching
 from solver.fit.errors import SettingsError
-from solver.fit.presets import ABLATIONS, PAPER, FitSettings, neural_share, settings_for
+from solver.fit.presets import ABLATIONS, PAPER, settings_for
+from solver.fit.schedule import neural_share
+from solver.fit.settings import FitSettings
 from solver.fit.snapshots import write_figure, write_snapshot
 from solver.fit.start import background_of, new_trainer, trainer_for
 from solver.job.folder import JobFolder, JobRequest

@@ -1,0 +1,53 @@
+"""What changes over a fit, as functions of the fraction of it that is done."""
+
+from __future__ import annotations
+
+from ..render.image import image_settings
+from ..render.scene import RenderSettings
+from .settings import FieldSettings, FitSettings, Settings
+
+
+def smoothing_width(field: FieldSettings, fraction: float) -> float:
+    """The normals' smoothing at a fraction of the fit, as a share of the box's edge.
+
+    Wide first, so that a bumpy hull reflects like the shape it stands for.
+    """
+    return _between(field.smoothing, fraction)
+
+
+def step_width(field: FieldSettings, fraction: float) -> float:
+    """The smoothing of the density's steps at a fraction of the fit, as a share of the box's edge."""
+    return _between(field.step_smoothing, fraction)
+
+
+def _between(ends: tuple[float, float], fraction: float) -> float:
+    first, last = ends
+    if min(first, last) <= 0:
+        return last
+    return last * (first / last) ** (1 - fraction)
+
+
+def neural_share(fit: FitSettings, fraction: float) -> float:
+    """Share of g at a fraction of the fit; at 1, what the finished field is to be rendered with."""
+    first, last = fit.neural_fade
+    kept = 1 - min(max((fraction - first) / max(last - first, 1e-6), 0), 1)
+    return fit.neural_start * kept
+
+
+def emission_share(fit: FitSettings, fraction: float) -> float:
+    """Share of emission of a fit that started as a fog."""
+    first, last = fit.emission_fade
+    return 1 - min(max((fraction - first) / max(last - first, 1e-6), 0), 1) if last > 0 else 0.0
+
+
+def picture_settings(
+    settings: Settings, rays: int = 64, fraction: float = 1.0, neural: float | None = None
+) -> RenderSettings:
+    """Render settings of whole pictures at a fraction of the fit.
+
+    Args:
+        rays: secondary rays a pixel.
+        neural: share of the neural term; None: as it is at that fraction.
+    """
+    neural = neural_share(settings.fit, fraction) if neural is None else neural
+    return image_settings(settings.render, rays, neural)

@@ -1,0 +1,215 @@
+"""All settings of a reconstruction as data, a documented field each.
+
+`--set section.field=value` changes one; a section is one of the dataclasses below.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+from dataclasses import dataclass
+
+from ..asset.settings import AssetSettings
+from ..capture.photo_settings import PhotoSettings
+from ..render.scene import RenderSettings
+from .errors import SettingsError
+
+
+@dataclass(frozen=True)
+class FieldSettings:
+    """The field's size and start."""
+
+    sizes: tuple[int, ...] = (96, 128, 160)
+    """grid nodes per axis, coarse to fine"""
+    size_starts: tuple[float, ...] = (0.0, 0.08, 0.3)
+    """fractions of the fit at which each size begins"""
+    density_components: int = 16
+    """VM components of the density per plane–line pair"""
+    feature_components: int = 24
+    """VM components of the features per pair"""
+    feature_size: int = 24
+    """length of a feature vector"""
+    smoothed_normals: bool = True
+    """normals from the Gaussian-smoothed finite difference; else the analytical derivative"""
+    smoothing: tuple[float, float] = (0.0, 0.0)
+    """standard deviation of the normals' smoothing at the start and at the end, as shares of the box's
+    edge; never narrower than the paper's kernel (0: that one). Wide is better in short fits"""
+    step_smoothing: tuple[float, float] = (0.006, 0.006)
+    """standard deviation of the smoothing of the density's every step, at the start and at the end, as
+    shares of the box's edge (0: none): surfaces are smooth unless the photos insist"""
+    initial_albedo: float = 0.5
+    """albedo of every point at the start"""
+    initial_roughness: float = 0.4
+    """roughness r = √α of every point at the start"""
+    initial_f0: float = 0.1
+    """reflectance at normal incidence of every point at the start"""
+    box_margin: float = 0.08
+    """empty margin around the object's hull, as a share of the box"""
+    occupancy_cells: int = 128
+    """cells per axis of the occupancy grid"""
+    occupancy_min_alpha: float = 0.005
+    """opacity of a step from which a cell counts as occupied"""
+    hull_start: bool = True
+    """start as the masks' visual hull, where photos have masks; else as a thin fog"""
+    hull_cells: int = 128
+    """cells per axis of the visual hull"""
+    hull_slope: float = 100.0
+    """raw density gained per world unit of depth at the hull, times the box's half size"""
+
+
+@dataclass(frozen=True)
+class LightSettings:
+    """The environment map."""
+
+    heights: tuple[int, ...] = (64, 128, 256)
+    """rows of the map, coarse to fine, at the fractions of `field.size_starts`"""
+    initial: float = 0.5
+    """radiance of every texel at the start"""
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """The optimisation."""
+
+    steps: int = 2800
+    """optimiser steps"""
+    rays: int = 1024
+    """primary rays a step, at least"""
+    chunk_rays: int = 512
+    """primary rays worked on at once, where `samples` does not say; chunks share the cores"""
+    most_rays: int = 0
+    """primary rays a step, at most, where `samples` leaves room (0: always `rays`)"""
+    samples: int = 0
+    """density samples of primary rays worked on at once, about; a step with more is cut in chunks
+    whose gradients are summed (0: all rays of a step at once)"""
+    secondary_samples: int = 0
+    """density samples of retraced rays a chunk, about; R follows (0: R is `render.retraced_rays`)"""
+    learning_rate_grid: float = 0.04
+    """of planes and lines"""
+    learning_rate_network: float = 3e-3
+    """of the feature basis, the heads and g"""
+    learning_rate_light: float = 0.03
+    """of the environment map's logarithm"""
+    light_floor: float = 0.3
+    """before a room, share of the light's mean gradient below which its texels take smaller steps: what
+    hardly any ray tells of stays as it was, instead of becoming noise (0: Adam's, all of one size)"""
+    final_learning_rate: float = 0.05
+    """all rates at the end, as a share of their start"""
+    restart_schedule: bool = False
+    """decay starts anew after each upsampling, as in the public code"""
+    warm_up: int = 50
+    """steps over which the rates rise from a tenth, at the start and after each upsampling"""
+    background: str = "auto"
+    """what stands behind the object: 'white', 'black', 'random' (a colour a ray, photos with alpha
+    only), 'environment' (the fitted light itself), 'room' (a radiance field around the box, before the
+    fitted light), or 'auto': white for photos with alpha or before plain white, else room"""
+    room_light_weight: float = 0.05
+    """of the squared difference between the logarithms of light and room as seen from the box's centre"""
+    exposure: str = "fixed"
+    """'gain' finds each photo's exposure, 'white_balance' a gain per channel, for photos that were shot
+    on automatic; 'fixed' takes them as they are"""
+    use_masks: bool = True
+    """photos' alpha tells where the object is; else it is only used to lay them over a background"""
+    mask_weight: float = 0.5
+    """of (opacity − alpha)², where photos have alpha"""
+    orientation_weight: float = 0.1
+    """of Σ w·max(0, n·d)²: visible normals face the camera"""
+    opacity_weight: float = 6e-4
+    """of the opacity itself: discourages floaters"""
+    bending_weight: float = 0.2
+    """of e^(−r/0.15)(1 − n·n') with the normal n' close by, at the start; fades as `smoothness_end`"""
+    unevenness_weight: float = 0.002
+    """of the difference to the materials close by, likewise"""
+    smoothness_end: float = 0.4
+    """what remains of both smoothness weights at the end"""
+    roughness_weight: float = 0.0
+    """of α = r² at the start, falling to nothing at the end: a wide lobe under a blurred light fits
+    most photos, so roughness that starts wide stays there; 0.002 helps glazes (docs/decisions/0009)"""
+    neighbour_distance: float = 1.5
+    """how far away "close by" is, voxels"""
+    neural_start: float = 0.0
+    """share of the neural term g at the start; 0 switches it off"""
+    neural_fade: tuple[float, float] = (0.4, 0.65)
+    """fractions of the fit between which g is blended out, so that Cycles can show what is baked"""
+    emission_fade: tuple[float, float] = (0.3, 0.45)
+    """fractions of the fit between which points stop to shine by themselves, where it starts as a fog:
+    without masks, a shape is found first by colours alone, then by what it reflects"""
+    decoder: str = ""
+    """a finished job whose decoder (feature basis, heads, g) is taken over and kept as it is"""
+    snapshots: tuple[int, ...] = ()
+    """steps at which pictures of render, weights and light are kept (paper's Fig. 'snapshots')"""
+    preview_every: float = 20.0
+    """seconds between pictures of the current state"""
+    checkpoint_every: float = 30.0
+    """seconds between checkpoints"""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All settings of a reconstruction."""
+
+    photos: PhotoSettings = dataclasses.field(default_factory=PhotoSettings)
+    field: FieldSettings = dataclasses.field(default_factory=FieldSettings)
+    light: LightSettings = dataclasses.field(default_factory=LightSettings)
+    render: RenderSettings = dataclasses.field(default_factory=RenderSettings)
+    fit: FitSettings = dataclasses.field(default_factory=FitSettings)
+    asset: AssetSettings = dataclasses.field(default_factory=AssetSettings)
+
+
+def overridden(settings: Settings, key: str, value: object) -> Settings:
+    """Settings with one of them changed; texts are converted.
+
+    Args:
+        key: `section.field`.
+
+    Raises:
+        SettingsError: unknown section or field, or a value of the wrong type.
+    """
+    section_name, _, name = key.partition(".")
+    sections = {f.name for f in dataclasses.fields(settings)}
+    if section_name not in sections:
+        raise SettingsError(
+            f"Setting '{key}': there is no section '{section_name}'; sections are "
+            f"{', '.join(sorted(sections))}."
+        )
+    section = getattr(settings, section_name)
+    types = typing.get_type_hints(type(section))
+    names = [f.name for f in dataclasses.fields(section)]
+    if name not in names:
+        raise SettingsError(
+            f"Setting '{key}': section '{section_name}' has no '{name}'; it has {', '.join(names)}."
+        )
+    try:
+        converted = _convert(value, types[name])
+    except (TypeError, ValueError):
+        raise SettingsError(
+            f"Setting '{key}': '{value}' is not a valid {_type_name(types[name])}."
+        ) from None
+    try:
+        section = dataclasses.replace(section, **{name: converted})
+    except ValueError as error:
+        raise SettingsError(f"Setting '{key}': '{value}' is not valid; {error}.") from None
+    return dataclasses.replace(settings, **{section_name: section})
+
+
+def _convert(value: object, wanted: object) -> object:
+    if typing.get_origin(wanted) is tuple:
+        item = typing.get_args(wanted)[0]
+        parts = value.split(",") if isinstance(value, str) else list(value)
+        return tuple(_convert(part, item) for part in parts)
+    if wanted is bool:
+        text = str(value).lower()
+        if text in ("1", "true", "yes", "on"):
+            return True
+        if text in ("0", "false", "no", "off"):
+            return False
+        raise ValueError(value)
+    return wanted(value)
+
+
+def _type_name(wanted: object) -> str:
+    if typing.get_origin(wanted) is tuple:
+        return f"list of {_type_name(typing.get_args(wanted)[0])}s"
+    return {int: "whole number", float: "number", bool: "yes or no", str: "text"}.get(
+        wanted, str(wanted)
+    )
