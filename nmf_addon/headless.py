@@ -21,7 +21,7 @@ from ..solver.job.folder import JobError, JobFolder
 from . import preferences
 from .jobs.create import create_job, new_job_root
 from .jobs.process import run_blocking, start_job
-from .runtime import RuntimeMissing, bootstrap_script, clean_environment, solver_python
+from .runtime import RuntimeMissing, bootstrap_script, clean_environment
 from .scene.cameras import photo_of
 from .scene.capture_collection import import_capture
 from .scene.install import InstalledAsset, install_result
@@ -91,7 +91,7 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
         raise JobError(f"{out}: it exists already; give another name or --overwrite.")
     if any("=" not in text for text in options.sets):
         raise JobError("--set: write settings as section.field=value.")
-    python = solver_python(preferences.chosen_python(), preferences.chosen_runtime())
+    python = preferences.solver_python()
     out.parent.mkdir(parents=True, exist_ok=True)
     bpy.ops.wm.read_factory_settings(use_empty=True)
     photos, masks = (

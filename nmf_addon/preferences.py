@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import bpy
 
 from . import runtime
@@ -126,6 +128,15 @@ def chosen_python() -> str:
 def chosen_runtime() -> str:
     """The folder the person chose for the runtime; empty if none."""
     return chosen("runtime_folder")
+
+
+def solver_python() -> Path:
+    """The Python that runs the solver.
+
+    Raises:
+        RuntimeMissing: there is none yet, with the way out.
+    """
+    return runtime.solver_python(chosen_python(), chosen_runtime())
 
 
 classes = (NMF_preferences,)

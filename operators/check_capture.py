@@ -11,7 +11,7 @@ import bpy
 from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import create_job
 from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
-from ..nmf_addon.runtime import RuntimeMissing, solver_python
+from ..nmf_addon.runtime import RuntimeMissing
 from ..nmf_addon.scene.capture_collection import FINDINGS, active_capture
 from ..nmf_addon.scene.region import is_as_placed, region_box
 from ..solver.capture.errors import CaptureError
@@ -53,7 +53,7 @@ class NMF_OT_check_capture(bpy.types.Operator):
             task.model.text = f"Check: {count or 'no'} warning{plural}"
 
         try:
-            python = solver_python(preferences.chosen_python(), preferences.chosen_runtime())
+            python = preferences.solver_python()
             job = create_job(collection, folder / "job", preset=settings.preset)
             words = ["check", str(job.root), "--preset", settings.preset, "--json"]
             side_task.start("Check Capture", python, words, folder, done)

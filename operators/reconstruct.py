@@ -9,7 +9,7 @@ import bpy
 from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import create_job, new_job_root, stored_path
 from ..nmf_addon.jobs.monitor import monitor
-from ..nmf_addon.runtime import RuntimeMissing, solver_python
+from ..nmf_addon.runtime import RuntimeMissing
 from ..nmf_addon.scene.capture_collection import active_capture
 from ..solver.capture.errors import CaptureError
 from ..solver.job.folder import JobError
@@ -31,7 +31,7 @@ class NMF_OT_reconstruct(bpy.types.Operator):
         """Write the job and start it."""
         settings, collection = context.scene.nmf, active_capture(context)
         try:
-            python = solver_python(preferences.chosen_python(), preferences.chosen_runtime())
+            python = preferences.solver_python()
             job = create_job(
                 collection, new_job_root(collection.name), preset=settings.preset,
                 device=settings.device, seed=settings.seed,
@@ -61,7 +61,7 @@ class NMF_OT_resume(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the job again."""
         try:
-            python = solver_python(preferences.chosen_python(), preferences.chosen_runtime())
+            python = preferences.solver_python()
             monitor.start(python, monitor.job)
         except (JobError, RuntimeMissing, OSError) as error:
             self.report({"ERROR"}, str(error))

@@ -79,9 +79,7 @@ class NMF_OT_check_solver(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Run the solver's own `doctor`."""
         try:
-            python = runtime.solver_python(
-                preferences.chosen_python(), preferences.chosen_runtime()
-            )
+            python = preferences.solver_python()
             answer = subprocess.run(
                 [str(python), "-I", "-X", "utf8", str(runtime.bootstrap_script()), "doctor"],
                 capture_output=True, encoding="utf-8", errors="replace", timeout=120, check=False,

@@ -9,7 +9,7 @@ import bpy
 from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import jobs_folder, new_job_root
 from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
-from ..nmf_addon.runtime import RuntimeMissing, solver_python
+from ..nmf_addon.runtime import RuntimeMissing
 from ..solver.capture.image_header import EXTENSIONS
 
 
@@ -63,7 +63,7 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
             )
 
         try:
-            python = solver_python(preferences.chosen_python(), preferences.chosen_runtime())
+            python = preferences.solver_python()
             # The log lies beside the folder, which has to be new.
             side_task.start("Solve Cameras", python, words, jobs_folder() / "logs", done)
         except (TaskError, RuntimeMissing, OSError) as error:

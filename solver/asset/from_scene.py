@@ -22,6 +22,7 @@ class SceneSurface:
         centre = scene.field.centre.cpu().numpy().astype(np.float64)
         self.region = np.stack([centre - scene.field.half_size, centre + scene.field.half_size])
         self.voxel = scene.field.voxel
+        self.surrounded = scene.room is not None
         with torch.no_grad():
             self._normal_factors = scene.field.normal_factors()
 

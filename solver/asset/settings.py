@@ -17,6 +17,8 @@ class AssetSettings:
     """texels per edge of each texture"""
     floater_share: float = 0.01
     """connected parts with less than this share of the largest part's area are dropped"""
+    shred_share: float = 0.05
+    """the same where photos have no masks: small parts are more likely shreds of what is around"""
     march_voxels: float = 3.0
     """length of the walk along the normal through which a texel gathers materials, voxels"""
     march_samples: int = 7

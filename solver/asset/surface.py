@@ -20,6 +20,7 @@ class SurfaceField(Protocol):
 
     region: np.ndarray  # [2, 3] world box
     voxel: float
+    surrounded: bool  # photos show what is around the object, and nothing says which is which
 
     def density(self, points: np.ndarray) -> np.ndarray:
         """Extinction [N] per world unit at points [N, 3] float32."""
@@ -38,7 +39,7 @@ def extract_surface(field: SurfaceField, level: float, settings: AssetSettings) 
         EmptySurfaceError: nothing is there.
     """
     mesh = marching_cubes(field, settings.cells, level)
-    mesh = drop_floaters(mesh, settings.floater_share)
+    mesh = drop_floaters(mesh, settings.shred_share if field.surrounded else settings.floater_share)
     return decimate(mesh, settings.triangles)
 
 

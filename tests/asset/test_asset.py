@@ -29,6 +29,7 @@ class Balls:
         self.balls = balls
         self.region = np.array([[-1.0] * 3, [1.0] * 3])
         self.voxel = 2 / 64
+        self.surrounded = False
 
     def _distance(self, points):
         return np.min([np.linalg.norm(points - c, axis=1) - r for c, r in self.balls], axis=0)
@@ -68,6 +69,14 @@ def test_a_surface_cut_by_the_region_is_closed():
 def test_an_empty_field_is_an_error_with_a_way_out():
     with pytest.raises(EmptySurfaceError, match="masks"):
         marching_cubes(Balls(((9, 9, 9), 0.1)), 16, LEVEL)
+
+
+def test_small_parts_stay_unless_they_may_be_shreds_of_a_room():
+    field = Balls(((0, 0, 0), 0.5), ((0.8, 0.8, 0.8), 0.08))
+    for surrounded, parts in ((False, 2), (True, 1)):
+        field.surrounded = surrounded
+        mesh = extract_surface(field, LEVEL, SETTINGS)
+        assert len(mesh.split(only_watertight=False)) == parts
 
 
 def test_floaters_go_and_separate_bodies_stay():
