@@ -13,7 +13,7 @@ from .. import thumbnails
 from ..names import BASE_PACKAGE
 from ..runtime import bootstrap_script, clean_environment
 from .model import JobModel, model_of_folder
-from .process import JobProcess, start_job
+from .process import JobProcess, start_job, take_in
 
 INTERVAL = 0.2  # seconds
 SILENCE = 60.0  # seconds without news before the panel says so
@@ -81,25 +81,18 @@ class Monitor:
         return INTERVAL if self.running or self.waits_to_install else None
 
     def _listen(self) -> None:
-        process = self.process
-        changed, preview = self.silent_for > 0, self.model.preview_version
-        for event in process.messages():
-            changed |= self.model.apply(event)
+        silent, preview = self.silent_for > 0, self.model.preview_version
+        _, changed, code = take_in(self.process, self.model)
         if self.model.preview_version != preview:
             thumbnails.show(self.job.preview_dir / "render.png")
-        process.escalate()
-        code = process.exit_code
         if code is not None:
-            self.model.ended(code, process.said_bye, process.log_tail())
             self.model.resumable = self.job.has_checkpoint()
-            process.close()
             self.process = None
-            changed = True
             if code == 0 and self.of_this_file:
                 self.waits_to_install = True
             elif code == 0:
                 self.model.text = "Done; another file was opened meanwhile: use Install Result"
-        if changed:
+        if changed or silent:
             redraw_panels()
 
     def _may_install(self) -> bool:

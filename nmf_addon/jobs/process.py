@@ -13,6 +13,7 @@ from pathlib import Path
 
 from ...solver.job.events import Event, parse_event
 from ...solver.job.folder import JobFolder, replace_file
+from .model import JobModel
 
 TERMINATE_AFTER, KILL_AFTER = 5.0, 10.0  # seconds after Cancel
 DRAIN_SECONDS = 2.0  # a grandchild may hold the pipe open after the solver's end
@@ -176,6 +177,25 @@ def start_job(
     """
     command = solver_command(python, bootstrap, ["run", str(job.root), "--events"])
     return JobProcess(command, job, environment)
+
+
+def take_in(process: JobProcess, model: JobModel) -> tuple[list[Event], bool, int | None]:
+    """Tell a model what a process has said since the last call; call regularly.
+
+    Returns:
+        The events, whether the model changed, and the exit code once the process has ended; it is
+        closed then.
+    """
+    events, changed = process.messages(), False
+    for event in events:
+        changed |= model.apply(event)
+    process.escalate()
+    code = process.exit_code
+    if code is not None:
+        model.ended(code, process.said_bye, process.log_tail())
+        process.close()
+        changed = True
+    return events, changed, code
 
 
 def run_blocking(process: JobProcess, on_event: Callable[[Event], None], poll: float = 0.1) -> int:

@@ -14,7 +14,7 @@ from ..names import BASE_PACKAGE
 from ..runtime import bootstrap_script, clean_environment
 from .model import JobModel
 from .monitor import INTERVAL, redraw_panels
-from .process import JobProcess, solver_command
+from .process import JobProcess, solver_command, take_in
 
 _log = logging.getLogger(BASE_PACKAGE)
 
@@ -85,18 +85,10 @@ class SideTask:
         """Take in what happened; the seconds until the next call, or None at the end."""
         if self.process is None:
             return None
-        changed = False
-        for event in self.process.messages():
-            changed |= self.model.apply(event)
-            if event.kind != "progress":
-                self.events.append(event)
-        self.process.escalate()
-        code = self.process.exit_code
+        events, changed, code = take_in(self.process, self.model)
+        self.events += [event for event in events if event.kind != "progress"]
         if code is not None:
-            self.model.ended(code, self.process.said_bye, self.process.log_tail())
-            self.process.close()
             self.process = None
-            changed = True
             if code == 0:
                 self._finish()
         if changed:

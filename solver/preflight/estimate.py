@@ -14,9 +14,9 @@ from ..capture.capture import Capture
 from ..fit.presets import settings_for
 from ..fit.settings import Settings
 
-CORE_SECONDS = {"draft": 0.15, "standard": 0.45, "paper": 3.0}
+CORE_SECONDS = {"draft": 0.14, "standard": 0.4, "paper": 3.0}
 """processor seconds of a step; the paper's is not measured but follows its rays"""
-OVERHEAD = {"draft": 60.0, "standard": 120.0, "paper": 240.0}
+OVERHEAD = {"draft": 40.0, "standard": 100.0, "paper": 240.0}
 """seconds for kernels, hull, asset and report"""
 BASE_BYTES = {"draft": 1.3e9, "standard": 2.0e9, "paper": 4.0e9}
 """memory of a fit of few, small photos"""
