@@ -31,7 +31,7 @@ def line_charts(path: Path, charts: list[dict], columns: int) -> None:
         if chart.get("log_x"):
             axis.set_xscale("log")
         else:
-            axis.set_ylim(bottom=0)
+            axis.set_ylim(0, 1.08 * axis.get_ylim()[1])
         axis.grid(alpha=0.3)
         if any(chart["lines"]):
             axis.legend(fontsize=7)

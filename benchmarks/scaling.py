@@ -98,6 +98,8 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=200)
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "scaling.md")
     options = parser.parse_args()
+    # Fits with fewer cores change this process's environment, too.
+    machine = describe_machine()
     measured: dict[str, dict] = {}
     rows = {}
     for axis, found in points().items():
@@ -113,7 +115,7 @@ def main() -> None:
     usual = ", ".join(f"{name} {value}" for name, value in USUAL.items())
     about = (
         f"{options.scene.resolve().name}, preset `{options.preset}`, {options.steps} steps, seed 0; "
-        f"where nothing else is said, {usual}. {describe_machine()}."
+        f"where nothing else is said, {usual}. {machine}."
     )
     picture = Path("images") / f"{options.out.stem}.png"
     text = page(rows, about, picture.as_posix())
