@@ -33,11 +33,13 @@ def line_charts(path: Path, charts: list[dict], columns: int) -> None:
         else:
             axis.set_ylim(0, 1.08 * axis.get_ylim()[1])
         axis.grid(alpha=0.3)
-        if any(chart["lines"]):
-            axis.legend(fontsize=7)
     for axis in axes.flat[len(charts) :]:
         axis.remove()
-    figure.tight_layout()
+    handles, labels = axes.flat[0].get_legend_handles_labels()
+    if any(labels):
+        # Below the charts, where it hides no line.
+        figure.legend(handles, labels, loc="lower center", ncols=5, fontsize=8, frameon=False)
+    figure.tight_layout(rect=(0, 0.08 if any(labels) else 0, 1, 1))
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
     plt.close(figure)
