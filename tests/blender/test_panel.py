@@ -97,6 +97,15 @@ def test_what_a_check_found_is_shown_warnings_with_their_photo(draw, capture):
     assert ("operator", "nmf.check_capture") in drawn and ("operator", "nmf.set_scale") in drawn
 
 
+def test_a_box_that_masks_show_can_be_taken_by_a_button(draw, capture):
+    drawn, _ = draw("capture")
+    assert ("operator", "nmf.fit_region_box") not in drawn
+    for box, offered in ((None, False), ({"min": [0, 0, 0], "max": [1, 1, 1]}, True)):
+        capture["nmf_findings"] = json.dumps({"findings": [], "estimate": {}, "box": box})
+        drawn, _ = draw("capture")
+        assert (("operator", "nmf.fit_region_box") in drawn) == offered
+
+
 def test_a_solver_that_is_not_there_is_said_with_a_button(draw, extension, monkeypatch):
     monkeypatch.setenv("NMF_SOLVER_PYTHON", "/nowhere/python")
     extension("runtime").forget()
