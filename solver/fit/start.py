@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,7 +26,14 @@ from .ray_bank import RayBank
 from .seen_space import cell_centres, nearest_distance, seen_cells, seen_points, walked_through
 from .settings import Settings
 from .trainer import Trainer
-from .visual_hull import SEEN_BY, bounding_box, carve, signed_distance, start_from_hull
+from .visual_hull import (
+    BELONG_TOGETHER,
+    NOTHING_IN_COMMON,
+    carve,
+    hull_box,
+    signed_distance,
+    start_from_hull,
+)
 
 COARSE_HULL_CELLS = 96
 SEEN_CELLS = 64
@@ -144,9 +151,9 @@ def take_decoder(scene: Scene, job: Path, device: str) -> None:
         ) from error
 
 
-def masks_of(photos: list[Photo]) -> list[np.ndarray]:
-    """Booleans [H, W]: where each photo shows the object."""
-    return [photo.pixels[..., 3] > 0.5 for photo in photos]
+def masks_of(photos: list[Photo]) -> Iterator[np.ndarray]:
+    """Booleans [H, W], one at a time: where each photo shows the object."""
+    return (photo.pixels[..., 3] > 0.5 for photo in photos)
 
 
 def uses_masks(photos: list[Photo], settings: Settings) -> bool:
@@ -202,11 +209,7 @@ def background_of(photos: list[Photo], wanted: str = "auto") -> str:
 
 def _object_cube(capture: Capture, photos: list[Photo], box: np.ndarray, margin: float) -> Region:
     """The cube around the visual hull within `box`."""
-    hull = carve(list(capture.cameras), masks_of(photos), box, COARSE_HULL_CELLS, SEEN_BY)
-    if not hull.any():
-        raise CaptureError(
-            capture.source, "alpha", "no point in the region lies inside the masks of all photos",
-            "check that masks and cameras belong together, or enlarge the region",
-        )  # fmt: skip
-    tight = bounding_box(hull, box)
+    tight = hull_box(list(capture.cameras), masks_of(photos), box, COARSE_HULL_CELLS)
+    if tight is None:
+        raise CaptureError(capture.source, "alpha", NOTHING_IN_COMMON, BELONG_TOGETHER)
     return Region(tight.mean(0), float((tight[1] - tight[0]).max() / 2 * (1 + 2 * margin)))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import scipy.ndimage
 import torch
@@ -17,8 +19,12 @@ SEEN_BY = 0.2
 don't see it, lies inside all their masks, as it were"""
 
 
+NOTHING_IN_COMMON = "no point in the region lies inside the masks of all photos"
+BELONG_TOGETHER = "check that masks and cameras belong together, or enlarge the region"
+
+
 def carve(
-    cameras: list[Camera], masks: list[np.ndarray], region: np.ndarray, cells: int,
+    cameras: list[Camera], masks: Iterable[np.ndarray], region: np.ndarray, cells: int,
     fewest: float = 0.0,
 ) -> np.ndarray:  # fmt: skip
     """Boolean grid [K, K, K] of cell centres of `region` [2, 3] that no mask shows as background.
@@ -45,6 +51,14 @@ def carve(
     hull = np.zeros(len(points), dtype=bool)
     hull[alive] = times_seen[alive] >= fewest * len(cameras)
     return hull.reshape(cells, cells, cells)
+
+
+def hull_box(
+    cameras: list[Camera], masks: Iterable[np.ndarray], region: np.ndarray, cells: int
+) -> np.ndarray | None:
+    """World box [2, 3] around the hull within a region; None if masks have nothing in common there."""
+    hull = carve(cameras, masks, region, cells, SEEN_BY)
+    return bounding_box(hull, region) if hull.any() else None
 
 
 def bounding_box(hull: np.ndarray, region: np.ndarray) -> np.ndarray:

@@ -49,13 +49,13 @@ def check(
     Raises:
         CaptureError: a photo cannot be decoded. SettingsError: there is no such preset.
     """
-    cells = settings_for(preset).field.sizes[-1]
+    field = settings_for(preset).field
     looks = look_at_photos(capture, progress)
     told = estimate(capture, preset, all(look.coverage is not None for look in looks))
     found = [note(text) for text in capture.warnings]
     found += photos.blur(looks) + photos.exposure(looks) + photos.duplicates(looks)
-    found += photos.masks(looks) + photos.size(looks, capture, cells) + coverage(capture)
-    box = object_box(capture, looks)
+    found += photos.masks(looks) + photos.size(looks, capture, field.sizes[-1]) + coverage(capture)
+    box = object_box(capture, looks, field.box_margin)
     found += nothing_in_common(looks, box)
     if told.memory is not None and told.bytes > 0.8 * told.memory:
         found.append(

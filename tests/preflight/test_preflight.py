@@ -223,7 +223,7 @@ def test_masks_show_where_the_object_is_even_in_a_region_that_is_far_too_large(p
     truth = np.array([-HALF, HALF]) + [0, 0, HALF[2]]
     for region in (capture.region, np.array([[-2.2] * 3, [2.0] * 3])):
         capture = replace(capture, region=region)
-        box = object_box(capture, look_at_photos(capture))
+        box = object_box(capture, look_at_photos(capture), 0.08)
         # A hull is larger than what it holds where no camera looks from below or right above.
         assert (box[0] < truth[0]).all() and (box[1] > truth[1]).all()
         assert (box[0] > truth[0] - 0.45).all() and (box[1] < truth[1] + 0.45).all()
