@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import textwrap
 
 import bpy
@@ -12,7 +11,7 @@ from .jobs.model import JobModel, clock
 from .jobs.monitor import monitor
 from .jobs.side_task import side_task
 from .scene.cameras import photo_of
-from .scene.capture_collection import FINDINGS, active_capture, masked_box
+from .scene.capture_collection import active_capture, check_report, masked_box
 from .scene.region import region_box
 
 UNIT = 20  # pixels of a button's height at a resolution scale of 1
@@ -61,18 +60,19 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
             i.type == "CAMERA" and photo_of(i) is not None for i in collection.all_objects
         )
         layout.label(text=f"{cameras} photos with cameras", icon="IMAGE_DATA")
+        report = check_report(collection)
         if region_box(collection) is None:
             layout.operator("nmf.add_region_box", icon="CUBE")
         else:
             row = layout.row(align=True)
             row.label(text="Region box: fit it to the object", icon="CUBE")
-            if masked_box(collection) is not None:
+            if masked_box(report) is not None:
                 row.operator("nmf.fit_region_box", text="", icon="MOD_MASK")
         row = layout.row(align=True)
         row.operator("nmf.set_scale", icon="DRIVER_DISTANCE")
         row.operator("nmf.check_capture", icon="VIEWZOOM")
         _draw_task(layout, context)
-        _draw_findings(layout, context, collection)
+        _draw_findings(layout, context, report)
 
 
 class NMF_PT_reconstruct(Sidebar, bpy.types.Panel):
@@ -141,14 +141,8 @@ def _draw_task(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         _draw_warnings(layout, context, model)
 
 
-def _draw_findings(
-    layout: bpy.types.UILayout, context: bpy.types.Context, collection: bpy.types.Collection
-) -> None:
+def _draw_findings(layout: bpy.types.UILayout, context: bpy.types.Context, report: dict) -> None:
     """What Check Capture found, warnings first."""
-    try:
-        report = json.loads(collection.get(FINDINGS, "{}"))
-    except ValueError:
-        return
     if not report:
         return
     findings = report.get("findings", [])

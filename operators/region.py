@@ -8,7 +8,6 @@ from ..nmf_addon.scene.capture_collection import (
     active_capture,
     add_region_box,
     fit_region_box,
-    masked_box,
 )
 from ..solver.capture.errors import CaptureError
 
@@ -54,10 +53,9 @@ class NMF_OT_fit_region_box(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Move the box."""
         collection = bpy.data.collections.get(self.collection) or active_capture(context)
-        if masked_box(collection) is None:
+        if fit_region_box(collection) is None:
             self.report({"ERROR"}, "Press Check Capture first, with photos that have masks.")
             return {"CANCELLED"}
-        fit_region_box(collection)
         return {"FINISHED"}
 
 

@@ -217,18 +217,23 @@ def region_of(collection: bpy.types.Collection) -> dict[str, list[float]] | None
     return {"min": points.min(1).tolist(), "max": points.max(1).tolist()}
 
 
-def masked_box(collection: bpy.types.Collection) -> np.ndarray | None:
-    """Where masks show the object, in capture space [2, 3], as the last check of the capture found it."""
+def check_report(collection: bpy.types.Collection) -> dict:
+    """What the last check of the capture found (`solver check --json`); {} if there was none."""
     try:
-        box = json.loads(collection.get(FINDINGS, "{}")).get("box")
-        return None if box is None else np.array([box["min"], box["max"]], dtype=np.float64)
-    except (ValueError, KeyError, AttributeError):
-        return None
+        return json.loads(collection.get(FINDINGS, "{}"))
+    except ValueError:
+        return {}
+
+
+def masked_box(report: dict) -> np.ndarray | None:
+    """Where masks show the object, in capture space [2, 3], as a check found it."""
+    box = report.get("box")
+    return None if box is None else np.array([box["min"], box["max"]], dtype=np.float64)
 
 
 def fit_region_box(collection: bpy.types.Collection) -> bpy.types.Object | None:
     """Move the region box to where masks show the object, or make one there; None if none do."""
-    region, box = masked_box(collection), region_box(collection)
+    region, box = masked_box(check_report(collection)), region_box(collection)
     if region is None:
         return None
     if box is None:

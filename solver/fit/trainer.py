@@ -154,21 +154,22 @@ class Trainer:
         pixels, colours, device = [], [], self.scene.device
         for size in sizes:
             pixels.append(self.bank.draw(size, self.generator))
+            colour = None
             if self.background == "random":
-                colours.append(torch.rand(size, 3, generator=self.generator).to(device))
+                colour = torch.rand(size, 3, generator=self.generator).to(device)
+            colours.append(colour)
+        # All rays at once, which is faster, and then cut.
         batch = self.bank.batch(torch.cat(pixels))
+        batches = map(RayBatch, *(values.split(sizes) for values in batch))
         keys = torch.arange(sum(sizes), device=device)
-        colour = torch.cat(colours) if colours else None
         log_gain = None if self.exposures is None else self.exposures.log_gain.detach()
         chunks = []
-        for keys_here in keys.split(sizes):
-            share = len(keys_here) / len(keys)
-            here = slice(int(keys_here[0]), int(keys_here[-1]) + 1)
-            chunks.append(Chunk(
-                RayBatch(*(values[here] for values in batch)), keys_here,
-                None if colour is None else colour[here], log_gain, share,
-                self.batching.retraced_of(share), self.step, self.fraction,
-            ))  # fmt: skip
+        for batch, own, colour in zip(batches, keys.split(sizes), colours, strict=True):
+            share = len(own) / len(keys)
+            retraced = self.batching.retraced_of(share)
+            chunks.append(
+                Chunk(batch, own, colour, log_gain, share, retraced, self.step, self.fraction)
+            )
         return chunks
 
     def _coarse_to_fine(self, fraction: float) -> None:
