@@ -71,6 +71,10 @@ class MicrofacetField(nn.Module):
         """World points [N, 3] in box units."""
         return (points - self.centre) / (2 * self.half_size) + 0.5
 
+    def from_box(self, box_points: torch.Tensor) -> torch.Tensor:
+        """World points [N, 3] of box units, the inverse of `to_box`."""
+        return self.centre + (2 * box_points - 1) * self.half_size
+
     def directions_to_box(self, directions: torch.Tensor) -> torch.Tensor:
         """World directions [N, 3] per world unit of length, in box units."""
         return directions / (2 * self.half_size)

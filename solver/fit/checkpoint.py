@@ -15,10 +15,15 @@ from ..field.field import MicrofacetField
 from ..field.room import Room
 from ..job.folder import JobError, replace_file, write_json_atomic
 from ..light.environment import EnvironmentMap
+from ..light.irradiance import Arriving
+from ..render.probes import Nodes
+from ..render.probing import PASSING_STEPS
 from ..render.scene import Scene
 from .settings import Settings
 from .trainer import Trainer
 
+BEFORE = {"render": {"diffuse_visibility": False}}
+"""settings as they were, in effect, before there was such a setting"""
 TENSORS, STATE = "scene.safetensors", "state.json"
 
 
@@ -34,12 +39,14 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     tensors["occupancy"] = scene.occupancy.occupied
     tensors["allowed"] = scene.occupancy.allowed
     tensors["optical_depth"] = scene.occupancy.optical_depth
+    tensors |= _probe_tensors(scene)
     tensors |= {f"optimiser.{key}": value for key, value in trainer.optimiser.state().items()}
     if trainer.exposures is not None:
         tensors |= {f"exposures.{key}": v for key, v in trainer.exposures.state().items()}
     state = {
         "step": trainer.step, "level": trainer.level, "steps_at_level": trainer.steps_at_level,
-        "fraction_at_level": trainer.fraction_at_level, "batching": trainer.batching.state(),
+        "fraction_at_level": trainer.fraction_at_level, "probe_turn": trainer.probe_turn,
+        "batching": trainer.batching.state(),
         "seconds": seconds, "done": done, "seed": trainer.seed, "use_masks": trainer.use_masks,
         "background": trainer.background,
         "field": {
@@ -112,6 +119,7 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
         {k.removeprefix("scene."): v for k, v in tensors.items() if k.startswith("scene.")}
     )
     _restore_occupancy(scene, tensors)
+    _restore_probes(scene, tensors)
     return scene, state, tensors
 
 
@@ -133,6 +141,29 @@ def _restore_occupancy(scene: Scene, tensors: dict[str, torch.Tensor]) -> None:
     scene.occupancy.allowed = tensors["allowed"]
 
 
+def _probe_tensors(scene: Scene) -> dict[str, torch.Tensor]:
+    if scene.probes.arriving is None:
+        return {}
+    (nodes,), (passing, lobes, sent) = scene.probes.nodes, scene.probes.arriving
+    return {
+        "probes.row": nodes.row.int(), "probes.clear": nodes.clear,
+        "probes.spacing": torch.tensor(nodes.spacing, dtype=torch.float64),
+        "probes.passing": (passing * PASSING_STEPS).round().byte(), "probes.lobes": lobes,
+        "probes.sent": sent,
+    }  # fmt: skip
+
+
+def _restore_probes(scene: Scene, tensors: dict[str, torch.Tensor]) -> None:
+    if "probes.row" not in tensors:
+        return
+    nodes = Nodes(
+        tensors["probes.row"].long(), tensors["probes.clear"], float(tensors["probes.spacing"])
+    )
+    passing = tensors["probes.passing"].float() / PASSING_STEPS
+    arriving = Arriving(passing, tensors["probes.lobes"], tensors["probes.sent"])
+    scene.probes.fill([nodes], arriving)
+
+
 def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> None:
     """Bring a trainer made with the checkpoint's scene to the checkpoint's state."""
     trainer.step, trainer.level = state["step"], state["level"]
@@ -148,6 +179,7 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> 
         trainer.exposures.restore(
             {key.removeprefix(prefix): v for key, v in tensors.items() if key.startswith(prefix)}
         )
+    trainer.probe_turn = state.get("probe_turn", -1)  # jobs of version 0.1 have none
     trainer.steps_at_level = state["steps_at_level"]
     trainer.fraction_at_level = state["fraction_at_level"]
     trainer.batching.restore(state["batching"])
@@ -160,7 +192,7 @@ def settings_of(state: dict) -> Settings:
     sections = {f.name: f.default_factory for f in dataclasses.fields(Settings)}
     loaded = {}
     for name, section in sections.items():
-        values = state["settings"].get(name, {})
+        values = BEFORE.get(name, {}) | state["settings"].get(name, {})
         known = {f.name for f in dataclasses.fields(section)}
         loaded[name] = section(
             **{k: tuple(v) if isinstance(v, list) else v for k, v in values.items() if k in known}

@@ -79,7 +79,6 @@ class ChunkLoss:
         settings = dataclasses.replace(
             self.render_settings(chunk.fraction),
             retraced_rays=chunk.retraced,
-            diffuse_retraced_rays=round(self.settings.render.diffuse_retraced_rays * share),
         )
         buffers = render_rays(
             scene, tables, settings, random, batch.origins, batch.directions, chunk.keys,

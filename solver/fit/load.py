@@ -13,6 +13,7 @@ from ..capture.photos import read_exr
 from ..job.folder import JobFolder
 from ..light.environment import EnvironmentMap
 from ..render.image import RenderedView, render_view
+from ..render.probing import refresh_probes
 from ..render.scene import Scene, StepTables
 from . import checkpoint
 from .reconstruct import choose_device
@@ -61,6 +62,8 @@ def render_cameras(
         rays: secondary rays a pixel.
         neural: share of the neural term; None: as the fit ended.
     """
+    if settings.render.diffuse_visibility:
+        refresh_probes(scene)  # its light may be another one than that of the fit
     tables = StepTables.of(scene)
     render = picture_settings(settings, rays, neural=neural)
     for camera in cameras:

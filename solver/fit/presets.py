@@ -29,7 +29,7 @@ PAPER = Settings(
     render=RenderSettings(
         secondary_step=0.5, secondary_rays=128, min_weight=0.0, min_transmittance=1e-4,
         retraced_rays=1000, retrace_choice="noisy", secondary_bounce_rays=8, visibility=False,
-        light_masking=False, pixel_footprint=False,
+        light_masking=False, pixel_footprint=False, diffuse_visibility=False,
     ),
     fit=FitSettings(
         steps=30000, rays=4096, most_rays=8000, samples=200_000, secondary_samples=1_000_000,
@@ -49,7 +49,11 @@ PRESETS: dict[str, Settings] = {"draft": DRAFT, "standard": STANDARD, "paper": P
 ABLATIONS: dict[str, dict[str, object]] = {
     "no integral image": {"render.integral_image": False},
     "analytical derivative": {"field.smoothed_normals": False},
-    "single bounce": {"render.retraced_rays": 0, "render.visibility": False},
+    "single bounce": {
+        "render.retraced_rays": 0,
+        "render.visibility": False,
+        "render.diffuse_visibility": False,
+    },
     "no neural": {"fit.neural_start": 0.0},
 }
 

@@ -158,6 +158,7 @@ def fit(
             progress.checkpoint(trainer.step)
             last_checkpoint = time.monotonic()
     trainer.refresh_occupancy()
+    trainer.refresh_probes()
     seconds = seconds_before + clock.elapsed
     checkpoint.save_checkpoint(trainer, job.checkpoint_dir, seconds, done=True)
     progress.checkpoint(trainer.step)

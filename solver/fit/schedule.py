@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
+import math
+
 from ..render.image import image_settings
 from ..render.scene import RenderSettings
 from .settings import FieldSettings, FitSettings, Settings
+
+PROBE_TURNS = 20
+"""how often in a fit probes look around anew"""
+EARLY_TURNS = 10.0
+"""how much more often in its beginning, when the surface still moves"""
+
+
+def probe_turn(fraction: float) -> int:
+    """How often probes are to have been renewed by a fraction of the fit, less one."""
+    return int(PROBE_TURNS * math.log1p(EARLY_TURNS * fraction) / math.log1p(EARLY_TURNS))
 
 
 def smoothing_width(field: FieldSettings, fraction: float) -> float:

@@ -8,6 +8,7 @@ import math
 import torch
 
 from ..field.smoothing import step_smoothing
+from ..render.probing import refresh_probes
 from ..render.random_numbers import RandomNumbers
 from ..render.scene import Scene
 from .adam import Adam
@@ -15,7 +16,7 @@ from .batching import Batching
 from .chunk import Chunk, ChunkLoss
 from .exposure import exposures_for
 from .ray_bank import RayBank, RayBatch
-from .schedule import smoothing_width, step_width
+from .schedule import probe_turn, smoothing_width, step_width
 from .settings import Settings
 from .workers import Workers, worker_count
 
@@ -58,6 +59,7 @@ class Trainer:
         self.level = 0
         self.steps_at_level = 0
         self.fraction_at_level = self.fraction = 0.0
+        self.probe_turn = -1
         self.workers: Workers | None = None
         self._begin_level()
 
@@ -109,6 +111,12 @@ class Trainer:
             field, least, self.settings.render.step * field.voxel, dilation=1
         )
 
+    def refresh_probes(self) -> None:
+        """Let diffuse light be blocked by the surface as the occupancy grid has it, unless it is not to
+        be, or everything still shines by itself."""
+        if self.settings.render.diffuse_visibility and self.emission(self.fraction) < 1:
+            refresh_probes(self.scene)
+
     def emission(self, fraction: float) -> float:
         """Share of emission at a fraction of the fit."""
         return self.loss.emission(fraction)
@@ -132,6 +140,9 @@ class Trainer:
         self.optimiser.param_groups[0]["smooth"] = step_smoothing(width)
         if self.step % self.OCCUPANCY_EVERY == 0:
             self.refresh_occupancy()
+        if probe_turn(fraction) != self.probe_turn:
+            self.probe_turn = probe_turn(fraction)
+            self.refresh_probes()
         chunks = self._draw(self.batching.chunks())
         found = self.workers.gradients(chunks)
         self.workers.together(self.optimiser.moves())

@@ -35,6 +35,7 @@ def sharing(scene: Scene) -> Scene:
     }
     memo |= {id(buffer): buffer for buffer in scene.buffers()}
     memo[id(scene.occupancy)] = scene.occupancy
+    memo[id(scene.probes)] = scene.probes
     return copy.deepcopy(scene, memo)
 
 

@@ -48,8 +48,7 @@ def draw_depths(
 
 
 def plan_rays(
-    keys: torch.Tensor, mass: torch.Tensor, rays: int, points: torch.Tensor, streams: tuple[int, int],
-    first_key: int = 0,
+    keys: torch.Tensor, mass: torch.Tensor, rays: int, points: torch.Tensor, streams: tuple[int, int]
 ) -> Plan:  # fmt: skip
     """Share out a pixel's `rays` among its samples.
 
@@ -57,17 +56,14 @@ def plan_rays(
         keys: [S] long. mass: [S] by how much of its pixel each sample stands for.
         points: [P, 2] low-discrepancy in [0, 1)²; a sample's rays get the first ones, turned.
         streams: the hash's seeds for how many rays a sample gets and for its turn.
-        first_key: of the rays' keys.
     """
     if not on_numba(keys.device):
-        parts = drawing_torch.plan_rays(
-            keys, mass, rays, points, streams, first_key, RAYS_PER_SAMPLE
-        )
+        parts = drawing_torch.plan_rays(keys, mass, rays, points, streams, RAYS_PER_SAMPLE)
         return Plan(*parts)
     counts, share = torch.empty_like(keys), torch.empty_like(mass)
     run = kernels("drawing", keys.device)
     run.share_out(keys, mass, rays, streams[0], counts, share)
     sample, ray_keys = keys.new_empty(2, int(counts.sum())).unbind()
     u = mass.new_empty(len(sample), 2)
-    run.leave(keys, counts, streams[1], points, first_key, RAYS_PER_SAMPLE, sample, ray_keys, u)
+    run.leave(keys, counts, streams[1], points, RAYS_PER_SAMPLE, sample, ray_keys, u)
     return Plan(counts, sample, ray_keys, share, u)

@@ -69,7 +69,7 @@ def share_out(keys, mass, rays, seed, counts, share):
 
 
 @numba.njit(cache=True, nogil=True)
-def leave(keys, counts, seed, points, first_key, keys_per_sample, sample, ray_keys, u):
+def leave(keys, counts, seed, points, keys_per_sample, sample, ray_keys, u):
     """The rays [K] of all samples: whose they are, their keys, and their points, turned by sample."""
     k = 0
     for s in range(keys.shape[0]):
@@ -78,7 +78,7 @@ def leave(keys, counts, seed, points, first_key, keys_per_sample, sample, ray_ke
         shift0, shift1 = unit_number(keys[s], seed), unit_number(keys[s], seed + 1)
         for i in range(counts[s]):
             sample[k] = s
-            ray_keys[k] = keys[s] * keys_per_sample + (first_key + i) % keys_per_sample
+            ray_keys[k] = keys[s] * keys_per_sample + i % keys_per_sample
             x, y = points[i % len(points), 0] + shift0, points[i % len(points), 1] + shift1
             u[k, 0], u[k, 1] = x - np.floor(x), y - np.floor(y)
             k += 1

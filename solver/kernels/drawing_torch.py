@@ -31,7 +31,7 @@ def allocate_rays(weights: torch.Tensor, rays: int, u: torch.Tensor) -> torch.Te
     return (weights * rays + u).floor().long()
 
 
-def plan_rays(keys, mass, rays, points, streams, first_key, keys_per_sample):
+def plan_rays(keys, mass, rays, points, streams, keys_per_sample):
     """See `drawing.plan_rays`; the parts of a plan."""
     expected = mass * rays
     counts = allocate_rays(mass, rays, uniform(keys, streams[0], 1)[:, 0])
@@ -39,7 +39,7 @@ def plan_rays(keys, mass, rays, points, streams, first_key, keys_per_sample):
     index = torch.arange(len(sample), device=counts.device) - (counts.cumsum(0) - counts)[sample]
     # A sample that was lucky to get its one ray stands for the others like it.
     share = 1 / (expected.clamp(1e-6, 1) * counts.clamp(min=1))
-    ray_keys = keys[sample] * keys_per_sample + (first_key + index) % keys_per_sample
+    ray_keys = keys[sample] * keys_per_sample + index % keys_per_sample
     return counts, sample, ray_keys, share, turned(points, keys, streams[1], sample, index)
 
 

@@ -12,21 +12,21 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from torch import nn
 
 from ..capture.frames import direction_from_equirect
 from ..kernels.backend import precise
 from ..kernels.integral import prefix_sums, rectangle_mean
-from .spherical_harmonics import quadratic, quadratic_form, sh_basis
-
-_COSINE_LOBE = (math.pi, 2 * math.pi / 3, math.pi / 4)  # Ramamoorthi & Hanrahan 2001, l = 0, 1, 2
+from .irradiance import COSINE_LOBE, Arriving, arriving_harmonics, bright_lobes
+from .spherical_harmonics import sh_basis
 
 
 class LightTables(NamedTuple):
     """What the lookups of one optimisation step share, built once a step."""
 
     table: torch.Tensor  # [H+1, W+1, 3] double: prefix sums of radiance × solid angle
-    irradiance: torch.Tensor  # [9, 3]: SH coefficients of the irradiance
+    irradiance: torch.Tensor  # [1 + R, 9, 3]: SH coefficients, of all light and of `Arriving`
 
 
 def equirect_coordinates(directions: torch.Tensor, height: int, width: int) -> torch.Tensor:
@@ -51,7 +51,7 @@ class _MapConstants(NamedTuple):
 
     texel_solid_angle: torch.Tensor  # [H]
     row_prefix: torch.Tensor  # [H + 1]
-    irradiance_weights: torch.Tensor  # [H·W, 9] float
+    irradiance_weights: torch.Tensor  # [9, H·W] float
 
 
 @lru_cache(maxsize=16)
@@ -61,8 +61,8 @@ def _map_constants(height: int, device: torch.device) -> _MapConstants:
     texel = (edges[:-1] - edges[1:]) * (2 * math.pi / width)
     rows = torch.cat([torch.zeros(1, dtype=torch.float64), texel.cumsum(0)])
     basis = sh_basis(equirect_directions(height, width), 2)
-    lobe = torch.tensor([_COSINE_LOBE[0]] + [_COSINE_LOBE[1]] * 3 + [_COSINE_LOBE[2]] * 5)
-    weights = (basis * texel[:, None, None] * lobe.double()).reshape(-1, 9).float()
+    lobe = torch.tensor(COSINE_LOBE, dtype=torch.float64)
+    weights = (basis * texel[:, None, None] * lobe).reshape(-1, 9).T.float().contiguous()
     sums = precise(device)
     return _MapConstants(texel.to(device, sums), rows.to(device, sums), weights.to(device))
 
@@ -124,13 +124,25 @@ class EnvironmentMap(nn.Module):
         radiance = self.radiance().detach().permute(1, 2, 0)
         return np.ascontiguousarray(radiance.cpu().numpy(), dtype=np.float32)
 
-    def tables(self) -> LightTables:
-        """Summed-area table and irradiance of the current map; rebuild after every step."""
+    def tables(self, arriving: Arriving | None = None) -> LightTables:
+        """Summed-area table and irradiance of the current map; rebuild after every step.
+
+        Args:
+            arriving: what of it gets to the points whose irradiance is wanted too.
+        """
         radiance = self.radiance()
         table = prefix_sums(radiance, self.texel_solid_angle)
         weights = _map_constants(self.height, radiance.device).irradiance_weights
-        irradiance = (radiance.reshape(3, -1) @ weights).T
+        irradiance = F.linear(radiance.reshape(3, -1), weights).T[None]
+        if arriving is not None:
+            irradiance = torch.cat([irradiance, arriving_harmonics(table, arriving)])
         return LightTables(table, irradiance)
+
+    def patch_lobes(self) -> torch.Tensor:
+        """`Patches.lobes` [J, 9] where this light is in each patch; no gradient."""
+        radiance = self.radiance().detach()
+        harmonics = _map_constants(self.height, radiance.device).irradiance_weights
+        return bright_lobes(harmonics, radiance.mean(0).flatten())
 
     def lookup(
         self, tables: LightTables, directions: torch.Tensor, solid_angle: torch.Tensor,
@@ -181,19 +193,10 @@ class EnvironmentMap(nn.Module):
 
     def resized(self, height: int) -> EnvironmentMap:
         """The same light on a map of another height (coarse to fine)."""
-        log_radiance = nn.functional.interpolate(
+        log_radiance = F.interpolate(
             self.log_radiance.detach()[None], size=(height, 2 * height), mode="bilinear"
         )[0]
         other = EnvironmentMap(height)
         with torch.no_grad():
             other.log_radiance.copy_(log_radiance)
         return other.to(self.log_radiance.device)
-
-
-def irradiance(tables: LightTables, normals: torch.Tensor) -> torch.Tensor:
-    """Irradiance [N, 3] of surfaces with unit normals [N, 3], unoccluded, by degree-2 SH.
-
-    Ramamoorthi & Hanrahan, "An Efficient Representation for Irradiance Environment Maps", 2001.
-    """
-    form = quadratic_form().to(normals) @ tables.irradiance
-    return (quadratic(normals) @ form).clamp(min=0)

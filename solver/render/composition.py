@@ -10,6 +10,8 @@ from torch import nn
 
 from ..field.heads import Materials
 from ..light.environment import EnvironmentMap
+from ..light.irradiance import irradiance
+from .probes import Probes, nodes_of
 from .scene import Scene, Steps, Surface
 
 
@@ -52,6 +54,7 @@ class Composition(nn.Module):
         self.parts = nn.ModuleList(parts)
         self.placements = placements
         self.environment = environment
+        self.probes = Probes()
 
     @property
     def device(self) -> torch.device:
@@ -128,6 +131,56 @@ class Composition(nn.Module):
             local = self._to_local(placement, origins, directions)
             passing = passing * scene.grid_transmittance(*local, start / placement.scale)
         return passing
+
+    def irradiance(self, points, part, normals, light) -> torch.Tensor:
+        """See `Scene.irradiance`."""
+        if self.probes.arriving is None:
+            return irradiance(light.irradiance[0], normals)
+        harmonics = points.new_zeros(len(points), *light.irradiance.shape[1:])
+        for index, (scene, placement) in enumerate(zip(self.parts, self.placements, strict=True)):
+            mine = (part == index).nonzero()[:, 0]
+            local = self._to_local(placement, points[mine], normals[mine])
+            lifted = scene.before_surface(*local, self.probes.nodes[index].spacing)
+            found = self.probes.harmonics(light.irradiance, index, lifted)
+            harmonics = harmonics.index_copy(0, mine, found)
+        return irradiance(harmonics, normals)
+
+    def new_probes(self):
+        """See `Scene.new_probes`."""
+        nodes, points, part = [], [], []
+        for index, (scene, placement) in enumerate(zip(self.parts, self.placements, strict=True)):
+            first_row = 1 + sum(len(some) for some in points)
+            grid, local = nodes_of(scene.occupancy.optical_depth, first_row)
+            nodes.append(grid)
+            points.append(self._to_world(placement, scene.field.from_box(local)))
+            part.append(torch.full((len(local),), index, device=local.device))
+        return nodes, torch.cat(points), torch.cat(part)
+
+    def probe_rows(self, hits, directions) -> torch.Tensor:
+        """See `Scene.probe_rows`."""
+        rows = torch.zeros(len(hits), dtype=torch.long, device=hits.device)
+        for index, (scene, placement) in enumerate(zip(self.parts, self.placements, strict=True)):
+            local = self._to_local(placement, hits, directions)
+            found = self.probes.nearest_rows(index, scene.before_hit(*local))
+            rows = torch.where(rows > 0, rows, found)
+        return rows
+
+    def look_around(self, points, directions):
+        """See `Scene.look_around`."""
+        passing, distance = None, None
+        for scene, placement in zip(self.parts, self.placements, strict=True):
+            _, turned = self._to_local(placement, points[:0], directions)
+            local, _ = self._to_local(placement, points, directions[:0])
+            seen, where = scene.look_around(local, turned)
+            where = where * placement.scale
+            passing = seen if passing is None else passing * seen
+            distance = where if distance is None else torch.minimum(distance, where)
+        return passing, distance
+
+    @staticmethod
+    def _to_world(placement: Placement, points) -> torch.Tensor:
+        rotation = placement.rotation(points.device)
+        return placement.scale * (points @ rotation.T) + points.new_tensor(placement.position)
 
     @staticmethod
     def _to_local(placement: Placement, origins, directions):

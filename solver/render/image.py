@@ -46,8 +46,6 @@ def image_settings(
         settings, secondary_rays=secondary_rays, neural=neural, neighbour_distance=0.0,
         retraced_rays=(1 << 30) if settings.retraced_rays > 0 else 0, secondary_bounce_rays=4,
         shaded_depths=0, secondary_depths=0, emission=0.0,
-        diffuse_rays=4 * settings.diffuse_rays,
-        diffuse_retraced_rays=(1 << 30) if settings.diffuse_retraced_rays > 0 else 0,
     )  # fmt: skip
 
 

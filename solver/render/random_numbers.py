@@ -13,8 +13,7 @@ import torch
 from ..kernels.hashing import uniform
 
 OFFSET, ALLOCATION, ROTATION, NEIGHBOUR, SECONDARY_OFFSET, CHOICE = range(6)
-DEPTH, SECONDARY_DEPTH, DIFFUSE_ROTATION, DIFFUSE_CHOICE = range(6, 10)
-ROOM_OFFSET, ROOM_DIRECTION = range(10, 12)
+DEPTH, SECONDARY_DEPTH, ROOM_OFFSET, ROOM_DIRECTION = range(6, 10)
 SAMPLES_PER_RAY = 4096
 """room for the samples of a ray in a key; marching takes no more"""
 

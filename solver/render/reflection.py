@@ -35,13 +35,10 @@ class SecondaryRays(NamedTuple):
     spread: torch.Tensor | None = None  # [K, 2, 3] what the pixel adds to the solid angle, rad
 
 
-def plan_rays(
-    keys: torch.Tensor, mass: torch.Tensor, rays: int, random: RandomNumbers,
-    rotation: int = ROTATION, first_key: int = 0,
-) -> Plan:  # fmt: skip
+def plan_rays(keys: torch.Tensor, mass: torch.Tensor, rays: int, random: RandomNumbers) -> Plan:
     """Share out a pixel's `rays` among its samples by their mass [S] (`drawing.plan_rays`)."""
-    streams = random.stream(ALLOCATION), random.stream(rotation)
-    return drawing.plan_rays(keys, mass, rays, random.points, streams, first_key)
+    streams = random.stream(ALLOCATION), random.stream(ROTATION)
+    return drawing.plan_rays(keys, mass, rays, random.points, streams)
 
 
 def scatter(

@@ -18,8 +18,11 @@ from ..field.occupancy import Occupancy
 from ..field.room import Room
 from ..kernels.march import grid_transmittance, march
 from ..kernels.specular import Blockers
+from ..kernels.visibility import look_around
 from ..light.environment import EnvironmentMap, LightTables
+from ..light.irradiance import irradiance
 from .nested import mapped, tensors_of
+from .probes import LIFT_NODES, Nodes, Probes, nodes_of
 
 
 @dataclass(frozen=True)
@@ -47,10 +50,8 @@ class RenderSettings:
     largest after adding noise"""
     secondary_bounce_rays: int = 2
     """secondary rays at the end of a retraced ray"""
-    diffuse_rays: int = 0
-    """rays a pixel that look for what stands before its diffuse light (0: unoccluded, the paper's)"""
-    diffuse_retraced_rays: int = 0
-    """of a batch, how many of those that are blocked are traced for what the blockers send"""
+    diffuse_visibility: bool = True
+    """diffuse light is what gets to a surface, and what blockers send; else all there is, the paper's"""
     neural: float = 1.0
     """1: the BRDF has the full neural term g; 0: g = 1; between: g blended towards 1"""
     emission: float = 0.0
@@ -96,6 +97,8 @@ class Surface(NamedTuple):
     reach: torch.Tensor | float  # [S] world units: height from which secondary rays can be blocked
 
 
+FRINGE_CELLS = 1.5
+"""cells around a probe that block nothing: it may stand in the surface's fringe"""
 SELF_SHADOW_VOXELS = 2.0
 """height above its origin from which a secondary ray can be blocked, in voxels of the coarser grid"""
 
@@ -119,6 +122,7 @@ class Scene(nn.Module):
         self.room = room
         self.origin = np.zeros(3) if origin is None else np.asarray(origin, dtype=np.float64)
         self.occupancy = Occupancy(cells, field.centre.device)
+        self.probes = Probes()
 
     @property
     def device(self) -> torch.device:
@@ -177,6 +181,46 @@ class Scene(nn.Module):
             self.occupancy.blocking,
         )  # fmt: skip
 
+    def irradiance(
+        self, points: torch.Tensor, part: torch.Tensor | None, normals: torch.Tensor,
+        light: LightTables,
+    ) -> torch.Tensor:  # fmt: skip
+        """Irradiance [S, 3] of surfaces at world points [S, 3] with unit outward normals."""
+        if self.probes.arriving is None:
+            return irradiance(light.irradiance[0], normals)
+        lifted = self.before_surface(points, normals, self.probes.nodes[0].spacing)
+        return irradiance(self.probes.harmonics(light.irradiance, 0, lifted), normals)
+
+    def before_surface(
+        self, points: torch.Tensor, normals: torch.Tensor, spacing: float
+    ) -> torch.Tensor:
+        """Box points [S, 3] where the light on surfaces at world points is looked up among probes."""
+        return self.field.to_box(points.detach()) + LIFT_NODES * spacing * normals.detach()
+
+    def new_probes(self) -> tuple[list[Nodes], torch.Tensor, torch.Tensor | None]:
+        """Nodes close to the surface as it is now, where they are [P, 3], world, and their parts."""
+        nodes, points = nodes_of(self.occupancy.optical_depth, 1)
+        return [nodes], self.field.from_box(points), None
+
+    def probe_rows(self, hits: torch.Tensor, directions: torch.Tensor) -> torch.Tensor:
+        """Rows [K] of the probes before what rays of directions [K, 3] hit at world points [K, 3]."""
+        return self.probes.nearest_rows(0, self.before_hit(hits, directions))
+
+    def before_hit(self, hits: torch.Tensor, directions: torch.Tensor) -> torch.Tensor:
+        """Box points [K, 3] a cell before what rays hit."""
+        return self.field.to_box(hits - self.cell * directions)
+
+    def look_around(
+        self, points: torch.Tensor, directions: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """What arrives at world points [P, 3] from far away in directions [J, 3]: its share [P, J], and
+        at which distances [P, J] half of it is stopped, or infinity."""
+        field = self.field
+        return look_around(
+            field.to_box(points), field.directions_to_box(directions), FRINGE_CELLS * self.cell,
+            self.cell, self.occupancy.blocking,
+        )  # fmt: skip
+
     def blockers(self, reach: float) -> Blockers:
         """What `grid_transmittance` looks at, for the fused kernel."""
         field = self.field
@@ -212,7 +256,8 @@ class StepTables(NamedTuple):
         Args:
             together: makes calls that have nothing to do with each other.
         """
-        return cls(*together([scene.environment.tables, scene.normal_tables]))
+        light = partial(scene.environment.tables, scene.probes.arriving)
+        return cls(*together([light, scene.normal_tables]))
 
     def cut(self) -> StepTables:
         """A copy cut off from the parameters, so that several backward passes share one set."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import torch
 
 from ..field.heads import Materials
-from .diffuse import diffused
 from .footprint import reflected_spread
 from .random_numbers import RandomNumbers
 from .reflection import reflected
@@ -55,7 +55,8 @@ def shade(
     toward = torch.where(facing < 0, -normals, normals)
 
     reflectance = diffuse_fresnel(materials.f0, facing[:, 0].abs()) * materials.albedo
-    diffuse = diffused(scene, tables, settings, random, samples, surface, reflectance, mass, trace)
+    light = scene.irradiance(samples.points, samples.part, normals, tables.light)
+    diffuse = reflectance * light / math.pi
     spread = None
     if pixel_angle is not None and settings.pixel_footprint:
         spread = reflected_spread(scene, tables, samples, normals, view, pixel_angle)

@@ -5,7 +5,7 @@ import scipy.stats
 import torch
 
 from solver.kernels.backend import plain_torch
-from solver.kernels.drawing import RAYS_PER_SAMPLE, draw_depths, plan_rays
+from solver.kernels.drawing import draw_depths, plan_rays
 
 POINTS = torch.quasirandom.SobolEngine(2, scramble=True, seed=3).draw(64)
 
@@ -55,7 +55,7 @@ def test_samples_are_drawn_as_often_as_they_weigh():
 def test_both_twins_plan_the_same_rays(count):
     keys = torch.arange(500) * 4096 + 2**33
     mass = torch.rand(500, generator=torch.Generator().manual_seed(2)) ** 4
-    arguments = keys, mass, count, POINTS, (12, 2**32 - 1), RAYS_PER_SAMPLE // 2
+    arguments = keys, mass, count, POINTS, (12, 2**32 - 1)
     fused = plan_rays(*arguments)
     with plain_torch():
         plain = plan_rays(*arguments)

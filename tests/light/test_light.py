@@ -12,8 +12,8 @@ from solver.light.environment import (
     EnvironmentMap,
     equirect_coordinates,
     equirect_directions,
-    irradiance,
 )
+from solver.light.irradiance import irradiance
 from solver.light.spherical_harmonics import quadratic, quadratic_form, sh_basis
 
 
@@ -74,7 +74,7 @@ def test_irradiance_of_constant_light_is_pi_times_radiance():
     normals = unit(50).float()
     expected = torch.full((50, 3), math.pi * 0.7)
     torch.testing.assert_close(
-        irradiance(environment.tables(), normals), expected, rtol=1e-3, atol=0
+        irradiance(environment.tables().irradiance[0], normals), expected, rtol=1e-3, atol=0
     )
 
 
@@ -86,7 +86,7 @@ def test_irradiance_of_smooth_light_agrees_with_quadrature():
     cosine = torch.einsum("hwc,nc->nhw", directions, normals).clamp(min=0)
     weight = environment.texel_solid_angle[:, None]
     expected = torch.einsum("nhw,hwc->nc", cosine * weight, radiance.expand(-1, -1, 3))
-    result = irradiance(environment.tables(), normals.float())
+    result = irradiance(environment.tables().irradiance[0], normals.float())
     torch.testing.assert_close(result.double(), expected, rtol=2e-3, atol=1e-3)
 
 

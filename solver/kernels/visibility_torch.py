@@ -1,0 +1,40 @@
+"""Plain twin of `visibility_numba` and `visibility_warp`."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+
+from .march_torch import box_span, cell_values
+from .skipping import optical_depths
+
+POINTS_AT_ONCE = 64
+"""bounds the memory: every step of every ray is held at once"""
+
+
+def look_around(points, directions, start, step, blocking):
+    """See `visibility.look_around`."""
+    if len(points) == 0:
+        return points.new_empty(2, 0, len(directions)).unbind()
+    depths = optical_depths(blocking)
+    pieces = points.split(POINTS_AT_ONCE)
+    found = [_around(piece, directions, start, step, depths) for piece in pieces]
+    passing, distance = zip(*found, strict=True)
+    return torch.cat(passing), torch.cat(distance)
+
+
+def _around(points, directions, start, step, depths):
+    origins = points[:, None].expand(-1, len(directions), -1).reshape(-1, 3)
+    rays = directions.expand(len(points), -1, -1).reshape(-1, 3)
+    near, far = box_span(origins, rays)
+    near = near.clamp(min=start)
+    most = max(1, math.ceil(float(((far - near).clamp(min=0) / step).max())) + 1)
+    t = near[:, None] + torch.arange(most, device=near.device) * step
+    at = origins[:, None] + t[..., None] * rays[:, None]
+    depth = torch.where(t < far[:, None], cell_values(depths, at), 0.0).cumsum(-1)
+    stopped = depth > math.log(2)
+    first = t.gather(1, stopped.long().argmax(1, keepdim=True))[:, 0]
+    distance = torch.where(stopped[:, -1], first, torch.full_like(first, math.inf))
+    shape = len(points), len(directions)
+    return torch.exp(-depth[:, -1]).view(shape), distance.view(shape)

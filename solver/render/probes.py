@@ -1,0 +1,121 @@
+"""Diffuse light in the shade: probes around the surface that know which light gets to them.
+
+The paper's irradiance knows no occlusion, so shadows end up in the albedo. Rays that look for blockers
+are too noisy for a fit (docs/decisions/0009). So nodes of a grid close to the surface look around once in
+a while, in all directions; from then on their irradiance is a matrix product with the light of the moment,
+without noise, and a surface blends that of the nodes before it (as in Majercik et al., "Dynamic Diffuse
+Global Illumination with Ray-Traced Irradiance Fields", JCGT 2019; docs/decisions/0014).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+
+from ..light.irradiance import Arriving
+
+NODE_CELLS = (3, 4, 6, 8)
+"""cells of the occupancy grid between nodes: the least of these with no more than"""
+MOST_PROBES = 16_000
+"""of a field, so that a step's product with the light stays small beside its rays"""
+NEAR_NODES = 1.0
+"""nodes along any axis within which a node with a probe has something"""
+NEAR_DEPTH = 0.05
+"""optical depth of a cell that counts as something"""
+INSIDE = 6.0
+"""how fast nodes count less inside of things: e^(−6 τ), with the optical depth τ of a cell there"""
+LEAST_CLEAR = 0.02
+"""of that, below which a node has no probe"""
+STAND_IN = 1e-4
+"""how much such a node counts"""
+LIFT_NODES = 0.5
+"""how far before a surface its light is looked up, so that nodes behind it count little"""
+
+
+class Nodes(NamedTuple):
+    """Probes on a grid over a field's box."""
+
+    row: torch.Tensor  # [N, N, N] long: of the irradiance tables, 0 where there is no probe
+    clear: torch.Tensor  # [N, N, N] how much a node counts
+    spacing: float  # of the nodes, box units
+
+
+class Probes:
+    """The probes of a scene: `nodes` of each of its fields, and what arrives at them.
+
+    Empty until `refresh`, and where light is not to be blocked: then all surfaces see all light.
+    """
+
+    def __init__(self):
+        self.nodes: list[Nodes] = []
+        self.arriving: Arriving | None = None
+
+    def fill(self, nodes: list[Nodes], arriving: Arriving) -> None:
+        """Take over new probes."""
+        self.nodes, self.arriving = nodes, arriving
+
+    def harmonics(self, table: torch.Tensor, part: int, box_points: torch.Tensor) -> torch.Tensor:
+        """Irradiance coefficients [S, 9, 3] at points [S, 3] of a field's box, blended from the nodes
+        around.
+
+        Args:
+            table: [1 + R, 9, 3] `LightTables.irradiance`. part: which of `nodes`.
+        """
+        rows, shares = _around(self.nodes[part], box_points)
+        blended = F.embedding_bag(rows, table.flatten(1), per_sample_weights=shares, mode="sum")
+        return blended.view(-1, *table.shape[1:])
+
+    def nearest_rows(self, part: int, box_points: torch.Tensor) -> torch.Tensor:
+        """Rows [K] of the nodes next to points [K, 3] of a field's box."""
+        nodes = self.nodes[part]
+        last = len(nodes.row) - 1
+        x, y, z = (box_points / nodes.spacing).round().long().clamp(0, last).unbind(-1)
+        return nodes.row[x, y, z]
+
+
+def nodes_of(depths: torch.Tensor, first_row: int) -> tuple[Nodes, torch.Tensor]:
+    """Nodes close to the surface in a grid of cells' optical depths [K, K, K], and where they are
+    [P, 3], box units.
+
+    Args:
+        first_row: of their irradiance.
+    """
+    corners = torch.exp(-INSIDE * F.avg_pool3d(F.pad(depths[None, None], (1,) * 6), 2, 1)[0, 0])
+    for cells in NODE_CELLS:
+        margin = round(NEAR_NODES * cells)
+        near = F.max_pool3d(F.pad(depths[None, None], (margin,) * 6), 2 * margin, cells)[0, 0]
+        near = near > NEAR_DEPTH
+        clear = corners[::cells, ::cells, ::cells]
+        probes = near & (clear > LEAST_CLEAR)
+        if int(probes.sum()) <= MOST_PROBES:
+            break
+    at = probes.nonzero()
+    # In a crevice no node may be clear: then one next to it stands in.
+    clear = torch.where(probes, clear, STAND_IN)
+    row = torch.zeros(clear.shape, dtype=torch.long, device=depths.device)
+    row[probes] = first_row + torch.arange(len(at), device=depths.device)
+    beside = F.max_pool3d(row[None, None].float(), 3, 1, 1)[0, 0].long()
+    row = torch.where(probes, row, beside)
+    spacing = cells / len(depths)
+    return Nodes(row, clear, spacing), at.to(depths) * spacing
+
+
+def _around(nodes: Nodes, box_points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Rows and shares [S, 8] of the nodes around points [S, 3]; no gradient. Row 0, all the light,
+    where none of them is clear."""
+    count = len(nodes.row)
+    with torch.no_grad():
+        at = (box_points / nodes.spacing).clamp(0, count - 1 - 1e-3)
+        base = at.long()
+        fraction = at - base
+        side = torch.cartesian_prod(*[torch.arange(2, device=at.device)] * 3)
+        shares = torch.where(side.bool(), fraction[:, None], 1 - fraction[:, None]).prod(-1)
+        x, y, z = (base[:, None] + side).unbind(-1)
+        index = (x * count + y) * count + z
+        shares = shares * nodes.clear.flatten()[index]
+        rows, total = nodes.row.flatten()[index], shares.sum(-1, keepdim=True)
+        alone = total < 1e-9
+        shares = torch.where(alone, 1 / 8, shares / total.clamp(min=1e-9))
+        return torch.where(alone, 0, rows), shares
