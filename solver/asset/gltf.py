@@ -16,11 +16,11 @@ import numpy as np
 from PIL import Image
 
 from .. import __version__
+from ..brdf.microfacet import DIELECTRIC_F0
 from ..capture.photos import linear_to_srgb
 from ..job.folder import replace_file
 from .unwrap import UnwrappedMesh
 
-DIELECTRIC_F0 = 0.04  # of glTF's default index of refraction, 1.5
 _FLOAT, _UNSIGNED_INT = 5126, 5125
 _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
 

@@ -11,6 +11,9 @@ import math
 
 import torch
 
+DIELECTRIC_F0 = 0.04
+"""reflectance at normal incidence of an index of refraction of 1.5, glTF's and Principled's default"""
+
 
 def tangent_frame(normals: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Tangent and bitangent [N, 3] of unit normals [N, 3], continuous except where n_z changes sign.

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
+from ..brdf.microfacet import DIELECTRIC_F0
 from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.photos import (
@@ -37,8 +38,6 @@ from .load import load_job, load_light, render_cameras
 from .preview import display, over_white
 from .settings import Settings
 from .start import background_of
-
-DIELECTRIC_F0 = 0.04  # Principled BSDF at IOR 1.5
 
 
 def evaluate_job(
