@@ -167,14 +167,12 @@ class Composition(nn.Module):
 
     def look_around(self, points, directions):
         """See `Scene.look_around`."""
-        passing, distance = None, None
+        passing = points.new_ones(len(points), len(directions))
+        distance = torch.full_like(passing, torch.inf)
         for scene, placement in zip(self.parts, self.placements, strict=True):
-            _, turned = self._to_local(placement, points[:0], directions)
-            local, _ = self._to_local(placement, points, directions[:0])
-            seen, where = scene.look_around(local, turned)
-            where = where * placement.scale
-            passing = seen if passing is None else passing * seen
-            distance = where if distance is None else torch.minimum(distance, where)
+            seen, where = scene.look_around(*self._to_local(placement, points, directions))
+            passing = passing * seen
+            distance = torch.minimum(distance, where * placement.scale)
         return passing, distance
 
     @staticmethod

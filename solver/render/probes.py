@@ -45,7 +45,8 @@ class Nodes(NamedTuple):
 class Probes:
     """The probes of a scene: `nodes` of each of its fields, and what arrives at them.
 
-    Empty until `refresh`, and where light is not to be blocked: then all surfaces see all light.
+    Empty before `probing.refresh_probes`, and where nothing is to block light: then all surfaces see
+    all of it.
     """
 
     def __init__(self):
