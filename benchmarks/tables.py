@@ -22,6 +22,7 @@ METRICS = [
     ("light rel. RMSE", "environment_relative_rmse", 2, False),
     ("light MAE, tone-mapped", "environment_mae_tonemapped", 3, False),
     ("relit PSNR dB", "relight_psnr", 2, True),
+    ("relit without a factor, dB", "relight_psnr_without_factor", 2, True),
 ]
 STAGES = ("photos", "compile", "geometry", "fit", "asset", "report")
 
