@@ -40,6 +40,7 @@ from solver.kernels.integral import prefix_sums, rectangle_mean  # noqa: E402
 from solver.kernels.march import march  # noqa: E402
 from solver.kernels.skipping import blocking_grid, free_distance  # noqa: E402
 from solver.kernels.specular import Blockers, specular  # noqa: E402
+from solver.kernels.visibility import look_around  # noqa: E402
 
 SIZE, DENSITY, FEATURES, LIGHT = 160, 16, 24, 256
 FLOAT, LINE = 4, 64  # bytes
@@ -172,6 +173,10 @@ def cases(points: int) -> list[Case]:
     glossy_rays = int(counts.sum())
     blockers = Blockers(torch.zeros(3), 1.0, 1 / 128, blocking_grid(3.0 * (free == 0)), 0.02)
     u = rand(glossy_rays, 2)
+    # Probes stand right outside of the shell that `free` has.
+    probes = 0.5 + 0.4 * torch.nn.functional.normalize(rand(points // 100, 3) - 0.5, dim=-1)
+    around = torch.nn.functional.normalize(rand(328, 3) - 0.5, dim=-1)
+    views = len(probes) * len(around)
 
     def glossy():
         return specular(
@@ -212,6 +217,10 @@ def cases(points: int) -> list[Case]:
             origins, directions, torch.zeros(rays), torch.zeros(rays), 0.01, 1 / 128, free,
             density[0].detach(), density[1].detach(), -4.0, 5.0),
              rays * 12 * nodes * DENSITY * FLOAT, rays * 12 * 3 * DENSITY * 13),
+        # Some 20 cells a ray, each a dependent read and a dozen operations.
+        Case("look_around", lambda: look_around(
+            probes, around, 1.5 / 128, 1 / 128, blockers.blocking),
+             views * (20 + 2 * FLOAT), views * 20 * 12, lines=views * 20),
         Case("adam, all touched", lambda: (gradient.fill_(1), adam_step(
             parameter, gradient, moments, Rates(1e-3, 0.9, 0.99, 1e-15, 5))),
              9 * planes_bytes * DENSITY, 3 * SIZE * SIZE * DENSITY * 12),

@@ -8,7 +8,7 @@ from torch import nn
 
 from ..kernels.vm import vm_gradient, vm_products, vm_sum
 from ..kernels.vm_torch import vm_interpolation_gradient
-from .heads import MaterialHeads, Materials, MetallicHeads
+from .heads import MaterialHeads, Materials
 from .smoothing import gaussian_taps, smoothed_factors, upsample
 
 
@@ -22,8 +22,6 @@ class MicrofacetField(nn.Module):
     Args:
         centre: [3] world centre of the box. half_size: half its edge, world units.
         size: grid nodes per axis.
-        initial_albedo, initial_roughness, initial_f0: of every point. initial_metalness: with it, points
-            have a base colour and a metalness instead of albedo and F0 (`MetallicHeads`).
         smoothed_normals: normals from the Gaussian-smoothed finite difference (paper §3.1), not
             from the derivative of the interpolation.
 
@@ -44,7 +42,6 @@ class MicrofacetField(nn.Module):
         initial_albedo: float = 0.5,
         initial_roughness: float = 0.4,
         initial_f0: float = 0.1,
-        initial_metalness: float | None = None,
         smoothed_normals: bool = True,
     ):
         super().__init__()
@@ -58,11 +55,7 @@ class MicrofacetField(nn.Module):
         self.feature_planes = _factor(3, size, size, feature_components)
         self.feature_lines = _factor(3, size, feature_components)
         self.basis = nn.Linear(3 * feature_components, feature_size, bias=False)
-        self.heads = (
-            MaterialHeads(feature_size, initial_albedo, initial_roughness, initial_f0)
-            if initial_metalness is None
-            else MetallicHeads(feature_size, initial_albedo, initial_roughness, initial_metalness)
-        )
+        self.heads = MaterialHeads(feature_size, initial_albedo, initial_roughness, initial_f0)
 
     @property
     def size(self) -> int:

@@ -22,7 +22,7 @@ from ..render.scene import Scene
 from .settings import Settings
 from .trainer import Trainer
 
-BEFORE = {"render": {"diffuse_visibility": False}, "field": {"metallic": False}}
+BEFORE = {"render": {"diffuse_visibility": False}}
 """settings as they were, in effect, before there was such a setting"""
 TENSORS, STATE = "scene.safetensors", "state.json"
 
@@ -55,7 +55,6 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
             "feature_components": settings.field.feature_components,
             "feature_size": settings.field.feature_size,
             "smoothed_normals": scene.field.smoothed_normals,
-            "metallic": settings.field.metallic,
             "density_scale": scene.field.density_scale,
             "density_shift": scene.field.density_shift,
             "smoothing": scene.field.smoothing,
@@ -107,7 +106,6 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
         tensors["scene.field.centre"], shape["half_size"], shape["size"],
         shape["density_components"], shape["feature_components"], shape["feature_size"],
         smoothed_normals=shape["smoothed_normals"],
-        initial_metalness=0.5 if shape.get("metallic", False) else None,
         # Jobs of version 0.1 have the public code's.
         density_scale=shape.get("density_scale", 25.0),
         density_shift=shape.get("density_shift", -4.0),

@@ -6,6 +6,7 @@ import math
 
 import torch
 
+from ..brdf.microfacet import DIELECTRIC_F0
 from ..render.radiance import RayBuffers
 from ..render.random_numbers import ROOM_DIRECTION, RandomNumbers
 from ..render.scene import Scene, StepTables
@@ -16,6 +17,8 @@ from .settings import FitSettings
 
 SATURATED = 0.95
 """radiance from which a photo's white may be any brighter light"""
+DIELECTRIC_SPREAD = 0.02
+"""of F0 among what is no metal"""
 LEAST_LIGHT = 1e-2
 """radiance below which light and room are equally dark"""
 
@@ -64,8 +67,8 @@ def total_loss(
     loss = loss + settings.orientation_weight * buffers.backfacing.mean()
     if use_masks and settings.mask_weight > 0:
         loss = loss + settings.mask_weight * (buffers.opacity - batch.alpha).square().mean()
-    if buffers.undecided is not None and fraction >= settings.metal_start:
-        loss = loss + settings.metal_weight * buffers.undecided.mean()
+    if settings.dielectric_weight > 0 and fraction >= settings.dielectric_start:
+        loss = loss + settings.dielectric_weight * unlike_dielectric(buffers)
     if settings.roughness_weight > 0:
         loss = loss + (1 - fraction) * settings.roughness_weight * buffers.alpha.mean()
     if buffers.bending is not None:
@@ -73,6 +76,14 @@ def total_loss(
         loss = loss + fade * settings.bending_weight * buffers.bending.mean()
         loss = loss + fade * settings.unevenness_weight * buffers.unevenness.mean()
     return loss, {"image": float(image.detach())}
+
+
+def unlike_dielectric(buffers: RayBuffers) -> torch.Tensor:
+    """Mean of x²/(x² + s²) in [0, 1), x = F0 − 0.04: it pulls what is close, and leaves metals alone
+    (Geman & McClure's robust function)."""
+    usual = DIELECTRIC_F0 * buffers.opacity.detach()[:, None]
+    square = (buffers.f0 - usual).square()
+    return (square / (square + DIELECTRIC_SPREAD**2)).mean()
 
 
 def room_light(

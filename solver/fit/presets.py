@@ -22,7 +22,7 @@ PAPER = Settings(
     field=FieldSettings(
         sizes=(128, 162, 196, 231, 265, 300),
         size_starts=(0.0, 2000 / 30000, 3000 / 30000, 4000 / 30000, 5500 / 30000, 7000 / 30000),
-        hull_start=False, initial_albedo=0.91, initial_roughness=0.6, metallic=False, initial_f0=0.5,
+        hull_start=False, initial_albedo=0.91, initial_roughness=0.6, initial_f0=0.5,
         occupancy_min_alpha=0.001, step_smoothing=(0.0, 0.0),
     ),
     light=LightSettings(heights=(512,)),
@@ -38,7 +38,7 @@ PAPER = Settings(
         use_masks=False, mask_weight=0.0,
         # The paper sums over the three channels where `losses` takes their mean.
         orientation_weight=0.1 / 3, opacity_weight=6e-4 / 3, bending_weight=0.0,
-        unevenness_weight=0.0, neighbour_distance=0.0, neural_start=1.0,
+        unevenness_weight=0.0, dielectric_weight=0.0, neighbour_distance=0.0, neural_start=1.0,
         neural_fade=(1.0, 1.0), emission_fade=(0.0, 0.0),
     ),
 )  # fmt: skip

@@ -38,15 +38,11 @@ class FieldSettings:
     """standard deviation of the smoothing of the density's every step, at the start and at the end, as
     shares of the box's edge (0: none): surfaces are smooth unless the photos insist"""
     initial_albedo: float = 0.5
-    """albedo of every point at the start; if `metallic`, base colour"""
+    """albedo of every point at the start"""
     initial_roughness: float = 0.4
     """roughness r = √α of every point at the start"""
-    metallic: bool = True
-    """points have a base colour and a metalness, as in Principled; else an albedo and an F0"""
-    initial_metalness: float = 0.4
-    """metalness of every point at the start"""
-    initial_f0: float = 0.1
-    """reflectance at normal incidence of every point at the start, if not `metallic`"""
+    initial_f0: float = 0.05
+    """reflectance at normal incidence of every point at the start"""
     box_margin: float = 0.08
     """empty margin around the object's hull, as a share of the box"""
     occupancy_cells: int = 128
@@ -126,11 +122,11 @@ class FitSettings:
     """of the difference to the materials close by, likewise"""
     smoothness_end: float = 0.4
     """what remains of both smoothness weights at the end"""
-    metal_weight: float = 1.5e-3
-    """of 4 m (1 − m): what is half a metal has to decide; photos hardly tell a brighter light from a
-    higher F0, so they leave it open (docs/decisions/0015)"""
-    metal_start: float = 0.3
-    """fraction of the fit from which on it has to"""
+    dielectric_weight: float = 1e-3
+    """of x²/(x² + 0.02²), x being how far F0 is from 0.04: photos hardly tell a brighter light from a
+    higher F0, but what is no metal has an index of refraction near 1.5 (docs/decisions/0015)"""
+    dielectric_start: float = 0.3
+    """fraction of the fit from which on it counts: by then metals are too far from it to be moved"""
     roughness_weight: float = 0.0
     """of α = r² at the start, falling to nothing at the end: a wide lobe under a blurred light fits
     most photos, so roughness that starts wide stays there; 0.002 helps glazes (docs/decisions/0009)"""

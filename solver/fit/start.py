@@ -94,7 +94,6 @@ def new_trainer(
         torch.tensor(cube.centre), cube.half_size, shape.sizes[0], shape.density_components,
         shape.feature_components, shape.feature_size, initial_albedo=shape.initial_albedo,
         initial_roughness=shape.initial_roughness, initial_f0=shape.initial_f0,
-        initial_metalness=shape.initial_metalness if shape.metallic else None,
         smoothed_normals=shape.smoothed_normals, density_scale=EXTINCTION / cube.half_size,
         density_shift=THIN_FOG if clear_start else HAZE,
     )  # fmt: skip
@@ -148,7 +147,7 @@ def take_decoder(scene: Scene, job: Path, device: str) -> None:
     except RuntimeError as error:
         raise SettingsError(
             f"Setting 'fit.decoder': the decoder of {job} has another shape; choose the same "
-            "field.feature_size, field.feature_components and field.metallic."
+            "field.feature_size and field.feature_components."
         ) from error
 
 

@@ -26,9 +26,7 @@ _SAMPLES = 8  # along either edge of a patch, for means over it
 class Patches(NamedTuple):
     """J patches of the sphere of directions, of about equal size, row by row from +Z."""
 
-    sides: (
-        torch.Tensor
-    )  # [J, 4] top, bottom, left and right, as shares of the map's height and width
+    sides: torch.Tensor  # [J, 4] top, bottom, left, right as shares of the map's height and width
     solid_angle: torch.Tensor  # [J] sr
     lobes: torch.Tensor  # [J, 9] mean over the patch of harmonics × the clamped cosine's
 

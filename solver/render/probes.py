@@ -29,7 +29,7 @@ INSIDE = 6.0
 LEAST_CLEAR = 0.02
 """of that, below which a node has no probe"""
 STAND_IN = 1e-4
-"""how much such a node counts"""
+"""how much a node without a probe counts"""
 LIFT_NODES = 0.5
 """how far before a surface its light is looked up, so that nodes behind it count little"""
 
@@ -37,8 +37,10 @@ LIFT_NODES = 0.5
 class Nodes(NamedTuple):
     """Probes on a grid over a field's box."""
 
-    row: torch.Tensor  # [N, N, N] long: of the irradiance tables, 0 where there is no probe
-    clear: torch.Tensor  # [N, N, N] how much a node counts
+    row: (
+        torch.Tensor
+    )  # [N, N, N] long: of the irradiance tables; 0, all light, far from any surface
+    clear: torch.Tensor  # [N, N, N] how much a node counts, more than 0
     spacing: float  # of the nodes, box units
 
 
@@ -93,7 +95,7 @@ def nodes_of(depths: torch.Tensor, first_row: int) -> tuple[Nodes, torch.Tensor]
         if int(probes.sum()) <= MOST_PROBES:
             break
     at = probes.nonzero()
-    # In a crevice no node may be clear: then one next to it stands in.
+    # In a crevice no node may be clear: then the probe of one next to it stands in.
     clear = torch.where(probes, clear, STAND_IN)
     row = torch.zeros(clear.shape, dtype=torch.long, device=depths.device)
     row[probes] = first_row + torch.arange(len(at), device=depths.device)
@@ -104,8 +106,7 @@ def nodes_of(depths: torch.Tensor, first_row: int) -> tuple[Nodes, torch.Tensor]
 
 
 def _around(nodes: Nodes, box_points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Rows and shares [S, 8] of the nodes around points [S, 3]; no gradient. Row 0, all the light,
-    where none of them is clear."""
+    """Rows and shares [S, 8] of the nodes around points [S, 3]; no gradient."""
     count = len(nodes.row)
     with torch.no_grad():
         at = (box_points / nodes.spacing).clamp(0, count - 1 - 1e-3)
@@ -116,7 +117,4 @@ def _around(nodes: Nodes, box_points: torch.Tensor) -> tuple[torch.Tensor, torch
         x, y, z = (base[:, None] + side).unbind(-1)
         index = (x * count + y) * count + z
         shares = shares * nodes.clear.flatten()[index]
-        rows, total = nodes.row.flatten()[index], shares.sum(-1, keepdim=True)
-        alone = total < 1e-9
-        shares = torch.where(alone, 1 / 8, shares / total.clamp(min=1e-9))
-        return torch.where(alone, 0, rows), shares
+        return nodes.row.flatten()[index], shares / shares.sum(-1, keepdim=True)

@@ -47,7 +47,6 @@ class RayBuffers:
     retraced: int  # secondary rays traced through the field
     retraced_samples: int  # density samples they took
     bending: torch.Tensor | None = None  # [R] Σ w·gloss·(1 − n·n'), n' the normal close by
-    undecided: torch.Tensor | None = None  # [R] Σ w·4m(1 − m), m the metalness
     unevenness: torch.Tensor | None = None  # [R] Σ w·|materials − materials close by|
 
 
@@ -101,8 +100,6 @@ def render_rays(
         "radiance": shading.radiance, "normal": shading.normals, "albedo": materials.albedo,
         "alpha": materials.alpha, "f0": materials.f0, "backfacing": away.clamp(min=0) ** 2,
     }  # fmt: skip
-    if materials.metalness is not None:
-        shown["undecided"] = 4 * materials.metalness * (1 - materials.metalness)
     if settings.neighbour_distance > 0 and settings.emission < 1:
         shown["bending"], shown["unevenness"] = _neighbours(
             scene, tables, settings, random, kept, shading

@@ -12,7 +12,7 @@ from solver.capture.errors import CaptureError
 from solver.capture.photos import Photo
 from solver.fit import checkpoint
 from solver.fit.errors import SettingsError
-from solver.fit.losses import photometric
+from solver.fit.losses import photometric, unlike_dielectric
 from solver.fit.presets import PRESETS, settings_for
 from solver.fit.ray_bank import RayBank, RayBatch
 from solver.fit.schedule import neural_share, smoothing_width
@@ -212,20 +212,31 @@ def test_the_pull_on_roughness_makes_surfaces_sharper_and_is_gone_at_the_end():
     assert mean_roughness(10.0, last) == pytest.approx(mean_roughness(0.0, last), rel=1e-3)
 
 
-def test_what_is_half_a_metal_decides_once_it_has_to():
-    def mean_doubt(weight, fraction):
-        pulled = dataclasses.replace(SMALL.fit, metal_weight=weight)
+def test_f0_close_to_a_dielectrics_is_pulled_there_and_metals_are_left_alone():
+    def pull(f0):
+        f0 = torch.tensor([[f0] * 3], requires_grad=True)
+        unlike_dielectric(
+            dataclasses.make_dataclass("B", ["f0", "opacity"])(f0, torch.ones(1))
+        ).backward()
+        return float(f0.grad.mean())
+
+    assert pull(0.04) == 0 and pull(0.07) > 0 > pull(0.02)
+    assert pull(0.6) < 1e-3 * pull(0.07)
+
+
+def test_the_pull_to_dielectrics_begins_when_metals_have_got_away():
+    def mean_f0(weight, fraction):
+        pulled = dataclasses.replace(SMALL.fit, dielectric_weight=weight)
         settings = dataclasses.replace(SMALL, fit=pulled)
         capture, photos = ball_capture()
         trainer = new_trainer(capture, photos, settings, 0, None, "cpu", lambda fraction: None)
         for _ in range(30):
             trainer.advance(fraction)
         features = trainer.scene.field.features(torch.rand(500, 3))
-        metalness = trainer.scene.field.materials(features).metalness.detach()
-        return float((metalness * (1 - metalness)).mean())
+        return float(trainer.scene.field.materials(features).f0.detach().mean())
 
-    assert mean_doubt(10.0, 0.5) < 0.998 * mean_doubt(0.0, 0.5)
-    assert mean_doubt(10.0, 0.1) == pytest.approx(mean_doubt(0.0, 0.1), rel=1e-6)
+    assert mean_f0(1.0, 0.5) < 0.995 * mean_f0(0.0, 0.5)
+    assert mean_f0(1.0, 0.1) == pytest.approx(mean_f0(0.0, 0.1), rel=1e-6)
 
 
 def test_the_background_is_recognised():
