@@ -12,6 +12,7 @@ from .integral import prefix_sums, rectangle_mean
 from .march import composite, grid_transmittance, march
 from .skipping import blocking_grid
 from .specular import Blockers, specular
+from .visibility import look_around
 from .vm import smooth_planes, vm_gradient, vm_products, vm_sum
 
 
@@ -47,7 +48,9 @@ def _run_shared() -> None:
     depth = _leaf(len(segments.ray))
     weights, transmittance = composite(depth, segments.offsets)
     (weights.sum() + transmittance.sum()).backward()
-    grid_transmittance(points, directions, torch.zeros(4), 0.25, blocking_grid(torch.rand(4, 4, 4)))
+    blocking = blocking_grid(torch.rand(4, 4, 4))
+    grid_transmittance(points, directions, torch.zeros(4), 0.25, blocking)
+    look_around(points, directions, 0.1, 0.25, blocking)
     rows = torch.linspace(0, 1, 5, dtype=torch.float64)
     table, centre = prefix_sums(_leaf(3, 4, 8), rows[1:]), _leaf(4, 2)
     rectangle_mean(table, rows, centre, torch.ones(4, 2)).sum().backward()
