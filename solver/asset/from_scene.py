@@ -49,9 +49,7 @@ class SceneSurface:
     def materials(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Albedo [N, 3], GGX α [N], F0 [N, 3]."""
         materials = self._field.materials(self._field.features(self._box_points(points)))
-        return tuple(
-            values.cpu().numpy() for values in (materials.albedo, materials.alpha, materials.f0)
-        )
+        return tuple(values.cpu().numpy() for values in materials)
 
 
 def surface_level(scene: Scene, settings: RenderSettings, cameras: list[Camera]) -> float:

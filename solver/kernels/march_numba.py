@@ -17,6 +17,8 @@ from .vm_point_numba import raw_density
 DEPTH_UNIT = np.float32(1 / DEPTHS_PER_UNIT)
 LEAST_OPAQUE = np.float32(7.0)
 """optical depth from which nothing passes"""
+HALF = np.float32(math.log(2))
+"""optical depth that half of the light passes"""
 
 
 @numba.njit(inline="always")
@@ -107,22 +109,26 @@ def compact(
 
 @numba.njit(inline="always", fastmath=True)
 def through_grid(ox, oy, oz, dx, dy, dz, start, step, blocking):
-    """Transmittance of one ray through a grid made by `skipping.blocking_grid`, a cell a step."""
+    """Transmittance of one ray through a grid made by `skipping.blocking_grid`, a cell a step, and the
+    distance at which half of its light is stopped, or infinity."""
     cells = blocking.shape[0]
     near, far = box_span(ox, oy, oz, dx, dy, dz)
     t = max(near, start)
-    depth = np.float32(0.0)
+    depth, half = np.float32(0.0), np.float32(math.inf)
     while t < far and depth < LEAST_OPAQUE:
         i = min(max(int((ox + t * dx) * cells), 0), cells - 1)
         j = min(max(int((oy + t * dy) * cells), 0), cells - 1)
         k = min(max(int((oz + t * dz) * cells), 0), cells - 1)
         code = blocking[i, j, k]
         if code < EMPTY:
+            before = depth
             depth += DEPTH_UNIT * np.float32(code)
+            if before <= HALF and depth > HALF:
+                half = t
             t += step
         else:
             t += step * (code - EMPTY)
-    return math.exp(-depth)
+    return math.exp(-depth), half
 
 
 @numba.njit(inline="always", fastmath=True)
@@ -182,7 +188,7 @@ def grid_transmittance(origins, directions, start, step, blocking, out):
         out[r] = through_grid(
             origins[r, 0], origins[r, 1], origins[r, 2],
             directions[r, 0], directions[r, 1], directions[r, 2], start[r], step, blocking,
-        )  # fmt: skip
+        )[0]  # fmt: skip
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)

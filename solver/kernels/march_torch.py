@@ -21,7 +21,7 @@ def box_span(origins: torch.Tensor, directions: torch.Tensor) -> tuple[torch.Ten
     return torch.where(missed, 1.0, near), torch.where(missed, 0.0, far)
 
 
-def cell_values(grid: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
+def _cell_values(grid: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
     cells = grid.shape[0]
     index = (points * cells).long().clamp(0, cells - 1)
     return grid[index[..., 0], index[..., 1], index[..., 2]]
@@ -37,7 +37,7 @@ def march(
     most = int(torch.ceil(((far - near).clamp(min=0) / step).max()).item()) + 1 if len(near) else 0
     t = near[:, None] + (torch.arange(most, device=near.device) + jitter[:, None]) * step
     points = origins[:, None] + t[..., None] * directions[:, None]
-    inside = (t < far[:, None]) & (cell_values(free, points) == 0)
+    inside = (t < far[:, None]) & (_cell_values(free, points) == 0)
     raw = torch.zeros_like(t)
     nodes = planes.shape[1] - 1
     raw[inside] = vm_sum(points[inside] * nodes, planes, lines)
@@ -55,13 +55,18 @@ def march(
 
 def grid_transmittance(origins, directions, start, step, blocking) -> torch.Tensor:
     """See `march_numba.grid_transmittance`."""
+    _, depth = through_grid(origins, directions, start, step, optical_depths(blocking))
+    return torch.exp(-depth.sum(-1))
+
+
+def through_grid(origins, directions, start, step, depths) -> tuple[torch.Tensor, torch.Tensor]:
+    """Distances and optical depths [R, T] of the steps of rays through a grid of cells' depths."""
     near, far = box_span(origins, directions)
     near = torch.maximum(near, start)
     most = int(torch.ceil(((far - near).clamp(min=0) / step).max()).item()) + 1 if len(near) else 0
     t = near[:, None] + torch.arange(most, device=near.device) * step
     points = origins[:, None] + t[..., None] * directions[:, None]
-    depth = torch.where(t < far[:, None], cell_values(optical_depths(blocking), points), 0.0)
-    return torch.exp(-depth.sum(-1))
+    return t, torch.where(t < far[:, None], _cell_values(depths, points), 0.0)
 
 
 def composite(optical_depth: torch.Tensor, offsets: torch.Tensor):

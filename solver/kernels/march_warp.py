@@ -5,6 +5,8 @@ Functions take the arguments of `march_numba`, as tensors; a thread takes a ray.
 
 from __future__ import annotations
 
+import math
+
 import warp as wp
 
 from .skipping import DEPTHS_PER_UNIT
@@ -16,6 +18,8 @@ wp.set_module_options({"enable_backward": False, "fast_math": True})
 
 EMPTY = wp.constant(EMPTY_CODE)
 DEPTH_UNIT = wp.constant(1.0 / DEPTHS_PER_UNIT)
+HALF = wp.constant(math.log(2))
+NEVER = wp.constant(wp.inf)
 
 
 @wp.func
@@ -124,6 +128,29 @@ def _compact(
         ray[first + i] = wp.int64(r)
 
 
+@wp.func
+def through_grid(
+    origin: wp.vec3, direction: wp.vec3, start: float, step: float,
+    blocking: wp.array3d(dtype=wp.uint8),
+):  # fmt: skip
+    """Transmittance of a ray, and the distance at which half of its light is stopped, or infinity."""
+    span = box_span(origin, direction)
+    t = float(wp.max(span[0], start))
+    depth = float(0.0)
+    half = float(NEVER)
+    while t < span[1] and depth < 7.0:
+        code = code_at(blocking, origin + t * direction)
+        if code < EMPTY:
+            before = depth
+            depth += DEPTH_UNIT * float(code)
+            if before <= HALF and depth > HALF:
+                half = t
+            t += step
+        else:
+            t += step * float(code - EMPTY)
+    return wp.vec2(wp.exp(-depth), half)
+
+
 @wp.kernel
 def _grid_transmittance(
     origins: wp.array2d(dtype=float), directions: wp.array2d(dtype=float),
@@ -131,19 +158,8 @@ def _grid_transmittance(
     out: wp.array(dtype=float),
 ):  # fmt: skip
     r = wp.tid()
-    origin = row_of(origins, r)
-    direction = row_of(directions, r)
-    span = box_span(origin, direction)
-    t = float(wp.max(span[0], start[r]))
-    depth = float(0.0)
-    while t < span[1] and depth < 7.0:
-        code = code_at(blocking, origin + t * direction)
-        if code < EMPTY:
-            depth += DEPTH_UNIT * float(code)
-            t += step
-        else:
-            t += step * float(code - EMPTY)
-    out[r] = wp.exp(-depth)
+    found = through_grid(row_of(origins, r), row_of(directions, r), start[r], step, blocking)
+    out[r] = found[0]
 
 
 @wp.kernel

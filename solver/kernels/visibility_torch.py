@@ -6,7 +6,7 @@ import math
 
 import torch
 
-from .march_torch import box_span, cell_values
+from .march_torch import through_grid
 from .skipping import optical_depths
 
 POINTS_AT_ONCE = 64
@@ -27,12 +27,8 @@ def look_around(points, directions, start, step, blocking):
 def _around(points, directions, start, step, depths):
     origins = points[:, None].expand(-1, len(directions), -1).reshape(-1, 3)
     rays = directions.expand(len(points), -1, -1).reshape(-1, 3)
-    near, far = box_span(origins, rays)
-    near = near.clamp(min=start)
-    most = max(1, math.ceil(float(((far - near).clamp(min=0) / step).max())) + 1)
-    t = near[:, None] + torch.arange(most, device=near.device) * step
-    at = origins[:, None] + t[..., None] * rays[:, None]
-    depth = torch.where(t < far[:, None], cell_values(depths, at), 0.0).cumsum(-1)
+    t, depth = through_grid(origins, rays, origins.new_full((len(origins),), start), step, depths)
+    depth = depth.cumsum(-1)
     stopped = depth > math.log(2)
     first = t.gather(1, stopped.long().argmax(1, keepdim=True))[:, 0]
     distance = torch.where(stopped[:, -1], first, torch.full_like(first, math.inf))

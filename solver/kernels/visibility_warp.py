@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import warp as wp
 
-from .march_warp import DEPTH_UNIT, EMPTY, box_span, code_at, row_of
+from .march_warp import row_of, through_grid
 from .warp_device import launch
 
 wp.set_module_options({"enable_backward": False, "fast_math": True})
-
-HALF = wp.constant(math.log(2))
-NEVER = wp.constant(wp.inf)
 
 
 @wp.kernel
@@ -22,24 +17,9 @@ def _look_around(
     distance: wp.array2d(dtype=float),
 ):  # fmt: skip
     p, d = wp.tid()
-    origin = row_of(points, p)
-    direction = row_of(directions, d)
-    span = box_span(origin, direction)
-    t = float(wp.max(span[0], start))
-    depth = float(0.0)
-    half = float(NEVER)
-    while t < span[1] and depth < 7.0:
-        code = code_at(blocking, origin + t * direction)
-        if code < EMPTY:
-            before = depth
-            depth += DEPTH_UNIT * float(code)
-            if before <= HALF and depth > HALF:
-                half = t
-            t += step
-        else:
-            t += step * float(code - EMPTY)
-    passing[p, d] = wp.exp(-depth)
-    distance[p, d] = half
+    found = through_grid(row_of(points, p), row_of(directions, d), start, step, blocking)
+    passing[p, d] = found[0]
+    distance[p, d] = found[1]
 
 
 def look_around(points, directions, start, step, blocking, passing, distance) -> None:

@@ -17,9 +17,9 @@ import torch.nn.functional as F
 from ..light.irradiance import Arriving
 
 NODE_CELLS = (3, 4, 6, 8)
-"""cells of the occupancy grid between nodes: the least of these with no more than"""
+"""cells of the occupancy grid between nodes: the first of these that needs no more than `MOST_PROBES`"""
 MOST_PROBES = 16_000
-"""of a field, so that a step's product with the light stays small beside its rays"""
+"""probes of a field, so that a step's product with the light stays small beside its rays"""
 NEAR_NODES = 1.0
 """nodes along any axis within which a node with a probe has something"""
 NEAR_DEPTH = 0.05
@@ -37,9 +37,7 @@ LIFT_NODES = 0.5
 class Nodes(NamedTuple):
     """Probes on a grid over a field's box."""
 
-    row: (
-        torch.Tensor
-    )  # [N, N, N] long: of the irradiance tables; 0, all light, far from any surface
+    row: torch.Tensor  # [N, N, N] long: of the irradiance tables; 0, all light, far from surfaces
     clear: torch.Tensor  # [N, N, N] how much a node counts, more than 0
     spacing: float  # of the nodes, box units
 

@@ -196,16 +196,21 @@ def test_a_saturated_pixel_forgives_more_light_but_not_less():
     assert loss(3.0) == 0 and loss(0.5) > 0.01
 
 
+def mean_material(name, steps, fraction, **changes):
+    """Of a fit whose steps all count as the same fraction of it."""
+    settings = dataclasses.replace(SMALL, fit=dataclasses.replace(SMALL.fit, **changes))
+    capture, photos = ball_capture()
+    trainer = new_trainer(capture, photos, settings, 0, None, "cpu", lambda fraction: None)
+    for _ in range(steps):
+        trainer.advance(fraction)
+    with torch.no_grad():
+        features = trainer.scene.field.features(torch.rand(500, 3))
+        return float(getattr(trainer.scene.field.materials(features), name).mean())
+
+
 def test_the_pull_on_roughness_makes_surfaces_sharper_and_is_gone_at_the_end():
     def mean_roughness(weight, fraction):
-        pulled = dataclasses.replace(SMALL.fit, roughness_weight=weight)
-        settings = dataclasses.replace(SMALL, fit=pulled)
-        capture, photos = ball_capture()
-        trainer = new_trainer(capture, photos, settings, 0, None, "cpu", lambda fraction: None)
-        for _ in range(12):
-            trainer.advance(fraction)
-        features = trainer.scene.field.features(torch.rand(500, 3))
-        return float(trainer.scene.field.materials(features).alpha.mean())
+        return mean_material("alpha", 12, fraction, roughness_weight=weight)
 
     last = np.nextafter(1.0, 0.0)
     assert mean_roughness(10.0, 0.1) < mean_roughness(0.0, 0.1) - 1e-3
@@ -226,14 +231,7 @@ def test_f0_close_to_a_dielectrics_is_pulled_there_and_metals_are_left_alone():
 
 def test_the_pull_to_dielectrics_begins_when_metals_have_got_away():
     def mean_f0(weight, fraction):
-        pulled = dataclasses.replace(SMALL.fit, dielectric_weight=weight)
-        settings = dataclasses.replace(SMALL, fit=pulled)
-        capture, photos = ball_capture()
-        trainer = new_trainer(capture, photos, settings, 0, None, "cpu", lambda fraction: None)
-        for _ in range(30):
-            trainer.advance(fraction)
-        features = trainer.scene.field.features(torch.rand(500, 3))
-        return float(trainer.scene.field.materials(features).f0.detach().mean())
+        return mean_material("f0", 30, fraction, dielectric_weight=weight)
 
     assert mean_f0(1.0, 0.5) < 0.995 * mean_f0(0.0, 0.5)
     assert mean_f0(1.0, 0.1) == pytest.approx(mean_f0(0.0, 0.1), rel=1e-6)
