@@ -10,6 +10,7 @@ from ..brdf.microfacet import DIELECTRIC_F0
 from ..render.radiance import RayBuffers
 from ..render.random_numbers import ROOM_DIRECTION, RandomNumbers
 from ..render.scene import Scene, StepTables
+from ..render.smoothness import saturating
 from ..render.surroundings import Surroundings, light_of_room
 from ..render.tonemap import linear_to_srgb, over_background
 from .ray_bank import RayBatch
@@ -73,17 +74,15 @@ def total_loss(
         loss = loss + (1 - fraction) * settings.roughness_weight * buffers.alpha.mean()
     if buffers.bending is not None:
         fade = settings.smoothness_end**fraction
-        loss = loss + fade * settings.bending_weight * buffers.bending.mean()
+        loss = loss + fade * settings.bend_weight * buffers.bending.mean()
         loss = loss + fade * settings.unevenness_weight * buffers.unevenness.mean()
     return loss, {"image": float(image.detach())}
 
 
 def unlike_dielectric(buffers: RayBuffers) -> torch.Tensor:
-    """Mean of x²/(x² + s²) in [0, 1), x = F0 − 0.04: it pulls what is close, and leaves metals alone
-    (Geman & McClure's robust function)."""
+    """Mean of x²/(x² + s²) in [0, 1), x = F0 − 0.04: it pulls what is close, and leaves metals alone."""
     usual = DIELECTRIC_F0 * buffers.opacity.detach()[:, None]
-    square = (buffers.f0 - usual).square()
-    return (square / (square + DIELECTRIC_SPREAD**2)).mean()
+    return saturating((buffers.f0 - usual).square(), DIELECTRIC_SPREAD).mean()
 
 
 def room_light(

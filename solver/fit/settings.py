@@ -116,8 +116,9 @@ class FitSettings:
     """of Σ w·max(0, n·d)²: visible normals face the camera"""
     opacity_weight: float = 6e-4
     """of the opacity itself: discourages floaters"""
-    bending_weight: float = 0.2
-    """of e^(−r/0.15)(1 − n·n') with the normal n' close by, at the start; fades as `smoothness_end`"""
+    bend_weight: float = 0.064
+    """of e^(−r/0.15) times how unevenly the normals close by bend, 0 to 1 (`render.smoothness.bending`),
+    at the start; fades as `smoothness_end`"""
     unevenness_weight: float = 0.002
     """of the difference to the materials close by, likewise"""
     smoothness_end: float = 0.4

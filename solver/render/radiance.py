@@ -10,7 +10,6 @@ from ..kernels.march import composite
 from .depths import Depths, all_depths, random_depths
 from .random_numbers import (
     DEPTH,
-    NEIGHBOUR,
     OFFSET,
     SECONDARY_DEPTH,
     SECONDARY_OFFSET,
@@ -19,6 +18,7 @@ from .random_numbers import (
 )
 from .scene import RenderSettings, Samples, Scene, Steps, StepTables
 from .shade import shade
+from .smoothness import smoothness
 
 SECONDARY_MIN_WEIGHT = 5.0
 """threshold of shading at the end of retraced rays, in units of `RenderSettings.min_weight`"""
@@ -26,9 +26,6 @@ GLOW_MIN_WEIGHT = 5e-4
 """samples of a plain radiance field that weigh less are not looked at; a fog has many light ones"""
 RAYS_PER_TRACE = 65536
 """retraced rays at once where no gradient is wanted; bounds the memory"""
-
-GLOSS_ROUGHNESS = 0.15
-"""roughness r at which a surface's normals are held together e times less than a mirror's"""
 
 
 @dataclass
@@ -46,7 +43,7 @@ class RayBuffers:
     samples: int  # density samples taken by primary rays
     retraced: int  # secondary rays traced through the field
     retraced_samples: int  # density samples they took
-    bending: torch.Tensor | None = None  # [R] Σ w·gloss·(1 − n·n'), n' the normal close by
+    bending: torch.Tensor | None = None  # [R] Σ w·bending of the samples (see `smoothness`)
     unevenness: torch.Tensor | None = None  # [R] Σ w·|materials − materials close by|
 
 
@@ -101,7 +98,7 @@ def render_rays(
         "alpha": materials.alpha, "f0": materials.f0, "backfacing": away.clamp(min=0) ** 2,
     }  # fmt: skip
     if settings.neighbour_distance > 0 and settings.emission < 1:
-        shown["bending"], shown["unevenness"] = _neighbours(
+        shown["bending"], shown["unevenness"] = smoothness(
             scene, tables, settings, random, kept, shading
         )
     with torch.no_grad():
@@ -136,26 +133,6 @@ def _samples(
     points = origins[ray] + distance[:, None] * directions[ray]
     part = None if steps.part is None else steps.part[index]
     return Samples(points, distance, ray, sample_keys(keys, ray, index, steps.offsets), part)
-
-
-def _neighbours(scene, tables, settings, random, samples, shading):
-    """How much normals and materials [S] differ from those at a random point close by.
-
-    Normals count by gloss, e^(−r/0.15): the sharper a reflection, the more a bent normal shows, and
-    the less it is held by the photos' shading.
-    """
-    spread = settings.neighbour_distance * scene.field.voxel
-    offset = (random.uniform(NEIGHBOUR, samples.keys, 3) - 0.5) * (2 * 3**0.5 * spread)
-    near = scene.surface(samples.points + offset, samples.part, tables.normals)
-    other, here = near.materials, shading.materials
-    gloss = torch.exp(-here.alpha.detach().sqrt() / GLOSS_ROUGHNESS)
-    bend = gloss * (1 - (near.normals * shading.normals).sum(-1))
-    difference = (
-        (other.albedo - here.albedo).abs().mean(-1)
-        + (other.alpha.sqrt() - here.alpha.sqrt()).abs()
-        + (other.f0 - here.f0).abs().mean(-1)
-    )
-    return bend, difference
 
 
 def _trace_secondary(scene, tables, settings, random, origins, directions, keys, start):

@@ -1,0 +1,60 @@
+"""How unlike its surroundings a surface is: bends of its normals, steps of its materials."""
+
+from __future__ import annotations
+
+import torch
+
+from .random_numbers import NEIGHBOUR, RandomNumbers
+from .scene import RenderSettings, Samples, Scene, StepTables
+from .shade import Shading
+
+GLOSS_ROUGHNESS = 0.15
+"""roughness r at which a surface's normals are held together e times less than a mirror's"""
+CREASE = 0.063
+"""angle, rad, by which a lone normal has to be off to count half as much as any edge does (3.6°)"""
+
+
+def saturating(square: torch.Tensor, spread: float) -> torch.Tensor:
+    """x²/(x² + s²) in [0, 1) of squares x²: nearly quadratic below the spread s, nearly one beyond it.
+
+    Geman & McClure's robust function: what is far away is left alone.
+    """
+    return square / (square + spread**2)
+
+
+def smoothness(
+    scene: Scene, tables: StepTables, settings: RenderSettings, random: RandomNumbers,
+    samples: Samples, shading: Shading,
+) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
+    """Bending and unevenness, each [S] ≥ 0, of shaded samples [S].
+
+    Both look at a random point close by; bending at its mirror image beyond the sample as well (see
+    `bending`). It counts by gloss, e^(−r/0.15), r without gradient: the sharper a reflection, the more a
+    bent normal shows, and the less it is held by the photos' shading (docs/decisions/0007).
+    """
+    spread = settings.neighbour_distance * scene.field.voxel
+    offset = (random.uniform(NEIGHBOUR, samples.keys, 3) - 0.5) * (2 * 3**0.5 * spread)
+    near = scene.surface(samples.points + offset, samples.part, tables.normals)
+    beyond = scene.surface_normals(samples.points - offset, samples.part, tables.normals)
+    gloss = torch.exp(-shading.materials.alpha.detach().sqrt() / GLOSS_ROUGHNESS)
+    bends = gloss * bending(shading.normals, near.normals, beyond)
+    return bends, _unevenness(shading.materials, near.materials)
+
+
+def bending(here: torch.Tensor, near: torch.Tensor, beyond: torch.Tensor) -> torch.Tensor:
+    """How unevenly a surface bends [S] in [0, 1), from unit normals [S, 3] at a point and at two others,
+    equally far from it on opposite sides.
+
+    x² = |n₊ + n₋ − 2n|²/4 is nothing where a surface is flat or evenly round, and the square of the angle
+    where only n is off; edges, whose x is large, are left as they are (docs/decisions/0016).
+    """
+    square = 0.25 * (near + beyond - 2 * here).square().sum(-1)
+    return saturating(square, CREASE)
+
+
+def _unevenness(here, other):
+    return (
+        (other.albedo - here.albedo).abs().mean(-1)
+        + (other.alpha.sqrt() - here.alpha.sqrt()).abs()
+        + (other.f0 - here.f0).abs().mean(-1)
+    )
