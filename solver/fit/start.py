@@ -43,6 +43,9 @@ a capture may be of any size"""
 HAZE, THIN_FOG = -4.0, -6.0
 """shift of the raw density: the public code's, and one under which a ray passes the box at the start, for
 else a surface settles before the cameras"""
+OUTSIDE, INSIDE = -12.0, 5.0
+"""raw density far from the hull's surface: clear, and opaque within a few voxels but not more, for slots
+and hollows, which no mask shows, have yet to be carved (docs/decisions/0001)"""
 HULL_MARGIN = 3  # cells of the hull's grid by which the object may reach beyond the hull
 BACKGROUNDS = ("auto", "white", "black", "random", "environment", "room")
 LIKELY_MARGIN = 9  # pixels around the object from which rays are drawn as often as from it
@@ -100,7 +103,7 @@ def new_trainer(
     if use_hull:
         hull = carve(cameras, masks_of(photos), cube.box, shape.hull_cells)
         distance = torch.from_numpy(signed_distance(hull)) * (2 * cube.half_size / hull.shape[0])
-        start_from_hull(field, distance, shape.hull_slope / cube.half_size, -12.0, 12.0)
+        start_from_hull(field, distance, shape.hull_slope / cube.half_size, OUTSIDE, INSIDE)
     room = None
     if background_of(photos, settings.fit.background) == "room":
         room = _room(cameras, cube, shape.sizes[0], settings.light.initial)

@@ -88,6 +88,17 @@ def test_masks_without_common_ground_are_an_error():
         new_trainer(capture, [empty, *photos[1:]], SMALL, 0, None, "cpu", lambda fraction: None)
 
 
+def test_a_fit_starts_opaque_but_not_so_deep_that_hollows_could_not_be_carved():
+    trainer, _, _, _ = trained()
+    field = trainer.scene.field
+    along = torch.linspace(-0.5, 0.5, 60)[:, None] * torch.tensor([1.0, 0.0, 0.0])
+    raw = field.raw_density(field.to_box(along)).detach()
+    passing = torch.exp(-field.extinction(raw).mean())
+    assert float(passing) < 1e-6 and float(raw.max()) < 8
+    outside = field.raw_density(field.to_box(torch.tensor([[0.9 * field.half_size] * 3])))
+    assert float(field.extinction(outside.detach())) < 1e-3
+
+
 def test_a_fit_learns_the_colour_of_a_ball():
     trainer, losses, *_ = trained(60)
     assert np.mean(losses[-5:]) < 0.4 * losses[0]
