@@ -128,6 +128,9 @@ class FitSettings:
     higher F0, but what is no metal has an index of refraction near 1.5 (docs/decisions/0015)"""
     dielectric_start: float = 0.3
     """fraction of the fit from which on it counts: by then metals are too far from it to be moved"""
+    metal_weight: float = 0.01
+    """of (F0 − 0.9)² where F0 is above 0.3, from `dielectric_start` on: photos hardly tell a dim metal
+    with a diffuse share under a bright light from a bright one (docs/decisions/0015)"""
     roughness_weight: float = 0.0
     """of α = r² at the start, falling to nothing at the end: a wide lobe under a blurred light fits
     most photos, so roughness that starts wide stays there; 0.002 helps glazes (docs/decisions/0009)"""
