@@ -6,24 +6,17 @@ import math
 
 import torch
 
-from ..brdf.microfacet import DIELECTRIC_F0
 from ..render.radiance import RayBuffers
 from ..render.random_numbers import ROOM_DIRECTION, RandomNumbers
 from ..render.scene import Scene, StepTables
-from ..render.smoothness import saturating
 from ..render.surroundings import Surroundings, light_of_room
 from ..render.tonemap import linear_to_srgb, over_background
+from . import priors
 from .ray_bank import RayBatch
 from .settings import FitSettings
 
 SATURATED = 0.95
 """radiance from which a photo's white may be any brighter light"""
-DIELECTRIC_SPREAD = 0.02
-"""of F0 among what is no metal"""
-METAL_F0 = 0.9
-"""of the brightest channel of metals that people photograph: silver, gold, copper, aluminium, brass"""
-LEAST_METAL_F0, METAL_SPREAD = 0.3, 0.05
-"""where metals begin, and how softly"""
 LEAST_LIGHT = 1e-2
 """radiance below which light and room are equally dark"""
 
@@ -64,43 +57,20 @@ def total_loss(
 
     Args:
         use_masks: opacity is held to the photos' alpha.
-        fraction: how much of the fit is done; smoothness terms fade with it.
+        fraction: how much of the fit is done; terms for what photos leave open begin and fade with it.
         gain: see `photometric`.
     """
     image = photometric(buffers, batch, behind, gain)
     loss = image + settings.opacity_weight * buffers.opacity.mean()
     loss = loss + settings.orientation_weight * buffers.backfacing.mean()
+    loss = loss + priors.of_materials(buffers, settings, fraction)
     if use_masks and settings.mask_weight > 0:
         loss = loss + settings.mask_weight * (buffers.opacity - batch.alpha).square().mean()
-    if settings.dielectric_weight > 0 and fraction >= settings.dielectric_start:
-        loss = loss + settings.dielectric_weight * unlike_dielectric(buffers)
-    if settings.metal_weight > 0 and fraction >= settings.dielectric_start:
-        loss = loss + settings.metal_weight * unlike_metal(buffers)
-    if settings.roughness_weight > 0:
-        loss = loss + (1 - fraction) * settings.roughness_weight * buffers.alpha.mean()
     if buffers.bending is not None:
         fade = settings.smoothness_end**fraction
         loss = loss + fade * settings.bend_weight * buffers.bending.mean()
         loss = loss + fade * settings.unevenness_weight * buffers.unevenness.mean()
     return loss, {"image": float(image.detach())}
-
-
-def unlike_dielectric(buffers: RayBuffers) -> torch.Tensor:
-    """Mean of x²/(x² + s²) in [0, 1), x = F0 − 0.04: it pulls what is close, and leaves metals alone."""
-    usual = DIELECTRIC_F0 * buffers.opacity.detach()[:, None]
-    return saturating((buffers.f0 - usual).square(), DIELECTRIC_SPREAD).mean()
-
-
-def unlike_metal(buffers: RayBuffers) -> torch.Tensor:
-    """Mean of (F0 − 0.9)² of the brightest channel, over what is metal, which F0 above 0.3 is.
-
-    All channels are moved alike, whichever is the brightest, so that the pull has no colour.
-    """
-    f0 = buffers.f0 / buffers.opacity.detach().clamp(min=0.1)[:, None]
-    brightest = f0.detach().amax(-1)
-    metal = torch.sigmoid((brightest - LEAST_METAL_F0) / METAL_SPREAD)
-    missing = METAL_F0 - brightest - (f0 - f0.detach()).mean(-1)
-    return (metal * missing.square()).mean()
 
 
 def room_light(

@@ -123,14 +123,21 @@ class FitSettings:
     """of the difference to the materials close by, likewise"""
     smoothness_end: float = 0.4
     """what remains of both smoothness weights at the end"""
+    palette_weight: float = 5e-3
+    """of how unlike albedos of two points anywhere are, where they may be one colour: an object has few,
+    while shadows left over in the albedo have many (docs/decisions/0017)"""
+    palette_end: float = 0.1
+    """what remains of it at the end, when photos have told textures from shadows"""
     dielectric_weight: float = 1e-3
     """of x²/(x² + 0.02²), x being how far F0 is from 0.04: photos hardly tell a brighter light from a
     higher F0, but what is no metal has an index of refraction near 1.5 (docs/decisions/0015)"""
-    dielectric_start: float = 0.3
-    """fraction of the fit from which on it counts: by then metals are too far from it to be moved"""
     metal_weight: float = 0.01
-    """of (F0 − 0.9)² where F0 is above 0.3, from `dielectric_start` on: photos hardly tell a dim metal
-    with a diffuse share under a bright light from a bright one (docs/decisions/0015)"""
+    """of (F0 − 0.9)² where F0 is above 0.3: photos hardly tell a dim metal with a diffuse share under a
+    bright light from a bright one (docs/decisions/0015)"""
+    metal_albedo_weight: float = 0.02
+    """of albedo² where F0 is above 0.6: metals have no diffuse layer"""
+    f0_start: float = 0.3
+    """fraction of the fit from which on those three count: by then metals have got away from dielectrics"""
     roughness_weight: float = 0.0
     """of α = r² at the start, falling to nothing at the end: a wide lobe under a blurred light fits
     most photos, so roughness that starts wide stays there; 0.002 helps glazes (docs/decisions/0009)"""

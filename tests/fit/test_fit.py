@@ -12,7 +12,7 @@ from solver.capture.errors import CaptureError
 from solver.capture.photos import Photo
 from solver.fit import checkpoint
 from solver.fit.errors import SettingsError
-from solver.fit.losses import photometric, unlike_dielectric, unlike_metal
+from solver.fit.losses import photometric
 from solver.fit.presets import PRESETS, settings_for
 from solver.fit.ray_bank import RayBank, RayBatch
 from solver.fit.schedule import neural_share, smoothing_width
@@ -226,32 +226,6 @@ def test_the_pull_on_roughness_makes_surfaces_sharper_and_is_gone_at_the_end():
     last = np.nextafter(1.0, 0.0)
     assert mean_roughness(10.0, 0.1) < mean_roughness(0.0, 0.1) - 1e-3
     assert mean_roughness(10.0, last) == pytest.approx(mean_roughness(0.0, last), rel=1e-3)
-
-
-def test_f0_close_to_a_dielectrics_is_pulled_there_and_metals_are_left_alone():
-    def pull(f0):
-        f0 = torch.tensor([[f0] * 3], requires_grad=True)
-        unlike_dielectric(
-            dataclasses.make_dataclass("B", ["f0", "opacity"])(f0, torch.ones(1))
-        ).backward()
-        return float(f0.grad.mean())
-
-    assert pull(0.04) == 0 and pull(0.07) > 0 > pull(0.02)
-    assert pull(0.6) < 1e-3 * pull(0.07)
-
-
-def test_metals_are_pulled_to_bright_ones_without_colour_and_dielectrics_are_left_alone():
-    def pull(*f0):
-        f0 = torch.tensor([f0], requires_grad=True)
-        unlike_metal(
-            dataclasses.make_dataclass("B", ["f0", "opacity"])(f0, torch.ones(1))
-        ).backward()
-        return f0.grad[0].tolist()
-
-    red, green, blue = pull(0.7, 0.5, 0.2)
-    assert red == green == blue < -0.1
-    assert pull(0.9, 0.6, 0.3) == pytest.approx([0, 0, 0], abs=1e-6)
-    assert abs(pull(0.04, 0.04, 0.04)[0]) < 0.05 * abs(red)
 
 
 def test_the_pull_to_dielectrics_begins_when_metals_have_got_away():

@@ -1,0 +1,90 @@
+"""What things are usually made of, for where photos leave it open; terms of the loss."""
+
+from __future__ import annotations
+
+import torch
+
+from ..brdf.microfacet import DIELECTRIC_F0
+from ..render.radiance import RayBuffers
+from ..render.smoothness import saturating
+from .settings import FitSettings
+
+DIELECTRIC_SPREAD = 0.02
+"""of F0 among what is no metal"""
+METAL_F0 = 0.9
+"""of the brightest channel of metals that people photograph: silver, gold, copper, aluminium, brass"""
+LEAST_METAL_F0, SURE_METAL_F0, METAL_SPREAD = 0.3, 0.6, 0.05
+"""where metals begin, where they are sure, and how softly"""
+COLOUR_SPREAD = 0.2
+"""of albedos that may be one and the same, as a share of the mean of all"""
+LEAST_OPACITY = 0.1
+"""of pixels at the object's edge, which else would have materials far brighter than any"""
+
+
+def of_materials(buffers: RayBuffers, settings: FitSettings, fraction: float) -> torch.Tensor:
+    """The weighted sum of all terms below, at a fraction of the fit."""
+    loss = buffers.opacity.new_zeros(())
+    if settings.palette_weight > 0:
+        weight = settings.palette_weight * settings.palette_end**fraction
+        loss = loss + weight * off_palette(buffers)
+    if settings.roughness_weight > 0:
+        loss = loss + (1 - fraction) * settings.roughness_weight * buffers.alpha.mean()
+    if fraction < settings.f0_start:
+        return loss
+    if settings.dielectric_weight > 0:
+        loss = loss + settings.dielectric_weight * unlike_dielectric(buffers)
+    if settings.metal_weight > 0:
+        loss = loss + settings.metal_weight * unlike_metal(buffers)
+    if settings.metal_albedo_weight > 0:
+        loss = loss + settings.metal_albedo_weight * diffuse_metal(buffers)
+    return loss
+
+
+def unlike_dielectric(buffers: RayBuffers) -> torch.Tensor:
+    """Mean of x²/(x² + s²) in [0, 1), x = F0 − 0.04: it pulls what is close, and leaves metals alone."""
+    usual = DIELECTRIC_F0 * buffers.opacity.detach()[:, None]
+    return saturating((buffers.f0 - usual).square(), DIELECTRIC_SPREAD).mean()
+
+
+def unlike_metal(buffers: RayBuffers) -> torch.Tensor:
+    """Mean of (F0 − 0.9)² of the brightest channel, over what is metal, which F0 above 0.3 is.
+
+    All channels are moved alike, whichever is the brightest, so that the pull has no colour.
+    """
+    f0 = _straight(buffers.f0, buffers.opacity)
+    brightest = f0.detach().amax(-1)
+    metal = _above(brightest, LEAST_METAL_F0)
+    missing = METAL_F0 - brightest - (f0 - f0.detach()).mean(-1)
+    return (metal * missing.square()).mean()
+
+
+def diffuse_metal(buffers: RayBuffers) -> torch.Tensor:
+    """Mean of albedo² over what is surely metal, which has none; without gradient to F0."""
+    metal = _above(_straight(buffers.f0, buffers.opacity).detach().amax(-1), SURE_METAL_F0)
+    return (metal * _straight(buffers.albedo, buffers.opacity).square().mean(-1)).mean()
+
+
+def off_palette(buffers: RayBuffers) -> torch.Tensor:
+    """How much albedos of pairs of pixels differ that may be of one colour, in [0, 1).
+
+    Mean of x²/(x² + s²), x the root mean square difference over channels, as a share of the mean albedo,
+    so that a darker object is no better than a brighter one. Pairs are half a batch apart, which is
+    anywhere on the object: an object has few colours, wherever they are; shadows, bounces and highlights
+    left over in the albedo have many. Low entropy of reflectance is the parsimony of Barron and Malik
+    (2015), doi:10.1109/TPAMI.2014.2377712. See docs/decisions/0017.
+    """
+    opacity = buffers.opacity.detach()
+    albedo = _straight(buffers.albedo, opacity)
+    mean = (opacity[:, None] * albedo).mean() / opacity.mean().clamp(min=LEAST_OPACITY)
+    half = len(opacity) // 2
+    square = (albedo - albedo.roll(half, 0)).square().mean(-1) / mean.square().clamp(min=1e-6)
+    return (opacity * opacity.roll(half) * saturating(square, COLOUR_SPREAD)).mean()
+
+
+def _above(f0: torch.Tensor, least: float) -> torch.Tensor:
+    return torch.sigmoid((f0 - least) / METAL_SPREAD)
+
+
+def _straight(value: torch.Tensor, opacity: torch.Tensor) -> torch.Tensor:
+    """[R, 3] not premultiplied any more; opacity has no gradient."""
+    return value / opacity.detach().clamp(min=LEAST_OPACITY)[:, None]

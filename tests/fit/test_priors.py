@@ -1,0 +1,97 @@
+"""What things are usually made of pulls where it should, and nowhere else."""
+
+import dataclasses
+from types import SimpleNamespace
+
+import pytest
+import torch
+
+from solver.fit import priors
+from solver.fit.presets import settings_for
+
+
+def pull(term, name, values, **others):
+    """Gradients of a term to the materials of opaque pixels."""
+    values = torch.tensor(values, requires_grad=True)
+    others = {key: torch.tensor(value) for key, value in others.items()}
+    seen = SimpleNamespace(opacity=torch.ones(len(values)), **{name: values}, **others)
+    term(seen).backward()
+    return values.grad
+
+
+def palette(albedo, opacity=None):
+    albedo = torch.tensor(albedo)[:, None].expand(-1, 3)
+    opacity = torch.ones(len(albedo)) if opacity is None else torch.tensor(opacity)
+    return float(
+        priors.off_palette(SimpleNamespace(albedo=albedo * opacity[:, None], opacity=opacity))
+    )
+
+
+def test_f0_close_to_a_dielectrics_is_pulled_there_and_metals_are_left_alone():
+    def of(f0):
+        return float(pull(priors.unlike_dielectric, "f0", [[f0] * 3]).mean())
+
+    assert of(0.04) == 0 and of(0.07) > 0 > of(0.02)
+    assert of(0.6) < 1e-3 * of(0.07)
+
+
+def test_metals_are_pulled_to_bright_ones_without_colour_and_dielectrics_are_left_alone():
+    def of(*f0):
+        return pull(priors.unlike_metal, "f0", [f0])[0].tolist()
+
+    red, green, blue = of(0.7, 0.5, 0.2)
+    assert red == green == blue < -0.1
+    assert of(0.9, 0.6, 0.3) == pytest.approx([0, 0, 0], abs=1e-6)
+    assert abs(of(0.04, 0.04, 0.04)[0]) < 0.05 * abs(red)
+
+
+def test_only_what_is_surely_metal_loses_its_albedo():
+    albedo = [[0.5] * 3, [0.5] * 3, [0.5] * 3]
+    f0 = [[0.9, 0.6, 0.3], [0.04] * 3, [0.3] * 3]
+    metal, dielectric, unsure = pull(priors.diffuse_metal, "albedo", albedo, f0=f0).mean(-1)
+    assert metal > 0.05
+    assert max(dielectric, unsure) < 0.01 * metal
+
+
+def test_albedos_that_may_be_one_colour_are_pulled_together():
+    first, second, *rest = pull(
+        priors.off_palette, "albedo", [[0.5] * 3, [0.5] * 3, [0.45] * 3, [0.45] * 3]
+    ).mean(-1)
+    assert first > 0 and second > 0 and all(other < 0 for other in rest)
+
+
+def test_colours_far_apart_are_left_alone():
+    def of(other):
+        return float(pull(priors.off_palette, "albedo", [[0.5] * 3, [other] * 3])[0].mean().abs())
+
+    assert of(0.01) < 0.1 * of(0.45)
+
+
+def test_a_darker_object_is_no_better_than_a_brighter_one():
+    albedo = [0.8, 0.7, 0.3, 0.35, 0.82, 0.1]
+    assert palette([0.2 * a for a in albedo]) == pytest.approx(palette(albedo), rel=1e-5)
+
+
+def test_few_colours_are_better_than_many():
+    generator = torch.Generator().manual_seed(0)
+
+    def anywhere(albedo):
+        order = [torch.randperm(len(albedo), generator=generator) for _ in range(20)]
+        return sum(palette(albedo[o].tolist()) for o in order) / len(order)
+
+    two = torch.tensor([0.3] * 32 + [0.9] * 32)
+    assert anywhere(two) < 0.9 * anywhere(torch.linspace(0.3, 0.9, 64))
+    assert anywhere(torch.full((64,), 0.6)) == 0
+
+
+def test_what_is_not_the_object_has_no_colour():
+    assert palette([0.4, 0.4, 0.9, 0.4], [1.0, 1.0, 0.0, 1.0]) == pytest.approx(0, abs=1e-6)
+    assert palette([0.4, 0.6], [0.0, 0.0]) == 0
+
+
+def test_the_paper_has_no_such_terms():
+    ones = torch.ones(4, 3)
+    seen = SimpleNamespace(opacity=ones[:, 0], albedo=ones, f0=0.5 * ones, alpha=ones[:, 0])
+    fit = settings_for("paper").fit
+    assert priors.of_materials(seen, fit, 0.5) == 0
+    assert priors.of_materials(seen, dataclasses.replace(fit, metal_weight=1.0), 0.5) > 0
