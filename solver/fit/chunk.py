@@ -12,6 +12,7 @@ from ..render.radiance import render_rays
 from ..render.random_numbers import ROOM_OFFSET, RandomNumbers
 from ..render.scene import RenderSettings, Scene, StepTables
 from ..render.surroundings import surroundings
+from . import priors
 from .losses import Behind, room_light, total_loss
 from .ray_bank import RayBatch
 from .schedule import emission_share, neural_share
@@ -92,6 +93,9 @@ class ChunkLoss:
             buffers, batch, fit, self.use_masks, chunk.fraction,
             self._behind(scene, tables, random, chunk), gain,
         )  # fmt: skip
+        reflecting = 1 - self.emission(chunk.fraction)
+        if reflecting > 0:
+            loss = loss + reflecting * priors.of_materials(buffers, fit, chunk.fraction)
         if scene.room is not None:
             keys = chunk.keys[: max(1, round(ROOM_DIRECTIONS * share))]
             loss = loss + fit.room_light_weight * room_light(scene, tables, random, keys)

@@ -11,7 +11,6 @@ from ..render.random_numbers import ROOM_DIRECTION, RandomNumbers
 from ..render.scene import Scene, StepTables
 from ..render.surroundings import Surroundings, light_of_room
 from ..render.tonemap import linear_to_srgb, over_background
-from . import priors
 from .ray_bank import RayBatch
 from .settings import FitSettings
 
@@ -53,17 +52,16 @@ def total_loss(
     buffers: RayBuffers, batch: RayBatch, settings: FitSettings, use_masks: bool, fraction: float,
     behind: Behind, gain: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, dict[str, float]]:  # fmt: skip
-    """The weighted sum of all terms, and the terms that are worth showing.
+    """The weighted sum of what photos and shapes say, and the terms that are worth showing.
 
     Args:
         use_masks: opacity is held to the photos' alpha.
-        fraction: how much of the fit is done; terms for what photos leave open begin and fade with it.
+        fraction: how much of the fit is done; smoothness terms fade with it.
         gain: see `photometric`.
     """
     image = photometric(buffers, batch, behind, gain)
     loss = image + settings.opacity_weight * buffers.opacity.mean()
     loss = loss + settings.orientation_weight * buffers.backfacing.mean()
-    loss = loss + priors.of_materials(buffers, settings, fraction)
     if use_masks and settings.mask_weight > 0:
         loss = loss + settings.mask_weight * (buffers.opacity - batch.alpha).square().mean()
     if buffers.bending is not None:

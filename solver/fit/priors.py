@@ -1,4 +1,7 @@
-"""What things are usually made of, for where photos leave it open; terms of the loss."""
+"""What things are usually made of, for where photos leave it open; terms of the loss.
+
+They count as far as points reflect light instead of shining by themselves.
+"""
 
 from __future__ import annotations
 

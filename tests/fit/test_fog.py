@@ -71,6 +71,20 @@ def test_only_a_fit_without_masks_starts_by_shining(masked):
     assert (trainer.scene.room is None) == masked
 
 
+def test_what_materials_usually_are_does_not_count_while_points_shine():
+    def albedo(fraction, weight):
+        capture, photos = room_capture()
+        fit = dataclasses.replace(SMALL.fit, palette_weight=weight, emission_fade=(0.3, 0.6))
+        settings = dataclasses.replace(SMALL, fit=fit)
+        trainer = new_trainer(capture, photos, settings, 0, None, "cpu", lambda fraction: None)
+        for _ in range(3):
+            trainer.advance(fraction)
+        return trainer.scene.field.heads.albedo.weight.detach()
+
+    assert torch.equal(albedo(0.1, 0.0), albedo(0.1, 1.0))
+    assert not torch.equal(albedo(0.5, 0.0), albedo(0.5, 1.0))
+
+
 def test_a_fog_before_a_room_becomes_the_ball():
     capture, photos = room_capture()
     trainer = new_trainer(capture, photos, SMALL, 0, None, "cpu", lambda fraction: None)
