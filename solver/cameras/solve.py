@@ -10,7 +10,6 @@ import os
 import shutil
 import threading
 import time
-from collections import defaultdict
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -21,6 +20,7 @@ from typing import Any
 from ..capture.errors import CaptureError
 from ..fit.progress import Progress
 from ..job.control import Cancelled, Control
+from .database import evidence_of, numbers, opened, register
 from .diagnosis import Evidence, unplaced
 from .folder import FEWEST_PHOTOS, SolveFolder, SolveRequest
 from .model import finish_model
@@ -29,8 +29,6 @@ from .pairs import pairs_of
 from .prepare import Prepared, look_at, write_prepared
 
 SHARES = {"features": 0.3, "matching": 0.45, "mapping": 0.2, "adjustment": 0.05}
-DEFAULT_FOCAL = 1.2
-"""focal length over the longer side, where a photo says nothing: a phone's main camera and most lenses"""
 FEWEST_FEATURES = 16
 _BLOCK_SECONDS = 2.0
 
@@ -83,7 +81,7 @@ class Solver:
         self.colmap.set_random_seed(self.request.seed)
         try:
             with self._stopping():
-                self._register(photos)
+                register(self.colmap, self.folder.database_path, photos, self.request)
                 self._features(photos)
                 self._match(photos)
                 model = self._map(photos)
@@ -114,62 +112,12 @@ class Solver:
         if self.control.should_stop:
             raise Cancelled
 
-    @contextmanager
-    def _database(self) -> Iterator[Any]:
-        database = self.colmap.Database.open(self.folder.database_path)
-        try:
-            yield database
-        finally:
-            database.close()
-
-    def _register(self, photos: list[Prepared]) -> None:
-        """Put photos and lenses into a new database, all or nothing."""
-        with self._database() as database:
-            if database.num_images() == len(photos):
-                return
-            database.clear_all_tables()
-            with self.colmap.DatabaseTransaction(database):
-                rigs: dict[Any, tuple[Any, int]] = {}
-                for photo in photos:
-                    key = self._lens_key(photo)
-                    if key not in rigs:
-                        rigs[key] = self._new_rig(database, photo)
-                    camera, rig = rigs[key]
-                    if (camera.width, camera.height) != (photo.small_width, photo.small_height):
-                        raise CaptureError(
-                            photo.path, "", f"the photo is {photo.width} × {photo.height} pixels, "
-                            "others are not, so they have no lens in common",
-                            "solve without --single-camera",
-                        )  # fmt: skip
-                    image = self.colmap.Image(name=photo.file, camera_id=camera.camera_id)
-                    number = database.write_image(image)
-                    frame = self.colmap.Frame(frame_id=number, rig_id=rig)
-                    frame.add_data_id(self.colmap.data_t(camera.sensor_id, number))
-                    database.write_frame(frame)
-
-    def _lens_key(self, photo: Prepared) -> Any:
-        sharing = self.request.sharing
-        return {"single": 0, "each": photo.number}.get(sharing, photo.lens_key)
-
-    def _new_rig(self, database: Any, photo: Prepared) -> tuple[Any, int]:
-        factor = photo.small_width / photo.width
-        longer = max(photo.small_width, photo.small_height)
-        focal = DEFAULT_FOCAL * longer if photo.focal is None else photo.focal * factor
-        camera = self.colmap.Camera.create_from_model_name(
-            0, self.request.camera_model, focal, photo.small_width, photo.small_height
-        )
-        camera.has_prior_focal_length = photo.focal is not None
-        camera.camera_id = database.write_camera(camera)
-        rig = self.colmap.Rig(rig_id=camera.camera_id)
-        rig.add_ref_sensor(camera.sensor_id)
-        return camera, database.write_rig(rig)
-
     def _features(self, photos: list[Prepared]) -> None:
         """SIFT features of all photos that have none yet."""
         self.progress.stage("features", "finding features")
-        with self._database() as database:
-            numbers = {image.name: image.image_id for image in database.read_all_images()}
-            left = [p for p in photos if not database.exists_descriptors(numbers[p.file])]
+        with opened(self.colmap, self.folder.database_path) as database:
+            number = numbers(database)
+            left = [p for p in photos if not database.exists_descriptors(number[p.file])]
         options = self.colmap.FeatureExtractionOptions()
         options.num_threads, options.use_gpu = self.threads, False
         options.sift.max_num_features = self.request.max_features
@@ -207,8 +155,8 @@ class Solver:
         """Matches of all pairs that were not compared yet, verified, in blocks of some seconds."""
         self.progress.stage("matching", "matching photos")
         pairs = pairs_of(len(photos), self.request.matcher)
-        with self._database() as database:
-            number = {image.name: image.image_id for image in database.read_all_images()}
+        with opened(self.colmap, self.folder.database_path) as database:
+            number = numbers(database)
             ids = [number[photo.file] for photo in photos]
             left = [
                 (i, j) for i, j in pairs
@@ -284,20 +232,7 @@ class Solver:
         self.progress.fraction(1.0, "cameras solved")
 
     def _evidence(self, photos: list[Prepared]) -> list[Evidence]:
-        matches: dict[int, list[int]] = defaultdict(list)
-        with self._database() as database:
-            number = {image.name: image.image_id for image in database.read_all_images()}
-            for pair, count in zip(*database.read_two_view_geometry_num_inliers(), strict=True):
-                for image in self.colmap.pair_id_to_image_pair(pair):
-                    if count > 0:
-                        matches[image].append(int(count))
-            return [
-                Evidence(
-                    photo.name, database.num_keypoints_for_image(number[photo.file]),
-                    tuple(matches[number[photo.file]]),
-                )
-                for photo in photos
-            ]  # fmt: skip
+        return evidence_of(self.colmap, self.folder.database_path, photos)
 
     def _fail(self, evidence: list[Evidence], placed: set[str]) -> None:
         problem, remedy = unplaced(evidence, placed)

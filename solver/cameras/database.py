@@ -1,0 +1,97 @@
+"""COLMAP's database of a solve: photos and lenses go into it, evidence of what they share comes out.
+
+`colmap` is the module pycolmap, which `solve` imports when it is used.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ..capture.errors import CaptureError
+from .diagnosis import Evidence
+from .folder import SolveRequest
+from .prepare import Prepared
+
+DEFAULT_FOCAL = 1.2
+"""focal length over the longer side, where a photo says nothing: a phone's main camera and most lenses"""
+
+
+@contextmanager
+def opened(colmap: Any, path: Path) -> Iterator[Any]:
+    """The database, closed again in the end."""
+    database = colmap.Database.open(path)
+    try:
+        yield database
+    finally:
+        database.close()
+
+
+def numbers(database: Any) -> dict[str, int]:
+    """The database's own number of every photo in it, by file name."""
+    return {image.name: image.image_id for image in database.read_all_images()}
+
+
+def register(colmap: Any, path: Path, photos: list[Prepared], request: SolveRequest) -> None:
+    """Put photos and lenses into a new database, all or nothing.
+
+    Raises:
+        CaptureError: photos of unlike sizes are to share a lens.
+    """
+    with opened(colmap, path) as database:
+        if database.num_images() == len(photos):
+            return
+        database.clear_all_tables()
+        with colmap.DatabaseTransaction(database):
+            rigs: dict[Any, tuple[Any, int]] = {}
+            for photo in photos:
+                key = {"single": 0, "each": photo.number}.get(request.sharing, photo.lens_key)
+                if key not in rigs:
+                    rigs[key] = _new_rig(colmap, database, photo, request.camera_model)
+                camera, rig = rigs[key]
+                if (camera.width, camera.height) != (photo.small_width, photo.small_height):
+                    raise CaptureError(
+                        photo.path, "", f"the photo is {photo.width} × {photo.height} pixels, "
+                        "others are not, so they have no lens in common",
+                        "solve without --single-camera",
+                    )  # fmt: skip
+                image = colmap.Image(name=photo.file, camera_id=camera.camera_id)
+                number = database.write_image(image)
+                frame = colmap.Frame(frame_id=number, rig_id=rig)
+                frame.add_data_id(colmap.data_t(camera.sensor_id, number))
+                database.write_frame(frame)
+
+
+def _new_rig(colmap: Any, database: Any, photo: Prepared, model: str) -> tuple[Any, int]:
+    factor = photo.small_width / photo.width
+    longer = max(photo.small_width, photo.small_height)
+    focal = DEFAULT_FOCAL * longer if photo.focal is None else photo.focal * factor
+    camera = colmap.Camera.create_from_model_name(
+        0, model, focal, photo.small_width, photo.small_height
+    )
+    camera.has_prior_focal_length = photo.focal is not None
+    camera.camera_id = database.write_camera(camera)
+    rig = colmap.Rig(rig_id=camera.camera_id)
+    rig.add_ref_sensor(camera.sensor_id)
+    return camera, database.write_rig(rig)
+
+
+def evidence_of(colmap: Any, path: Path, photos: list[Prepared]) -> list[Evidence]:
+    """Each photo's features, and the matches it has with every other that it shares any with."""
+    matches: dict[int, list[int]] = defaultdict(list)
+    with opened(colmap, path) as database:
+        number = numbers(database)
+        for pair, count in zip(*database.read_two_view_geometry_num_inliers(), strict=True):
+            for image in colmap.pair_id_to_image_pair(pair):
+                if count > 0:
+                    matches[image].append(int(count))
+        return [
+            Evidence(
+                photo.name, database.num_keypoints_for_image(number[photo.file]),
+                tuple(matches[number[photo.file]]),
+            )
+            for photo in photos
+        ]  # fmt: skip
