@@ -16,6 +16,11 @@ def names(count=COUNT):
     return [f"IMG_{i:04d}" for i in range(count)]
 
 
+def numbers(values):
+    """As text files have them, with all digits."""
+    return " ".join(repr(float(value)) for value in np.ravel(values))
+
+
 def save_photos(folder, stems=None, size=(WIDTH, HEIGHT), extension=".png"):
     folder.mkdir(parents=True, exist_ok=True)
     for stem in names() if stems is None else stems:

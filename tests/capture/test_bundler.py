@@ -9,12 +9,9 @@ from hypothesis import strategies as st
 
 from solver.capture.errors import CaptureError
 from solver.capture.read import read_capture
+from tests.capture.programs import numbers
 
 CENTRED = {"SIMPLE_RADIAL": (70, 32, 24, -0.12), "RADIAL": (70, 32, 24, -0.12, 0.03)}
-
-
-def numbers(values):
-    return " ".join(repr(float(value)) for value in values)
 
 
 def export(reconstruction, file, list_name="list.txt", suffix=""):

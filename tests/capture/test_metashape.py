@@ -22,6 +22,7 @@ from tests.capture.programs import (
     WIDTH,
     check_projection,
     names,
+    numbers,
     outcome,
     poses,
     rotation,
@@ -46,10 +47,6 @@ def sensor(number, inside, kind="frame"):
         f'height="{HEIGHT}"/><property name="layer_index" value="0"/>{inside}'
         "<covariance><params>f cx cy</params><coeffs>1 0 0 0 1 0 0 0 1</coeffs></covariance></sensor>"
     )
-
-
-def numbers(matrix):
-    return " ".join(repr(float(value)) for value in np.ravel(matrix))
 
 
 def camera(number, matrix, label=None, sensor_id=0, extra=""):

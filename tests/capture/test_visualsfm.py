@@ -10,12 +10,9 @@ from hypothesis import strategies as st
 from solver.capture.errors import CaptureError
 from solver.capture.formats.transforms import write_transforms
 from solver.capture.read import read_capture
+from tests.capture.programs import numbers
 
 CENTRED = (70, 32, 24)
-
-
-def numbers(values):
-    return " ".join(repr(float(value)) for value in values)
 
 
 def export(
