@@ -22,7 +22,13 @@ from ..render.scene import Scene
 from .settings import Settings
 from .trainer import Trainer
 
-BEFORE = {"render": {"diffuse_visibility": False}}
+BEFORE = {
+    "render": {"diffuse_visibility": False},
+    "fit": {
+        "palette_weight": 0.0, "dielectric_weight": 0.0, "metal_weight": 0.0,
+        "metal_albedo_weight": 0.0,
+    },
+}  # fmt: skip
 """settings as they were, in effect, before there was such a setting"""
 TENSORS, STATE = "scene.safetensors", "state.json"
 

@@ -77,7 +77,7 @@ def off_palette(buffers: RayBuffers) -> torch.Tensor:
     (2015), doi:10.1109/TPAMI.2014.2377712. See docs/decisions/0017.
     """
     opacity = buffers.opacity.detach()
-    albedo = _straight(buffers.albedo, opacity)
+    albedo = _straight(buffers.albedo, buffers.opacity)
     mean = (opacity[:, None] * albedo).mean() / opacity.mean().clamp(min=LEAST_OPACITY)
     half = len(opacity) // 2
     square = (albedo - albedo.roll(half, 0)).square().mean(-1) / mean.square().clamp(min=1e-6)

@@ -159,6 +159,19 @@ def test_the_paper_preset_resumes_as_if_nothing_had_happened(tmp_path):
     np.testing.assert_allclose(result, expected, rtol=1e-3)
 
 
+@pytest.mark.parametrize(
+    "name", ["palette_weight", "dielectric_weight", "metal_weight", "metal_albedo_weight"]
+)
+def test_an_older_fit_resumes_without_the_terms_it_did_not_know(name):
+    for preset in ("draft", "paper"):
+        values = dataclasses.asdict(settings_for(preset))
+        assert (
+            getattr(checkpoint.settings_of({"settings": values}).fit, name) == values["fit"][name]
+        )
+        del values["fit"][name]
+        assert getattr(checkpoint.settings_of({"settings": values}).fit, name) == 0
+
+
 def test_an_analytical_derivative_survives_a_checkpoint(tmp_path):
     settings = dataclasses.replace(
         SMALL, field=dataclasses.replace(SMALL.field, smoothed_normals=False)
