@@ -8,7 +8,8 @@ large as a grid's planes), its operations at the machine's rate of multiply-adds
 cache, by the same compiler), and, for lookups all over a table, the cache lines they touch at the rate of
 independent random reads from an array of that size. Bytes and lines count every node that a lookup
 touches, as if none were met twice; operations are counted in the source; both are single precision's, also
-for kernels in double. All is measured in one run, by the best of a few.
+for kernels in double. Kernels and limits are those of one thread, since a fit gives each chunk of a step a
+thread of its own. All is measured in one run, by the best of a few.
 """
 
 from __future__ import annotations
@@ -173,6 +174,8 @@ def cases(points: int) -> list[Case]:
     glossy_rays = int(counts.sum())
     blockers = Blockers(torch.zeros(3), 1.0, 1 / 128, blocking_grid(3.0 * (free == 0)), 0.02)
     u = rand(glossy_rays, 2)
+    # Cells that a ray reads in these scenes, counted once by a plain loop.
+    glossy_cells, probe_cells = 6, 9
     # Probes stand right outside of the shell that `free` has.
     probes = 0.5 + 0.4 * torch.nn.functional.normalize(rand(points // 100, 3) - 0.5, dim=-1)
     around = torch.nn.functional.normalize(rand(328, 3) - 0.5, dim=-1)
@@ -206,10 +209,10 @@ def cases(points: int) -> list[Case]:
              2 * planes_bytes * DENSITY, 3 * SIZE * SIZE * DENSITY * 4 * len(taps)),
         Case("rectangle_mean", lambda: rectangle_mean(table, rows, centre, sizes),
              len(centre) * 8 * 3 * 8, len(centre) * 3 * 60, lines=len(centre) * 8),
-        # Per ray: about 250 operations for direction and weight, 180 for a mean of three channels,
-        # 20 cells of the grid; the adjoint has twice the former and scatters the latter.
-        Case("specular", glossy, glossy_rays * (8 * 3 * 8 + 20 + 4 * 25), glossy_rays * 600, False,
-             glossy_rays * (8 + 20)),
+        # Per ray: about 250 operations for direction and weight, 180 for a mean of three channels, a
+        # dozen for a cell of the grid; the adjoint has twice the first and scatters the second.
+        Case("specular", glossy, glossy_rays * (8 * 3 * 8 + glossy_cells + 4 * 25),
+             glossy_rays * (430 + 12 * glossy_cells), False, glossy_rays * (8 + glossy_cells)),
         Case("specular, adjoint", in_place(lambda: reflected.sum().backward(retain_graph=True)),
              glossy_rays * (3 * 8 * 3 * 8 + 4 * 25), glossy_rays * 700, False,
              glossy_rays * 8),
@@ -217,10 +220,9 @@ def cases(points: int) -> list[Case]:
             origins, directions, torch.zeros(rays), torch.zeros(rays), 0.01, 1 / 128, free,
             density[0].detach(), density[1].detach(), -4.0, 5.0),
              rays * 12 * nodes * DENSITY * FLOAT, rays * 12 * 3 * DENSITY * 13),
-        # Some 20 cells a ray, each a dependent read and a dozen operations.
         Case("look_around", lambda: look_around(
             probes, around, 1.5 / 128, 1 / 128, blockers.blocking),
-             views * (20 + 2 * FLOAT), views * 20 * 12, lines=views * 20),
+             views * (probe_cells + 2 * FLOAT), views * 12 * probe_cells, lines=views * probe_cells),
         Case("adam, all touched", lambda: (gradient.fill_(1), adam_step(
             parameter, gradient, moments, Rates(1e-3, 0.9, 0.99, 1e-15, 5))),
              9 * planes_bytes * DENSITY, 3 * SIZE * SIZE * DENSITY * 12),
@@ -234,10 +236,11 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="a Markdown file to write")
     options = parser.parse_args()
     points = 2_000 if options.short else options.points
-    torch.set_num_threads(numba.get_num_threads())
+    numba.set_num_threads(1)
+    torch.set_num_threads(1)
     copies, multiplies, reads = copy_rate(), multiply_rate(), line_rate()
     lines = [
-        f"{describe_machine()}; {points} density samples, grid {SIZE}³.",
+        f"{describe_machine()}; one thread, {points} density samples, grid {SIZE}³.",
         f"Copy {copies / 1e9:.1f} GB/s, multiply-add {multiplies / 1e9:.1f} Gop/s, random reads "
         f"{reads / 1e6:.0f} million lines/s.", "",
         "| kernel | ms | limit ms (by) | share of the limit reached | times faster than its twin |",

@@ -12,12 +12,12 @@ import math
 import numba
 import numpy as np
 
-from .vectors_numba import minus, plus, triple
+from .vectors_numba import minus, plus, times, triple
 
 BANDS = 8  # of rows; the tasks of a scatter, where several threads share it
 
 
-@numba.njit(fastmath=True)
+@numba.njit(inline="always", fastmath=True)
 def column(x, width):
     """Whole turns, texel and fraction of a continuous column; columns wrap around."""
     turns = math.floor(x / width)
@@ -26,31 +26,33 @@ def column(x, width):
     return turns, i, x - i
 
 
-@numba.njit(fastmath=True)
-def row_terms(table, j, width, x0, x1):
-    """Prefix sums [3] of table row j between columns x0 and x1, and their slopes by x1 and by x0."""
+@numba.njit(inline="always", fastmath=True)
+def corner(table, i, f, j, g):
+    """Prefix sums [3] at column i + f and row j + g, and their slopes by column and row."""
+    left, right = triple(table, j, i), triple(table, j, i + 1)
+    below_left, below_right = triple(table, j + 1, i), triple(table, j + 1, i + 1)
+    step, below_step = minus(right, left), minus(below_right, below_left)
+    value, below = plus(left, f, step), plus(below_left, f, below_step)
+    by_y = minus(below, value)
+    return plus(value, g, by_y), plus(step, g, minus(below_step, step)), by_y
+
+
+@numba.njit(inline="always", fastmath=True)
+def slab(table, width, height, x0, x1, y):
+    """Integrals [3] over columns x0..x1 and rows 0..y, y in [0, H]; their slopes by shift and by y."""
     turns0, i0, f0 = x0
     turns1, i1, f1 = x1
-    left, right = triple(table, j, i0), triple(table, j, i1)
-    step0 = minus(triple(table, j, i0 + 1), left)
-    step1 = minus(triple(table, j, i1 + 1), right)
-    between = plus(plus(minus(right, left), f1, step1), -f0, step0)
-    if turns1 != turns0:
-        between = plus(between, turns1 - turns0, triple(table, j, width))
-    return between, step1, step0
-
-
-@numba.njit(fastmath=True)
-def slab(table, width, height, x0, x1, y):
-    """Integrals [3] over columns x0..x1 and rows 0..y, y in [0, H]; their slopes by y, x1 and x0."""
     j = min(int(y), height - 1)
-    f = y - j
-    top, top1, top0 = row_terms(table, j, width, x0, x1)
-    bottom, bottom1, bottom0 = row_terms(table, j + 1, width, x0, x1)
-    by_y = minus(bottom, top)
-    by_1 = plus(top1, f, minus(bottom1, top1))
-    by_0 = plus(top0, f, minus(bottom0, top0))
-    return plus(top, f, by_y), by_y, by_1, by_0
+    g = y - j
+    right, right_x, right_y = corner(table, i1, f1, j, g)
+    left, left_x, left_y = corner(table, i0, f0, j, g)
+    value, by_y = minus(right, left), minus(right_y, left_y)
+    if turns1 != turns0:
+        around, below = triple(table, j, width), triple(table, j + 1, width)
+        step = minus(below, around)
+        value = plus(value, turns1 - turns0, plus(around, g, step))
+        by_y = plus(by_y, turns1 - turns0, step)
+    return value, minus(right_x, left_x), by_y
 
 
 @numba.njit(fastmath=True)
@@ -58,17 +60,14 @@ def slab_over_poles(table, width, height, x0, x1, far0, far1, y):
     """`slab` for y in [−H, 2H]: past a pole the map goes on half a turn away (`far`), mirrored."""
     zero = (0.0, 0.0, 0.0)
     if y < 0.0:
-        value, by_y, by_1, by_0 = slab(table, width, height, far0, far1, -y)
-        return minus(zero, value), by_y, minus(zero, by_1), minus(zero, by_0)
+        value, by_x, by_y = slab(table, width, height, far0, far1, -y)
+        return minus(zero, value), minus(zero, by_x), by_y
     if y > height:
         bottom = float(height)
-        a, _, a1, a0 = slab(table, width, height, x0, x1, bottom)
-        b, _, b1, b0 = slab(table, width, height, far0, far1, bottom)
-        d, by_y, d1, d0 = slab(table, width, height, far0, far1, 2.0 * height - y)
-        return (
-            minus(plus(a, 1.0, b), d), by_y, minus(plus(a1, 1.0, b1), d1),
-            minus(plus(a0, 1.0, b0), d0),
-        )  # fmt: skip
+        a, a_x, _ = slab(table, width, height, x0, x1, bottom)
+        b, b_x, _ = slab(table, width, height, far0, far1, bottom)
+        d, d_x, by_y = slab(table, width, height, far0, far1, 2.0 * height - y)
+        return minus(plus(a, 1.0, b), d), minus(plus(a_x, 1.0, b_x), d_x), by_y
     return slab(table, width, height, x0, x1, y)
 
 
@@ -92,19 +91,24 @@ def rectangle(table, rows, x, y, columns, lines, mean, slope, n):
     height, width = table.shape[0] - 1, table.shape[1] - 1
     left, right, y0, y1 = x - 0.5 * columns, x + 0.5 * columns, y - 0.5 * lines, y + 0.5 * lines
     x0, x1 = column(left, width), column(right, width)
-    far0, far1 = column(left + 0.5 * width, width), column(right + 0.5 * width, width)
     below, below_slope = row_integral_over_poles(rows, y1, height)
     above, above_slope = row_integral_over_poles(rows, y0, height)
+    if y0 >= 0.0 and y1 <= height:
+        a, a_x, a_y = slab(table, width, height, x0, x1, y1)
+        b, b_x, b_y = slab(table, width, height, x0, x1, y0)
+    else:
+        far0, far1 = column(left + 0.5 * width, width), column(right + 0.5 * width, width)
+        a, a_x, a_y = slab_over_poles(table, width, height, x0, x1, far0, far1, y1)
+        b, b_x, b_y = slab_over_poles(table, width, height, x0, x1, far0, far1, y0)
     per_area = 1.0 / (columns * (below - above))
-    area_slope = columns * (below_slope - above_slope)
-    a, a_y, a_1, a_0 = slab_over_poles(table, width, height, x0, x1, far0, far1, y1)
-    b, b_y, b_1, b_0 = slab_over_poles(table, width, height, x0, x1, far0, far1, y0)
-    by_x = minus(minus(a_1, b_1), minus(a_0, b_0))
-    value, by_y = minus(a, b), minus(a_y, b_y)
-    for c in range(3):
-        mean[n, c] = per_area * value[c]
-        slope[n, c, 0] = per_area * by_x[c]
-        slope[n, c, 1] = per_area * (by_y[c] - per_area * value[c] * area_slope)
+    area_slope = per_area * columns * (below_slope - above_slope)
+    m0, m1, m2 = times(per_area, minus(a, b))
+    by_x, by_y = times(per_area, minus(a_x, b_x)), times(per_area, minus(a_y, b_y))
+    mean[n, 0], mean[n, 1], mean[n, 2] = m0, m1, m2
+    slope[n, 0, 0], slope[n, 1, 0], slope[n, 2, 0] = by_x
+    slope[n, 0, 1] = by_y[0] - m0 * area_slope
+    slope[n, 1, 1] = by_y[1] - m1 * area_slope
+    slope[n, 2, 1] = by_y[2] - m2 * area_slope
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
@@ -118,43 +122,52 @@ def rectangle_mean(table, rows, centre, size, out, slope):
         rectangle(table, rows, x, y, float(size[n, 0]), float(size[n, 1]), out, slope, n)
 
 
-@numba.njit(fastmath=True)
-def scatter_row(grad, j, low, high, width, x0, x1, g, cotangent, n):
+@numba.njit(inline="always", fastmath=True)
+def add_triple(values, i, j, f, a):
+    """values[i, j] += f·a."""
+    values[i, j, 0] += f * a[0]
+    values[i, j, 1] += f * a[1]
+    values[i, j, 2] += f * a[2]
+
+
+@numba.njit(inline="always", fastmath=True)
+def scatter_row(grad, j, low, high, width, x0, x1, a):
     if j < low or j >= high:
         return
     turns0, i0, f0 = x0
     turns1, i1, f1 = x1
-    for c in range(3):
-        value = g * cotangent[n, c]
-        grad[j, width, c] += (turns1 - turns0) * value
-        grad[j, i1, c] += (1.0 - f1) * value
-        grad[j, i1 + 1, c] += f1 * value
-        grad[j, i0, c] -= (1.0 - f0) * value
-        grad[j, i0 + 1, c] -= f0 * value
+    add_triple(grad, j, i1, 1.0 - f1, a)
+    add_triple(grad, j, i1 + 1, f1, a)
+    add_triple(grad, j, i0, f0 - 1.0, a)
+    add_triple(grad, j, i0 + 1, -f0, a)
+    if turns1 != turns0:
+        add_triple(grad, j, width, turns1 - turns0, a)
 
 
-@numba.njit(fastmath=True)
-def scatter_slab(grad, low, high, width, height, x0, x1, y, g, cotangent, n):
+@numba.njit(inline="always", fastmath=True)
+def scatter_slab(grad, low, high, width, height, x0, x1, y, a):
+    """Adjoint of a `slab` with cotangents a of its integrals."""
     j = min(int(y), height - 1)
-    f = y - j
-    scatter_row(grad, j, low, high, width, x0, x1, (1.0 - f) * g, cotangent, n)
-    scatter_row(grad, j + 1, low, high, width, x0, x1, f * g, cotangent, n)
+    g = y - j
+    scatter_row(grad, j, low, high, width, x0, x1, times(1.0 - g, a))
+    scatter_row(grad, j + 1, low, high, width, x0, x1, times(g, a))
 
 
 @numba.njit(fastmath=True)
-def scatter_over_poles(grad, low, high, width, height, left, right, x0, x1, y, g, cotangent, n):
-    if 0.0 <= y <= height:
-        scatter_slab(grad, low, high, width, height, x0, x1, y, g, cotangent, n)
-        return
+def scatter_over_poles(grad, low, high, width, height, left, right, y, a):
+    """Adjoint of `slab_over_poles`."""
+    x0, x1 = column(left, width), column(right, width)
     far0, far1 = column(left + 0.5 * width, width), column(right + 0.5 * width, width)
+    away = (-a[0], -a[1], -a[2])
     if y < 0.0:
-        scatter_slab(grad, low, high, width, height, far0, far1, -y, -g, cotangent, n)
-        return
-    bottom = float(height)
-    scatter_slab(grad, low, high, width, height, x0, x1, bottom, g, cotangent, n)
-    scatter_slab(grad, low, high, width, height, far0, far1, bottom, g, cotangent, n)
-    mirrored = 2.0 * height - y
-    scatter_slab(grad, low, high, width, height, far0, far1, mirrored, -g, cotangent, n)
+        scatter_slab(grad, low, high, width, height, far0, far1, -y, away)
+    elif y > height:
+        bottom = float(height)
+        scatter_slab(grad, low, high, width, height, x0, x1, bottom, a)
+        scatter_slab(grad, low, high, width, height, far0, far1, bottom, a)
+        scatter_slab(grad, low, high, width, height, far0, far1, 2.0 * height - y, away)
+    else:
+        scatter_slab(grad, low, high, width, height, x0, x1, y, a)
 
 
 @numba.njit(fastmath=True, nogil=True)
@@ -167,17 +180,22 @@ def scatter_band(rows, centre, size, cotangent, low, high, grad):
         x, y = float(centre[n, 0]), float(centre[n, 1])
         columns, lines = float(size[n, 0]), float(size[n, 1])
         y0, y1 = y - 0.5 * lines, y + 0.5 * lines
-        if y0 >= 0.0 and y1 <= height and (y1 + 1.0 < low or y0 >= high):
+        inside = y0 >= 0.0 and y1 <= height
+        if inside and (y1 + 1.0 < low or y0 >= high):
             continue
         below, _ = row_integral_over_poles(rows, y1, height)
         above, _ = row_integral_over_poles(rows, y0, height)
         g = 1.0 / (columns * (below - above))
         left, right = x - 0.5 * columns, x + 0.5 * columns
-        x0, x1 = column(left, width), column(right, width)
-        for y, sign in ((y1, g), (y0, -g)):
-            scatter_over_poles(
-                grad, low, high, width, height, left, right, x0, x1, y, sign, cotangent, n
-            )
+        a = (g * cotangent[n, 0], g * cotangent[n, 1], g * cotangent[n, 2])
+        away = (-a[0], -a[1], -a[2])
+        if inside:
+            x0, x1 = column(left, width), column(right, width)
+            scatter_slab(grad, low, high, width, height, x0, x1, y1, a)
+            scatter_slab(grad, low, high, width, height, x0, x1, y0, away)
+        else:
+            scatter_over_poles(grad, low, high, width, height, left, right, y1, a)
+            scatter_over_poles(grad, low, high, width, height, left, right, y0, away)
 
 
 def rectangle_mean_backward(rows, centre, size, cotangent, grad):

@@ -9,6 +9,7 @@ import math
 
 import numba
 
+from .angles_numba import cosine_sine_of_turns
 from .vectors_numba import cross, dot, plus
 
 LEAST_VIEW = 1e-3  # cosine to the viewer, at least
@@ -108,9 +109,9 @@ def smith_slopes(cosine, alpha):
 @numba.njit(fastmath=True)
 def half_vector(s, t1, t2, alpha, u0, u1):
     """Half vector of a visible normal, and what its adjoint needs."""
-    radius, phi = math.sqrt(u0), 2.0 * math.pi * u1
-    p1 = radius * math.cos(phi)
-    side, far = radius * math.sin(phi), math.sqrt(max(1.0 - p1 * p1, 0.0))
+    radius, (cosine, sine) = math.sqrt(u0), cosine_sine_of_turns(u1)
+    p1 = radius * cosine
+    side, far = radius * sine, math.sqrt(max(1.0 - p1 * p1, 0.0))
     share = 0.5 * (1.0 + s[2])
     p2 = (1.0 - share) * far + share * side
     p3 = math.sqrt(max(1.0 - p1 * p1 - p2 * p2, 1e-12))

@@ -11,33 +11,10 @@ import math
 import numba
 import numpy as np
 
-from .skipping import DEPTHS_PER_UNIT, EMPTY
 from .vm_point_numba import raw_density
+from .walk_numba import box_span, walk
 
-DEPTH_UNIT = np.float32(1 / DEPTHS_PER_UNIT)
-LEAST_OPAQUE = np.float32(7.0)
-"""optical depth from which nothing passes"""
-HALF = np.float32(math.log(2))
-"""optical depth that half of the light passes"""
-
-
-@numba.njit(inline="always")
-def box_span(ox, oy, oz, dx, dy, dz):
-    """Entry and exit distance of a ray through [0, 1]^3 (slab test); entry > exit if it misses."""
-    near = np.float32(-1e30)
-    far = np.float32(1e30)
-    for axis in range(3):
-        o = ox if axis == 0 else (oy if axis == 1 else oz)
-        d = dx if axis == 0 else (dy if axis == 1 else dz)
-        if abs(d) < 1e-12:
-            if o < 0.0 or o > 1.0:
-                return np.float32(1.0), np.float32(0.0)
-        else:
-            t0 = (np.float32(0.0) - o) / d
-            t1 = (np.float32(1.0) - o) / d
-            near = max(near, min(t0, t1))
-            far = min(far, max(t0, t1))
-    return near, far
+BLOCK = 256  # rays of a task
 
 
 @numba.njit(inline="always", fastmath=True)
@@ -107,88 +84,16 @@ def compact(
             ray[first + i] = r
 
 
-@numba.njit(inline="always", fastmath=True)
-def through_grid(ox, oy, oz, dx, dy, dz, start, step, blocking):
-    """Transmittance of one ray through a grid made by `skipping.blocking_grid`, a cell a step, and the
-    distance at which half of its light is stopped, or infinity."""
-    cells = blocking.shape[0]
-    near, far = box_span(ox, oy, oz, dx, dy, dz)
-    t = max(near, start)
-    depth, half = np.float32(0.0), np.float32(math.inf)
-    while t < far and depth < LEAST_OPAQUE:
-        i = min(max(int((ox + t * dx) * cells), 0), cells - 1)
-        j = min(max(int((oy + t * dy) * cells), 0), cells - 1)
-        k = min(max(int((oz + t * dz) * cells), 0), cells - 1)
-        code = blocking[i, j, k]
-        if code < EMPTY:
-            before = depth
-            depth += DEPTH_UNIT * np.float32(code)
-            if before <= HALF and depth > HALF:
-                half = t
-            t += step
-        else:
-            t += step * (code - EMPTY)
-    return math.exp(-depth), half
-
-
-@numba.njit(inline="always", fastmath=True)
-def through_four(origin, directions, scale, first, last, step, blocking, passing):
-    """`through_grid` of rays first:last of at most four, side by side; directions are world · `scale`.
-
-    A ray's next read waits for its last one, so a single one leaves the processor idle.
-
-    Args:
-        passing: in, distances from which rays can be blocked; out, transmittances.
-    """
-    k1, k2, k3 = min(first + 1, last - 1), min(first + 2, last - 1), min(first + 3, last - 1)
-    ray0 = entered(origin, directions, scale, first, passing)
-    ray1 = entered(origin, directions, scale, k1, passing)
-    ray2 = entered(origin, directions, scale, k2, passing)
-    ray3 = entered(origin, directions, scale, k3, passing)
-    t0, t1, t2, t3 = ray0[0], ray1[0], ray2[0], ray3[0]
-    depth0 = depth1 = depth2 = depth3 = np.float32(0.0)
-    while t0 < ray0[1] or t1 < ray1[1] or t2 < ray2[1] or t3 < ray3[1]:
-        t0, depth0 = stride(origin, ray0, t0, depth0, step, blocking)
-        t1, depth1 = stride(origin, ray1, t1, depth1, step, blocking)
-        t2, depth2 = stride(origin, ray2, t2, depth2, step, blocking)
-        t3, depth3 = stride(origin, ray3, t3, depth3, step, blocking)
-    passing[first], passing[k1] = math.exp(-depth0), math.exp(-depth1)
-    passing[k2], passing[k3] = math.exp(-depth2), math.exp(-depth3)
-
-
-@numba.njit(inline="always", fastmath=True)
-def entered(origin, directions, scale, k, start):
-    """Where ray k begins and ends in the box, and its direction in box units."""
-    dx, dy, dz = directions[k, 0] * scale, directions[k, 1] * scale, directions[k, 2] * scale
-    near, far = box_span(origin[0], origin[1], origin[2], dx, dy, dz)
-    return max(near, start[k]), far, dx, dy, dz
-
-
-@numba.njit(inline="always", fastmath=True)
-def stride(origin, ray, t, depth, step, blocking):
-    """Distance and optical depth of a ray one read further; it ends where it is opaque."""
-    _, far, dx, dy, dz = ray
-    cells = blocking.shape[0]
-    i = min(max(int((origin[0] + t * dx) * cells), 0), cells - 1)
-    j = min(max(int((origin[1] + t * dy) * cells), 0), cells - 1)
-    k = min(max(int((origin[2] + t * dz) * cells), 0), cells - 1)
-    code = blocking[i, j, k]
-    if t >= far:
-        return t, depth
-    if code >= EMPTY:
-        return t + step * np.float32(code - EMPTY), depth
-    depth += DEPTH_UNIT * np.float32(code)
-    return (t + step if depth < LEAST_OPAQUE else far), depth
-
-
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
 def grid_transmittance(origins, directions, start, step, blocking, out):
     """Transmittance [R] of rays through a grid of extinctions, nearest cell, until nearly opaque."""
-    for r in numba.prange(origins.shape[0]):
-        out[r] = through_grid(
-            origins[r, 0], origins[r, 1], origins[r, 2],
-            directions[r, 0], directions[r, 1], directions[r, 2], start[r], step, blocking,
-        )[0]  # fmt: skip
+    rays, nobody = origins.shape[0], np.empty(0, np.float32)
+    for block in numba.prange((rays + BLOCK - 1) // BLOCK):
+        low, high = block * BLOCK, min((block + 1) * BLOCK, rays)
+        walk(
+            origins[low:high], np.arange(high - low), directions[low:high], np.float32(1.0),
+            start[low:high], step, blocking, out[low:high], nobody,
+        )  # fmt: skip
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)

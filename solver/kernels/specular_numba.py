@@ -12,6 +12,7 @@ import math
 import numba
 import numpy as np
 
+from .angles_numba import angle_of
 from .integral_numba import rectangle
 from .lobe_numba import (
     LEAST_VIEW,
@@ -26,42 +27,35 @@ from .lobe_numba import (
     stretched_frame,
     to_world,
 )
-from .march_numba import through_four
 from .vectors_numba import cross, dot, plus
+from .walk_numba import walk
 
 ABOVE = 1e-4  # cosine from which a reflected direction counts as above the surface
 SELF_SHADOW_COSINE = 0.2
+BLOCK = 64  # samples of a task
 NEVER = 1e30  # distance from which a ray that is not looked at can be blocked
 
 
-@numba.njit(fastmath=True, nogil=True)
-def specular_of_sample(
-    s, normals, views, alphas, f0s, first, shares, u, masking, averaged, spread,
-    points, reach, box_low, box_scale, cell, blocking, table, rows,
-    radiance, directions, weights, passing, light, slope, centre, size,
+@numba.njit(inline="always", fastmath=True)
+def leave(
+    s, normals, views, alphas, f0s, first, shares, u, masking, averaged, spread, width, height, reach,
+    directions, weights, start, centre, size,
 ):  # fmt: skip
-    """One sample of `specular`."""
-    height, width = table.shape[0] - 1, table.shape[1] - 1
+    """Rays of one sample: directions, weights, from where they can be blocked, what they see of the map."""
     alpha = float(alphas[s])
     n, _, t, b, view, _ = seen_sample(normals, views, s)
     st, t1, t2, _, _, _ = stretched_frame(view, alpha)
     view_lambda = smith(view[2], alpha)
     count = first[s + 1] - first[s]
-    origin = (
-        (points[s, 0] + reach * n[0] - box_low[0]) * box_scale,
-        (points[s, 1] + reach * n[1] - box_low[1]) * box_scale,
-        (points[s, 2] + reach * n[2] - box_low[2]) * box_scale,
-    )
     for k in range(first[s], first[s + 1]):
         half, _, _, _, _, _, _ = half_vector(st, t1, t2, alpha, float(u[k, 0]), float(u[k, 1]))
         view_half, out = mirrored(view, half)
         d, _ = to_world(t, b, n, out)
-        directions[k, 0], directions[k, 1], directions[k, 2] = d[0], d[1], d[2]
+        directions[k, 0], directions[k, 1], directions[k, 2] = d
         if out[2] <= ABOVE:
-            passing[k] = NEVER
+            start[k] = NEVER
             centre[k, 0], centre[k, 1], size[k, 0], size[k, 1] = 0.0, 0.0, 1.0, 1.0
-            for c in range(3):
-                weights[k, c] = 0.0
+            weights[k, 0], weights[k, 1], weights[k, 2] = 0.0, 0.0, 0.0
             continue
         bend = shares[s]
         if masking:
@@ -83,18 +77,20 @@ def specular_of_sample(
                 south = (x * d[0] + y * d[1]) * d[2] / sine - z * sine
                 wide += east * east
                 high += south * south
-        centre[k, 0] = (0.5 - math.atan2(d[1], d[0]) / (2.0 * math.pi)) * width
-        centre[k, 1] = math.acos(min(max(d[2], -1.0 + 1e-7), 1.0 - 1e-7)) / math.pi * height
+        centre[k, 0] = (0.5 - angle_of(d[0], d[1]) / (2.0 * math.pi)) * width
+        centre[k, 1] = angle_of(d[2], sine) / math.pi * height
         size[k, 0] = min(max(math.sqrt(wide) / sine * width / (2.0 * math.pi), 1.0), float(width))
         size[k, 1] = min(max(math.sqrt(high) * height / math.pi, 1.0), 0.5 * height)
-        passing[k] = min(reach * (1.0 / max(out[2], SELF_SHADOW_COSINE) - 1.0), 4.0 * reach)
-    for k in range(first[s], first[s + 1], 4):
-        last = min(k + 4, first[s + 1])
-        through_four(origin, directions, box_scale, k, last, cell, blocking, passing)
+        start[k] = min(reach * (1.0 / max(out[2], SELF_SHADOW_COSINE) - 1.0), 4.0 * reach)
+
+
+@numba.njit(inline="always", fastmath=True)
+def gather(s, first, weights, passing, table, rows, centre, size, radiance, light, slope):
+    """What the rays of one sample bring back."""
     r0, r1, r2 = 0.0, 0.0, 0.0
     for k in range(first[s], first[s + 1]):
         rectangle(table, rows, centre[k, 0], centre[k, 1], size[k, 0], size[k, 1], light, slope, k)
-        through = passing[k] if weights[k, 0] > 0.0 else 0.0
+        through = passing[k] if weights[k, 0] > 0.0 else np.float32(0.0)
         for c in range(3):
             light[k, c] *= through
             slope[k, c, 0] *= through
@@ -117,12 +113,28 @@ def specular(
     world to box units. `weights` [K, 3] are BRDF · cosine / density · share; `light` and `slope` are
     dimmed by `passing` already.
     """
-    for s in numba.prange(normals.shape[0]):
-        specular_of_sample(
-            s, normals, views, alphas, f0s, first, shares, u, masking, averaged, spread,
-            points, reach, box_low, box_scale, cell, blocking, table, rows,
-            radiance, directions, weights, passing, light, slope, centre, size,
+    samples, nobody = normals.shape[0], np.empty(0, np.float32)
+    height, width = table.shape[0] - 1, table.shape[1] - 1
+    for block in numba.prange((samples + BLOCK - 1) // BLOCK):
+        low, high = block * BLOCK, min((block + 1) * BLOCK, samples)
+        begin, end = first[low], first[high]
+        origins = np.empty((high - low, 3), np.float32)
+        owners = np.empty(end - begin, np.int64)
+        for s in range(low, high):
+            for axis in range(3):
+                lifted = points[s, axis] + reach * normals[s, axis]
+                origins[s - low, axis] = (lifted - box_low[axis]) * box_scale
+            owners[first[s] - begin : first[s + 1] - begin] = s - low
+            leave(
+                s, normals, views, alphas, f0s, first, shares, u, masking, averaged, spread, width,
+                height, reach, directions, weights, passing, centre, size,
+            )  # fmt: skip
+        walk(
+            origins, owners, directions[begin:end], np.float32(box_scale), passing[begin:end],
+            np.float32(cell), blocking, passing[begin:end], nobody,
         )  # fmt: skip
+        for s in range(low, high):
+            gather(s, first, weights, passing, table, rows, centre, size, radiance, light, slope)
 
 
 @numba.njit(fastmath=True, nogil=True)

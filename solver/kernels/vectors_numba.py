@@ -28,6 +28,12 @@ def minus(a, b):
 
 
 @numba.njit(fastmath=True)
+def times(f, a):
+    """f·a."""
+    return (f * a[0], f * a[1], f * a[2])
+
+
+@numba.njit(fastmath=True)
 def plus(a, f, b):
     """a + f·b."""
     return (a[0] + f * b[0], a[1] + f * b[1], a[2] + f * b[2])

@@ -48,6 +48,18 @@ def test_what_passes_is_what_passes_single_rays():
     torch.testing.assert_close(passing.flatten(), single, rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.parametrize("count", [0, 1, 5, 6, 7, 300])
+def test_any_number_of_rays_walks_to_the_end(count):
+    torch.manual_seed(0)
+    origins, toward, grid = torch.rand(count, 3), directions(count), blobs()
+    arguments = origins, toward, 0.1 * torch.rand(count), 1 / 24, grid
+    passing = grid_transmittance(*arguments)
+    with plain_torch():
+        expected = grid_transmittance(*arguments)
+    assert passing.shape == (count,)
+    assert ((passing - expected).abs() < 1e-4).float().sum() >= 0.98 * count
+
+
 def test_a_slab_stops_half_of_the_light_where_it_begins():
     depths = torch.zeros(32, 32, 32)
     depths[:, :, 24:] = 1.0
