@@ -26,16 +26,17 @@ class Batching:
         self.retraced = self.first_retraced
         self.recent: list[float] = []
 
-    def chunks(self) -> list[int]:
-        """Primary rays of every chunk of the next step."""
+    def chunks(self, each: int = 1) -> list[int]:
+        """Pixels of every chunk of the next step, whose primary rays are `each` a pixel."""
         settings = self.settings
         if settings.samples <= 0:
-            count = max(1, round(settings.rays / settings.chunk_rays))
+            count = max(1, round(settings.rays * each / settings.chunk_rays))
             edges = [settings.rays * i // count for i in range(count + 1)]
             return [last - first for first, last in zip(edges, edges[1:], strict=False)]
         most = max(settings.most_rays, settings.rays)
-        total = min(max(self.chunk, settings.rays), most)
-        chunk = min(self.chunk, total)
+        held = max(1, self.chunk // each)
+        total = min(max(held, settings.rays), most)
+        chunk = min(held, total)
         whole, rest = divmod(total, chunk)
         return [chunk] * whole + ([rest] if rest else [])
 

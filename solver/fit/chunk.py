@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import torch
 
+from ..render.pixels import keys_of_rays, pixels_of
 from ..render.radiance import render_rays
 from ..render.random_numbers import ROOM_OFFSET, RandomNumbers
 from ..render.scene import RenderSettings, Scene, StepTables
@@ -15,7 +16,7 @@ from ..render.surroundings import surroundings
 from . import priors
 from .losses import Behind, room_light, total_loss
 from .ray_bank import RayBatch
-from .schedule import emission_share, neural_share
+from .schedule import emission_share, neural_share, pixel_grid
 from .settings import Settings
 
 SURROUNDED = ("environment", "room")
@@ -28,12 +29,12 @@ class Chunk(NamedTuple):
     """What a worker does at once."""
 
     batch: RayBatch
-    keys: torch.Tensor  # [R] long, for random numbers
-    colour: torch.Tensor | None  # [R, 3] sRGB behind the object, where it is random
+    keys: torch.Tensor  # [P] long, for random numbers
+    colour: torch.Tensor | None  # [P, 3] sRGB behind the object, where it is random
     log_gain: (
         torch.Tensor | None
     )  # [P, C] logarithms of the photos' exposures, where they are found
-    share: float  # of the step's rays
+    share: float  # of the step's pixels
     retraced: int  # secondary rays to be traced through the field
     step: int
     fraction: float  # of the fit done
@@ -61,10 +62,12 @@ class ChunkLoss:
     fog: bool
 
     def render_settings(self, fraction: float) -> RenderSettings:
-        """Render settings at a fraction of the fit: g is blended out (see `FitSettings`)."""
-        fit = self.settings.fit
+        """Render settings at a fraction of the fit: g is blended out, pixels get more rays (see
+        `FitSettings`)."""
+        fit, render = self.settings.fit, self.settings.render
+        grid = pixel_grid(self.settings, fraction)
         return dataclasses.replace(
-            self.settings.render,
+            render, pixel_grid=grid, secondary_rays=max(1, render.secondary_rays // grid**2),
             neural=neural_share(fit, fraction),
             neighbour_distance=fit.neighbour_distance, emission=self.emission(fraction),
         )  # fmt: skip
@@ -81,10 +84,13 @@ class ChunkLoss:
             self.render_settings(chunk.fraction),
             retraced_rays=chunk.retraced,
         )
+        each = batch.directions.shape[1]
         buffers = render_rays(
-            scene, tables, settings, random, batch.origins, batch.directions, chunk.keys,
-            jitter=True, pixel_angle=batch.pixel_angle,
+            scene, tables, settings, random, batch.origins.repeat_interleave(each, 0),
+            batch.directions.flatten(0, 1), keys_of_rays(chunk.keys, each), jitter=True,
+            pixel_angle=batch.pixel_angle.repeat_interleave(each) / settings.pixel_grid,
         )  # fmt: skip
+        buffers = pixels_of(buffers, each)
         log_gain = gain = None
         if chunk.log_gain is not None:
             log_gain = chunk.log_gain.clone().requires_grad_()
@@ -109,9 +115,8 @@ class ChunkLoss:
         batch = chunk.batch
         if self.background in SURROUNDED:
             u = random.uniform(ROOM_OFFSET, chunk.keys)
-            return surroundings(
-                scene, tables, batch.origins, batch.directions, batch.pixel_angle, u
-            )
+            middle = torch.nn.functional.normalize(batch.directions.mean(1), dim=-1)
+            return surroundings(scene, tables, batch.origins, middle, batch.pixel_angle, u)
         if chunk.colour is not None:
             return chunk.colour
         return batch.colour.new_full((len(batch.colour), 3), float(self.background != "black"))

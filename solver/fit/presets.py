@@ -12,7 +12,7 @@ STANDARD = Settings(
     field=FieldSettings(sizes=(128, 192, 256), size_starts=(0.0, 0.1, 0.35)),
     render=RenderSettings(
         shaded_depths=2, secondary_depths=1, secondary_rays=32, retraced_rays=2048,
-        secondary_bounce_rays=4,
+        secondary_bounce_rays=4, pixel_grid=2,
     ),
     fit=FitSettings(steps=5000, rays=2048),
 )  # fmt: skip

@@ -9,14 +9,15 @@ import torch
 
 from ..capture.camera import Camera
 from ..capture.photos import Photo
+from ..render.pixels import places_in_pixel
 from ..render.tonemap import linear_to_srgb
 
 
 class RayBatch(NamedTuple):
-    """Rays of B pixels and what the photos show there."""
+    """Rays of B pixels, n each, and what the photos show there."""
 
     origins: torch.Tensor  # [B, 3] world
-    directions: torch.Tensor  # [B, 3] world, unit
+    directions: torch.Tensor  # [B, n, 3] world, unit
     colour: torch.Tensor  # [B, 3] sRGB-encoded, straight (not premultiplied)
     alpha: torch.Tensor  # [B] coverage; 1 where the photo has none
     clipped: torch.Tensor  # [B, 3] true where the photo is saturated
@@ -64,6 +65,7 @@ class RayBank:
         self.boundaries = torch.tensor(self.first_pixel, device=device)
         self.lens_start = torch.tensor(lens_start, device=device)
         self.likely = None
+        self.size = torch.tensor([[c.width, c.height] for c in cameras], device=device)
         self.preview_camera, self.preview_photo = cameras[0], photos[0].pixels
         self.pixel_angle = torch.tensor([c.pixel_angle for c in cameras], device=device)
 
@@ -77,17 +79,40 @@ class RayBank:
     def rays(self, pixel: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Origins, unit directions [B, 3] and photo indices of global pixel indices [B]."""
         photo = torch.searchsorted(self.boundaries, pixel, right=True) - 1
-        local = self.lens_start[photo] + pixel - self.boundaries[photo]
-        direction = torch.einsum("nij,nj->ni", self.rotation[photo], self.directions[local])
+        direction = self._through(pixel, photo, 1)[:, 0]
         return self.position[photo], direction, photo
 
-    def batch(self, pixel: torch.Tensor) -> RayBatch:
-        """Rays and targets of global pixel indices [B]."""
-        origins, directions, photo = self.rays(pixel)
+    def _through(self, pixel: torch.Tensor, photo: torch.Tensor, grid: int) -> torch.Tensor:
+        """Unit world directions [B, grid², 3] through pixels of photos [B]; beside the centres by the
+        step to the next pixel, which a lens changes slowly."""
+        first, local = self.lens_start[photo], pixel - self.boundaries[photo]
+        centre = self.directions[first + local]
+        directions = centre[:, None]
+        if grid > 1:
+            width, height = self.size[photo].unbind(-1)
+            row, column = local // width, local % width
+            # The last pixel of a row or column has the step of the one before it.
+            left, above = torch.minimum(column, width - 2), torch.minimum(row, height - 2)
+            across, down = first + row * width + left, first + above * width + column
+            step = torch.stack(
+                [
+                    self.directions[across + 1] - self.directions[across],
+                    self.directions[down + width] - self.directions[down],
+                ]
+            )
+            places = torch.from_numpy(places_in_pixel(grid)).to(step)
+            directions = directions + torch.einsum("nk,kbj->bnj", places, step)
+            directions = torch.nn.functional.normalize(directions, dim=-1)
+        return torch.einsum("bij,bnj->bni", self.rotation[photo], directions)
+
+    def batch(self, pixel: torch.Tensor, grid: int = 1) -> RayBatch:
+        """Rays, grid × grid through a pixel, and targets of global pixel indices [B]."""
+        photo = torch.searchsorted(self.boundaries, pixel, right=True) - 1
+        directions = self._through(pixel, photo, grid)
         colour = self.colour[pixel].float()
         clipped = (colour >= 0.998) & ~self.is_hdr[photo][:, None]
         return RayBatch(
-            origins,
+            self.position[photo],
             directions,
             colour,
             self.alpha[pixel].float(),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 from ..render.image import image_settings
@@ -52,6 +53,11 @@ def emission_share(fit: FitSettings, fraction: float) -> float:
     return 1 - min(max((fraction - first) / max(last - first, 1e-6), 0), 1) if last > 0 else 0.0
 
 
+def pixel_grid(settings: Settings, fraction: float) -> int:
+    """Primary rays through a pixel at a fraction of the fit, across or down."""
+    return settings.render.pixel_grid if fraction >= settings.fit.pixel_grid_start else 1
+
+
 def picture_settings(
     settings: Settings, rays: int = 64, fraction: float = 1.0, neural: float | None = None
 ) -> RenderSettings:
@@ -62,4 +68,5 @@ def picture_settings(
         neural: share of the neural term; None: as it is at that fraction.
     """
     neural = neural_share(settings.fit, fraction) if neural is None else neural
-    return image_settings(settings.render, rays, neural)
+    render = dataclasses.replace(settings.render, pixel_grid=pixel_grid(settings, fraction))
+    return image_settings(render, rays, neural)

@@ -74,9 +74,11 @@ class FitSettings:
     steps: int = 2800
     """optimiser steps"""
     rays: int = 1024
-    """primary rays a step, at least"""
+    """pixels a step, at least; a primary ray each, or `render.pixel_grid` squared"""
     chunk_rays: int = 512
     """primary rays worked on at once, where `samples` does not say; chunks share the cores"""
+    pixel_grid_start: float = 0.8
+    """fraction of the fit from which on pixels have as many rays as `render.pixel_grid` says; one before"""
     most_rays: int = 0
     """primary rays a step, at most, where `samples` leaves room (0: always `rays`)"""
     samples: int = 0

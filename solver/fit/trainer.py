@@ -16,7 +16,7 @@ from .batching import Batching
 from .chunk import Chunk, ChunkLoss
 from .exposure import exposures_for
 from .ray_bank import RayBank, RayBatch
-from .schedule import probe_turn, smoothing_width, step_width
+from .schedule import pixel_grid, probe_turn, smoothing_width, step_width
 from .settings import Settings
 from .workers import Workers, worker_count
 
@@ -143,7 +143,8 @@ class Trainer:
         if probe_turn(fraction) != self.probe_turn:
             self.probe_turn = probe_turn(fraction)
             self.refresh_probes()
-        chunks = self._draw(self.batching.chunks())
+        grid = pixel_grid(self.settings, fraction)
+        chunks = self._draw(self.batching.chunks(grid * grid), grid)
         found = self.workers.gradients(chunks)
         self.workers.together(self.optimiser.moves())
         if self.exposures is not None:
@@ -152,16 +153,17 @@ class Trainer:
         self.steps_at_level += 1
         image = 0.0
         for chunk, taken in zip(chunks, found, strict=True):
-            self.batching.observe(len(chunk.keys), *taken.samples)
+            self.batching.observe(len(chunk.keys) * grid * grid, *taken.samples)
             image += taken.image * chunk.share
         return {
             "image": image, "psnr": -10 * math.log10(max(image, 1e-12)),
             "samples": sum(taken.samples[0] for taken in found),
-            "rays": sum(len(chunk.keys) for chunk in chunks),
+            "rays": sum(len(chunk.keys) for chunk in chunks) * grid * grid,
         }  # fmt: skip
 
-    def _draw(self, sizes: list[int]) -> list[Chunk]:
-        """Chunks of so many random pixels; all random numbers of a step are drawn here."""
+    def _draw(self, sizes: list[int], grid: int) -> list[Chunk]:
+        """Chunks of so many random pixels with grid × grid rays each; all random numbers of a step are
+        drawn here."""
         pixels, colours, device = [], [], self.scene.device
         for size in sizes:
             pixels.append(self.bank.draw(size, self.generator))
@@ -170,7 +172,7 @@ class Trainer:
                 colour = torch.rand(size, 3, generator=self.generator).to(device)
             colours.append(colour)
         # All rays at once, which is faster, and then cut.
-        batch = self.bank.batch(torch.cat(pixels))
+        batch = self.bank.batch(torch.cat(pixels), grid)
         batches = map(RayBatch, *(values.split(sizes) for values in batch))
         keys = torch.arange(sum(sizes), device=device)
         log_gain = None if self.exposures is None else self.exposures.log_gain.detach()

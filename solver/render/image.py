@@ -11,6 +11,7 @@ import torch
 
 from ..capture.camera import Camera
 from ..kernels.march import composite, march
+from .pixels import keys_of_rays, mean_of_rays, pixels_of, places_in_pixel
 from .radiance import render_rays
 from .random_numbers import RandomNumbers
 from .scene import RenderSettings, Scene, StepTables
@@ -40,10 +41,12 @@ def image_settings(
     So no ray's fate depends on which others are rendered with it.
 
     Args:
+        secondary_rays: a pixel; shared among the primary rays through it.
         neural: share of the neural term g; 0 is what Cycles can show.
     """
     return dataclasses.replace(
-        settings, secondary_rays=secondary_rays, neural=neural, neighbour_distance=0.0,
+        settings, secondary_rays=max(1, secondary_rays // settings.pixel_grid**2), neural=neural,
+        neighbour_distance=0.0,
         retraced_rays=(1 << 30) if settings.retraced_rays > 0 else 0, secondary_bounce_rays=4,
         shaded_depths=0, secondary_depths=0, emission=0.0,
     )  # fmt: skip
@@ -61,25 +64,28 @@ def render_view(
     """
     device = scene.device
     random = RandomNumbers(seed, device)
+    places = places_in_pixel(settings.pixel_grid) + 0.5
     row, column = np.mgrid[0 : camera.height, 0 : camera.width]
-    origins, directions = camera.rays(column.ravel() + 0.5, row.ravel() + 0.5)
-    origins = torch.from_numpy(origins).float().to(device)
-    directions = torch.from_numpy(directions).float().to(device)
-    pixels = torch.arange(len(origins), device=device)
-    pixel_angle = torch.full((len(origins),), camera.pixel_angle, device=device)
+    columns, rows = column.reshape(-1, 1) + places[:, 0], row.reshape(-1, 1) + places[:, 1]
+    pixels, each = columns.shape
+    pixels_per_chunk = max(1, rays_per_chunk // each)
     parts, around = [], []
-    for first in range(0, len(origins), rays_per_chunk):
-        chunk = slice(first, first + rays_per_chunk)
-        rays = origins[chunk], directions[chunk]
+    for first in range(0, pixels, pixels_per_chunk):
+        chunk = slice(first, min(first + pixels_per_chunk, pixels))
+        rays = [
+            torch.from_numpy(value).float().to(device)
+            for value in camera.rays(columns[chunk].ravel(), rows[chunk].ravel())
+        ]
+        angle = rays[0].new_full((len(rays[0]),), camera.pixel_angle / settings.pixel_grid)
+        keys = keys_of_rays(torch.arange(chunk.start, chunk.stop, device=device), each)
         part = render_rays(
-            scene, tables, settings, random, *rays, pixels[chunk], jitter=False,
-            pixel_angle=pixel_angle[chunk],
-        )  # fmt: skip
-        parts.append(part)
-        room = surroundings(scene, tables, *rays, pixel_angle[chunk])
-        around.append(room.around(part.radiance, part.opacity))
+            scene, tables, settings, random, *rays, keys, jitter=False, pixel_angle=angle
+        )
+        parts.append(pixels_of(part, each))
+        room = surroundings(scene, tables, *rays, angle)
+        around.append(mean_of_rays(room.around(part.radiance, part.opacity), each))
         if progress is not None:
-            progress(min(1.0, (first + rays_per_chunk) / len(origins)))
+            progress(min(1.0, (first + pixels_per_chunk) / pixels))
 
     def image(name: str) -> np.ndarray:
         flat = torch.cat([getattr(part, name) for part in parts]).cpu().numpy()

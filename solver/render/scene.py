@@ -33,6 +33,8 @@ class RenderSettings:
     """distance of density samples along a primary ray, voxels"""
     secondary_step: float = 1.0
     """the same along retraced secondary rays"""
+    pixel_grid: int = 1
+    """primary rays through a pixel: so many across and so many down"""
     secondary_rays: int = 16
     """M: secondary rays a pixel, shared among its samples by weight"""
     min_weight: float = 0.01

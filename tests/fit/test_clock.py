@@ -42,6 +42,17 @@ def test_a_fog_takes_longer_while_it_shines():
     assert work_done(DRAFT, 1.0, fog=True) == pytest.approx(1)
 
 
+def test_several_rays_a_pixel_take_longer_from_where_they_begin():
+    fit = dataclasses.replace(DRAFT.fit, pixel_grid_start=0.7)
+    render = dataclasses.replace(DRAFT.render, pixel_grid=2)
+    finer = dataclasses.replace(DRAFT, fit=fit, render=render)
+    one = dataclasses.replace(finer, render=dataclasses.replace(render, pixel_grid=1))
+    before = work_done(finer, 0.7) / work_done(one, 0.7)
+    after = (1 - work_done(finer, 0.7)) / (1 - work_done(one, 0.7))
+    assert after / before == pytest.approx(2.35, rel=1e-6)
+    assert work_done(finer, 1.0) == pytest.approx(1)
+
+
 @pytest.mark.parametrize("fog", [False, True])
 def test_time_left_is_right_when_steps_take_as_long_as_the_model_says(time, fog):
     watch = FitClock(DRAFT, 0.0, None, fog)

@@ -190,7 +190,7 @@ def test_batches_hold_the_pixels_of_their_rays():
     batch = bank.batch(pixel)
     assert batch.alpha.tolist() == [0, 1, 1]
     _, expected = capture.cameras[2].rays(np.array([16.5]), np.array([16.5]))
-    np.testing.assert_allclose(batch.directions[2].numpy(), expected[0], atol=1e-6)
+    np.testing.assert_allclose(batch.directions[2, 0].numpy(), expected[0], atol=1e-6)
     np.testing.assert_allclose(batch.origins[2].numpy(), capture.cameras[2].position, atol=1e-6)
 
 

@@ -104,6 +104,38 @@ def test_batches_hold_about_the_same_number_of_samples_whatever_rays_take():
         assert 400 <= sum(chunks) <= 8000
 
 
+def test_a_step_has_as_many_pixels_whatever_rays_they_have_and_a_chunk_as_many_rays():
+    batching = Batching(FitSettings(rays=2048, chunk_rays=512), 0)
+    assert batching.chunks() == [512] * 4
+    assert batching.chunks(4) == [128] * 16
+    full = Batching(FitSettings(rays=400, most_rays=8000, samples=10_000), 0)
+    assert full.chunks(4) == [FIRST_RAYS // 4] * 16
+
+
+def test_several_rays_a_pixel_fit_and_resume_as_if_nothing_had_happened(tmp_path):
+    render = dataclasses.replace(SMALL.render, pixel_grid=2, secondary_rays=8)
+    fit = dataclasses.replace(SMALL.fit, pixel_grid_start=0.5, rays=128)
+    trainer = start(dataclasses.replace(SMALL, render=render, fit=fit))
+    reports = [trainer.advance(i / 20) for i in range(14)]
+    assert [report["rays"] for report in reports] == [128] * 10 + [512] * 4
+    checkpoint.save_checkpoint(trainer, tmp_path / "checkpoint", 1.0, done=False)
+    expected = [trainer.advance(i / 20)["image"] for i in range(14, 20)]
+    scene, state, tensors = checkpoint.load_scene(tmp_path / "checkpoint")
+    capture, photos = ball_capture()
+    other = trainer_for(scene, capture, photos, checkpoint.settings_of(state), 0)
+    checkpoint.restore(other, state, tensors)
+    result = [other.advance(i / 20)["image"] for i in range(14, 20)]
+    np.testing.assert_allclose(result, expected, rtol=1e-3)
+    assert expected[-1] < reports[0]["image"]
+
+
+def test_an_older_fit_goes_on_with_one_ray_a_pixel():
+    values = dataclasses.asdict(settings_for("standard"))
+    assert checkpoint.settings_of({"settings": values}).render.pixel_grid == 2
+    del values["render"]["pixel_grid"]
+    assert checkpoint.settings_of({"settings": values}).render.pixel_grid == 1
+
+
 def test_a_sudden_fog_shrinks_the_batch_at_once():
     batching = Batching(FitSettings(rays=400, most_rays=8000, samples=10_000), 0)
     for _ in range(50):

@@ -1,0 +1,43 @@
+"""Rays through pixels, and what a pixel sees: the mean of what its rays see.
+
+A ray through a pixel's centre cannot match a photo that averages over all of it; a few, each with its
+share of the pixel's width, come near (docs/decisions/0011).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import torch
+
+from .radiance import RayBuffers
+
+
+def places_in_pixel(grid: int) -> np.ndarray:
+    """Where rays go through a pixel [grid², 2]: (column, row) from its centre, in pixels; the centres of
+    grid × grid squares."""
+    ticks = (np.arange(grid) + 0.5) / grid - 0.5
+    return np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
+
+
+def keys_of_rays(keys: torch.Tensor, rays: int) -> torch.Tensor:
+    """Keys [P·rays] of the rays of pixels, one pixel's after the other's, from those of pixels [P]."""
+    return (keys[:, None] * rays + torch.arange(rays, device=keys.device)).flatten()
+
+
+def mean_of_rays(values: torch.Tensor, rays: int) -> torch.Tensor:
+    """Means [P, …] over every `rays` values of [P·rays, …]."""
+    return values if rays == 1 else values.unflatten(0, (-1, rays)).mean(1)
+
+
+def pixels_of(buffers: RayBuffers, rays: int) -> RayBuffers:
+    """What pixels saw, from what their rays did, `rays` each."""
+    if rays == 1:
+        return buffers
+    seen = {
+        field.name: mean_of_rays(value, rays)
+        for field in dataclasses.fields(buffers)
+        if isinstance(value := getattr(buffers, field.name), torch.Tensor)
+    }
+    return dataclasses.replace(buffers, **seen)
