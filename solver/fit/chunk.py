@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import torch
 
-from ..render.pixels import keys_of_rays, pixels_of
+from ..render.pixels import keys_of_rays, pixels_of, secondary_rays_each
 from ..render.radiance import render_rays
 from ..render.random_numbers import ROOM_OFFSET, RandomNumbers
 from ..render.scene import RenderSettings, Scene, StepTables
@@ -67,7 +67,8 @@ class ChunkLoss:
         fit, render = self.settings.fit, self.settings.render
         grid = pixel_grid(self.settings, fraction)
         return dataclasses.replace(
-            render, pixel_grid=grid, secondary_rays=max(1, render.secondary_rays // grid**2),
+            render, pixel_grid=grid,
+            secondary_rays=secondary_rays_each(render.secondary_rays, grid),
             neural=neural_share(fit, fraction),
             neighbour_distance=fit.neighbour_distance, emission=self.emission(fraction),
         )  # fmt: skip

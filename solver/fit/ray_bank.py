@@ -78,9 +78,12 @@ class RayBank:
 
     def rays(self, pixel: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Origins, unit directions [B, 3] and photo indices of global pixel indices [B]."""
-        photo = torch.searchsorted(self.boundaries, pixel, right=True) - 1
+        photo = self._photo_of(pixel)
         direction = self._through(pixel, photo, 1)[:, 0]
         return self.position[photo], direction, photo
+
+    def _photo_of(self, pixel: torch.Tensor) -> torch.Tensor:
+        return torch.searchsorted(self.boundaries, pixel, right=True) - 1
 
     def _through(self, pixel: torch.Tensor, photo: torch.Tensor, grid: int) -> torch.Tensor:
         """Unit world directions [B, grid², 3] through pixels of photos [B]; beside the centres by the
@@ -107,7 +110,7 @@ class RayBank:
 
     def batch(self, pixel: torch.Tensor, grid: int = 1) -> RayBatch:
         """Rays, grid × grid through a pixel, and targets of global pixel indices [B]."""
-        photo = torch.searchsorted(self.boundaries, pixel, right=True) - 1
+        photo = self._photo_of(pixel)
         directions = self._through(pixel, photo, grid)
         colour = self.colour[pixel].float()
         clipped = (colour >= 0.998) & ~self.is_hdr[photo][:, None]

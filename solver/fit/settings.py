@@ -80,7 +80,7 @@ class FitSettings:
     pixel_grid_start: float = 0.8
     """fraction of the fit from which on pixels have as many rays as `render.pixel_grid` says; one before"""
     most_rays: int = 0
-    """primary rays a step, at most, where `samples` leaves room (0: always `rays`)"""
+    """pixels a step, at most, where `samples` leaves room (0: always `rays`)"""
     samples: int = 0
     """density samples of primary rays worked on at once, about; a step with more is cut in chunks
     whose gradients are summed (0: all rays of a step at once)"""

@@ -144,7 +144,8 @@ class Trainer:
             self.probe_turn = probe_turn(fraction)
             self.refresh_probes()
         grid = pixel_grid(self.settings, fraction)
-        chunks = self._draw(self.batching.chunks(grid * grid), grid)
+        each = grid * grid
+        chunks = self._draw(self.batching.chunks(each), grid)
         found = self.workers.gradients(chunks)
         self.workers.together(self.optimiser.moves())
         if self.exposures is not None:
@@ -153,12 +154,12 @@ class Trainer:
         self.steps_at_level += 1
         image = 0.0
         for chunk, taken in zip(chunks, found, strict=True):
-            self.batching.observe(len(chunk.keys) * grid * grid, *taken.samples)
+            self.batching.observe(len(chunk.keys) * each, *taken.samples)
             image += taken.image * chunk.share
         return {
             "image": image, "psnr": -10 * math.log10(max(image, 1e-12)),
             "samples": sum(taken.samples[0] for taken in found),
-            "rays": sum(len(chunk.keys) for chunk in chunks) * grid * grid,
+            "rays": sum(len(chunk.keys) for chunk in chunks) * each,
         }  # fmt: skip
 
     def _draw(self, sizes: list[int], grid: int) -> list[Chunk]:

@@ -47,9 +47,8 @@ def enter(state, lane, origin, direction, scale, start, cells):
     dx, dy, dz = direction[0] * scale, direction[1] * scale, direction[2] * scale
     near, far = box_span(origin[0], origin[1], origin[2], dx, dy, dz)
     state[lane, DISTANCE], state[lane, FAR], state[lane, DEPTH] = max(near, start), far, 0.0
-    for axis in range(3):
-        state[lane, ORIGIN + axis] = origin[axis] * cells
-        state[lane, DIRECTION + axis] = direction[axis] * scale * cells
+    for axis, d in enumerate((dx, dy, dz)):
+        state[lane, ORIGIN + axis], state[lane, DIRECTION + axis] = origin[axis] * cells, d * cells
 
 
 @numba.njit(inline="always", fastmath=True)

@@ -11,7 +11,13 @@ import torch
 
 from ..capture.camera import Camera
 from ..kernels.march import composite, march
-from .pixels import keys_of_rays, mean_of_rays, pixels_of, places_in_pixel
+from .pixels import (
+    keys_of_rays,
+    mean_of_rays,
+    pixels_of,
+    places_in_pixel,
+    secondary_rays_each,
+)
 from .radiance import render_rays
 from .random_numbers import RandomNumbers
 from .scene import RenderSettings, Scene, StepTables
@@ -45,8 +51,8 @@ def image_settings(
         neural: share of the neural term g; 0 is what Cycles can show.
     """
     return dataclasses.replace(
-        settings, secondary_rays=max(1, secondary_rays // settings.pixel_grid**2), neural=neural,
-        neighbour_distance=0.0,
+        settings, neural=neural, neighbour_distance=0.0,
+        secondary_rays=secondary_rays_each(secondary_rays, settings.pixel_grid),
         retraced_rays=(1 << 30) if settings.retraced_rays > 0 else 0, secondary_bounce_rays=4,
         shaded_depths=0, secondary_depths=0, emission=0.0,
     )  # fmt: skip

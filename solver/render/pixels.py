@@ -21,6 +21,11 @@ def places_in_pixel(grid: int) -> np.ndarray:
     return np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
 
 
+def secondary_rays_each(secondary_rays: int, grid: int) -> int:
+    """Secondary rays of one of a pixel's grid² rays, which share them; never none."""
+    return max(1, secondary_rays // grid**2)
+
+
 def keys_of_rays(keys: torch.Tensor, rays: int) -> torch.Tensor:
     """Keys [P·rays] of the rays of pixels, one pixel's after the other's, from those of pixels [P]."""
     return (keys[:, None] * rays + torch.arange(rays, device=keys.device)).flatten()

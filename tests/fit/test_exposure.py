@@ -7,11 +7,10 @@ import pytest
 import torch
 
 from solver.capture.photos import Photo
-from solver.fit import checkpoint
 from solver.fit.errors import SettingsError
 from solver.fit.exposure import Exposures, exposures_for
-from solver.fit.start import new_trainer, trainer_for
-from tests.fit.test_fit import SMALL, ball_capture
+from solver.fit.start import new_trainer
+from tests.fit.test_fit import SMALL, ball_capture, resumed
 
 
 def uneven_capture(gains):
@@ -55,10 +54,8 @@ def test_white_balance_finds_a_gain_for_each_channel():
 
 def test_a_checkpoint_carries_the_exposures_on(tmp_path):
     trainer, _, capture, photos, settings = fitted(np.tile(GAINS[:, None], 3), "gain", steps=20)
-    checkpoint.save_checkpoint(trainer, tmp_path / "c", 1.0, done=False)
-    scene, state, tensors = checkpoint.load_scene(tmp_path / "c")
-    other = trainer_for(scene, capture, photos, settings, 0)
-    checkpoint.restore(other, state, tensors)
+    other, known = resumed(trainer, tmp_path, capture, photos)
+    assert known == settings
     torch.testing.assert_close(other.exposures.log_gain, trainer.exposures.log_gain)
     losses = [t.advance(0.5)["image"] for t in (trainer, other)]
     assert losses[0] == pytest.approx(losses[1], rel=1e-5)

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from solver.capture.placement import far_origin, placed, seen_from
-from solver.fit import checkpoint
 from solver.fit.load import render_cameras
-from solver.fit.start import new_trainer, trainer_for
-from tests.fit.test_fit import SMALL, ball_capture
+from solver.fit.start import new_trainer
+from tests.fit.test_fit import SMALL, ball_capture, resumed
 
 PLACE = np.array([4.0e5, 5.2e6, 120.0])
 STEPS = 6
@@ -46,12 +45,8 @@ def test_pictures_of_a_far_scene_are_taken_with_the_cameras_of_its_world(near_an
 
 def test_a_checkpoint_keeps_where_a_far_scene_is(near_and_far, tmp_path):
     trainer, _, capture = near_and_far[1]
-    folder = tmp_path / "checkpoint"
-    checkpoint.save_checkpoint(trainer, folder, 0.0, False)
-    scene, state, tensors = checkpoint.load_scene(folder)
-    np.testing.assert_array_equal(scene.origin, trainer.scene.origin)
-    again = trainer_for(scene, capture, ball_capture()[1], SMALL, 0)
-    checkpoint.restore(again, state, tensors)
+    again, _ = resumed(trainer, tmp_path, capture, ball_capture()[1])
+    np.testing.assert_array_equal(again.scene.origin, trainer.scene.origin)
     # The next step is the one that the fit itself takes: its rays start where they did.
     assert again.advance(0.99)["image"] == pytest.approx(trainer.advance(0.99)["image"], rel=1e-5)
 

@@ -57,6 +57,16 @@ def trained(steps=0, seed=0):
     return trainer, losses, capture, photos
 
 
+def resumed(trainer, folder, capture, photos):
+    """A trainer that goes on from the checkpoint of another, and the settings it found there."""
+    checkpoint.save_checkpoint(trainer, folder / "checkpoint", 1.0, done=False)
+    scene, state, tensors = checkpoint.load_scene(folder / "checkpoint")
+    settings = checkpoint.settings_of(state)
+    other = trainer_for(scene, capture, photos, settings, trainer.seed)
+    checkpoint.restore(other, state, tensors)
+    return other, settings
+
+
 def test_the_visual_hull_of_a_ball_holds_the_ball_and_little_more():
     capture, photos = ball_capture(24)
     hull = carve(list(capture.cameras), masks_of(photos), capture.region, 40)
@@ -113,12 +123,9 @@ def test_a_resumed_fit_goes_on_as_if_nothing_had_happened(tmp_path):
     trainer, _, capture, photos = trained(0)
     for i in range(6):
         trainer.advance(i / 20)
-    checkpoint.save_checkpoint(trainer, tmp_path / "checkpoint", 1.0, done=False)
+    other, settings = resumed(trainer, tmp_path, capture, photos)
+    assert settings == SMALL
     expected = [trainer.advance(i / 20)["image"] for i in range(6, 14)]
-    scene, state, tensors = checkpoint.load_scene(tmp_path / "checkpoint")
-    other = trainer_for(scene, capture, photos, checkpoint.settings_of(state), 0)
-    checkpoint.restore(other, state, tensors)
-    assert checkpoint.settings_of(state) == SMALL
     result = [other.advance(i / 20)["image"] for i in range(6, 14)]
     np.testing.assert_allclose(result, expected, rtol=1e-4)
 

@@ -8,19 +8,18 @@ import torch
 
 from solver.capture.photos import Photo, linear_to_srgb
 from solver.capture.placement import placed
-from solver.fit import checkpoint
 from solver.fit.presets import PAPER
 from solver.fit.preview import display, over_white
 from solver.fit.schedule import emission_share, picture_settings
 from solver.fit.seen_space import seen_cells, walked_through
 from solver.fit.settings import FitSettings
-from solver.fit.start import background_of, new_trainer, trainer_for
+from solver.fit.start import background_of, new_trainer
 from solver.metrics.image import psnr
 from solver.render.image import image_settings, render_view
 from solver.render.radiance import render_rays
 from solver.render.random_numbers import RandomNumbers
 from solver.render.scene import RenderSettings, StepTables
-from tests.fit.test_fit import RADIUS, SMALL, ball_capture
+from tests.fit.test_fit import RADIUS, SMALL, ball_capture, resumed
 from tests.render.scenes import ball, camera_rays, refresh
 
 
@@ -186,12 +185,9 @@ def test_a_resumed_fit_in_a_room_goes_on_as_if_nothing_had_happened(tmp_path):
     trainer = new_trainer(capture, photos, SMALL, 0, None, "cpu", lambda fraction: None)
     for i in range(12):  # of them the last after an upsampling
         trainer.advance(i / 20)
-    checkpoint.save_checkpoint(trainer, tmp_path / "checkpoint", 1.0, done=False)
+    other, _ = resumed(trainer, tmp_path, capture, photos)
+    assert other.scene.room.size == 32
     expected = [trainer.advance(i / 20)["image"] for i in range(12, 16)]
-    scene, state, tensors = checkpoint.load_scene(tmp_path / "checkpoint")
-    assert scene.room.size == 32
-    other = trainer_for(scene, capture, photos, checkpoint.settings_of(state), 0)
-    checkpoint.restore(other, state, tensors)
     result = [other.advance(i / 20)["image"] for i in range(12, 16)]
     np.testing.assert_allclose(result, expected, rtol=1e-4)
 

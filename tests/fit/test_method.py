@@ -15,9 +15,9 @@ from solver.fit.presets import ABLATIONS, PAPER, settings_for
 from solver.fit.schedule import neural_share
 from solver.fit.settings import FitSettings
 from solver.fit.snapshots import write_figure, write_snapshot
-from solver.fit.start import background_of, new_trainer, trainer_for
+from solver.fit.start import background_of, new_trainer
 from solver.job.folder import JobFolder, JobRequest
-from tests.fit.test_fit import SMALL, ball_capture
+from tests.fit.test_fit import SMALL, ball_capture, resumed
 
 SMALL_PAPER = {
     "field.sizes": "16,20,24", "field.size_starts": "0,0.3,0.6", "light.heights": "16",
@@ -118,12 +118,8 @@ def test_several_rays_a_pixel_fit_and_resume_as_if_nothing_had_happened(tmp_path
     trainer = start(dataclasses.replace(SMALL, render=render, fit=fit))
     reports = [trainer.advance(i / 20) for i in range(14)]
     assert [report["rays"] for report in reports] == [128] * 10 + [512] * 4
-    checkpoint.save_checkpoint(trainer, tmp_path / "checkpoint", 1.0, done=False)
+    other, _ = resumed(trainer, tmp_path, *ball_capture())
     expected = [trainer.advance(i / 20)["image"] for i in range(14, 20)]
-    scene, state, tensors = checkpoint.load_scene(tmp_path / "checkpoint")
-    capture, photos = ball_capture()
-    other = trainer_for(scene, capture, photos, checkpoint.settings_of(state), 0)
-    checkpoint.restore(other, state, tensors)
     result = [other.advance(i / 20)["image"] for i in range(14, 20)]
     np.testing.assert_allclose(result, expected, rtol=1e-3)
     assert expected[-1] < reports[0]["image"]
@@ -180,13 +176,9 @@ def test_the_paper_preset_resumes_as_if_nothing_had_happened(tmp_path):
     trainer = start(settings_for("paper", SMALL_PAPER))
     for i in range(12):
         trainer.advance(i / 30)
-    checkpoint.save_checkpoint(trainer, tmp_path / "checkpoint", 1.0, done=False)
+    other, settings = resumed(trainer, tmp_path, *ball_capture())
+    assert settings == trainer.settings
     expected = [trainer.advance(i / 30)["image"] for i in range(12, 20)]
-    scene, state, tensors = checkpoint.load_scene(tmp_path / "checkpoint")
-    capture, photos = ball_capture()
-    other = trainer_for(scene, capture, photos, checkpoint.settings_of(state), 0)
-    checkpoint.restore(other, state, tensors)
-    assert checkpoint.settings_of(state) == trainer.settings
     result = [other.advance(i / 30)["image"] for i in range(12, 20)]
     np.testing.assert_allclose(result, expected, rtol=1e-3)
 
