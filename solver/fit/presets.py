@@ -14,7 +14,7 @@ STANDARD = Settings(
         shaded_depths=2, secondary_depths=1, secondary_rays=32, retraced_rays=2048,
         secondary_bounce_rays=4, pixel_grid=2,
     ),
-    fit=FitSettings(steps=5000, rays=2048),
+    fit=FitSettings(steps=5000, rays=2048, pixel_grid_start=0.6),
 )  # fmt: skip
 
 # The paper's schedule; where its text and its public code differ, as decisions/0006 says.
