@@ -4,6 +4,9 @@ Ramamoorthi & Hanrahan, "An Efficient Representation for Irradiance Environment 
 that does not see all of the light, the sphere is cut in patches: E(n) = Σ_j V_j ∫_j L(ω) A(n, ω) dω, with
 the visibility V_j of patch j and the clamped cosine A as its first three bands of harmonics. Seen from
 one point this is again nine coefficients a channel, and linear in the light.
+
+Patches overlap. What shadows tell of the light, they tell of whole patches, whose edges, were they sharp,
+would be seen in a light that is fitted.
 """
 
 from __future__ import annotations
@@ -13,20 +16,23 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import torch
+import torch.nn.functional as F
 
+from ..kernels.backend import precise
 from .spherical_harmonics import quadratic, quadratic_form, sh_basis
 
 COSINE_LOBE = (math.pi, *[2 * math.pi / 3] * 3, *[math.pi / 4] * 5)
 """of the clamped cosine, per coefficient up to degree 2"""
 PATCH_ROWS = 16
 """rows of patches from pole to pole, 11° each"""
-_SAMPLES = 8  # along either edge of a patch, for means over it
+_SHIFTS = (-0.25, 0.25)
+"""shares of its size by which the rectangles are shifted, either way, whose mean a patch is"""
+_SAMPLES = 8  # along either edge of such a rectangle, for means over it
 
 
 class Patches(NamedTuple):
     """J patches of the sphere of directions, of about equal size, row by row from +Z."""
 
-    sides: torch.Tensor  # [J, 4] top, bottom, left, right as shares of the map's height and width
     solid_angle: torch.Tensor  # [J] sr
     lobes: torch.Tensor  # [J, 9] mean over the patch of harmonics × the clamped cosine's
 
@@ -42,43 +48,69 @@ class Arriving(NamedTuple):
 @lru_cache(maxsize=4)
 def patches(device: torch.device) -> Patches:
     """The patches that all lights and points share."""
-    sides, solid_angle, lobes = [], [], []
     inner = (torch.arange(_SAMPLES, dtype=torch.float64) + 0.5) / _SAMPLES
-    lobe = torch.tensor(COSINE_LOBE, dtype=torch.float64)
+    top, bottom, left, right = _sides()[..., None].unbind(-2)
+    high, low = (torch.cos(math.pi * side) for side in (top, bottom))
+    z = (high + (low - high) * inner)[..., :, None]  # even in z is even in solid angle
+    turn = (math.pi - 2 * math.pi * (left + (right - left) * inner))[..., None, :]
+    level = (1 - z * z).sqrt()
+    points = torch.stack(torch.broadcast_tensors(level * turn.cos(), level * turn.sin(), z), -1)
+    size = ((high - low) * 2 * math.pi * (right - left))[..., 0]
+    means = sh_basis(points, 2).mean((-3, -2)) * torch.tensor(COSINE_LOBE, dtype=torch.float64)
+    lobes = (means * size[..., None]).sum(0) / size.sum(0)[:, None]
+    return Patches(size.mean(0).float().to(device), lobes.float().to(device))
+
+
+@lru_cache(maxsize=1)
+def _sides() -> torch.Tensor:
+    """Top, bottom, left, right [4, J, 4] of the four rectangles whose mean a patch is, as shares of a map's
+    height and width; some reach over its left or right edge."""
+    return torch.stack([_shifted(down, across) for down in _SHIFTS for across in _SHIFTS])
+
+
+def _shifted(down: float, across: float) -> torch.Tensor:
+    """Sides [J, 4] of a rectangle of every patch, shifted by shares of a patch's size; the poles stay."""
+    sides = []
     for row in range(PATCH_ROWS):
         count = max(4, round(2 * PATCH_ROWS * math.sin((row + 0.5) * math.pi / PATCH_ROWS)))
-        top, bottom = (math.cos((row + side) * math.pi / PATCH_ROWS) for side in (0, 1))
-        height = top + (bottom - top) * inner  # even in z is even in solid angle
+        top, bottom = (
+            (edge + down * (0 < edge < PATCH_ROWS)) / PATCH_ROWS for edge in (row, row + 1)
+        )
         for column in range(count):
-            turn = math.pi - 2 * math.pi * (column + inner) / count
-            z, phi = torch.meshgrid(height, turn, indexing="ij")
-            level = (1 - z * z).sqrt()
-            points = torch.stack([level * phi.cos(), level * phi.sin(), z], -1)
-            lobes.append(sh_basis(points, 2).mean((0, 1)) * lobe)
-            solid_angle.append((top - bottom) * 2 * math.pi / count)
-            rows, columns = (row, row + 1), (column, column + 1)
-            sides.append([r / PATCH_ROWS for r in rows] + [c / count for c in columns])
-    return Patches(
-        torch.tensor(sides).to(device), torch.tensor(solid_angle).to(device),
-        torch.stack(lobes).float().to(device),
-    )  # fmt: skip
+            sides.append([top, bottom, (column + across) / count, (column + 1 + across) / count])
+    return torch.tensor(sides, dtype=torch.float64)
+
+
+class _Corners(NamedTuple):
+    """Where prefix sums [(H + 1) · (2H + 1)] of a map are summed up to make those over patches."""
+
+    at: torch.Tensor  # [J, 32] long
+    share: torch.Tensor  # [J, 32]
 
 
 @lru_cache(maxsize=16)
-def _sides(height: int, device: torch.device) -> torch.Tensor:
-    """`Patches.sides` [4, J] in whole texels of a map of `height` rows: no texel is split."""
-    shares = patches(device).sides.T
-    size = shares.new_tensor([height, height, 2 * height, 2 * height])[:, None]
-    return (shares * size).round().long()
+def _corners(height: int, device: torch.device) -> _Corners:
+    """Corners of the patches' rectangles, which end at whole texels: no texel is split."""
+    width = 2 * height
+    top, bottom, left, right = _sides().unbind(-1)
+    at, share = [], []
+    for row, down in ((bottom, 1), (top, -1)):
+        first = (row * height).round().long() * (width + 1)
+        for column, across in ((right, 1), (left, -1)):
+            column = (column * width).round().long()
+            # Prefix sums go on beyond the map: once around adds what the whole row holds.
+            turns = column.div(width, rounding_mode="floor")
+            at += [first + column - turns * width, first + width]
+            share += [torch.full_like(turns, down * across), down * across * turns]
+    at, share = (torch.cat(values).T.contiguous() for values in (at, share))
+    return _Corners(at.to(device), share.to(device, precise(device)) / len(top))
 
 
-@lru_cache(maxsize=16)
-def _patch_of_texels(height: int, device: torch.device) -> torch.Tensor:
-    """Which patch the texels [H · 2H] of a map are in, long."""
-    found = torch.zeros(height, 2 * height, dtype=torch.long, device=device)
-    for patch, (top, bottom, left, right) in enumerate(_sides(height, device).T.tolist()):
-        found[top:bottom, left:right] = patch
-    return found.flatten()
+def power(table: torch.Tensor) -> torch.Tensor:
+    """∫ L dω [J, 3] over every patch, of a light's prefix sums [H+1, W+1, 3] (`LightTables.table`)."""
+    corners = _corners(len(table) - 1, table.device)
+    rows, share = table.flatten(0, 1), corners.share.to(table.dtype)
+    return F.embedding_bag(corners.at, rows, per_sample_weights=share, mode="sum").float()
 
 
 def bright_lobes(harmonics: torch.Tensor, radiance: torch.Tensor) -> torch.Tensor:
@@ -88,32 +120,17 @@ def bright_lobes(harmonics: torch.Tensor, radiance: torch.Tensor) -> torch.Tenso
         harmonics: [9, H·W] harmonics × the clamped cosine's × the texels' solid angles. radiance: [H·W].
     """
     lobes = patches(radiance.device).lobes
-    patch = _patch_of_texels(math.isqrt(len(radiance) // 2), radiance.device)
-    sums = torch.zeros_like(lobes).index_add_(0, patch, (harmonics * radiance).T)
-    power = sums[:, :1] / lobes[:, :1]
-    return torch.where(power > 0, sums / power.clamp(min=1e-30), lobes)
+    height = math.isqrt(len(radiance) // 2)
+    values = (harmonics * radiance).view(-1, height, 2 * height).to(precise(radiance.device))
+    table = F.pad(values, (1, 0, 1, 0)).cumsum(1).cumsum(2).permute(1, 2, 0)
+    sums = power(table.contiguous())
+    whole = sums[:, :1] / lobes[:, :1]
+    return torch.where(whole > 0, sums / whole.clamp(min=1e-30), lobes)
 
 
 def middles(lobes: torch.Tensor) -> torch.Tensor:
     """The mean directions [J, 3] of lobes [J, 9], unit, world: what their first band says."""
     return torch.nn.functional.normalize(lobes[:, [3, 1, 2]], dim=-1)
-
-
-def power(table: torch.Tensor) -> torch.Tensor:
-    """∫ L dω [J, 3] over every patch, of a light's prefix sums [H+1, W+1, 3] (`LightTables.table`)."""
-    corners = _corners(len(table) - 1, table.device)
-    # All corners at once: each gather's gradient would be a table of its own.
-    first, second, third, fourth = table.flatten(0, 1).index_select(0, corners).chunk(4)
-    return (first - second - third + fourth).float()
-
-
-@lru_cache(maxsize=16)
-def _corners(height: int, device: torch.device) -> torch.Tensor:
-    """Where the patches' corners [4 J] are in a map's prefix sums: each patch's last one, the one left
-    of it, the one above it, and its first."""
-    top, bottom, left, right = _sides(height, device)
-    ends = [(bottom, right), (bottom, left), (top, right), (top, left)]
-    return torch.cat([row * (2 * height + 1) + column for row, column in ends])
 
 
 def arriving_harmonics(table: torch.Tensor, arriving: Arriving) -> torch.Tensor:

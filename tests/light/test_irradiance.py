@@ -52,6 +52,21 @@ def test_power_of_a_map_whose_rows_the_patches_do_not_divide_adds_up():
     torch.testing.assert_close(power(light.tables().table).sum(0), whole, rtol=1e-5, atol=0)
 
 
+def test_patches_overlap_without_sharp_edges_also_where_the_map_ends():
+    light = EnvironmentMap(64, 1.0)
+    each = light.texel_solid_angle[:, None].float()
+    shares = []
+    for patch in range(len(patches(CPU).solid_angle)):
+        light.log_radiance.grad = None
+        power(light.tables().table)[patch, 0].backward()
+        shares.append(light.log_radiance.grad[0] / each)
+    shares = torch.stack(shares)
+    torch.testing.assert_close(shares.sum(0), torch.ones(64, 128), rtol=1e-4, atol=0)
+    assert float(shares.min()) > -1e-4
+    across = torch.cat([shares, shares[..., :1]], -1).diff(dim=-1)
+    assert float(across.abs().max()) < 0.51 and float(shares.diff(dim=-2).abs().max()) < 0.51
+
+
 def test_where_all_light_arrives_the_irradiance_is_that_of_the_whole_light():
     light, count = waves(), len(patches(CPU).solid_angle)
     tables = light.tables(Arriving(torch.ones(2, count), light.patch_lobes(), nothing(2)))
