@@ -14,7 +14,7 @@ from ..capture.capture import Capture
 from ..fit.presets import settings_for
 from ..fit.settings import Settings
 
-CORE_SECONDS = {"draft": 0.11, "standard": 0.3, "paper": 3.0}
+CORE_SECONDS = {"draft": 0.11, "standard": 0.33, "paper": 3.0}
 """processor seconds of a step; the paper's is not measured but follows its rays"""
 OVERHEAD = {"draft": 40.0, "standard": 100.0, "paper": 240.0}
 """seconds for kernels, hull, asset and report"""
