@@ -95,6 +95,8 @@ class FitSettings:
     light_floor: float = 0.3
     """before a room, share of the light's mean gradient below which its texels take smaller steps: what
     hardly any ray tells of stays as it was, instead of becoming noise (0: Adam's, all of one size)"""
+    light_floor_without_room: float = 0.03
+    """the same where no room is before the light"""
     final_learning_rate: float = 0.05
     """all rates at the end, as a share of their start"""
     restart_schedule: bool = False

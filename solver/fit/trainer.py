@@ -91,10 +91,13 @@ class Trainer:
             {"params": density, "base": fit.learning_rate_grid, "smooth": None},
             {"params": features, "base": fit.learning_rate_grid},
             {"params": networks, "base": fit.learning_rate_network},
-            {"params": [scene.environment.log_radiance], "base": fit.learning_rate_light},
+            {
+                "params": [scene.environment.log_radiance],
+                "base": fit.learning_rate_light,
+                "floor": fit.light_floor_without_room if scene.room is None else fit.light_floor,
+            },
         ]
         if scene.room is not None:
-            groups[-1]["floor"] = fit.light_floor
             rates = fit.learning_rate_grid, fit.learning_rate_network
             groups += [
                 {"params": params, "base": rate}

@@ -184,7 +184,14 @@ def test_the_paper_preset_resumes_as_if_nothing_had_happened(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name", ["palette_weight", "dielectric_weight", "metal_weight", "metal_albedo_weight"]
+    "name",
+    [
+        "palette_weight",
+        "dielectric_weight",
+        "metal_weight",
+        "metal_albedo_weight",
+        "light_floor_without_room",
+    ],  # fmt: skip
 )
 def test_an_older_fit_resumes_without_the_terms_it_did_not_know(name):
     for preset in ("draft", "paper"):
@@ -194,6 +201,20 @@ def test_an_older_fit_resumes_without_the_terms_it_did_not_know(name):
         )
         del values["fit"][name]
         assert getattr(checkpoint.settings_of({"settings": values}).fit, name) == 0
+
+
+def test_what_photos_hardly_tell_of_the_light_stays_as_it_was():
+    moved = []
+    for floor in (0.0, 0.3):
+        fit = dataclasses.replace(SMALL.fit, light_floor_without_room=floor)
+        trainer = start(dataclasses.replace(SMALL, fit=fit))
+        before = trainer.scene.environment.log_radiance.detach().clone()
+        for step in range(10):
+            trainer.advance(step / 40)
+        moved.append((trainer.scene.environment.log_radiance.detach() - before).abs())
+    least, most = (torch.stack([m.quantile(q) for m in moved]) for q in (0.1, 0.95))
+    assert float(least[1]) < 0.5 * float(least[0])
+    assert float(most[1]) > 0.7 * float(most[0])
 
 
 def test_an_analytical_derivative_survives_a_checkpoint(tmp_path):
