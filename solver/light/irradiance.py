@@ -19,6 +19,7 @@ import torch
 import torch.nn.functional as F
 
 from ..kernels.backend import precise
+from ..kernels.integral_torch import prefix_sums
 from .spherical_harmonics import quadratic, quadratic_form, sh_basis
 
 COSINE_LOBE = (math.pi, *[2 * math.pi / 3] * 3, *[math.pi / 4] * 5)
@@ -84,8 +85,8 @@ def _shifted(down: float, across: float) -> torch.Tensor:
 class _Corners(NamedTuple):
     """Where prefix sums [(H + 1) · (2H + 1)] of a map are summed up to make those over patches."""
 
-    at: torch.Tensor  # [J, 32] long
-    share: torch.Tensor  # [J, 32]
+    at: torch.Tensor  # [J, 24] long
+    share: torch.Tensor  # [J, 24]
 
 
 @lru_cache(maxsize=16)
@@ -96,12 +97,16 @@ def _corners(height: int, device: torch.device) -> _Corners:
     at, share = [], []
     for row, down in ((bottom, 1), (top, -1)):
         first = (row * height).round().long() * (width + 1)
+        around = torch.zeros_like(first)
         for column, across in ((right, 1), (left, -1)):
             column = (column * width).round().long()
             # Prefix sums go on beyond the map: once around adds what the whole row holds.
             turns = column.div(width, rounding_mode="floor")
-            at += [first + column - turns * width, first + width]
-            share += [torch.full_like(turns, down * across), down * across * turns]
+            at.append(first + column - turns * width)
+            share.append(torch.full_like(turns, down * across))
+            around += across * turns
+        at.append(first + width)
+        share.append(down * around)
     at, share = (torch.cat(values).T.contiguous() for values in (at, share))
     return _Corners(at.to(device), share.to(device, precise(device)) / len(top))
 
@@ -109,8 +114,8 @@ def _corners(height: int, device: torch.device) -> _Corners:
 def power(table: torch.Tensor) -> torch.Tensor:
     """∫ L dω [J, 3] over every patch, of a light's prefix sums [H+1, W+1, 3] (`LightTables.table`)."""
     corners = _corners(len(table) - 1, table.device)
-    rows, share = table.flatten(0, 1), corners.share.to(table.dtype)
-    return F.embedding_bag(corners.at, rows, per_sample_weights=share, mode="sum").float()
+    rows = table.flatten(0, 1)
+    return F.embedding_bag(corners.at, rows, per_sample_weights=corners.share, mode="sum").float()
 
 
 def bright_lobes(harmonics: torch.Tensor, radiance: torch.Tensor) -> torch.Tensor:
@@ -121,9 +126,8 @@ def bright_lobes(harmonics: torch.Tensor, radiance: torch.Tensor) -> torch.Tenso
     """
     lobes = patches(radiance.device).lobes
     height = math.isqrt(len(radiance) // 2)
-    values = (harmonics * radiance).view(-1, height, 2 * height).to(precise(radiance.device))
-    table = F.pad(values, (1, 0, 1, 0)).cumsum(1).cumsum(2).permute(1, 2, 0)
-    sums = power(table.contiguous())
+    weighted = (harmonics * radiance).view(-1, height, 2 * height)
+    sums = power(prefix_sums(weighted, weighted.new_ones(height, dtype=precise(radiance.device))))
     whole = sums[:, :1] / lobes[:, :1]
     return torch.where(whole > 0, sums / whole.clamp(min=1e-30), lobes)
 

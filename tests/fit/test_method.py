@@ -191,7 +191,7 @@ def test_the_paper_preset_resumes_as_if_nothing_had_happened(tmp_path):
         "metal_weight",
         "metal_albedo_weight",
         "light_floor_without_room",
-    ],  # fmt: skip
+    ],
 )
 def test_an_older_fit_resumes_without_the_terms_it_did_not_know(name):
     for preset in ("draft", "paper"):
