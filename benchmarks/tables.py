@@ -30,21 +30,66 @@ STAGES = ("photos", "compile", "geometry", "fit", "asset", "report")
 def write_page(rows: list[dict], path: Path) -> None:
     """Write the Markdown page of rows (as in the JSON beside it)."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    parts = [_HEAD]
-    for group in dict.fromkeys(_group(row) for row in rows):
-        mine = [row for row in rows if _group(row) == group]
-        parts.append(f"\n## Preset {group}\n")
-        parts.append(quality_table(mine))
-        parts.append("\n### Against the default\n\n" + _ABLATION_NOTE + "\n")
-        parts.append(ablation_table(mine))
-        parts.append("\n### Time and memory\n\n" + _TIME_NOTE + "\n")
-        parts.append(time_table(mine))
+    groups: dict[str, list[dict]] = {}
+    for row in rows:
+        groups.setdefault(_group(row), []).append(row)
+    now = {group: mine for group, mine in groups.items() if not _is_earlier(mine)}
+    earlier = {group: mine for group, mine in groups.items() if _is_earlier(mine)}
+    parts = [_HEAD, "\n## At a glance\n\n" + _GLANCE_NOTE + "\n", glance_table(now)]
+    for group, mine in now.items():
+        parts += _section(group, mine)
+    if earlier:
+        parts.append("\n# Earlier\n\n" + _EARLIER_NOTE + "\n")
+        parts.append(glance_table(earlier))
+    for group, mine in reversed(earlier.items()):
+        parts += _section(group, mine)
     path.write_text("\n".join(parts) + "\n", encoding="utf-8", newline="\n")
 
 
 def _group(row: dict) -> str:
     """Rows that may be compared: a preset, and what was changed of it for all rows."""
     return " ".join([f"`{row['preset']}`", *(f"`--set {text}`" for text in row["changes"])])
+
+
+def _is_earlier(rows: list[dict]) -> bool:
+    """Whether rows are of a preset as it was: its name then says so after a blank."""
+    return " " in rows[0]["preset"]
+
+
+def _section(group: str, rows: list[dict]) -> list[str]:
+    parts = [f"\n## Preset {group}\n", quality_table(rows)]
+    if any(row["setting"] != "default" for row in rows):
+        parts += ["\n### Against the default\n\n" + _ABLATION_NOTE + "\n", ablation_table(rows)]
+    return [*parts, "\n### Time and memory\n\n" + _TIME_NOTE + "\n", time_table(rows)]
+
+
+def glance_table(groups: dict[str, list[dict]]) -> str:
+    """A line a group: means over its scenes with the default setting."""
+    keys = ("psnr", "ssim", "normal_mae", "albedo_mae", "roughness_mae", "f0_mae", "relight_psnr",
+            "relight_psnr_without_factor")  # fmt: skip
+    metrics = [m for m in METRICS if m[1] in keys]
+    head = ["preset", "scenes", *(m[0] for m in metrics), "minutes", "CPU minutes", "peak GB"]
+    lines = [_line(head), _line(["---", *(["---:"] * (len(head) - 1))])]
+    for group, rows in groups.items():
+        mine = [row for row in rows if row["setting"] == "default"]
+        if not mine:
+            continue
+        cells = [group, str(len(mine))]
+        cells += [_number(_mean_quality(mine, key), digits) for _, key, digits, _ in metrics]
+        for name, unit, digits in (
+            ("seconds", 60, 1),
+            ("cpu_seconds", 60, 1),
+            ("peak_gigabytes", 1, 2),
+        ):
+            cells.append(_number(_mean([row[name] / unit for row in mine]), digits))
+        lines.append(_line(cells))
+    return "\n".join(lines) + "\n"
+
+
+def _mean_quality(rows: list[dict], key: str) -> float | None:
+    """Mean over scenes; None if not every one of them has it, since it would be of other scenes."""
+    values = [row["quality"]["mean"].get(key) for row in rows]
+    return None if None in values else _mean(values)
 
 
 def quality_table(rows: list[dict]) -> str:
@@ -62,6 +107,11 @@ def quality_table(rows: list[dict]) -> str:
                 for _, key, digits, _ in metrics
             ]
             lines.append(_line(["", "*paper*", *values]))
+    for setting in dict.fromkeys(row["setting"] for row in rows):
+        mine = [row for row in rows if row["setting"] == setting]
+        if len(mine) > 1:
+            values = [_number(_mean_quality(mine, key), digits) for _, key, digits, _ in metrics]
+            lines.append(_line([f"**mean of {len(mine)}**", setting, *values]))
     return "\n".join(lines) + "\n"
 
 
@@ -146,6 +196,10 @@ Scenes are our own unless a line *paper* stands below: a name may be shared with
 More: [quality over time](curves.md), [kernels](kernels.md), [scaling](scaling.md),
 [captures of other programs](captures.md).
 """
+_GLANCE_NOTE = """Means over scenes, presets as they come. A time is that of one run, on a machine that may
+have had other work; the tables below say on which."""
+_EARLIER_NOTE = """What presets were like before a change: means below, oldest first; then scene by
+scene, the last change first."""
 _ABLATION_NOTE = """Mean over scenes of setting − default. The paper's are those of its own 14 scenes
 (6 for relighting), at its own length of training: compare signs, not sizes."""
 _TIME_NOTE = """Wall minutes of `reconstruct`, asset and report included, on a machine that may have had

@@ -53,6 +53,22 @@ def test_the_page_names_machine_seed_and_commit(tmp_path):
     assert "abacus" in text and "seed 0" in text and "abc1234" in text and "1.25" in text
 
 
+def test_means_are_of_all_scenes_and_of_nothing_else():
+    table = quality_table([row("a", psnr=30.0, ssim=0.9), row("b", psnr=20.0)])
+    assert "| **mean of 2** | default | 25.00 | – |" in table
+    assert "mean" not in quality_table([row("a", psnr=30.0)])
+
+
+def test_the_page_begins_with_what_holds_now_and_ends_with_what_was(tmp_path):
+    was = {**row(psnr=29.0), "preset": "draft 0.1, before light"}
+    write_page([was, row(psnr=30.0), row("a", "no neural", psnr=31.0)], tmp_path / "page.md")
+    text = (tmp_path / "page.md").read_text()
+    glance = text.index("| `draft` | 1 | 30.00 |")
+    assert glance < text.index("## Preset `draft`\n") < text.index("# Earlier")
+    assert text.index("# Earlier") < text.index("## Preset `draft 0.1, before light`")
+    assert text.count("### Against the default") == 1
+
+
 def test_stages_of_a_resumed_job_are_added_up(tmp_path):
     events = [
         ("hello", 0, ""), ("stage", 1, "fit"), ("stage", 11, "asset"),
