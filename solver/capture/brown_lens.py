@@ -98,6 +98,15 @@ def _polynomial(distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray):
     s = x * x + y * y
     factor = 1 + s * (k1 + s * (k2 + s * (k3 + s * k4)))
     slope = k1 + s * (2 * k2 + s * (3 * k3 + s * 4 * k4))
+    return decentred(x, y, factor, slope, p1, p2)
+
+
+def decentred(
+    x: np.ndarray, y: np.ndarray, factor: np.ndarray, slope: np.ndarray, p1: float, p2: float
+):
+    """(u, v) of points whose radial factor, and its derivative by the squared radius, are known, with
+    tangential p1, p2 in OpenCV's order; and the derivatives u_x, u_y, v_x, v_y."""
+    s = x * x + y * y
     u = x * factor + 2 * p1 * x * y + p2 * (s + 2 * x * x)
     v = y * factor + p1 * (s + 2 * y * y) + 2 * p2 * x * y
     cross = 2 * (x * y * slope + p1 * x + p2 * y)

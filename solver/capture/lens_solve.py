@@ -69,17 +69,19 @@ def refine_in_plane(function: Callable, u, v, x, y, limit: float):
 
 
 def first_positive_root(coefficients: np.ndarray) -> float:
-    """Square root of the smallest positive root of a polynomial in the squared radius."""
-    coefficients = np.asarray(coefficients, dtype=np.float64)
-    # Beside the others' these are nothing, and the roots' matrix would overflow.
-    nothing = np.abs(coefficients) <= 1e-30 * np.abs(coefficients).max()
-    coefficients = np.trim_zeros(np.where(nothing, 0.0, coefficients), "f")
+    """Square root of the smallest positive root of a polynomial in the squared radius, or infinity.
+
+    Args:
+        coefficients: highest power first, as `np.roots` has them; the last one is not zero.
+    """
+    # Inverses of roots are roots of the coefficients in reverse. So what is divided by is the last one,
+    # which is 1 in all lenses, and never a vanishing first one.
     with np.errstate(all="ignore"):
-        roots = np.roots(coefficients)
-    # A double root is a touch of zero that rounding may move off the real line.
-    real = roots.real[np.abs(roots.imag) <= 1e-7 * np.abs(roots)]
-    real = real[np.isfinite(real) & (real > 1e-12)]
-    return float(np.sqrt(real.min())) if len(real) else np.inf
+        inverse = np.roots(np.asarray(coefficients, dtype=np.float64)[::-1])
+        # A double root is a touch of zero that rounding may move off the real line.
+        real = inverse.real[np.abs(inverse.imag) <= 1e-7 * np.abs(inverse)]
+        largest = real.max(initial=0.0)
+        return float(np.sqrt(1 / largest)) if largest > 0 else np.inf
 
 
 def scaled_to(values: np.ndarray, lengths: np.ndarray, at_zero: float = 1.0) -> np.ndarray:

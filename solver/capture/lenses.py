@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from . import brown_lens, closed_lenses, prism_lenses
-from .brown_lens import BROWN
+from .brown_lens import BROWN, decentred
 from .closed_lenses import CLOSED
 from .lens_solve import WIDEST, first_positive_root, invert_growing, refine_in_plane
 from .prism_lenses import PRISM
@@ -126,11 +126,5 @@ def _brown_radius(distortion: tuple[float, ...], radius: np.ndarray):
 def _brown(distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray):
     """Distorted (u, v) of the perspective model, and the derivatives u_x, u_y, v_x, v_y."""
     p1, p2 = (*distortion, 0, 0, 0, 0)[2:4]
-    s = x * x + y * y
-    factor, slope = _radial(distortion, s)
-    u = x * factor + 2 * p1 * x * y + p2 * (s + 2 * x * x)
-    v = y * factor + p1 * (s + 2 * y * y) + 2 * p2 * x * y
-    cross = 2 * (x * y * slope + p1 * x + p2 * y)
-    u_x = factor + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
-    v_y = factor + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
-    return u, v, u_x, cross, cross, v_y
+    factor, slope = _radial(distortion, x * x + y * y)
+    return decentred(x, y, factor, slope, p1, p2)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from solver.capture.closed_lenses import is_usable
-from solver.capture.lenses import LENSES, distort, undistort
+from solver.capture.lenses import LENSES, distort, fold, undistort
 
 
 def numbers(*largest):
@@ -71,6 +71,12 @@ def test_the_pixel_of_a_direction_has_that_direction(lens, data):
     middle = met & (angle[seen] < 0.3)
     assert met[angle[seen] < 0.3].all()
     np.testing.assert_allclose(back[middle], directions[seen][middle], atol=1e-5)
+
+
+@pytest.mark.parametrize("last", [0.0, 1e-30, 1e-12, -1e-300])
+def test_a_vanishing_coefficient_does_not_move_the_fold(last):
+    angle = fold("opencv_fisheye", (0.0, 0.0, -0.0625, last))
+    assert angle == pytest.approx((7 * 0.0625) ** (-1 / 6), rel=1e-6)
 
 
 @pytest.mark.parametrize(
