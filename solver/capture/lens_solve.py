@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 STEPS = 60
+BRACKET_STEPS = 100
 WIDEST = 1e4
 """tangent of the widest half view a perspective lens may have"""
 
@@ -16,7 +17,9 @@ def invert_growing(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Arguments [N] in [0, limit] where a growing function takes its targets [N].
 
-    Newton within brackets. Returns them and a mask [N] of the targets that are reached.
+    Newton within brackets, and bisection where a step is more than half as long as the one before:
+    Newton's steps alone may go to and fro between two places. Returns them and a mask [N] of the
+    targets that are reached.
 
     Args:
         function: from arguments [N] to values and slopes [N]; 0 at 0.
@@ -27,14 +30,15 @@ def invert_growing(
     guess = np.minimum(target, high)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         met = function(high)[0] >= target * (1 - 1e-12)
-        for _ in range(STEPS):
+        length = high - low
+        for _ in range(BRACKET_STEPS):
             value, slope = function(guess)
             low, high = np.where(value < target, guess, low), np.where(value < target, high, guess)
-            step = (value - target) / slope
-            after = guess - step
-            inside = (after >= low) & (after <= high)
-            after = np.where(inside, after, 0.5 * (low + high))
-            done = np.abs(after - guess) <= 1e-15 + 1e-14 * np.abs(guess)
+            after = guess - (value - target) / slope
+            good = (after >= low) & (after <= high) & (np.abs(after - guess) <= 0.5 * length)
+            after = np.where(good, after, 0.5 * (low + high))
+            length = np.abs(after - guess)
+            done = length <= 1e-15 + 1e-14 * np.abs(guess)
             guess = after
             if done.all():
                 break

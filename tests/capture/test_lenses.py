@@ -73,6 +73,14 @@ def test_the_pixel_of_a_direction_has_that_direction(lens, data):
     np.testing.assert_allclose(back[middle], directions[seen][middle], atol=1e-5)
 
 
+def test_a_pixel_is_found_where_newtons_steps_go_to_and_fro():
+    lens, distortion = "opencv_fisheye", (0.0, 0.2, -0.046158262550215656, -0.009190839453145)
+    radius = np.linspace(0, 1.875, 751)
+    directions, met = undistort(lens, distortion, radius, 0 * radius)
+    assert met.all()
+    np.testing.assert_allclose(distort(lens, distortion, directions)[0], radius, atol=1e-9)
+
+
 @pytest.mark.parametrize("last", [0.0, 1e-30, 1e-12, -1e-300])
 def test_a_vanishing_coefficient_does_not_move_the_fold(last):
     angle = fold("opencv_fisheye", (0.0, 0.0, -0.0625, last))
