@@ -71,10 +71,10 @@ def undistort(
         if omega < _FLAT:
             return np.stack([x, y, np.ones_like(x)], axis=-1), np.ones(x.shape, dtype=bool)
         opening = 2 * math.tan(omega / 2)
-        angle = np.minimum(radius * omega, math.atan(WIDEST * opening))
+        widest = math.atan(WIDEST * opening)
+        angle = np.minimum(radius * omega, widest)
         scale = scaled_to(np.tan(angle) / opening, radius, omega / opening)
-        met = radius * omega < math.pi / 2
-        return np.stack([x * scale, y * scale, np.ones_like(x)], axis=-1), met
+        return np.stack([x * scale, y * scale, np.ones_like(x)], axis=-1), radius * omega <= widest
     limit = {
         "division": lambda k: k**-0.5 if k > 0 else np.inf,
         "visualsfm": _visualsfm_limit,

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from solver.capture.closed_lenses import is_usable
+from solver.capture.lens_solve import WIDEST
 from solver.capture.lenses import LENSES, distort, fold, undistort
 
 
@@ -79,6 +80,16 @@ def test_a_pixel_is_found_where_newtons_steps_go_to_and_fro():
     directions, met = undistort(lens, distortion, radius, 0 * radius)
     assert met.all()
     np.testing.assert_allclose(distort(lens, distortion, directions)[0], radius, atol=1e-9)
+
+
+def test_a_pixel_beyond_the_widest_view_of_a_fov_lens_has_no_direction():
+    omega = 0.9
+    limit = np.arctan(WIDEST * 2 * np.tan(omega / 2)) / omega
+    directions, met = undistort(
+        "fov", (omega,), np.array([1 - 1e-9, 1 + 1e-9]) * limit, np.zeros(2)
+    )
+    assert met.tolist() == [True, False]
+    assert np.isfinite(directions).all()
 
 
 @pytest.mark.parametrize("last", [0.0, 1e-30, 1e-12, -1e-300])
