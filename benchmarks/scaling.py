@@ -58,9 +58,22 @@ def measure(scene: Path, folder: Path, point: dict, steps: int, preset: str) -> 
     stages = row["stages"]
     before = sum(stages.get(name, 0) for name in ("photos", "geometry"))
     return point | {
-        "milliseconds": 1e3 * stages["fit"] / steps, "before": before,
+        "milliseconds": milliseconds_a_step(folder / "job"), "before": before,
         "gigabytes": row["peak_gigabytes"],
     }  # fmt: skip
+
+
+def milliseconds_a_step(job: Path) -> float:
+    """Time of a step in the second half of a job's fit, from its events: what comes before the first
+    steps, and with the last, does not count."""
+    lines = (job / "events.jsonl").read_text(encoding="utf-8").splitlines()
+    found = [event for event in map(json.loads, lines) if event["ev"] == "progress"]
+    found = [
+        event for event in found if event["stage"] == "fit" and 0 < event["step"] < event["steps"]
+    ]
+    second = [event for event in found if event["step"] >= event["steps"] / 2]
+    first, last = second[0], second[-1]
+    return 1e3 * (last["t"] - first["t"]) / (last["step"] - first["step"])
 
 
 def points() -> dict[str, list[dict]]:
@@ -77,7 +90,8 @@ def page(rows: dict[str, list[dict]], about: str, picture: str) -> str:
     """All axes as a Markdown page."""
     lines = [
         "# Benchmarks: scaling", "", "Written by `benchmarks/scaling.py`; do not edit.", about,
-        "A step takes as many rays whatever the photos are; photos, masks and hull come before it.", "",
+        "A step is one of the fit's second half; it takes as many rays whatever the photos are. Photos, "
+        "masks and hull come before the first.", "",
         f"![Milliseconds a step, seconds before it and memory]({picture})",
     ]  # fmt: skip
     for axis, found in rows.items():

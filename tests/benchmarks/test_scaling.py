@@ -1,9 +1,12 @@
 """The scaling benchmark: its captures can be read, its page and its picture hold what was measured."""
 
+import json
+
+import pytest
 from PIL import Image
 
 from benchmarks.plots import line_charts
-from benchmarks.scaling import USUAL, capture_of, page, points
+from benchmarks.scaling import USUAL, capture_of, milliseconds_a_step, page, points
 from solver.capture.photos import load_photos
 from solver.capture.read import read_capture
 from tests.cli.test_command_line import DUCK
@@ -32,3 +35,14 @@ def test_the_page_and_the_picture_show_what_was_measured(tmp_path):
     line_charts(tmp_path / "images" / "x.png", charts, columns=2)
     with Image.open(tmp_path / "images" / "x.png") as picture:
         assert picture.width > picture.height / 2 > 50
+
+
+def test_what_comes_before_a_step_is_no_part_of_it(tmp_path):
+    at = {1: 100.0, 10: 101.0, 20: 101.5, 30: 102.0, 39: 102.45, 40: 109.0}
+    events = [
+        {"ev": "progress", "stage": "fit", "step": step, "steps": 40, "t": t}
+        for step, t in at.items()
+    ]
+    text = "\n".join(map(json.dumps, [{"ev": "stage", "name": "fit", "t": 90.0}, *events]))
+    (tmp_path / "events.jsonl").write_text(text)
+    assert milliseconds_a_step(tmp_path) == pytest.approx(50)
