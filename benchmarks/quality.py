@@ -24,6 +24,7 @@ sys.path.insert(0, str(ROOT))
 from benchmarks.machine import commit, machine  # noqa: E402
 from benchmarks.tables import write_page  # noqa: E402
 from solver.fit.presets import ABLATIONS, PRESETS  # noqa: E402
+from solver.job.events import read_events  # noqa: E402
 from solver.job.folder import write_json_atomic  # noqa: E402
 
 SETTINGS = {"default": {}, **ABLATIONS, "with neural": {"fit.neural_start": 1.0}}
@@ -125,16 +126,15 @@ def stage_seconds(job: Path) -> dict[str, float]:
     """Seconds by stage, from the job's events; those of a resumed job are added up."""
     seconds: dict[str, float] = {}
     current = None
-    for line in (job / "events.jsonl").read_text(encoding="utf-8").splitlines():
-        event = json.loads(line)
-        if event["ev"] == "hello":
+    for event in read_events(job / "events.jsonl")[0]:
+        if event.kind == "hello":
             current = None
-        if event["ev"] not in ("stage", "bye"):
+        if event.kind not in ("stage", "bye"):
             continue
         if current is not None:
             name, since = current
-            seconds[name] = round(seconds.get(name, 0) + event["t"] - since, 1)
-        current = (event["name"], event["t"]) if event["ev"] == "stage" else None
+            seconds[name] = round(seconds.get(name, 0) + event.time - since, 1)
+        current = (event.data["name"], event.time) if event.kind == "stage" else None
     return seconds
 
 

@@ -23,6 +23,7 @@ from PIL import Image  # noqa: E402
 from benchmarks.machine import describe_machine  # noqa: E402
 from benchmarks.plots import line_charts  # noqa: E402
 from benchmarks.quality import NO_PREVIEWS, TOKEN_ASSET, fit  # noqa: E402
+from solver.job.events import read_events  # noqa: E402
 
 RESOLUTIONS, VIEWS, GRIDS = (100, 200, 400, 800), (15, 30, 60), (96, 128, 192, 256)
 USUAL = {"resolution": 200, "views": 60, "grid": 128, "cores": os.cpu_count() or 1}
@@ -66,14 +67,11 @@ def measure(scene: Path, folder: Path, point: dict, steps: int, preset: str) -> 
 def milliseconds_a_step(job: Path) -> float:
     """Time of a step in the second half of a job's fit, from its events: what comes before the first
     steps, and with the last, does not count."""
-    lines = (job / "events.jsonl").read_text(encoding="utf-8").splitlines()
-    found = [event for event in map(json.loads, lines) if event["ev"] == "progress"]
-    found = [
-        event for event in found if event["stage"] == "fit" and 0 < event["step"] < event["steps"]
-    ]
-    second = [event for event in found if event["step"] >= event["steps"] / 2]
-    first, last = second[0], second[-1]
-    return 1e3 * (last["t"] - first["t"]) / (last["step"] - first["step"])
+    events, _ = read_events(job / "events.jsonl")
+    of_fit = [e for e in events if e.kind == "progress" and e.data["stage"] == "fit"]
+    half = [e for e in of_fit if 0 < e.data["steps"] / 2 <= e.data["step"] < e.data["steps"]]
+    first, last = half[0], half[-1]
+    return 1e3 * (last.time - first.time) / (last.data["step"] - first.data["step"])
 
 
 def points() -> dict[str, list[dict]]:

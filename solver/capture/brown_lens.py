@@ -84,7 +84,7 @@ def undistort(
 def fold(distortion: tuple[float, ...]) -> float:
     """Where the radial part stops growing: ideal radius, or angle of a fisheye."""
     k1, k2, _, _, k3, k4, _, equidistant = _eight(distortion)
-    slope = np.array([9 * k4, 7 * k3, 5 * k2, 3 * k1, 1.0])  # in powers of r²
+    slope = np.array([1.0, 3 * k1, 5 * k2, 7 * k3, 9 * k4])  # in powers of r²
     return min(first_positive_root(slope), np.pi if equidistant else np.inf)
 
 

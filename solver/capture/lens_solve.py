@@ -76,12 +76,12 @@ def first_positive_root(coefficients: np.ndarray) -> float:
     """Square root of the smallest positive root of a polynomial in the squared radius, or infinity.
 
     Args:
-        coefficients: highest power first, as `np.roots` has them; the last one is not zero.
+        coefficients: lowest power first; the first one is not zero.
     """
-    # Inverses of roots are roots of the coefficients in reverse. So what is divided by is the last one,
-    # which is 1 in all lenses, and never a vanishing first one.
+    # `np.roots` has the highest power first, so these are the roots' inverses. What is divided by is the
+    # constant, which is 1 in all lenses, and never a vanishing highest coefficient.
     with np.errstate(all="ignore"):
-        inverse = np.roots(np.asarray(coefficients, dtype=np.float64)[::-1])
+        inverse = np.roots(coefficients)
         # A double root is a touch of zero that rounding may move off the real line.
         real = inverse.real[np.abs(inverse.imag) <= 1e-7 * np.abs(inverse)]
         largest = real.max(initial=0.0)

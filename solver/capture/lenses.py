@@ -93,13 +93,13 @@ def fold(lens: str, distortion: tuple[float, ...]) -> float:
     """Where the radial part stops growing: ideal radius (`opencv`) or angle (`opencv_fisheye`)."""
     if lens == "opencv_fisheye":
         k = np.array((*distortion, 0, 0, 0, 0)[:4])
-        slope = np.append((k * (3, 5, 7, 9))[::-1], 1.0)  # of θ(1 + k1 θ² + …), in powers of θ²
+        slope = np.append(1.0, k * (3, 5, 7, 9))  # of θ(1 + k1 θ² + …), in powers of θ²
         return min(first_positive_root(slope), np.pi)
     k1, k2, _, _, k3, k4, k5, k6 = (*distortion, 0, 0, 0, 0, 0, 0, 0, 0)[:8]
     above, below = np.poly1d([k3, k2, k1, 1.0]), np.poly1d([k6, k5, k4, 1.0])  # in powers of r²
     s = np.poly1d([1.0, 0.0])
     slope = above * below + 2 * s * (above.deriv() * below - above * below.deriv())
-    return min(first_positive_root(slope.c), first_positive_root(below.c))
+    return min(first_positive_root(slope.c[::-1]), first_positive_root(below.c[::-1]))
 
 
 def _fisheye(distortion: tuple[float, ...], angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -54,7 +54,7 @@ def undistort(
 def widest_angle(lens: str, distortion: tuple[float, ...]) -> float:
     """Angle from the axis, rad, up to which the radial part grows."""
     radial = np.array(_radial_numbers(lens, distortion))
-    slope = np.append((radial * (2 * np.arange(len(radial)) + 3))[::-1], 1.0)
+    slope = np.append(1.0, radial * (2 * np.arange(len(radial)) + 3))
     return min(first_positive_root(slope), np.pi)
 
 

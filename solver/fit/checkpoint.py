@@ -1,4 +1,4 @@
-"""Checkpoints: the complete state as safetensors and JSON, written beside and renamed. No pickle."""
+"""Checkpoints: the complete state as safetensors and JSON, which hold no code; written beside, renamed."""
 
 from __future__ import annotations
 

@@ -44,5 +44,5 @@ def test_what_comes_before_a_step_is_no_part_of_it(tmp_path):
         for step, t in at.items()
     ]
     text = "\n".join(map(json.dumps, [{"ev": "stage", "name": "fit", "t": 90.0}, *events]))
-    (tmp_path / "events.jsonl").write_text(text)
+    (tmp_path / "events.jsonl").write_text(text + "\n")
     assert milliseconds_a_step(tmp_path) == pytest.approx(50)
