@@ -19,6 +19,9 @@ class AssetSettings:
     """connected parts with less than this share of the largest part's area are dropped"""
     shred_share: float = 0.05
     """the same where photos have no masks: small parts are more likely shreds of what is around"""
+    unseen_share: float = 0.02
+    """there, a patch that no photo shows is cut off if its area is more than this share of what they show:
+    nothing is known of it; smaller ones are holes to close"""
     march_voxels: float = 3.0
     """length of the walk along the normal through which a texel gathers materials, voxels"""
     march_samples: int = 7

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import compress
 from typing import Protocol
 
 import fast_simplification
@@ -28,6 +29,9 @@ class SurfaceField(Protocol):
     def normals(self, points: np.ndarray) -> np.ndarray:
         """Unit outward normals [N, 3]."""
 
+    def seen(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """[N] true where a photo shows the surface at points [N, 3] with outward normals [N, 3]."""
+
     def materials(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Albedo [N, 3], GGX α [N], F0 [N, 3]."""
 
@@ -39,6 +43,9 @@ def extract_surface(field: SurfaceField, level: float, settings: AssetSettings) 
         EmptySurfaceError: nothing is there.
     """
     mesh = marching_cubes(field, settings.cells, level)
+    mesh = drop_inner_walls(mesh)
+    if field.surrounded:
+        mesh = cut_unseen(mesh, field, settings.unseen_share)
     mesh = drop_floaters(mesh, settings.shred_share if field.surrounded else settings.floater_share)
     return decimate(mesh, settings.triangles)
 
@@ -76,17 +83,45 @@ def marching_cubes(field: SurfaceField, cells: int, level: float) -> trimesh.Tri
     return mesh
 
 
-def drop_floaters(mesh: trimesh.Trimesh, share: float) -> trimesh.Trimesh:
-    """Keep connected parts with at least `share` of the largest part's area, facing outward.
-
-    Parts whose volume is negative are the inner walls of hollow bodies; nobody sees them.
-    """
+def drop_inner_walls(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Drop closed parts whose volume is negative: walls of hollows, which nobody sees."""
     parts = mesh.split(only_watertight=False)
-    if len(parts) <= 1:
+    return _one_mesh(mesh, parts, [part.volume > 0 for part in parts])
+
+
+def cut_unseen(mesh: trimesh.Trimesh, field: SurfaceField, share: float) -> trimesh.Trimesh:
+    """Cut off patches that no photo shows, where they are larger than `share` of all that photos show.
+
+    Behind what photos of a room show, a field may be anything; with masks, their hull closes it.
+    """
+    vertex_seen = field.seen(np.asarray(mesh.vertices), np.asarray(mesh.vertex_normals))
+    seen = vertex_seen[mesh.faces].any(axis=1)
+    if not seen.any():
         return mesh
+    areas, kept = mesh.area_faces, seen.copy()
+    neighbours = mesh.face_adjacency[~seen[mesh.face_adjacency].any(axis=1)]
+    unseen = trimesh.graph.connected_components(neighbours, nodes=np.flatnonzero(~seen), min_len=1)
+    for patch in unseen:
+        kept[patch] = areas[patch].sum() <= share * areas[seen].sum()
+    mesh.update_faces(kept)
+    mesh.remove_unreferenced_vertices()
+    return mesh
+
+
+def drop_floaters(mesh: trimesh.Trimesh, share: float) -> trimesh.Trimesh:
+    """Keep connected parts with at least `share` of the largest part's area."""
+    parts = mesh.split(only_watertight=False)
     largest = max(part.area for part in parts)
-    kept = [part for part in parts if part.area >= share * largest and part.volume > 0]
-    return trimesh.util.concatenate(kept) if kept else mesh
+    return _one_mesh(mesh, parts, [part.area >= share * largest for part in parts])
+
+
+def _one_mesh(
+    whole: trimesh.Trimesh, parts: list[trimesh.Trimesh], kept: list[bool]
+) -> trimesh.Trimesh:
+    """The kept ones of a mesh's parts; all of it if none is kept."""
+    if all(kept) or not any(kept):
+        return whole
+    return trimesh.util.concatenate(list(compress(parts, kept)))
 
 
 def decimate(mesh: trimesh.Trimesh, triangles: int) -> trimesh.Trimesh:

@@ -96,6 +96,12 @@ class Camera:
         x, y = distort(self.lens, tuple(self.distortion), local)
         return np.stack([x * self.fx + self.cx, y * self.fy + self.cy], axis=-1), local[:, 2]
 
+    def in_frame(self, points: np.ndarray) -> np.ndarray:
+        """[N] true where a world point [N, 3] before the camera lies within the photo's edges."""
+        pixel, depth = self.project(points)
+        with np.errstate(invalid="ignore"):
+            return (depth > 0) & (pixel >= 0).all(1) & (pixel < (self.width, self.height)).all(1)
+
     def lens_reaches(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """[N] true where some ray has the pixel position; false beyond the distortion's fold."""
         return self._undistort(columns, rows)[1]

@@ -90,7 +90,7 @@ def run_job(
     cameras = [camera.seen_from(scene.origin) for camera in capture.cameras]
     level = surface_level(scene, settings.render, cameras)
     parts = build_asset(
-        SceneSurface(scene), scene.environment.image(), level, job.result_dir, settings.asset,
+        SceneSurface(scene, cameras), scene.environment.image(), level, job.result_dir, settings.asset,
         lambda fraction, text: progress.fraction(fraction, text),
     )  # fmt: skip
     _stop_if_asked(control)

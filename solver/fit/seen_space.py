@@ -44,10 +44,7 @@ def seen_points(
     """
     count, clear = np.zeros(len(points), dtype=int), np.ones(len(points), dtype=bool)
     for camera in cameras:
-        pixel, depth = camera.project(points)
-        with np.errstate(invalid="ignore"):
-            inside = (pixel >= 0).all(1) & (pixel < (camera.width, camera.height)).all(1)
-        count += inside & (depth > 0)
+        count += camera.in_frame(points)
         clear &= np.linalg.norm(points - camera.position, axis=1) > nearest
     return (count >= fewest) & clear
 

@@ -160,8 +160,7 @@ class Scene(nn.Module):
         box_points = field.to_box(points)
         features = field.features(box_points)
         normals = field.normals(box_points, normal_tables)
-        reach = SELF_SHADOW_VOXELS * max(self.cell, field.voxel)
-        return Surface(normals, features, field.materials(features), reach)
+        return Surface(normals, features, field.materials(features), self.self_shadow)
 
     def surface_normals(
         self, points: torch.Tensor, part: torch.Tensor | None, normal_tables
@@ -235,6 +234,11 @@ class Scene(nn.Module):
     def cell(self) -> float:
         """Edge of an occupancy cell, world units."""
         return 2 * self.field.half_size / self.occupancy.cells
+
+    @property
+    def self_shadow(self) -> float:
+        """Height above its origin from which a ray can be blocked, world units."""
+        return SELF_SHADOW_VOXELS * max(self.cell, self.field.voxel)
 
 
 Together = Callable[[list[Callable[[], object]]], list]

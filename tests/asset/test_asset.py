@@ -13,7 +13,13 @@ from solver.asset.errors import EmptySurfaceError
 from solver.asset.files import write_exr
 from solver.asset.gltf import portable_base_colour
 from solver.asset.settings import AssetSettings
-from solver.asset.surface import drop_floaters, extract_surface, marching_cubes
+from solver.asset.surface import (
+    cut_unseen,
+    drop_floaters,
+    drop_inner_walls,
+    extract_surface,
+    marching_cubes,
+)
 from solver.asset.tangent import decode_normals, encode_normals, texel_frames
 from solver.asset.unwrap import rasterise, unwrap
 from solver.capture.photos import read_exr, srgb_to_linear
@@ -41,6 +47,9 @@ class Balls:
         centre = np.array(self.balls[0][0])
         offset = points - centre
         return offset / np.maximum(np.linalg.norm(offset, axis=1, keepdims=True), 1e-9)
+
+    def seen(self, points, normals):
+        return np.ones(len(points), dtype=bool)
 
     def materials(self, points):
         albedo = 0.5 + 0.4 * np.sin(3 * points)
@@ -89,8 +98,36 @@ def test_floaters_go_and_separate_bodies_stay():
 def test_inner_walls_go():
     outer, inner = trimesh.creation.icosphere(radius=1), trimesh.creation.icosphere(radius=0.5)
     inner.invert()
-    kept = drop_floaters(trimesh.util.concatenate([outer, inner]), 0.01)
+    kept = drop_inner_walls(trimesh.util.concatenate([outer, inner]))
     assert len(kept.split()) == 1 and np.isclose(kept.volume, outer.volume)
+
+
+def test_a_side_that_no_photo_shows_is_cut_off_and_small_holes_in_what_they_show_are_closed():
+    class Wall(Balls):
+        """Photos show what is before x = 0.2, except for a small patch around -y."""
+
+        surrounded = True
+
+        def seen(self, points, normals):
+            return (points[:, 0] < 0.2) & (normals[:, 1] > -0.97)
+
+    field = Wall(((0.0, 0, 0), 0.6))
+    whole = marching_cubes(field, 64, LEVEL)
+    cut = cut_unseen(whole.copy(), field, 0.02)
+    # A sphere's zones have areas as their heights.
+    assert np.isclose(cut.area / whole.area, 0.8 / 1.2, rtol=0.05)
+    assert cut.vertices[:, 0].max() < 0.25
+    assert cut.vertices[:, 1].min() < -0.59
+    boundary = trimesh.grouping.group_rows(cut.edges_sorted, require_count=1)
+    assert (cut.vertices[cut.edges[boundary].ravel(), 0] > 0.15).all()
+
+
+def test_with_masks_the_side_that_no_photo_shows_closes_the_mesh():
+    field = Balls(((0.0, 0, 0), 0.6))
+    field.seen = lambda points, normals: points[:, 0] < 0.2
+    for surrounded, closed in ((False, True), (True, False)):
+        field.surrounded = surrounded
+        assert extract_surface(field, LEVEL, SETTINGS).is_watertight == closed
 
 
 def test_decimation_reaches_its_target_and_keeps_the_shape():

@@ -1,5 +1,7 @@
 """A fitted scene as the asset sees it."""
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 
@@ -21,14 +23,14 @@ def test_density_that_no_ray_ever_meets_does_not_reach_the_mesh():
     ticks = (torch.arange(32) + 0.5) / 16 - 1
     grid = torch.stack(torch.meshgrid(ticks, ticks, ticks, indexing="ij"), -1)
     scene.occupancy.allow_only(grid.norm(dim=-1) < 0.4, dilation=0)
-    mesh = marching_cubes(SceneSurface(scene), 48, 20.0)
+    mesh = marching_cubes(SceneSurface(scene, cameras()), 48, 20.0)
     assert np.abs(mesh.vertices).max() < 0.55
 
 
 def test_the_mesh_has_the_silhouette_that_rays_see():
     scene = ball(radius=0.5, sharpness=400.0)
     level = surface_level(scene, RenderSettings(), cameras())
-    mesh = marching_cubes(SceneSurface(scene), 64, level)
+    mesh = marching_cubes(SceneSurface(scene, cameras()), 64, level)
     radius = np.linalg.norm(mesh.vertices, axis=1).mean()
     from solver.asset.from_scene import ray_peaks
 
@@ -38,3 +40,27 @@ def test_the_mesh_has_the_silhouette_that_rays_see():
     opacity, _ = ray_peaks(scene, RenderSettings(), origins, directions)
     seen = offsets[np.flatnonzero(opacity > 0.5)[-1]]
     assert abs(radius - float(seen)) < 0.01
+
+
+def test_a_surface_is_seen_where_cameras_look_at_it_and_nothing_is_before_it():
+    scene, camera = ball(radius=0.5, sharpness=400.0), cameras()[0]
+    surface = SceneSurface(scene, [camera] * 3)
+    towards = camera.position / np.linalg.norm(camera.position)
+    aside = np.cross(towards, [0.3, 0.5, 0.8])
+    aside /= np.linalg.norm(aside)
+    facing, behind, half = towards, -towards, 0.5 * towards + 0.75**0.5 * aside
+    normals = np.stack([facing, behind, half, facing])
+    points = 0.5 * np.stack([facing, behind, half, -0.4 * facing])  # the last is within the ball
+    np.testing.assert_array_equal(surface.seen(points, normals), [True, False, True, False])
+    narrow = replace(camera, fx=640.0, fy=640.0)  # its photo ends 0.2 units from the axis
+    np.testing.assert_array_equal(
+        SceneSurface(scene, [narrow] * 3).seen(points, normals), [True, False, False, False]
+    )
+
+
+def test_what_fewer_than_three_photos_show_is_not_seen():
+    scene = ball(radius=0.5, sharpness=400.0)
+    normal = cameras()[1].position[None] / np.linalg.norm(cameras()[1].position)
+    for count, seen in ((2, False), (3, True)):
+        surface = SceneSurface(scene, cameras()[:count])
+        assert surface.seen(0.5 * normal, normal) == seen
