@@ -22,7 +22,7 @@ from . import preferences
 from .jobs.create import create_job, new_job_root
 from .jobs.process import run_blocking, start_job
 from .runtime import RuntimeMissing, bootstrap_script, clean_environment
-from .scene.cameras import photo_of
+from .scene.cameras import size_of
 from .scene.capture_collection import import_capture
 from .scene.install import InstalledAsset, install_result
 from .scene.match_solver import match_resolution, match_solver
@@ -98,6 +98,7 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
         None if folder is None else folder.absolute() for folder in (options.photos, options.masks)
     )
     collection = import_capture(bpy.context, options.capture.absolute(), photos, masks)
+    bpy.context.scene.nmf.capture = collection
     root = (
         options.job.absolute() if options.job else out.with_suffix("").with_name(out.stem + "_job")
     )
@@ -149,8 +150,7 @@ def match_capture_resolution(collection: bpy.types.Collection) -> None:
     """Render at the size of the capture's first photo."""
 
     item = next(i for i in collection.all_objects if i.type == "CAMERA")
-    width, height = photo_of(item).size
-    match_resolution(bpy.context.scene, width, height)
+    match_resolution(bpy.context.scene, *size_of(item))
     bpy.context.scene.camera = item
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from .compat import PATH_OPTIONS
+from .scene.capture_collection import is_capture
 
 
 class NMF_scene(bpy.types.PropertyGroup):
@@ -14,6 +15,7 @@ class NMF_scene(bpy.types.PropertyGroup):
         name="Capture",
         description="Collection of cameras with photos to reconstruct from",
         type=bpy.types.Collection,
+        poll=lambda settings, collection: is_capture(collection),
     )
     preset: bpy.props.EnumProperty(
         name="Preset",

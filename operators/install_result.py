@@ -6,7 +6,8 @@ from pathlib import Path
 
 import bpy
 
-from ..nmf_addon.scene.capture_collection import active_capture
+from ..nmf_addon.jobs.monitor import monitor
+from ..nmf_addon.scene.capture_collection import active_capture, capture_of_job
 from ..nmf_addon.scene.install import install_result
 from ..solver.job.folder import JobError
 
@@ -19,9 +20,12 @@ class NMF_OT_install_result(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     job: bpy.props.StringProperty(
-        name="Job", description="Folder of the finished job", subtype="DIR_PATH"
+        name="Job",
+        description="Folder of the finished job",
+        subtype="DIR_PATH",
+        options={"SKIP_SAVE"},
     )
-    directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN"})
+    directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the folder, starting at the last job."""
@@ -30,11 +34,13 @@ class NMF_OT_install_result(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Install."""
+        """Install with the capture the job was made from, else the active one."""
         folder = Path(bpy.path.abspath(self.job or self.directory))
         try:
-            install_result(context, folder, active_capture(context))
+            install_result(context, folder, capture_of_job(folder.name) or active_capture(context))
         except (JobError, RuntimeError) as error:
+            if not self.job and not monitor.running and (folder / "job.json").is_file():
+                monitor.look_at(str(folder))  # if it is not finished, the panel can resume it
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         return {"FINISHED"}

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
 
 from ..nmf_addon import preferences
-from ..nmf_addon.jobs.create import create_job, new_job_root, stored_path
+from ..nmf_addon.jobs.create import create_job, new_job_root
 from ..nmf_addon.jobs.monitor import monitor
 from ..nmf_addon.runtime import RuntimeMissing
-from ..nmf_addon.scene.capture_collection import active_capture
+from ..nmf_addon.scene.capture_collection import LAST_JOB, active_capture
+from ..nmf_addon.scene.images import stored_path
 from ..solver.capture.errors import CaptureError
-from ..solver.job.folder import JobError
+from ..solver.job.folder import JobError, JobFolder
 
 
 class NMF_OT_reconstruct(bpy.types.Operator):
@@ -20,6 +19,7 @@ class NMF_OT_reconstruct(bpy.types.Operator):
 
     bl_idname = "nmf.reconstruct"
     bl_label = "Reconstruct"
+    bl_options = {"UNDO"}  # else the next Undo forgets the job
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -42,7 +42,11 @@ class NMF_OT_reconstruct(bpy.types.Operator):
         except (CaptureError, JobError, RuntimeMissing, OSError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        settings.job, settings.capture = stored_path(job.root), collection
+        settings.job = stored_path(job.root)
+        if collection != context.scene.collection:
+            settings.capture = collection
+        if not collection.library:
+            collection[LAST_JOB] = job.root.name
         return {"FINISHED"}
 
 
@@ -51,6 +55,7 @@ class NMF_OT_resume(bpy.types.Operator):
 
     bl_idname = "nmf.resume"
     bl_label = "Resume"
+    bl_options = {"UNDO"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -62,11 +67,11 @@ class NMF_OT_resume(bpy.types.Operator):
         """Start the job again."""
         try:
             python = preferences.solver_python()
-            monitor.start(python, monitor.job)
+            monitor.start(python, JobFolder.open(monitor.job.root))
         except (JobError, RuntimeMissing, OSError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        context.scene.nmf.job = stored_path(Path(monitor.job.root))
+        context.scene.nmf.job = stored_path(monitor.job.root)
         return {"FINISHED"}
 
 

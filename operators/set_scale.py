@@ -43,6 +43,9 @@ class NMF_OT_set_scale(bpy.types.Operator):
         except MeasureError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+        if context.mode == "EDIT_MESH":
+            # Undo steps of Edit Mode know the mesh alone.
+            bpy.ops.object.mode_set(mode="OBJECT")
         self.report({"INFO"}, f"The capture was scaled by {factor:.4g}")
         return {"FINISHED"}
 

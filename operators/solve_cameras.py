@@ -10,6 +10,7 @@ from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import jobs_folder, new_job_root
 from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
 from ..nmf_addon.runtime import RuntimeMissing
+from ..solver.cameras.folder import SolveFolder
 from ..solver.capture.image_header import EXTENSIONS
 
 
@@ -49,7 +50,7 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         if not self.directory or not photos.is_dir():
             self.report({"ERROR"}, f"{photos}: there is no such folder; choose the photos' folder.")
             return {"CANCELLED"}
-        out = new_job_root(f"{photos.name} cameras", jobs_folder())
+        out = _unfinished(photos) or new_job_root(f"{photos.name} cameras", jobs_folder())
         words = ["solve", str(photos), "--out", str(out), "--events"]
         words += ["--matcher", "sequential"] if self.sequential else []
         words += ["--single-camera"] if self.single_camera else []
@@ -65,11 +66,22 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         try:
             python = preferences.solver_python()
             # The log lies beside the folder, which has to be new.
-            side_task.start("Solve Cameras", python, words, jobs_folder() / "logs", done)
+            kept = f"Import Capture from {out}"
+            side_task.start("Solve Cameras", python, words, jobs_folder() / "logs", done, kept)
         except (TaskError, RuntimeMissing, OSError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         return {"FINISHED"}
+
+
+def _unfinished(photos: Path) -> Path | None:
+    """The folder of a solve of these photos that was stopped, so that it goes on; None if there is none."""
+    begun = [SolveFolder(path.parent) for path in sorted(jobs_folder().glob("*/solve.json"))]
+    asked = str(photos.absolute())
+    return next(
+        (f.root for f in begun if f.begun().get("photos") == asked and not f.cameras_path.exists()),
+        None,
+    )
 
 
 class NMF_OT_cancel_task(bpy.types.Operator):

@@ -30,16 +30,6 @@ def new_job_root(name: str, parent: Path | None = None) -> Path:
     return root
 
 
-def stored_path(root: Path) -> str:
-    """A job's folder as the file remembers it: relative to a saved .blend, so both can be moved."""
-    if not bpy.data.filepath:
-        return str(root)
-    try:
-        return bpy.path.relpath(str(root))
-    except ValueError:  # another drive on Windows
-        return str(root)
-
-
 def create_job(collection: bpy.types.Collection, root: Path, **settings) -> JobFolder:
     """Write a job folder for a capture collection: its cameras, region and settings.
 
@@ -50,8 +40,7 @@ def create_job(collection: bpy.types.Collection, root: Path, **settings) -> JobF
         CaptureError, JobError: nothing to reconstruct, or the folder is in use; nothing is written.
     """
     JobFolder.check_new(root)
+    region = region_of(collection)
     cameras = write_capture(collection, root / "capture")
-    request = JobRequest(
-        capture=str(cameras), region=region_of(collection), code_version=__version__, **settings
-    )
+    request = JobRequest(capture=str(cameras), region=region, code_version=__version__, **settings)
     return JobFolder.create(root, request)

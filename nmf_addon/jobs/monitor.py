@@ -12,10 +12,12 @@ from ...solver.job.folder import JobError, JobFolder
 from .. import thumbnails
 from ..names import BASE_PACKAGE
 from ..runtime import bootstrap_script, clean_environment
+from ..scene.images import stored_path
 from .model import JobModel, model_of_folder
 from .process import JobProcess, start_job, take_in
 
 INTERVAL = 0.2  # seconds
+LOOK_AGAIN = 3.0  # seconds between looks at a job that another process works on
 SILENCE = 60.0  # seconds without news before the panel says so
 _log = logging.getLogger(BASE_PACKAGE)
 
@@ -62,8 +64,7 @@ class Monitor:
         self.job, self.model = job, JobModel(resumable=job.has_checkpoint())
         self.waits_to_install, self.of_this_file = False, True
         thumbnails.show(job.preview_dir / "render.png")
-        if not bpy.app.timers.is_registered(_tick):
-            bpy.app.timers.register(_tick, first_interval=INTERVAL, persistent=True)
+        _tick_soon()
 
     def cancel(self) -> None:
         """Ask the job to stop."""
@@ -78,7 +79,12 @@ class Monitor:
             self._listen()
         if self.waits_to_install and self._may_install():
             self._install()
-        return INTERVAL if self.running or self.waits_to_install else None
+        if self.running or self.waits_to_install:
+            return INTERVAL
+        if self.model.state == "elsewhere":
+            self.model = model_of_folder(self.job)
+            redraw_panels()
+        return LOOK_AGAIN if self.model.state == "elsewhere" else None
 
     def _listen(self) -> None:
         silent, preview = self.silent_for > 0, self.model.preview_version
@@ -132,6 +138,13 @@ class Monitor:
         if job is not None and job.request_path.is_file():
             self.job, self.model = job, model_of_folder(job)
             thumbnails.show(job.preview_dir / "render.png")
+            if self.model.state == "elsewhere":
+                _tick_soon()
+
+    def is_named_by_file(self) -> bool:
+        """True if a scene of the open .blend says that the job is its own."""
+        named = [bpy.path.abspath(scene.nmf.job) for scene in bpy.data.scenes if scene.nmf.job]
+        return self.job is not None and any(Path(path) == self.job.root for path in named)
 
     def shut_down(self) -> None:
         """Blender quits or the extension is disabled: hang up on the child."""
@@ -144,6 +157,11 @@ class Monitor:
 
 
 monitor = Monitor()
+
+
+def _tick_soon() -> None:
+    if not bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.register(_tick, first_interval=INTERVAL, persistent=True)
 
 
 def _tick() -> float | None:
@@ -161,9 +179,20 @@ def _tick() -> float | None:
 
 @persistent
 def _on_load(path: str) -> None:
-    """Another file was opened."""
-    monitor.of_this_file = False
+    """Another file was opened, or the same one once more."""
+    monitor.of_this_file = monitor.is_named_by_file()
     monitor.look_at(bpy.context.scene.nmf.job)
+
+
+@persistent
+def _before_save(path: str) -> None:
+    """Paths of jobs hold from where the file will be, whatever Undo or Save As did to them."""
+    scenes = [scene for scene in bpy.data.scenes if scene.nmf.job]
+    if monitor.running and monitor.of_this_file and not monitor.is_named_by_file():
+        bpy.context.scene.nmf.job = str(monitor.job.root)
+        scenes.append(bpy.context.scene)
+    for scene in scenes:
+        scene.nmf.job = stored_path(Path(bpy.path.abspath(scene.nmf.job)), path)
 
 
 def redraw_panels() -> None:
@@ -177,12 +206,16 @@ def redraw_panels() -> None:
 
 
 def register() -> None:
-    """Watch for files being opened."""
+    """Watch for files being opened and saved."""
     bpy.app.handlers.load_post.append(_on_load)
+    bpy.app.handlers.save_pre.append(_before_save)
 
 
 def unregister() -> None:
     """Stop watching."""
-    if _on_load in bpy.app.handlers.load_post:
-        bpy.app.handlers.load_post.remove(_on_load)
+    for handlers, handler in (
+        (bpy.app.handlers.load_post, _on_load), (bpy.app.handlers.save_pre, _before_save),
+    ):  # fmt: skip
+        if handler in handlers:
+            handlers.remove(handler)
     monitor.shut_down()

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
+from bpy.app.handlers import persistent
 
 from ...solver.job.events import Event
 from ..names import BASE_PACKAGE
@@ -42,6 +43,7 @@ class SideTask:
         title: what it is for, in the panel.
         model: what is known of it.
         events: all its events so far but progress.
+        of_this_file: False once another .blend was opened meanwhile: what it finds is not put there.
     """
 
     def __init__(self) -> None:
@@ -49,7 +51,9 @@ class SideTask:
         self.title = ""
         self.model = JobModel(state="new", text="")
         self.events: list[Event] = []
+        self.of_this_file = True
         self._done: Callable[[SideTask], None] | None = None
+        self._kept = ""
 
     @property
     def running(self) -> bool:
@@ -58,9 +62,12 @@ class SideTask:
 
     def start(
         self, title: str, python: Path, words: list[str], folder: Path,
-        done: Callable[[SideTask], None],
+        done: Callable[[SideTask], None], kept: str = "",
     ) -> None:  # fmt: skip
         """Run `python -m solver WORDS` in a folder; `done` is called once it has succeeded.
+
+        Args:
+            kept: what the person can do with the result if another file was opened meanwhile.
 
         Raises:
             TaskError: a task is running. OSError: the Python cannot be started.
@@ -71,6 +78,7 @@ class SideTask:
         command = solver_command(python, bootstrap_script(), words)
         self.process = JobProcess(command, TaskFolder(folder), clean_environment())
         self.title, self.model, self.events, self._done = title, JobModel(), [], done
+        self.of_this_file, self._kept = True, kept
         if not bpy.app.timers.is_registered(_tick):
             bpy.app.timers.register(_tick, first_interval=INTERVAL, persistent=True)
 
@@ -89,8 +97,11 @@ class SideTask:
         self.events += [event for event in events if event.kind != "progress"]
         if code is not None:
             self.process = None
-            if code == 0:
+            if code == 0 and self.of_this_file:
                 self._finish()
+            elif code == 0:
+                text = f"{self.title} is done; another file was opened meanwhile. {self._kept}"
+                self.model.text = text.strip()
         if changed:
             redraw_panels()
         return INTERVAL if self.running else None
@@ -118,13 +129,32 @@ side_task = SideTask()
 
 
 def _tick() -> float | None:
-    return side_task.tick()
+    try:
+        return side_task.tick()
+    except Exception:
+        # A timer that raises is dropped in silence, and no task could be started any more.
+        _log.exception("%s: it could not be followed", side_task.title)
+        if side_task.process is not None:
+            side_task.process.close()
+        side_task.process = None
+        side_task.model.state = "lost"
+        side_task.model.text = f"Blender lost sight of {side_task.title}"
+        return None
+
+
+@persistent
+def _on_load(path: str) -> None:
+    """Another file was opened."""
+    side_task.of_this_file = False
 
 
 def register() -> None:
-    """Nothing to do before the first task."""
+    """Watch for files being opened."""
+    bpy.app.handlers.load_post.append(_on_load)
 
 
 def unregister() -> None:
     """Stop watching."""
+    if _on_load in bpy.app.handlers.load_post:
+        bpy.app.handlers.load_post.remove(_on_load)
     side_task.shut_down()

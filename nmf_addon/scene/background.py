@@ -1,7 +1,7 @@
-"""Undistorted copies of photos: what a camera without a lens would have seen, for Blender to show.
+"""Upright, undistorted copies of photos: what a camera without a lens would have seen, for Blender.
 
-Blender's cameras have no distortion. The solver works on the photos as they are; these copies only
-stand behind the scene, so they are small and live in the .blend.
+Blender's cameras have no distortion, and its images no EXIF orientation. The solver works on the
+photos as they are; these copies only stand behind the scene, so they are small and live in the .blend.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ import bpy
 import numpy as np
 
 from ...solver.capture.camera import Camera
+from ...solver.capture.image_header import image_orientation, image_size
+from ...solver.capture.orientation import oriented
 from .cameras import UNDISTORTED
 
 WIDEST = 800  # pixels
@@ -21,6 +23,13 @@ WIDEST = 800  # pixels
 def is_distorted(camera: Camera) -> bool:
     """True if straight lines are not straight in the photo."""
     return camera.lens != "pinhole" and (camera.lens != "opencv" or any(camera.distortion))
+
+
+def is_turned(camera: Camera) -> bool:
+    """True if the photo's file lies on its side and the camera stands upright."""
+    if image_orientation(camera.image_path) < 5 or camera.width == camera.height:
+        return False
+    return image_size(camera.image_path) == (camera.height, camera.width)
 
 
 def undistorted_copy(camera: Camera, photo: bpy.types.Image) -> bpy.types.Image:
@@ -39,7 +48,10 @@ def undistorted_copy(camera: Camera, photo: bpy.types.Image) -> bpy.types.Image:
         was_loaded = photo.has_data
         source = np.empty(width * height * photo.channels, dtype=np.float32)
         photo.pixels.foreach_get(source)
-        pixels = undistorted(camera, source.reshape(height, width, photo.channels)[::-1], size)
+        source = source.reshape(height, width, photo.channels)[::-1]
+        if is_turned(camera):
+            source = oriented(source, image_orientation(camera.image_path))
+        pixels = undistorted(camera, source, size)
         small.pixels.foreach_set(np.ascontiguousarray(pixels[::-1]).ravel())
         small.update()
         if not was_loaded:

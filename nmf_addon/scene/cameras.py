@@ -13,8 +13,10 @@ from ...solver.capture.errors import CaptureError
 
 SENSOR_WIDTH = 36.0  # mm; only its ratio to the focal length matters
 LENS, DISTORTION, ASPECT, MASK = "nmf_lens", "nmf_distortion", "nmf_fy_over_fx", "nmf_mask"
+SIZE = "nmf_size"
+"""the camera's width and height, pixels; its photo's may be swapped in the file (EXIF orientation)"""
 UNDISTORTED = "nmf_undistorted"
-"""mark of an image that shows another one without its lens' distortion"""
+"""mark of an image that shows another one upright and without its lens' distortion"""
 
 
 def add_camera(
@@ -42,6 +44,7 @@ def add_camera(
             background.display_depth = "BACK"
             background.frame_method = "FIT"
             background.show_background_image = picture is (shown or image)
+    data[SIZE] = [camera.width, camera.height]
     data[LENS] = camera.lens
     data[DISTORTION] = list(camera.distortion) or [0.0]
     data[ASPECT] = camera.fy / camera.fx
@@ -58,6 +61,15 @@ def photo_of(item: bpy.types.Object) -> bpy.types.Image | None:
         if background.image is not None and not background.image.get(UNDISTORTED):
             return background.image
     return None
+
+
+def size_of(item: bpy.types.Object) -> tuple[int, int]:
+    """Width and height in pixels of a camera object with a photo.
+
+    What our import left, which costs nothing; of other cameras the photo's, which Blender has to decode.
+    """
+    width, height = item.data.get(SIZE) or photo_of(item).size
+    return int(width), int(height)
 
 
 def to_solver(item: bpy.types.Object, to_capture: Matrix) -> Camera:
@@ -77,9 +89,9 @@ def to_solver(item: bpy.types.Object, to_capture: Matrix) -> Camera:
         raise CaptureError(
             item.name, "background image", "the camera has no photo", "add it as background image"
         )
-    path = Path(bpy.path.abspath(image.filepath))
-    width, height = image.size
-    if not path.is_file() or width == 0:
+    path = Path(bpy.path.abspath(image.filepath, library=image.library))
+    width, height = size_of(item) if path.is_file() else (0, 0)
+    if width == 0:
         raise CaptureError(
             path, f"photo of {item.name}", "the photo does not exist", "relink the background image"
         )

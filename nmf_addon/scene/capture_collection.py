@@ -19,12 +19,15 @@ from ...solver.capture.errors import CaptureError
 from ...solver.capture.formats.transforms import write_transforms
 from ...solver.capture.placement import placed, suggest_placement
 from ...solver.capture.read import read_capture
-from .background import is_distorted, undistorted_copy
+from .background import is_distorted, is_turned, undistorted_copy
 from .cameras import add_camera, photo_of, to_solver
+from .images import load_image
 from .region import new_region_box, place_box, region_box
 
 SOURCE, ROOT, WARNINGS = "nmf_source", "nmf_root", "nmf_warnings"
 FILE_TO_CAPTURE, FINDINGS = "nmf_file_to_capture", "nmf_findings"
+LAST_JOB = "nmf_last_job"
+"""name of the job folder that the capture was last reconstructed in"""
 MOST_POINTS = 200_000
 
 
@@ -76,7 +79,8 @@ def _add_capture(
     for number, camera in enumerate(capture.cameras):
         progress.progress_update(number)
         image = images[camera.image_path]
-        shown = undistorted_copy(camera, image) if is_distorted(camera) else None
+        as_it_lies = not is_distorted(camera) and not is_turned(camera)
+        shown = None if as_it_lies else undistorted_copy(camera, image)
         item = add_camera(camera, image, shown)
         item.parent = root
         collection.objects.link(item)
@@ -101,7 +105,7 @@ def _load_photos(cameras: list[Camera]) -> dict[Path, bpy.types.Image]:
     images = {}
     for camera in cameras:
         try:
-            image = bpy.data.images.load(str(camera.image_path), check_existing=True)
+            image = load_image(camera.image_path, check_existing=True)
         except RuntimeError as error:
             for image in set(bpy.data.images) - before:
                 bpy.data.images.remove(image)
@@ -129,18 +133,34 @@ def _add_points(
 
 def capture_collections(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
     """Collections of the scene that hold at least one camera with a photo."""
-    return [c for c in scene.collection.children_recursive if _photo_cameras(c)]
+    return [c for c in scene.collection.children_recursive if is_capture(c)]
+
+
+def is_capture(collection: bpy.types.Collection) -> bool:
+    """True if it holds a camera with a photo."""
+    return any(_has_photo(item) for item in collection.all_objects)
 
 
 def active_capture(context: bpy.types.Context) -> bpy.types.Collection | None:
-    """The capture chosen in the panel, else the active collection, else the first capture."""
-    chosen = context.scene.nmf.capture
-    if chosen is not None and _photo_cameras(chosen):
-        return chosen
-    active = context.collection
-    if active is not None and _photo_cameras(active):
-        return active
-    return next(iter(capture_collections(context.scene)), None)
+    """The capture chosen in the panel, else the active collection, else the first capture.
+
+    The scene's own collection only counts where cameras lie in no other.
+    """
+    whole = context.scene.collection
+    for collection in (context.scene.nmf.capture, context.collection):
+        if collection in whole.children_recursive and is_capture(collection):
+            return collection
+    return next(iter(capture_collections(context.scene)), whole if is_capture(whole) else None)
+
+
+def capture_of_job(job: str) -> bpy.types.Collection | None:
+    """The capture that was last reconstructed in a job's folder of this name, in any scene."""
+    return next((c for c in bpy.data.collections if c.get(LAST_JOB) == job and is_capture(c)), None)
+
+
+def scene_of(collection: bpy.types.Collection) -> bpy.types.Scene | None:
+    """The first scene that a collection is in."""
+    return next((s for s in bpy.data.scenes if collection in s.collection.children_recursive), None)
 
 
 def root_of(collection: bpy.types.Collection) -> bpy.types.Object | None:
@@ -205,7 +225,11 @@ def add_region_box(
 
 
 def region_of(collection: bpy.types.Collection) -> dict[str, list[float]] | None:
-    """The region box in capture space as {"min": …, "max": …}; None if there is none."""
+    """The region box in capture space as {"min": …, "max": …}; None if there is none.
+
+    Raises:
+        CaptureError: the box is flat.
+    """
     box = region_box(collection)
     if box is None:
         return None
@@ -214,6 +238,10 @@ def region_of(collection: bpy.types.Collection) -> dict[str, list[float]] | None
     size = box.empty_display_size
     corners = np.array(np.meshgrid(*[(-size, size)] * 3)).reshape(3, -1)
     points = matrix[:3, :3] @ corners + matrix[:3, 3:]
+    if (np.ptp(points, axis=1) <= 0).any():
+        raise CaptureError(
+            box.name, "scale", "the region box is flat", "scale it until the object fits into it"
+        )
     return {"min": points.min(1).tolist(), "max": points.max(1).tolist()}
 
 
@@ -243,7 +271,11 @@ def fit_region_box(collection: bpy.types.Collection) -> bpy.types.Object | None:
 
 
 def _photo_cameras(collection: bpy.types.Collection) -> list[bpy.types.Object]:
-    return [i for i in collection.all_objects if i.type == "CAMERA" and photo_of(i) is not None]
+    return [item for item in collection.all_objects if _has_photo(item)]
+
+
+def _has_photo(item: bpy.types.Object) -> bool:
+    return item.type == "CAMERA" and photo_of(item) is not None
 
 
 def _capture_name(capture: Capture) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ...solver.job.folder import JobError, JobFolder
-from .capture_collection import file_placement, root_of
+from .capture_collection import file_placement, root_of, scene_of
 from .material import build_material
 from .world import build_world
 
@@ -33,7 +33,8 @@ def install_result(
     """Add the asset of a job to the scene and light it by the recovered World.
 
     Args:
-        collection: the capture it belongs to; the object is placed under its transform.
+        collection: the capture it belongs to: the object is placed under its transform and in its
+            scene. None: in the context's scene.
 
     Raises:
         JobError: no complete result, or one of its files is missing or damaged; nothing is added.
@@ -58,8 +59,13 @@ def install_result(
     mesh.materials.append(material)
     item = bpy.data.objects.new(name, mesh)
     item[JOB] = str(job.root)
-    home = collection or context.scene.collection
+    scene = (collection and scene_of(collection)) or context.scene
+    view_layer = context.view_layer if scene == context.scene else scene.view_layers[0]
+    home = collection if collection is not None and not collection.library else scene.collection
     home.objects.link(item)
+    view_layer.update()
+    if item.name not in view_layer.objects:  # the capture is switched off there; a result is not
+        scene.collection.objects.link(item)
     parent = None if collection is None else root_of(collection)
     matrix = None if collection is None else _from_file(job, manifest, collection)
     if matrix is not None:
@@ -69,14 +75,13 @@ def install_result(
         parent = frame
     item.parent = parent
     world = build_world(f"{name} light", folder / manifest["environment"]["file"], parent)
-    if context.scene.world is not None:
-        context.scene.world.use_fake_user = True
-    context.scene.world = world
-    for other in context.view_layer.objects.selected:
-        other.select_set(False)
-    if item.name in context.view_layer.objects:
-        item.select_set(True)
-        context.view_layer.objects.active = item
+    if scene.world is not None:
+        scene.world.use_fake_user = True
+    scene.world = world
+    for other in view_layer.objects.selected:
+        other.select_set(False, view_layer=view_layer)
+    item.select_set(True, view_layer=view_layer)
+    view_layer.objects.active = item
     return InstalledAsset(item, material, world, manifest)
 
 

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import bpy
 
+from .images import load_image
+
 GROUP_NAME = "NMF Surface"
 PRINCIPLED_F0 = 0.04  # of Principled's index of refraction 1.5
 MODEL_SCALE, MODEL_POWER, MODEL_OFFSET = 0.0271, 2.65, 0.0005
@@ -171,7 +173,7 @@ def _colour_result(mix: bpy.types.Node) -> bpy.types.NodeSocket:
 
 def _texture_node(tree, folder: Path, key: str, entry: dict) -> bpy.types.Node:
     node = tree.nodes.new("ShaderNodeTexImage")
-    node.image = bpy.data.images.load(str(folder / entry["file"]))
+    node.image = load_image(folder / entry["file"])
     node.image.colorspace_settings.name = entry["colour_space"]
     node.label = key
     return node

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import bpy
 
+from .images import load_image
+
 
 def build_world(name: str, path: Path, follow: bpy.types.Object | None = None) -> bpy.types.World:
     """A World lit by an equirectangular HDRI, strength 1, linear Rec.709.
@@ -16,7 +18,7 @@ def build_world(name: str, path: Path, follow: bpy.types.Object | None = None) -
     Raises:
         RuntimeError: Blender cannot load the image.
     """
-    image = bpy.data.images.load(str(path), check_existing=True)
+    image = load_image(path, check_existing=True)
     if path.suffix.lower() in (".exr", ".hdr"):
         image.colorspace_settings.name = "Linear Rec.709"
     world = bpy.data.worlds.new(name)

@@ -67,6 +67,14 @@ class SolveFolder:
         self.cancel_path = self.root / "cancel"
         self.work_dir = self.root / "work"
 
+    def begun(self) -> dict:
+        """What the solve in this folder was asked; {} where nothing can be read."""
+        try:
+            begun = json.loads(self.request_path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return {}
+        return begun if isinstance(begun, dict) else {}
+
     def take(self, request: SolveRequest) -> bool:
         """Begin a solve in this folder, or continue the same one; True if it is continued.
 
@@ -84,13 +92,10 @@ class SolveFolder:
                 "reconstruct from it, or give a new folder",
             )  # fmt: skip
         if self.request_path.exists():
-            try:
-                begun = json.loads(self.request_path.read_text(encoding="utf-8"))
-            except (OSError, ValueError):
-                begun = None
+            begun = self.begun()
             if begun == asked:
                 return True
-            if not isinstance(begun, dict) or begun.get("photos") != asked["photos"]:
+            if begun.get("photos") != asked["photos"]:
                 raise CaptureError(
                     self.root, "", "a solve of other photos was begun here", "give a new folder"
                 )

@@ -17,6 +17,7 @@ from .colour import rec709_from_chromaticities
 from .errors import CaptureError, shown
 from .icc import Profile, read_profile
 from .image_header import image_size
+from .orientation import oriented
 
 _MOST_CHANNELS = 64
 _TYPES = {
@@ -109,32 +110,6 @@ def read_image(path: Path) -> np.ndarray:
     """Pixels [H, W, C] float32 of an image, whole numbers scaled to [0, 1]; EXIF rotation applied."""
     decoded = decode(path)
     return oriented(decoded.pixels, decoded.orientation).astype(np.float32) / decoded.largest
-
-
-def oriented(pixels: np.ndarray, orientation: int) -> np.ndarray:
-    """Pixels [H, W, …] turned upright, a view: what an EXIF orientation from 1 to 8 asks for."""
-    if orientation in (5, 6, 7, 8):
-        pixels = pixels.swapaxes(0, 1)
-    if orientation in (2, 3, 6, 7):
-        pixels = pixels[:, ::-1]
-    if orientation in (3, 4, 7, 8):
-        pixels = pixels[::-1]
-    return pixels
-
-
-def as_camera_saw(
-    pixels: np.ndarray, orientation: int, width: int, height: int
-) -> np.ndarray | None:
-    """Pixels [H, W, …] of a camera's size, as they lie in the file or else upright; None if neither.
-
-    The one place that decides on EXIF orientation. Programs that solve cameras differ: most ignore
-    the tag, some turn the photo first. The size they write down tells them apart, and where it does
-    not (squares, half turns) the tag is ignored, as it is for Blender's background images.
-    """
-    if pixels.shape[:2] == (height, width):
-        return pixels
-    upright = oriented(pixels, orientation)
-    return upright if upright.shape[:2] == (height, width) else None
 
 
 def _decode(path: Path) -> Decoded:

@@ -1,4 +1,4 @@
-"""Size of an image file, and whether it may have alpha, by its header and the standard library alone.
+"""Size, orientation and alpha of an image file, by its header and the standard library alone.
 
 Only headers are read, a part at a time, so a file that claims to be huge costs nothing.
 """
@@ -8,6 +8,8 @@ from __future__ import annotations
 import os
 import re
 import struct
+from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
@@ -18,6 +20,7 @@ EXTENSIONS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr")
 MOST_PIXELS = 1 << 28
 """of a photo; a header that states more is damaged or made to exhaust the memory"""
 
+_WIDTH, _HEIGHT, _ORIENTATION = 256, 257, 274  # TIFF's tags
 _MOST_PARTS = 4096  # JPEG segments, EXR attributes or TIFF entries before the size
 
 
@@ -51,6 +54,21 @@ def image_size(path: Path) -> tuple[int, int]:
     return width, height
 
 
+def image_orientation(path: Path) -> int:
+    """EXIF's orientation of a JPEG or TIFF, 1 to 8; 1, as it lies, where the header states none."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(4)
+            file.seek(0)
+            if head[:2] == b"\xff\xd8":
+                found = _exif_orientation(file)
+            else:
+                found = _tiff_values(file).get(_ORIENTATION, 1) if _is_tiff(head) else 1
+    except (OSError, struct.error, ValueError):
+        return 1
+    return found if 1 <= found <= 8 else 1
+
+
 def may_have_alpha(path: Path) -> bool:
     """False for a file that certainly has no alpha channel: JPEG, HDR, PNG of grey or colour alone."""
     try:
@@ -74,7 +92,7 @@ def _size(file: BinaryIO) -> tuple[int, int] | None:
         return struct.unpack(">II", head[16:24])
     if head[:2] == b"\xff\xd8":
         return _jpeg_size(file)
-    if head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+    if _is_tiff(head):
         return _tiff_size(file)
     if head[:4] == b"\x76\x2f\x31\x01":
         return _exr_size(file)
@@ -83,7 +101,8 @@ def _size(file: BinaryIO) -> tuple[int, int] | None:
     return None
 
 
-def _jpeg_size(file: BinaryIO) -> tuple[int, int]:
+def _jpeg_segments(file: BinaryIO) -> Iterator[tuple[int, int]]:
+    """Markers of a JPEG and their contents' lengths, with the file at the contents."""
     file.seek(2)
     for _ in range(_MOST_PARTS):
         start, marker = struct.unpack("BB", file.read(2))
@@ -92,16 +111,49 @@ def _jpeg_size(file: BinaryIO) -> tuple[int, int]:
         if marker == 0xFF:  # markers may be padded
             file.seek(-1, os.SEEK_CUR)
             continue
-        (length,) = struct.unpack(">H", file.read(2))
-        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            _, height, width = struct.unpack(">BHH", file.read(5))
-            return width, height
-        file.seek(max(length, 2) - 2, os.SEEK_CUR)
+        length = max(struct.unpack(">H", file.read(2))[0], 2) - 2
+        at = file.tell()
+        yield marker, length
+        file.seek(at + length)
     raise ValueError("its JPEG is damaged")
 
 
+def _is_frame(marker: int) -> bool:
+    """True for the JPEG segment that states the size."""
+    return 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC)
+
+
+def _jpeg_size(file: BinaryIO) -> tuple[int, int]:
+    next(length for marker, length in _jpeg_segments(file) if _is_frame(marker))
+    _, height, width = struct.unpack(">BHH", file.read(5))
+    return width, height
+
+
+def _exif_orientation(file: BinaryIO) -> int:
+    for marker, length in _jpeg_segments(file):
+        if _is_frame(marker):
+            break
+        if marker == 0xE1:
+            name, _, tiff = file.read(length).partition(b"\0\0")
+            if name == b"Exif" and _is_tiff(tiff):
+                return _tiff_values(BytesIO(tiff)).get(_ORIENTATION, 1)
+    return 1
+
+
+def _is_tiff(head: bytes) -> bool:
+    return head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+
+
 def _tiff_size(file: BinaryIO) -> tuple[int, int]:
-    """Width and height of the first picture; TIFF and BigTIFF, in both byte orders."""
+    found = _tiff_values(file)
+    if _WIDTH not in found or _HEIGHT not in found:
+        raise ValueError("its TIFF states no size")
+    return found[_WIDTH], found[_HEIGHT]
+
+
+def _tiff_values(file: BinaryIO) -> dict[int, int]:
+    """Width, height and orientation of the first picture, as far as stated; TIFF and BigTIFF, in both
+    byte orders."""
     head = file.read(16)
     order = "<" if head[:2] == b"II" else ">"
     big = struct.unpack(order + "H", head[2:4])[0] == 43
@@ -114,11 +166,11 @@ def _tiff_size(file: BinaryIO) -> tuple[int, int]:
         tag, kind = struct.unpack(order + "HH", entry[:4])
         value = entry[12:] if big else entry[8:]
         code = {1: "B", 3: "H", 4: "I", 16: "Q"}.get(kind)
-        if tag in (256, 257) and code is not None:
+        if tag in (_WIDTH, _HEIGHT, _ORIENTATION) and code is not None:
             found[tag] = struct.unpack(order + code, value[: struct.calcsize(code)])[0]
-        if len(found) == 2:
-            return found[256], found[257]
-    raise ValueError("its TIFF states no size")
+        if len(found) == 3:
+            break
+    return found
 
 
 def _exr_size(file: BinaryIO) -> tuple[int, int]:

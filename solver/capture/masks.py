@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from .camera import Camera
-from .decoding import Decoded, decode, oriented
+from .decoding import Decoded, decode
 from .errors import CaptureError
+from .orientation import oriented
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 

@@ -20,7 +20,6 @@ from .capture import Capture
 from .colour import linear_to_srgb, srgb_to_linear
 from .decoding import (
     Decoded,
-    as_camera_saw,
     decode,
     no_colours,
     read_exr,
@@ -29,6 +28,7 @@ from .decoding import (
 )
 from .errors import CaptureError
 from .masks import read_mask
+from .orientation import as_camera_saw
 from .photo_settings import PhotoSettings
 
 __all__ = [

@@ -91,7 +91,8 @@ def load_reduced_mask(path: Path, shape: tuple[int, int]) -> np.ndarray:
 
 
 def _every_nth(path: Path, longest: int) -> tuple[np.ndarray, np.ndarray | None]:
-    from .decoding import decode, oriented
+    from .decoding import decode
+    from .orientation import oriented
     from .photos import linear_to_srgb
 
     decoded = decode(path)

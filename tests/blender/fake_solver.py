@@ -174,7 +174,8 @@ def solve(photos: Path, out: Path) -> int:
     stream = take_stdout_for_events()
     control = Control(out / "cancel")
     control.start()
-    out.mkdir(parents=True)
+    out.mkdir(parents=True, exist_ok=True)
+    write_json_atomic(out / "solve.json", {"photos": str(photos)})
     events = EventStream(out / "events.jsonl", stream)
     mode, pause = os.environ.get("NMF_FAKE_MODE", "normal"), 0.02
     names = sorted(path.name for path in photos.glob("*.png"))

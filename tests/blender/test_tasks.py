@@ -131,3 +131,44 @@ def test_the_task_ends_with_the_extension(extension, task, photos, fake_solver, 
     package.unregister()
     assert process.wait(10) is not None
     package.register()
+
+
+def test_what_a_task_finds_is_not_put_into_another_file(task, photos, fake_solver):
+    bpy.ops.nmf.solve_cameras(directory=str(photos))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    task.finish()
+    assert not bpy.data.collections
+    assert "another file" in task.model.text and "Import Capture from" in task.model.text
+
+
+def test_a_solve_that_was_stopped_goes_on_in_its_folder(task, photos, fake_solver, tmp_path):
+    fake_solver("slow")
+    for _ in range(2):
+        bpy.ops.nmf.solve_cameras(directory=str(photos))
+        task.finish(lambda: task.model.stage != "")
+        bpy.ops.nmf.cancel_task()
+        task.finish()
+    folders = {path.parent.name for path in (tmp_path / "nmf_jobs").glob("*/solve.json")}
+    assert len(folders) == 1
+    fake_solver("normal")
+    bpy.ops.nmf.solve_cameras(directory=str(photos))
+    task.finish()
+    assert task.model.state == "done"
+    bpy.ops.nmf.solve_cameras(directory=str(photos))
+    task.finish()
+    assert len(list((tmp_path / "nmf_jobs").glob("*/transforms_train.json"))) == 2
+
+
+def test_a_task_that_cannot_be_followed_does_not_block_the_next(
+    task, photos, fake_solver, extension, monkeypatch
+):
+    fake_solver("slow")
+    bpy.ops.nmf.solve_cameras(directory=str(photos))
+
+    def broken(*_):
+        raise SystemError("no console")
+
+    monkeypatch.setattr(extension("jobs.side_task"), "take_in", broken)
+    assert extension("jobs.side_task")._tick() is None
+    assert not task.running and task.model.state == "lost"
+    assert bpy.ops.nmf.solve_cameras.poll()

@@ -11,8 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
+from solver.capture.decoding import decode
 from solver.capture.errors import CaptureError
-from solver.capture.image_header import image_size, may_have_alpha
+from solver.capture.image_header import image_orientation, image_size, may_have_alpha
 from solver.capture.photos import (
     load_photo,
 )
@@ -148,3 +149,26 @@ def test_values_that_are_no_numbers_are_named(tmp_path):
     pixels[1, 1, 1] = np.nan
     with pytest.raises(CaptureError, match="a.exr: .*not numbers"):
         load(write_exr(tmp_path / "a.exr", pixels))
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_the_orientation_in_a_header_is_the_one_that_decoding_finds(tmp_path, orientation):
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    for name in ("photo.jpg", "photo.tif"):
+        Image.new("RGB", (6, 4), (90, 60, 30)).save(tmp_path / name, exif=exif)
+        assert image_orientation(tmp_path / name) == decode(tmp_path / name).orientation
+        assert image_orientation(tmp_path / name) == orientation
+        assert image_size(tmp_path / name) == (6, 4)
+
+
+def test_an_orientation_that_cannot_be_read_is_none(tmp_path):
+    photo = tmp_path / "photo.jpg"
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    Image.new("RGB", (6, 4)).save(photo, exif=exif)
+    whole = photo.read_bytes()
+    for length in range(len(whole)):
+        photo.write_bytes(whole[:length])
+        assert image_orientation(photo) in (1, 6)
+    assert image_orientation(tmp_path / "nowhere.jpg") == 1

@@ -1,0 +1,39 @@
+"""Image files into the .blend."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+
+def load_image(path: Path, check_existing: bool = False) -> bpy.types.Image:
+    """An image of a file, by a path relative to a saved .blend if the person's preferences say so.
+
+    So a project's folder can be moved: Blender makes paths relative by itself at a first save alone.
+
+    Args:
+        check_existing: take the image that shows this file already, if there is one.
+
+    Raises:
+        RuntimeError: Blender cannot load it.
+    """
+    image = bpy.data.images.load(str(path), check_existing=check_existing)
+    if bpy.data.filepath and bpy.context.preferences.filepaths.use_relative_paths:
+        image.filepath = stored_path(path)
+    return image
+
+
+def stored_path(path: Path, blend: str | None = None) -> str:
+    """A path as a .blend remembers it: relative to it once it is saved, so that both can be moved.
+
+    Args:
+        blend: path of the .blend; None: the open one's.
+    """
+    blend = bpy.data.filepath if blend is None else blend
+    if not blend:
+        return str(path)
+    try:
+        return bpy.path.relpath(str(path), start=str(Path(blend).parent))
+    except ValueError:  # another drive on Windows
+        return str(path)
