@@ -19,7 +19,7 @@ from ..solver.capture.errors import CaptureError
 from ..solver.job.events import Event
 from ..solver.job.folder import JobError, JobFolder
 from . import preferences
-from .jobs.create import create_job, new_job_root
+from .jobs.create import create_job, last_job_root, new_job_root
 from .jobs.process import run_blocking, start_job
 from .runtime import RuntimeMissing, bootstrap_script, clean_environment
 from .scene.cameras import size_of
@@ -99,13 +99,12 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
     )
     collection = import_capture(bpy.context, options.capture.absolute(), photos, masks)
     bpy.context.scene.nmf.capture = collection
-    root = (
-        options.job.absolute() if options.job else out.with_suffix("").with_name(out.stem + "_job")
-    )
-    if options.resume and (root / "job.json").exists():
+    name = f"{out.stem}_job"
+    root = options.job.absolute() if options.job else last_job_root(name, out.parent)
+    if options.resume and root is not None and (root / "job.json").exists():
         job = JobFolder.open(root)
     else:
-        root = root if options.job else new_job_root(root.name, root.parent)
+        root = options.job.absolute() if options.job else new_job_root(name, out.parent)
         job = create_job(
             collection, root, preset=options.preset, device=options.device, seed=options.seed,
             time_limit=options.time_limit,

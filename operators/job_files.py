@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import bpy
@@ -81,7 +82,10 @@ def error_report() -> str:
         ]
     )
     for folder, name in ((job.root, "JOB"), (Path.home(), "~")):
-        text = text.replace(str(folder), name)
+        # As it is, as JSON writes it, and as programs from elsewhere do: on Windows these differ.
+        in_json = json.dumps(str(folder), ensure_ascii=False)[1:-1]
+        for spelling in (in_json, str(folder), folder.as_posix()):
+            text = text.replace(spelling, name)
     return text
 
 

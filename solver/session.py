@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -53,9 +53,9 @@ def session(
     cancel_path.unlink(missing_ok=True)
     stream = take_stdout_for_events() if to_stdout else None
     control = Control(cancel_path)
-    control.start()
     events = EventStream(events_path, stream)
     heartbeat = Heartbeat(status_path)
+    control.start(heartbeat.beat)
     events.emit("hello", version=__version__)
     heartbeat.update("preparing")
 
@@ -69,13 +69,19 @@ def session(
         run.code = CANCELLED
     except Exception as error:
         run.code, message = explain(error)
-        events.emit("error", code=run.code, message=message)
+        with suppress(OSError):
+            events.emit("error", code=run.code, message=message)
         raise
     finally:
         control.stop()
         progress.close()
-        heartbeat.update({DONE: "done", CANCELLED: "cancelled"}.get(run.code, "failed"))
-        events.emit("bye", exit_code=run.code)
+        # A disk that is full hears nothing more; the parent still does.
+        with suppress(OSError):
+            heartbeat.update({DONE: "done", CANCELLED: "cancelled"}.get(run.code, "failed"))
+        with suppress(OSError):
+            events.emit("bye", exit_code=run.code)
+        with suppress(OSError):
+            events.close()
 
 
 def explain(error: Exception) -> tuple[int, str]:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections import deque
+from collections.abc import Iterator
+from itertools import count, takewhile
 from pathlib import Path
 
 import bpy
@@ -22,12 +25,20 @@ def jobs_folder() -> Path:
 
 def new_job_root(name: str, parent: Path | None = None) -> Path:
     """A folder that does not exist yet, named after a capture."""
+    return next(root for root in _job_roots(name, parent) if not root.exists())
+
+
+def last_job_root(name: str, parent: Path | None = None) -> Path | None:
+    """The last folder that `new_job_root` named so, if there is one."""
+    last = deque(takewhile(Path.exists, _job_roots(name, parent)), maxlen=1)
+    return last[0] if last else None
+
+
+def _job_roots(name: str, parent: Path | None) -> Iterator[Path]:
     parent = jobs_folder() if parent is None else parent
     stem = re.sub(r"[^\w.\-]+", "_", name).strip("._") or "job"
-    root, number = parent / stem, 2
-    while root.exists():
-        root, number = parent / f"{stem}_{number}", number + 1
-    return root
+    yield parent / stem
+    yield from (parent / f"{stem}_{number}" for number in count(2))
 
 
 def create_job(collection: bpy.types.Collection, root: Path, **settings) -> JobFolder:

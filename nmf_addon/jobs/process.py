@@ -147,7 +147,10 @@ def own_group() -> dict:
 
 
 def end_group(process: subprocess.Popen, kill: bool) -> None:
-    """End a child that was started with `own_group`, and its own children."""
+    """End a child that was started with `own_group`, and its own children.
+
+    Windows has no way to ask a process without a console: there only `kill` does anything.
+    """
     if process.poll() is not None:
         return
     if os.name != "nt":
@@ -157,9 +160,8 @@ def end_group(process: subprocess.Popen, kill: bool) -> None:
             return
     elif kill:
         command = ["taskkill", "/F", "/T", "/PID", str(process.pid)]
-        subprocess.run(command, capture_output=True, check=False)
-    else:
-        process.send_signal(signal.CTRL_BREAK_EVENT)
+        hidden = subprocess.CREATE_NO_WINDOW
+        subprocess.run(command, capture_output=True, check=False, creationflags=hidden)
 
 
 def solver_command(python: Path, bootstrap: Path, words: list[str]) -> list[str]:

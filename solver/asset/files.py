@@ -42,17 +42,9 @@ def write_texture(path: Path, values: np.ndarray, srgb: bool) -> np.ndarray:
     return pixels
 
 
-def write_exr(path: Path, channels: dict[str, np.ndarray], half: bool = False) -> None:
-    """Write an OpenEXR file of linear Rec.709 or plain data; channels are named arrays.
-
-    Values beyond what half floats hold are clipped to them.
-    """
-    kind = np.float16 if half else np.float32
-    largest = np.finfo(kind).max
-    data = {
-        name: np.ascontiguousarray(np.clip(values, -largest, largest).astype(kind))
-        for name, values in channels.items()
-    }
+def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
+    """Write an OpenEXR file of linear Rec.709 or plain data; channels are named arrays, 32-bit floats."""
+    data = {name: np.ascontiguousarray(values, np.float32) for name, values in channels.items()}
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage,
         "chromaticities": REC709_CHROMATICITIES,

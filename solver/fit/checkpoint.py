@@ -50,7 +50,8 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     if trainer.exposures is not None:
         tensors |= {f"exposures.{key}": v for key, v in trainer.exposures.state().items()}
     state = {
-        "step": trainer.step, "level": trainer.level, "steps_at_level": trainer.steps_at_level,
+        "step": trainer.step, "fraction": trainer.fraction,
+        "level": trainer.level, "steps_at_level": trainer.steps_at_level,
         "fraction_at_level": trainer.fraction_at_level, "probe_turn": trainer.probe_turn,
         "batching": trainer.batching.state(),
         "seconds": seconds, "done": done, "seed": trainer.seed, "use_masks": trainer.use_masks,
@@ -106,7 +107,8 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
     state = read_state(folder)
     if state is None:
         raise JobError(f"{folder}: there is no checkpoint; run the reconstruction first.")
-    tensors = load_file(folder / TENSORS, device=device)
+    # Copies: loaded tensors are views of the file, which Windows then lets nobody replace.
+    tensors = {k: v.clone() for k, v in load_file(folder / TENSORS, device=device).items()}
     shape = state["field"]
     field = MicrofacetField(
         tensors["scene.field.centre"], shape["half_size"], shape["size"],
@@ -173,6 +175,8 @@ def _restore_probes(scene: Scene, tensors: dict[str, torch.Tensor]) -> None:
 def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> None:
     """Bring a trainer made with the checkpoint's scene to the checkpoint's state."""
     trainer.step, trainer.level = state["step"], state["level"]
+    # Under a time limit more of the fit is done than the steps say. Jobs of version 0.1 have only those.
+    trainer.fraction = state.get("fraction", trainer.step / trainer.settings.fit.steps)
     trainer.generator.set_state(tensors["generator.pixels"].cpu())
     prefix = "optimiser."
     # Jobs of version 0.1 have another optimiser's moments; they go on with new ones.

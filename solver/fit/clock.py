@@ -86,10 +86,10 @@ class FitClock:
 
     def fraction(self, step: int) -> float:
         """Fraction of the fit done after `step` steps: by the steps, or by a limit that is nearer."""
-        by_steps = step / self.settings.fit.steps
+        done = max(step / self.settings.fit.steps, self.begun)
         if self.limit is None:
-            return by_steps
-        return max(by_steps, self.begun + (1 - self.begun) * self.elapsed / self.limit)
+            return done
+        return max(done, self.begun + (1 - self.begun) * self.elapsed / self.limit)
 
     def seconds_left(self, step: int) -> float | None:
         """Seconds until the fit is over; None while nobody can tell."""

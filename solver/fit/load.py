@@ -16,7 +16,7 @@ from ..render.image import RenderedView, render_view
 from ..render.probing import refresh_probes
 from ..render.scene import Scene, StepTables
 from . import checkpoint
-from .reconstruct import choose_device
+from .reconstruct import device_at_hand
 from .schedule import picture_settings
 from .settings import Settings
 
@@ -27,7 +27,7 @@ def load_job(job: JobFolder) -> tuple[Scene, Settings]:
     Raises:
         JobError: no checkpoint.
     """
-    scene, state, _ = checkpoint.load_scene(job.checkpoint_dir, choose_device(job.request.device))
+    scene, state, _ = checkpoint.load_scene(job.checkpoint_dir, device_at_hand(job.request.device))
     return scene, checkpoint.settings_of(state)
 
 

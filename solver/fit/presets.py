@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..render.scene import RenderSettings
 from .errors import SettingsError
-from .settings import FieldSettings, FitSettings, LightSettings, Settings, overridden
+from .settings import FieldSettings, FitSettings, LightSettings, Settings, checked, overridden
 
 DRAFT = Settings(render=RenderSettings(shaded_depths=2, secondary_depths=1, secondary_rays=8))
 
@@ -63,11 +63,12 @@ def settings_for(preset: str, overrides: dict[str, object] | None = None) -> Set
     """The preset's settings with `section.field` overrides (texts are converted).
 
     Raises:
-        SettingsError: unknown preset, section or field, or a value of the wrong type.
+        SettingsError: unknown preset, section or field, a value of the wrong type, or values that don't
+            fit each other.
     """
     if preset not in PRESETS:
         raise SettingsError(f"There is no preset '{preset}'; choose one of {', '.join(PRESETS)}.")
     settings = PRESETS[preset]
     for key, value in (overrides or {}).items():
         settings = overridden(settings, key, value)
-    return settings
+    return checked(settings)

@@ -30,7 +30,6 @@ class RayBank:
 
     Args:
         cameras, photos: matching lists.
-        candidates: per photo, a boolean [H, W] of the pixels worth drawing, or None for all.
     """
 
     BACKGROUND_SHARE = 0.05

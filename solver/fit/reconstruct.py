@@ -47,8 +47,12 @@ def run_job(
     started = time.monotonic() if began is None else began
     request = job.request
     settings = settings_for(request.preset, request.overrides)
-    device = choose_device(request.device)
+    device = (
+        device_at_hand(request.device) if job.has_checkpoint() else choose_device(request.device)
+    )
     progress.stage("photos")
+    if request.device not in ("auto", device):
+        progress.warning(f"this machine has no '{request.device}'; the job goes on on '{device}'")
     capture = capture_of(job)
     for warning in capture.warnings:
         progress.warning(warning)
@@ -128,7 +132,7 @@ def fit(
     """
     settings = trainer.settings
     steps = settings.fit.steps
-    clock = FitClock(settings, trainer.step / steps, limit, trainer.fog)
+    clock = FitClock(settings, trainer.fraction, limit, trainer.fog)
     last_preview = last_checkpoint = time.monotonic()
     smooth_psnr = None
     while True:
@@ -181,6 +185,14 @@ def choose_device(name: str) -> str:
         there = ", ".join(key for key, value in available.items() if value)
         raise SettingsError(f"--device {name}: this machine has no such device; choose {there}.")
     return name
+
+
+def device_at_hand(name: str) -> str:
+    """The torch device that a job was begun on, or else this machine's best: jobs move between machines."""
+    try:
+        return choose_device(name)
+    except SettingsError:
+        return choose_device("auto")
 
 
 def _stop_if_asked(control: Control) -> None:

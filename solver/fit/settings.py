@@ -212,10 +212,31 @@ def overridden(settings: Settings, key: str, value: object) -> Settings:
     return dataclasses.replace(settings, **{section_name: section})
 
 
+def checked(settings: Settings) -> Settings:
+    """The same settings, if those that belong together fit each other.
+
+    Raises:
+        SettingsError: they don't.
+    """
+    sizes, starts = settings.field.sizes, settings.field.size_starts
+    if not sizes or len(sizes) != len(starts):
+        raise SettingsError(
+            f"Settings 'field.sizes' and 'field.size_starts': there are {len(sizes)} sizes and "
+            f"{len(starts)} starts; give as many of one as of the other."
+        )
+    if starts[0] != 0 or list(starts) != sorted(starts):
+        raise SettingsError(
+            "Setting 'field.size_starts': the first has to be 0, and they must rise."
+        )
+    return settings
+
+
 def _convert(value: object, wanted: object) -> object:
     if typing.get_origin(wanted) is tuple:
-        item = typing.get_args(wanted)[0]
+        item, *others = typing.get_args(wanted)
         parts = value.split(",") if isinstance(value, str) else list(value)
+        if others != [...] and len(parts) != 1 + len(others):
+            raise ValueError(value)
         return tuple(_convert(part, item) for part in parts)
     if wanted is bool:
         text = str(value).lower()
@@ -229,7 +250,9 @@ def _convert(value: object, wanted: object) -> object:
 
 def _type_name(wanted: object) -> str:
     if typing.get_origin(wanted) is tuple:
-        return f"list of {_type_name(typing.get_args(wanted)[0])}s"
+        item, *others = typing.get_args(wanted)
+        some = "list of" if others == [...] else f"{1 + len(others)}"
+        return f"{some} {_type_name(item)}s"
     return {int: "whole number", float: "number", bool: "yes or no", str: "text"}.get(
         wanted, str(wanted)
     )

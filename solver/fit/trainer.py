@@ -192,7 +192,7 @@ class Trainer:
     def _coarse_to_fine(self, fraction: float) -> None:
         starts = self.settings.field.size_starts
         level = max(i for i, start in enumerate(starts) if fraction >= start)
-        if level == self.level:
+        if level <= self.level:
             return
         self.level, self.fraction_at_level = level, fraction
         sizes, heights = self.settings.field.sizes, self.settings.light.heights

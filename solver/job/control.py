@@ -9,7 +9,9 @@ import stat
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 
 class Cancelled(Exception):
@@ -17,13 +19,14 @@ class Cancelled(Exception):
 
 
 class Control:
-    """Watches stdin, the `cancel` file and SIGTERM.
+    """Watches stdin, the `cancel` file, SIGTERM and Ctrl-C.
 
-    A line {"cmd": "cancel"} (or just `cancel`) asks the job to stop with a checkpoint; so do the file
-    and SIGTERM (what a farm sends). The end of a stdin that was open at the start means that the
-    parent is gone: the job has `GRACE` seconds for a checkpoint, then the process ends wherever it is
-    (files are renamed into place, so none is half written). A stdin that is a terminal, a file, or at
-    its end from the beginning is no parent: the job runs detached.
+    A line {"cmd": "cancel"} (or just `cancel`) asks the job to stop with a checkpoint; so do the file,
+    SIGTERM (what a farm sends) and Ctrl-C, which ends it at once if it comes again. The end of a stdin
+    that was open at the start means that the parent is gone: the job has `GRACE` seconds for a
+    checkpoint, then the process ends wherever it is (files are renamed into place, so none is half
+    written). A stdin that is a terminal, a file, or at its end from the beginning is no parent: the job
+    runs detached.
 
     Args:
         cancel_path: the job's `cancel` file.
@@ -39,18 +42,31 @@ class Control:
         self.parent_gone = False
         self._cancel_path = cancel_path
         self._stop = threading.Event()
+        self._beat: Callable[[], None] | None = None
+        self._handlers: dict[int, Any] = {}
 
-    def start(self) -> None:
-        """Start watching."""
+    def start(self, beat: Callable[[], None] | None = None) -> None:
+        """Start watching.
+
+        Args:
+            beat: called four times a second from a thread of its own, to say that the job is alive.
+        """
+        self._beat = beat
         threading.Thread(target=self._watch_file, daemon=True).start()
         if threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGTERM, self._on_terminate)
+            for number, handler in (
+                (signal.SIGTERM, self._on_terminate), (signal.SIGINT, self._on_interrupt),
+            ):  # fmt: skip
+                self._handlers[number] = signal.signal(number, handler)
         if _stdin_is_pipe():
             threading.Thread(target=self._watch_stdin, daemon=True).start()
 
     def stop(self) -> None:
-        """Stop watching the file."""
+        """Stop watching the file and signals."""
         self._stop.set()
+        for number, handler in self._handlers.items():
+            signal.signal(number, handler)
+        self._handlers = {}
 
     @property
     def should_stop(self) -> bool:
@@ -60,8 +76,14 @@ class Control:
     def _on_terminate(self, number: int, frame: object) -> None:
         self.cancelled = True
 
+    def _on_interrupt(self, number: int, frame: object) -> None:
+        self.cancelled = True
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
     def _watch_file(self) -> None:
         while not self._stop.wait(self.INTERVAL):
+            if self._beat is not None:
+                self._beat()
             if self._cancel_path.exists():
                 self.cancelled = True
 

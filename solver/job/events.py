@@ -49,14 +49,15 @@ class EventStream:
         entry = {"v": EVENT_VERSION, "t": round(time.time(), 3), "ev": kind, **finite}
         line = json.dumps(entry, ensure_ascii=False, allow_nan=False) + "\n"
         with self._lock:
-            self._file.write(line)
-            self._file.flush()
+            # The parent first: it is to hear of a disk that is full.
             if self._stream is not None:
                 try:
                     self._stream.write(line)
                     self._stream.flush()
                 except (OSError, ValueError):
                     self._stream = None
+            self._file.write(line)
+            self._file.flush()
 
     def close(self) -> None:
         """Close the file."""

@@ -2,45 +2,55 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import threading
 import time
 from pathlib import Path
 from typing import Any
 
 from .folder import write_json_atomic
 
-STATES = (
-    "new", "preparing", "running", "paused", "finishing", "done", "cancelled", "failed", "lost",
-)  # fmt: skip
-
 
 class Heartbeat:
-    """Writes `status.json`, at most once a second unless the state changes."""
+    """Writes `status.json`, at most once a second unless the state changes; safe from several threads.
+
+    States: preparing, running, finishing, done, cancelled, failed.
+    """
 
     INTERVAL = 1.0
 
     def __init__(self, path: Path):
         self._path = path
         self._last = 0.0
-        self._state = ""
+        self._entry: dict[str, Any] = {}
+        self._lock = threading.Lock()
         self._identity = {"pid": os.getpid(), "started": process_start_time(os.getpid())}
 
     def update(
         self, state: str, step: int = 0, steps: int = 0, seconds_left: float | None = None
     ) -> None:
         """Say that the job is alive and in `state`."""
-        now = time.monotonic()
-        if state == self._state and now - self._last < self.INTERVAL:
-            return
-        self._last, self._state = now, state
-        write_json_atomic(
-            self._path,
-            {
-                **self._identity, "time": time.time(), "state": state, "step": step,
-                "steps": steps, "seconds_left": seconds_left,
-            },
-        )  # fmt: skip
+        entry = {"state": state, "step": step, "steps": steps, "seconds_left": seconds_left}
+        with self._lock:
+            changed = state != self._entry.get("state")
+            self._entry = entry
+            if changed or self._is_due():
+                self._write()
+
+    def beat(self) -> None:
+        """Say that the job is alive, whatever it is doing; a full disk is for others to tell."""
+        with self._lock, contextlib.suppress(OSError):
+            if self._entry and self._is_due():
+                self._write()
+
+    def _is_due(self) -> bool:
+        return time.monotonic() - self._last >= self.INTERVAL
+
+    def _write(self) -> None:
+        self._last = time.monotonic()
+        write_json_atomic(self._path, {**self._identity, "time": time.time(), **self._entry})
 
 
 def read_status(path: Path) -> dict[str, Any]:
@@ -64,7 +74,7 @@ def process_start_time(pid: int) -> float | None:
         return None
 
 
-def process_is_alive(status: dict[str, Any], patience: float = 30.0) -> bool:
+def process_is_alive(status: dict[str, Any], patience: float = 10.0) -> bool:
     """True if the process of a status still runs.
 
     Where processes cannot be told apart by start time, a heartbeat younger than `patience` seconds

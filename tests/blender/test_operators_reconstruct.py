@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import bpy
@@ -94,14 +95,36 @@ def test_cancelled_resumed_done(capture, monitor, fake_solver, tick):
 def test_the_error_report_has_what_is_needed_and_no_folders_of_the_person(
     part, capture, monitor, fake_solver, tick, package
 ):
-    import sys
-
     fake_solver("raise")
     bpy.ops.nmf.reconstruct()
     tick()
     text = sys.modules[package.__name__ + ".operators.job_files"].error_report()
     assert "ZeroDivisionError" in text and bpy.app.version_string in text and '"preset"' in text
     assert str(monitor.job.root) not in text and str(Path.home()) + "/" not in text
+
+
+def test_the_error_report_knows_folders_as_json_writes_them(
+    capture, monitor, fake_solver, tick, package, monkeypatch
+):
+    """On Windows the request holds C:\\\\Users\\\\…"""
+    bpy.ops.nmf.reconstruct()
+    tick()
+    monkeypatch.setattr(Path, "home", lambda: Path("C:\\Users\\jane"))
+    request = monitor.job.request_path
+    request.write_text(json.dumps({"capture": "C:\\Users\\jane\\photos"}), encoding="utf-8")
+    text = sys.modules[package.__name__ + ".operators.job_files"].error_report()
+    assert "photos" in text and "jane" not in text
+
+
+def test_a_job_is_resumed_by_the_name_it_was_given(part, tmp_path):
+    create = part("jobs.create")
+    assert create.last_job_root("my duck_job", tmp_path) is None
+    made = [create.new_job_root("my duck_job", tmp_path)]
+    made[0].mkdir()
+    assert create.last_job_root("my duck_job", tmp_path) == made[0]
+    made.append(create.new_job_root("my duck_job", tmp_path))
+    made[1].mkdir()
+    assert create.last_job_root("my duck_job", tmp_path) == made[1] != made[0]
 
 
 def test_a_result_that_cannot_be_installed_is_told(capture, monitor, fake_solver, tick, extension):

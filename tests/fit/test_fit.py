@@ -1,6 +1,7 @@
 """Settings, the visual hull, checkpoints, and that a fit learns."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from solver.capture.capture import Capture
 from solver.capture.errors import CaptureError
 from solver.capture.photos import Photo
 from solver.fit import checkpoint
+from solver.fit.clock import FitClock
 from solver.fit.errors import SettingsError
 from solver.fit.losses import photometric
 from solver.fit.presets import PRESETS, settings_for
@@ -130,6 +132,51 @@ def test_a_resumed_fit_goes_on_as_if_nothing_had_happened(tmp_path):
     np.testing.assert_allclose(result, expected, rtol=1e-4)
 
 
+def test_a_fit_under_a_time_limit_is_resumed_where_it_was_not_where_its_steps_say(tmp_path):
+    """A fixed bug: the schedule ran backwards, and the grids shrank."""
+    trainer, _, capture, photos = trained(0)
+    for fraction in (0.0, 0.5, 0.9):
+        trainer.advance(fraction)
+    size, rows = trainer.scene.field.size, trainer.scene.environment.height
+    other, settings = resumed(trainer, tmp_path, capture, photos)
+    assert other.fraction == 0.9
+    clock = FitClock(settings, other.fraction, 100.0)
+    assert 0.9 <= clock.fraction(other.step) < 0.91
+    assert FitClock(settings, other.fraction, None).fraction(other.step) == 0.9
+    other.advance(0.1)
+    assert (other.scene.field.size, other.scene.environment.height) == (size, rows)
+
+
+def test_a_checkpoint_does_not_hold_on_to_its_file(tmp_path):
+    """Windows lets nobody replace a file that is mapped into memory."""
+    trainer, *_ = trained(1)
+    folder = tmp_path / "checkpoint"
+    checkpoint.save_checkpoint(trainer, folder, 1.0, done=False)
+    held = checkpoint.load_scene(folder)
+    maps = Path("/proc/self/maps")
+    if not maps.exists():
+        pytest.skip("what is mapped is read in /proc")
+    assert str(folder) not in maps.read_text()
+    assert held
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        ({"field.sizes": "128"}, "1 sizes and 3 starts"),
+        ({"field.size_starts": "0.1,0.2,0.3"}, "the first has to be 0"),
+        ({"field.size_starts": "0,0.5,0.2"}, "rise"),
+        ({"fit.neural_fade": "0.5"}, "2 numbers"),
+    ],
+)
+def test_settings_that_do_not_fit_each_other_are_told_before_a_job_begins(overrides, words):
+    with pytest.raises(SettingsError, match=words):
+        settings_for("draft", overrides)
+    assert settings_for("draft", {"field.sizes": "32", "field.size_starts": "0"}).field.sizes == (
+        32,
+    )
+
+
 def test_a_checkpoint_interrupted_while_renaming_is_found(tmp_path):
     trainer, *_ = trained(1)
     folder = tmp_path / "checkpoint"
@@ -170,11 +217,11 @@ def test_a_finished_fit_keeps_the_normals_it_ended_with(tmp_path):
 def test_presets_are_valid_and_settings_convert():
     assert all(isinstance(preset, Settings) for preset in PRESETS.values())
     changed = settings_for(
-        "draft", {"fit.steps": "7", "field.sizes": "8,16", "render.visibility": "no"}
+        "draft", {"fit.steps": "7", "field.sizes": "8,16,32", "render.visibility": "no"}
     )
     assert (
         changed.fit.steps == 7
-        and changed.field.sizes == (8, 16)
+        and changed.field.sizes == (8, 16, 32)
         and changed.render.visibility is False
     )
 

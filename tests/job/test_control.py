@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from solver.job.control import Control
+
 ROOT = Path(__file__).resolve().parents[2]
 WORK = """
 import sys, time
@@ -127,3 +129,30 @@ def test_a_stdin_that_is_at_its_end_from_the_start_is_no_parent(start):
         if read is not None:
             os.close(read)
         assert ending(child)[1:] == ("cancelled False parent gone False", 0)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a child cannot be sent Ctrl-C alone")
+def test_ctrl_c_asks_for_a_checkpoint_and_a_second_one_ends_at_once(start):
+    child = start()
+    child.send_signal(signal.SIGINT)
+    assert ending(child)[1:] == ("cancelled True parent gone False", 3)
+    deaf = start(work="time.sleep(0.3); control.cancelled = False")
+    for _ in range(2):
+        deaf.send_signal(signal.SIGINT)
+        time.sleep(0.2)
+    seconds, _, code = ending(deaf)
+    assert seconds < 2 and code not in (0, 3)
+
+
+def test_a_job_says_that_it_is_alive_while_its_work_says_nothing_and_signals_are_given_back(
+    tmp_path,
+):
+    before, beats = signal.getsignal(signal.SIGINT), []
+    control = Control(tmp_path / "cancel")
+    control.start(lambda: beats.append(time.monotonic()))
+    assert signal.getsignal(signal.SIGINT) != before
+    end = time.monotonic() + 5
+    while len(beats) < 2 and time.monotonic() < end:
+        time.sleep(0.01)
+    control.stop()
+    assert len(beats) >= 2 and signal.getsignal(signal.SIGINT) == before

@@ -11,6 +11,7 @@ import sys
 import threading
 from pathlib import Path
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -35,6 +36,29 @@ def test_an_event_comes_back_as_it_was_sent(data, tmp_path_factory):
     expected = {k: None if isinstance(v, float) and math.isinf(v) else v for k, v in data.items()}
     assert {k: v for k, v in event.data.items() if k != "v"} == expected
     assert event.data["v"] == 1
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no file that is always full")
+def test_the_parent_hears_of_a_disk_that_is_full(tmp_path):
+    """A fixed bug: the sentence about it went to the full disk alone."""
+    script = f"""
+import sys
+sys.path.insert(0, {str(ROOT)!r})
+from pathlib import Path
+from solver.session import session
+with session(Path("/dev/full"), Path({str(tmp_path / "status.json")!r}), Path({str(tmp_path / "cancel")!r}), True):
+    pass
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
+    assert [parse_event(line).kind for line in run.stdout.splitlines()] == ["hello"]
+    heard = io.StringIO()
+    stream = EventStream(tmp_path / "events.jsonl", heard)
+    stream._file = open("/dev/full", "w")  # noqa: SIM115
+    with pytest.raises(OSError, match="space"):
+        stream.emit("error", code=2, message="free space")
+    assert parse_event(heard.getvalue()).data["message"] == "free space"
 
 
 def test_the_parent_gets_the_very_lines_of_the_file(tmp_path):

@@ -47,6 +47,25 @@ def test_the_file_is_written_once_a_second_and_whenever_the_state_changes(tmp_pa
     assert read_status(tmp_path / "status.json")["step"] == 4
 
 
+def test_a_beat_renews_the_time_and_nothing_else(tmp_path, monkeypatch):
+    clock = [1000.0]
+    for name in ("monotonic", "time"):
+        monkeypatch.setattr(status.time, name, lambda: clock[0])
+    path = tmp_path / "status.json"
+    heartbeat = Heartbeat(path)
+    heartbeat.beat()
+    assert not path.exists(), "nothing has begun"
+    heartbeat.update("running", 7, 100, 5.0)
+    first = read_status(path)
+    clock[0] += 20
+    heartbeat.beat()
+    assert read_status(path) == first | {"time": 1020.0}
+    path.unlink()
+    path.mkdir()
+    clock[0] += 20
+    heartbeat.beat()  # a file that cannot be written does not end the job
+
+
 @pytest.mark.parametrize("text", ["", "{", "[]", "null"])
 def test_a_damaged_status_is_none(tmp_path, text):
     (tmp_path / "status.json").write_text(text)
