@@ -16,7 +16,7 @@ from pathlib import Path
 import bpy
 
 from ..solver.capture.errors import CaptureError
-from ..solver.job.events import Event
+from ..solver.job.events import Event, clock
 from ..solver.job.folder import JobError, JobFolder
 from . import preferences
 from .jobs.create import create_job, last_job_root, new_job_root
@@ -171,5 +171,5 @@ class ProgressLines:
         if line == self._shown:
             return
         self._shown = line
-        note = "" if left is None else f", {int(left) // 60}:{int(left) % 60:02d} left"
+        note = "" if left is None else f", {clock(left)} left"
         print(line + note, file=sys.stderr, flush=True)

@@ -6,8 +6,9 @@ import textwrap
 
 import bpy
 
+from ..solver.job.events import clock
 from . import preferences, runtime, thumbnails
-from .jobs.model import JobModel, clock
+from .jobs.model import JobModel
 from .jobs.monitor import monitor
 from .jobs.side_task import side_task
 from .scene.cameras import photo_of

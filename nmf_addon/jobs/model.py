@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from ...solver.job.events import Event
+from ...solver.job.events import Event, clock
 from ...solver.job.folder import JobFolder
 from ...solver.job.status import process_is_alive, read_status
 
@@ -129,13 +129,6 @@ def crash_text(exit_code: int) -> str:
     if exit_code < 0:
         return f"It was ended by signal {-exit_code}."
     return f"It ended with code {exit_code}."
-
-
-def clock(seconds: float) -> str:
-    """Seconds as 1:05 or 2:01:05."""
-    minutes, seconds = divmod(int(max(seconds, 0)), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"
 
 
 def _number(data: dict[str, Any], name: str) -> float | None:

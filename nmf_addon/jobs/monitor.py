@@ -187,12 +187,13 @@ def _on_load(path: str) -> None:
 @persistent
 def _before_save(path: str) -> None:
     """Paths of jobs hold from where the file will be, whatever Undo or Save As did to them."""
-    scenes = [scene for scene in bpy.data.scenes if scene.nmf.job]
     if monitor.running and monitor.of_this_file and not monitor.is_named_by_file():
         bpy.context.scene.nmf.job = str(monitor.job.root)
-        scenes.append(bpy.context.scene)
-    for scene in scenes:
-        scene.nmf.job = stored_path(Path(bpy.path.abspath(scene.nmf.job)), path)
+    for scene in bpy.data.scenes:
+        if scene.nmf.job:
+            job = Path(bpy.path.abspath(scene.nmf.job))
+            beside = job.is_relative_to(Path(path).parent)
+            scene.nmf.job = stored_path(job, path) if beside else str(job)
 
 
 def redraw_panels() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import bpy
@@ -10,6 +11,7 @@ from mathutils import Matrix
 
 from ...solver.capture.camera import Camera
 from ...solver.capture.errors import CaptureError
+from ...solver.capture.image_header import image_size
 
 SENSOR_WIDTH = 36.0  # mm; only its ratio to the focal length matters
 LENS, DISTORTION, ASPECT, MASK = "nmf_lens", "nmf_distortion", "nmf_fy_over_fx", "nmf_mask"
@@ -66,10 +68,21 @@ def photo_of(item: bpy.types.Object) -> bpy.types.Image | None:
 def size_of(item: bpy.types.Object) -> tuple[int, int]:
     """Width and height in pixels of a camera object with a photo.
 
-    What our import left, which costs nothing; of other cameras the photo's, which Blender has to decode.
+    What our import left, if the photo is still of that size, upright or on its side; else the photo's own,
+    for which Blender has to decode it.
     """
-    width, height = item.data.get(SIZE) or photo_of(item).size
-    return int(width), int(height)
+    photo = photo_of(item)
+    with suppress(CaptureError):
+        lies = image_size(photo_path(photo))
+        left = tuple(int(side) for side in item.data.get(SIZE, ()))
+        if left in (lies, lies[::-1]):
+            return left
+    return tuple(photo.size)
+
+
+def photo_path(photo: bpy.types.Image) -> Path:
+    """Where a photo lies, also that of a linked camera."""
+    return Path(bpy.path.abspath(photo.filepath, library=photo.library))
 
 
 def to_solver(item: bpy.types.Object, to_capture: Matrix) -> Camera:
@@ -89,7 +102,7 @@ def to_solver(item: bpy.types.Object, to_capture: Matrix) -> Camera:
         raise CaptureError(
             item.name, "background image", "the camera has no photo", "add it as background image"
         )
-    path = Path(bpy.path.abspath(image.filepath, library=image.library))
+    path = photo_path(image)
     width, height = size_of(item) if path.is_file() else (0, 0)
     if width == 0:
         raise CaptureError(

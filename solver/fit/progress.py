@@ -7,7 +7,7 @@ import time
 
 from tqdm import tqdm
 
-from ..job.events import EventStream
+from ..job.events import EventStream, clock
 from ..job.status import Heartbeat
 
 # Shares of the whole run, for one bar over all stages (draft on two cores).
@@ -57,12 +57,12 @@ class Progress:
         self._text = text or self._text
         took = time.monotonic() - self._stage_began
         left = took / done * (1 - done) if done > 0.05 else None
-        self._show(self._text, done, f"{_clock(left)} left" if left is not None else "")
+        self._show(self._text, done, f"{clock(left)} left" if left is not None else "")
         self._emit(done, 0, 0, left)
 
     def fit(self, step: int, steps: int, done: float, left: float | None, psnr: float) -> None:
         """State of the optimisation: `left` seconds of it remain."""
-        note = f"{_clock(left)} left" if left is not None else "estimating"
+        note = f"{clock(left)} left" if left is not None else "estimating"
         self._show(f"fit: step {step}, {psnr:.1f} dB", done, note)
         if self._emit(done, step, steps, left):
             self._events.emit("metric", name="psnr", value=round(psnr, 3), step=step)
@@ -111,7 +111,3 @@ class Progress:
             self._bar.n = int(1000 * self._overall(done))
             self._bar.update(0)
             self._bar.refresh() if done >= 1 else None
-
-
-def _clock(seconds: float) -> str:
-    return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"

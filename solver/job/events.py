@@ -79,6 +79,13 @@ def _ends_within_a_line(path: Path) -> bool:
         return False
 
 
+def clock(seconds: float) -> str:
+    """Seconds as people are told them: 1:05 or 2:01:05."""
+    minutes, seconds = divmod(int(max(seconds, 0)), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"
+
+
 def take_stdout_for_events() -> TextIO:
     """Reserve file descriptor 1 for events and send every other print to stderr.
 

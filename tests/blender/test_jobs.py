@@ -233,14 +233,6 @@ def test_a_folder_tells_what_became_of_its_job(job, part, status, files, state, 
     assert (model.state, model.resumable) == (state, resumable)
 
 
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [(0, "0:00"), (65.9, "1:05"), (3600, "1:00:00"), (7384, "2:03:04"), (-3, "0:00")],
-)
-def test_time_left_reads_like_a_clock(part, seconds, text):
-    assert part("jobs.model").clock(seconds) == text
-
-
 def test_a_job_interrupted_with_blender_is_offered_again_with_its_file(
     capture, monitor, fake_solver, tick, tmp_path
 ):

@@ -7,7 +7,9 @@ from pathlib import Path
 import bmesh
 import bpy
 import fake_capture
+import numpy as np
 import pytest
+from mathutils import Matrix
 
 
 @pytest.fixture
@@ -277,3 +279,14 @@ def test_nothing_is_decoded_to_write_a_job(capture, fake_solver, tick):
         image.has_data for image in bpy.data.images if image.filepath.endswith("r_0.png")
     )
     tick()
+
+
+def test_a_photo_replaced_by_a_smaller_copy_has_that_copys_size(capture, extension, tmp_path):
+    item = next(item for item in capture.objects if item.type == "CAMERA")
+    cameras = extension("scene.cameras")
+    photo, whole = cameras.photo_of(item), cameras.to_solver(item, Matrix.Identity(4))
+    fake_capture.write_pixels(tmp_path / "half.png", np.zeros((8, 8, 3)))
+    photo.filepath = str(tmp_path / "half.png")
+    half = cameras.to_solver(item, Matrix.Identity(4))
+    assert (whole.width, half.width) == (16, 8)
+    assert half.fx == pytest.approx(whole.fx / 2)

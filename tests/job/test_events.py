@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from solver.job.events import EventStream, parse_event, read_events
+from solver.job.events import EventStream, clock, parse_event, read_events
 
 ROOT = Path(__file__).resolve().parents[2]
 values = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text()
@@ -174,3 +174,11 @@ out.emit("hello", version="1")
     )
     assert [json.loads(line)["ev"] for line in answer.stdout.splitlines()] == ["hello"]
     assert "banner" in answer.stderr and "C code" in answer.stderr
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0, "0:00"), (65.9, "1:05"), (3600, "1:00:00"), (7384, "2:03:04"), (-3, "0:00")],
+)
+def test_time_left_reads_like_a_clock(seconds, text):
+    assert clock(seconds) == text
