@@ -12,7 +12,7 @@ from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import create_job
 from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
 from ..nmf_addon.runtime import RuntimeMissing
-from ..nmf_addon.scene.capture_collection import FINDINGS, SOURCE, active_capture
+from ..nmf_addon.scene.capture_collection import FINDINGS, active_capture
 from ..nmf_addon.scene.region import is_as_placed, region_box
 from ..solver.capture.errors import CaptureError
 from ..solver.job.folder import JobError
@@ -36,15 +36,14 @@ class NMF_OT_check_capture(bpy.types.Operator):
         """Start the check."""
         collection, settings = active_capture(context), context.scene.nmf
         folder = Path(tempfile.mkdtemp(prefix="nmf-check-", dir=bpy.app.tempdir))
-        name, source = collection.name, collection.get(SOURCE)
+        name = collection.name
 
         def done(task: SideTask) -> None:
             answer = next(e for e in reversed(task.events) if e.kind == "log")
             report = json.loads(answer.data["text"])
-            found = active_capture(bpy.context)
-            if found is None or (found.name, found.get(SOURCE)) != (name, source):
-                found = bpy.data.collections.get(name)
-            if found is not None and not found.library and found.get(SOURCE) == source:
+            whole = bpy.context.scene.collection
+            found = whole if name == whole.name else bpy.data.collections.get(name)
+            if found is not None and not found.library:
                 found[FINDINGS] = json.dumps(report)
                 box = region_box(found)
                 if report.get("box") and box is not None and is_as_placed(box):

@@ -168,12 +168,8 @@ def _tick() -> float | None:
     try:
         return monitor.tick()
     except Exception:
-        # A timer that raises is dropped in silence, and the panel would say "running" for ever.
-        _log.exception("the job monitor failed")
-        if monitor.process is not None:
-            monitor.process.close()
-        monitor.process, monitor.waits_to_install = None, False
-        monitor.model.state, monitor.model.text = "lost", "Blender lost sight of the job"
+        monitor.waits_to_install = False
+        lose_sight(monitor, "the job")
         return None
 
 
@@ -194,6 +190,18 @@ def _before_save(path: str) -> None:
             job = Path(bpy.path.abspath(scene.nmf.job))
             beside = job.is_relative_to(Path(path).parent)
             scene.nmf.job = stored_path(job, path) if beside else str(job)
+
+
+def lose_sight(watcher, what: str) -> None:
+    """Hang up on the process of a monitor or side task whose `tick` failed.
+
+    A timer that raises is dropped in silence, and the panel would say "running" for ever.
+    """
+    _log.exception("watching %s failed", what)
+    if watcher.process is not None:
+        watcher.process.close()
+    watcher.process = None
+    watcher.model.state, watcher.model.text = "lost", f"Blender lost sight of {what}"
 
 
 def redraw_panels() -> None:

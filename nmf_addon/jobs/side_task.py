@@ -14,7 +14,7 @@ from ...solver.job.events import Event
 from ..names import BASE_PACKAGE
 from ..runtime import bootstrap_script, clean_environment
 from .model import JobModel
-from .monitor import INTERVAL, redraw_panels
+from .monitor import INTERVAL, lose_sight, redraw_panels
 from .process import JobProcess, solver_command, take_in
 
 _log = logging.getLogger(BASE_PACKAGE)
@@ -132,13 +132,7 @@ def _tick() -> float | None:
     try:
         return side_task.tick()
     except Exception:
-        # A timer that raises is dropped in silence, and no task could be started any more.
-        _log.exception("%s: it could not be followed", side_task.title)
-        if side_task.process is not None:
-            side_task.process.close()
-        side_task.process = None
-        side_task.model.state = "lost"
-        side_task.model.text = f"Blender lost sight of {side_task.title}"
+        lose_sight(side_task, side_task.title)
         return None
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...solver.capture.camera import Camera
 from ...solver.capture.image_header import image_orientation, image_size
-from ...solver.capture.orientation import oriented
+from ...solver.capture.orientation import oriented, turn_for
 from .cameras import UNDISTORTED
 
 WIDEST = 800  # pixels
@@ -25,11 +25,10 @@ def is_distorted(camera: Camera) -> bool:
     return camera.lens != "pinhole" and (camera.lens != "opencv" or any(camera.distortion))
 
 
-def is_turned(camera: Camera) -> bool:
-    """True if the photo's file lies on its side and the camera stands upright."""
-    if image_orientation(camera.image_path) < 5 or camera.width == camera.height:
-        return False
-    return image_size(camera.image_path) == (camera.height, camera.width)
+def turn_of(camera: Camera) -> int:
+    """The EXIF orientation by which the photo's file becomes what the camera saw; 1 if as it lies."""
+    size, tag = image_size(camera.image_path), image_orientation(camera.image_path)
+    return turn_for(size, tag, camera.width, camera.height) or 1
 
 
 def undistorted_copy(camera: Camera, photo: bpy.types.Image) -> bpy.types.Image:
@@ -49,9 +48,7 @@ def undistorted_copy(camera: Camera, photo: bpy.types.Image) -> bpy.types.Image:
         source = np.empty(width * height * photo.channels, dtype=np.float32)
         photo.pixels.foreach_get(source)
         source = source.reshape(height, width, photo.channels)[::-1]
-        if is_turned(camera):
-            source = oriented(source, image_orientation(camera.image_path))
-        pixels = undistorted(camera, source, size)
+        pixels = undistorted(camera, oriented(source, turn_of(camera)), size)
         small.pixels.foreach_set(np.ascontiguousarray(pixels[::-1]).ravel())
         small.update()
         if not was_loaded:

@@ -19,7 +19,7 @@ from ...solver.capture.errors import CaptureError
 from ...solver.capture.formats.transforms import write_transforms
 from ...solver.capture.placement import placed, suggest_placement
 from ...solver.capture.read import read_capture
-from .background import is_distorted, is_turned, undistorted_copy
+from .background import is_distorted, turn_of, undistorted_copy
 from .cameras import add_camera, photo_of, to_solver
 from .images import load_image
 from .region import new_region_box, place_box, region_box
@@ -79,8 +79,8 @@ def _add_capture(
     for number, camera in enumerate(capture.cameras):
         progress.progress_update(number)
         image = images[camera.image_path]
-        as_it_lies = not is_distorted(camera) and not is_turned(camera)
-        shown = None if as_it_lies else undistorted_copy(camera, image)
+        differs = is_distorted(camera) or turn_of(camera) != 1
+        shown = undistorted_copy(camera, image) if differs else None
         item = add_camera(camera, image, shown)
         item.parent = root
         collection.objects.link(item)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import compress
 from typing import Protocol
 
 import fast_simplification
@@ -30,7 +29,7 @@ class SurfaceField(Protocol):
         """Unit outward normals [N, 3]."""
 
     def seen(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """[N] true where a photo shows the surface at points [N, 3] with outward normals [N, 3]."""
+        """[N] true where photos show the surface at points [N, 3] with outward normals [N, 3]."""
 
     def materials(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Albedo [N, 3], GGX α [N], F0 [N, 3]."""
@@ -43,7 +42,6 @@ def extract_surface(field: SurfaceField, level: float, settings: AssetSettings) 
         EmptySurfaceError: nothing is there.
     """
     mesh = marching_cubes(field, settings.cells, level)
-    mesh = drop_inner_walls(mesh)
     if field.surrounded:
         mesh = cut_unseen(mesh, field, settings.unseen_share)
     mesh = drop_floaters(mesh, settings.shred_share if field.surrounded else settings.floater_share)
@@ -83,12 +81,6 @@ def marching_cubes(field: SurfaceField, cells: int, level: float) -> trimesh.Tri
     return mesh
 
 
-def drop_inner_walls(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """Drop closed parts whose volume is negative: walls of hollows, which nobody sees."""
-    parts = mesh.split(only_watertight=False)
-    return _one_mesh(mesh, parts, [part.volume > 0 for part in parts])
-
-
 def cut_unseen(mesh: trimesh.Trimesh, field: SurfaceField, share: float) -> trimesh.Trimesh:
     """Cut off patches that no photo shows, where they are larger than `share` of all that photos show.
 
@@ -99,29 +91,32 @@ def cut_unseen(mesh: trimesh.Trimesh, field: SurfaceField, share: float) -> trim
     if not seen.any():
         return mesh
     areas, kept = mesh.area_faces, seen.copy()
+    most = share * areas[seen].sum()
     neighbours = mesh.face_adjacency[~seen[mesh.face_adjacency].any(axis=1)]
     unseen = trimesh.graph.connected_components(neighbours, nodes=np.flatnonzero(~seen), min_len=1)
     for patch in unseen:
-        kept[patch] = areas[patch].sum() <= share * areas[seen].sum()
+        kept[patch] = areas[patch].sum() <= most
     mesh.update_faces(kept)
     mesh.remove_unreferenced_vertices()
     return mesh
 
 
 def drop_floaters(mesh: trimesh.Trimesh, share: float) -> trimesh.Trimesh:
-    """Keep connected parts with at least `share` of the largest part's area."""
+    """Keep connected parts with at least `share` of the largest part's area, facing outward.
+
+    Closed parts whose volume is negative are the inner walls of hollow bodies; nobody sees them. An open
+    part, of which something was cut off, has no volume.
+    """
     parts = mesh.split(only_watertight=False)
+    if len(parts) <= 1:
+        return mesh
     largest = max(part.area for part in parts)
-    return _one_mesh(mesh, parts, [part.area >= share * largest for part in parts])
-
-
-def _one_mesh(
-    whole: trimesh.Trimesh, parts: list[trimesh.Trimesh], kept: list[bool]
-) -> trimesh.Trimesh:
-    """The kept ones of a mesh's parts; all of it if none is kept."""
-    if all(kept) or not any(kept):
-        return whole
-    return trimesh.util.concatenate(list(compress(parts, kept)))
+    kept = [
+        part
+        for part in parts
+        if part.area >= share * largest and (part.volume > 0 or not part.is_watertight)
+    ]
+    return trimesh.util.concatenate(kept) if kept else mesh
 
 
 def decimate(mesh: trimesh.Trimesh, triangles: int) -> trimesh.Trimesh:

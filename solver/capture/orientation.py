@@ -16,16 +16,22 @@ def oriented(pixels: np.ndarray, orientation: int) -> np.ndarray:
     return pixels
 
 
-def as_camera_saw(
-    pixels: np.ndarray, orientation: int, width: int, height: int
-) -> np.ndarray | None:
-    """Pixels [H, W, …] of a camera's size, as they lie in the file or else upright; None if neither.
+def turn_for(size: tuple[int, int], orientation: int, width: int, height: int) -> int | None:
+    """The orientation by which pixels of `size` (width, height) become a camera's; None if none does.
 
+    1, as they lie, wherever that is the camera's size; else what the tag says, if that turns them to it.
     The one place that decides on EXIF orientation. Programs that solve cameras differ: most ignore
     the tag, some turn the photo first. The size they write down tells them apart, and where it does
     not (squares, half turns) the tag is ignored, as it is for Blender's background images.
     """
-    if pixels.shape[:2] == (height, width):
-        return pixels
-    upright = oriented(pixels, orientation)
-    return upright if upright.shape[:2] == (height, width) else None
+    if size == (width, height):
+        return 1
+    return orientation if orientation >= 5 and size == (height, width) else None
+
+
+def as_camera_saw(
+    pixels: np.ndarray, orientation: int, width: int, height: int
+) -> np.ndarray | None:
+    """Pixels [H, W, …] of a camera's size, as they lie in the file or else upright; None if neither."""
+    turn = turn_for(pixels.shape[1::-1], orientation, width, height)
+    return None if turn is None else oriented(pixels, turn)

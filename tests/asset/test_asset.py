@@ -16,7 +16,6 @@ from solver.asset.settings import AssetSettings
 from solver.asset.surface import (
     cut_unseen,
     drop_floaters,
-    drop_inner_walls,
     extract_surface,
     marching_cubes,
 )
@@ -98,7 +97,7 @@ def test_floaters_go_and_separate_bodies_stay():
 def test_inner_walls_go():
     outer, inner = trimesh.creation.icosphere(radius=1), trimesh.creation.icosphere(radius=0.5)
     inner.invert()
-    kept = drop_inner_walls(trimesh.util.concatenate([outer, inner]))
+    kept = drop_floaters(trimesh.util.concatenate([outer, inner]), 0.01)
     assert len(kept.split()) == 1 and np.isclose(kept.volume, outer.volume)
 
 
