@@ -10,4 +10,5 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from solver.cli import main  # noqa: E402
 
-sys.exit(main())
+if __name__ == "__main__":  # a process that the solver starts for itself reads this file once more
+    sys.exit(main())

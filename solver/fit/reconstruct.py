@@ -12,6 +12,7 @@ from .. import __version__
 from ..asset.build import build_asset
 from ..asset.from_scene import SceneSurface, surface_level
 from ..capture.photos import load_photos
+from ..job.apart import ApartError
 from ..job.control import Cancelled, Control
 from ..job.folder import JobFolder
 from ..job.inputs import capture_of
@@ -20,14 +21,17 @@ from ..kernels.warm_up import compile_kernels
 from . import checkpoint
 from .clock import FitClock, finishing_seconds
 from .errors import SettingsError
+from .point_start import with_points
 from .presets import settings_for
 from .preview import write_previews
 from .progress import Progress
 from .report import write_job_report
 from .snapshots import write_figure, write_snapshot
-from .start import new_trainer, trainer_for
+from .start import new_trainer, starts_from_points, trainer_for
 from .trainer import Trainer
 
+POINTS_SHARE = 0.9
+"""of the time in which a fit without masks is begun: finding sparse points"""
 STAGES = ("photos", "compile", "geometry", "fit", "asset", "report")
 
 
@@ -46,6 +50,11 @@ def run_job(
     """
     started = time.monotonic() if began is None else began
     request = job.request
+
+    def told(done: float) -> None:
+        progress.fraction(done)
+        _stop_if_asked(control)
+
     settings = settings_for(request.preset, request.overrides)
     device = (
         device_at_hand(request.device) if job.has_checkpoint() else choose_device(request.device)
@@ -65,7 +74,7 @@ def run_job(
         compile_kernels(device)
     _stop_if_asked(control)
 
-    progress.stage("geometry", "visual hull")
+    progress.stage("geometry", "first shape")
     state = checkpoint.read_state(job.checkpoint_dir)
     if state is not None:
         settings = checkpoint.settings_of(state)
@@ -74,9 +83,17 @@ def run_job(
         checkpoint.restore(trainer, state, tensors)
     else:
         region = request.region and np.array([request.region["min"], request.region["max"]])
+        found = 0.0
+        if starts_from_points(photos, settings):
+            found = POINTS_SHARE
+            try:
+                capture = with_points(capture, photos, lambda done: told(found * done))
+            except ApartError as error:
+                progress.warning(f"no sparse points ({error}); the fit starts without them")
         trainer = new_trainer(
-            capture, photos, settings, request.seed, region, device, progress.fraction
-        )
+            capture, photos, settings, request.seed, region, device,
+            lambda done: told(found + (1 - found) * done),
+        )  # fmt: skip
     _stop_if_asked(control)
 
     progress.stage("fit")

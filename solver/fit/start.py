@@ -22,6 +22,7 @@ from ..job.folder import JobFolder
 from ..light.environment import EnvironmentMap
 from ..render.scene import Scene
 from .errors import SettingsError
+from .point_start import start_from_points
 from .ray_bank import RayBank
 from .seen_space import cell_centres, nearest_distance, seen_cells, seen_points, walked_through
 from .settings import Settings
@@ -71,7 +72,8 @@ def new_trainer(
     """A trainer at its start.
 
     With masks (alpha) the density starts as the photos' visual hull in a box around it; without,
-    as a thin fog where several cameras look, and not right before one of them.
+    as a thin fog where several cameras look, and not right before one of them; denser at the capture's
+    sparse points, if it has any.
 
     Args:
         region: [2, 3] world box given by the person, or None.
@@ -107,6 +109,8 @@ def new_trainer(
     room = None
     if background_of(photos, settings.fit.background) == "room":
         room = _room(cameras, cube, shape.sizes[0], settings.light.initial)
+    if near.points is not None and starts_from_points(photos, settings):
+        start_from_points(field, room, near.points, shape.points_density)
     environment = EnvironmentMap(settings.light.heights[0], settings.light.initial)
     neural = NeuralTerm(shape.feature_size)
     scene = Scene(field, environment, neural, shape.occupancy_cells, room, origin).to(device)
@@ -162,6 +166,12 @@ def masks_of(photos: list[Photo]) -> Iterator[np.ndarray]:
 def uses_masks(photos: list[Photo], settings: Settings) -> bool:
     """True if all photos have alpha and the settings let it say where the object is."""
     return settings.fit.use_masks and all(photo.has_alpha for photo in photos)
+
+
+def starts_from_points(photos: list[Photo], settings: Settings) -> bool:
+    """True if a fit starts as a fog that is denser at sparse points: no masks say where the object is."""
+    shape = settings.field
+    return shape.hull_start and shape.points_density > 0 and not uses_masks(photos, settings)
 
 
 def trainer_for(

@@ -1,0 +1,72 @@
+"""The start of a fit without masks: a fog that is denser where sparse points say that something is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import scipy.ndimage
+import torch
+
+from ..capture.capture import FEWEST_POINTS, Capture
+from ..capture.photos import Photo
+from ..capture.triangulate import triangulate
+from ..field.field import MicrofacetField
+from ..field.room import EXTENT, Room, contract
+from .visual_hull import decompose
+
+REACH = 1.0
+"""standard deviation, in nodes of the grid, over which a point makes the fog denser"""
+
+
+def with_points(
+    capture: Capture, photos: list[Photo], progress: Callable[[float], None]
+) -> Capture:
+    """The capture with sparse points; found in its photos where its file has too few.
+
+    Args:
+        progress: told the share done; what it raises ends the search.
+
+    Raises:
+        ApartError: they cannot be found.
+    """
+    if capture.points is not None and len(capture.points) >= FEWEST_POINTS:
+        return capture
+    return replace(capture, points=triangulate(list(capture.cameras), photos, progress))
+
+
+def start_from_points(
+    field: MicrofacetField, room: Room | None, points: np.ndarray, density: float
+) -> None:
+    """Set the raw density of field and room, which are at their start, to `density` at `points`.
+
+    Elsewhere it is about 0: the fog that they begin with.
+
+    Args:
+        points: [N, 3] world; those outside the box are the room's.
+    """
+    world = torch.as_tensor(points, dtype=torch.float32)
+    inside = density * density_near(2 * field.to_box(world) - 1, field.size)
+    found = [(inside, field.density_planes, field.density_lines)]
+    if room is not None:
+        unit = room.to_unit(world)
+        outside = contract(unit[(unit.abs() > 1).any(-1)]) / EXTENT
+        found.append((density * density_near(outside, room.size), room.planes, room.lines))
+    with torch.no_grad():
+        for target, planes, lines in found:
+            for parameter, factor in zip(
+                (planes, lines), decompose(target, planes.shape[-1]), strict=True
+            ):
+                parameter.copy_(factor)
+
+
+def density_near(points: torch.Tensor, size: int) -> torch.Tensor:
+    """[G, G, G] on the nodes of a cube from −1 to 1: 1 at points [N, 3] in it, falling to 0 around them."""
+    node = ((points + 1) * (0.5 * (size - 1))).round().long()
+    node = node[((node >= 0) & (node < size)).all(-1)]
+    grid = np.zeros((size,) * 3, dtype=np.float32)
+    grid[tuple(node.T.numpy())] = 1.0
+    # A point by itself is to reach 1, and many beside each other no more.
+    alone = (2 * np.pi * REACH**2) ** 1.5
+    return torch.from_numpy(np.minimum(alone * scipy.ndimage.gaussian_filter(grid, REACH), 1.0))

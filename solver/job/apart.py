@@ -1,0 +1,66 @@
+"""Work in a process of its own: for libraries that may not share one with torch, and can be stopped so."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from typing import Any
+
+TURN = 0.2
+"""seconds between two looks at whether to go on"""
+
+PATIENCE = 5.0
+"""seconds in which a process that has done its work may end by itself"""
+
+
+class ApartError(RuntimeError):
+    """The process ended without a result; one clause that says how."""
+
+
+def run_apart(work: Callable[..., Any], *args: Any, progress: Callable[[float], None]) -> Any:
+    """What `work(*args, progress)` returns, computed in a new process.
+
+    Args:
+        work: a module's function; it, its arguments and what it returns are pickled.
+        progress: told several times a second the share done that `work` told last; what it raises ends
+            the process.
+
+    Raises:
+        ApartError: `work` raised an error, or the process died.
+    """
+    # Not forked: a fork would have torch's threads' locks, without the threads.
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe(duplex=False)
+    process = context.Process(target=_work, args=(work, args, theirs), daemon=True)
+    process.start()
+    theirs.close()
+    told = 0.0
+    try:
+        while True:
+            if ours.poll(TURN):
+                kind, value = ours.recv()
+                if kind == "done":
+                    process.join(PATIENCE)
+                    return value
+                if kind == "failed":
+                    raise ApartError(value)
+                told = value
+            progress(told)
+    except EOFError:
+        process.join()
+        raise ApartError(f"the process ended with code {process.exitcode}") from None
+    finally:
+        process.kill()  # not terminated, of which libraries make a report
+        process.join()
+        ours.close()
+
+
+def _work(work: Callable[..., Any], args: tuple, pipe: Connection) -> None:
+    # Ctrl-C reaches all processes of a terminal; the parent decides what it means.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        pipe.send(("done", work(*args, lambda done: pipe.send(("progress", done)))))
+    except Exception as error:
+        pipe.send(("failed", f"{type(error).__name__}: {error}"))

@@ -1,0 +1,55 @@
+"""Work in a process of its own."""
+
+import os
+import time
+
+import pytest
+
+from solver.job.apart import ApartError, run_apart
+
+
+def double(value, progress):
+    progress(0.5)
+    time.sleep(0.5)
+    return 2 * value, os.getpid()
+
+
+def fail(progress):
+    raise ValueError("no such thing")
+
+
+def die(progress):
+    os._exit(3)
+
+
+def sleep(file, progress):
+    file.write_text(str(os.getpid()))
+    time.sleep(60)
+
+
+def test_a_result_comes_from_another_process_and_progress_is_told():
+    told = []
+    value, process = run_apart(double, 21, progress=told.append)
+    assert value == 42 and process != os.getpid()
+    assert told[-1] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("work", "message"), [(fail, "ValueError: no such thing"), (die, "ended with code 3")]
+)
+def test_an_error_or_a_death_is_told(work, message):
+    with pytest.raises(ApartError, match=message):
+        run_apart(work, progress=lambda done: None)
+
+
+def test_what_progress_raises_ends_the_process(tmp_path):
+    file = tmp_path / "process"
+
+    def stop(done):
+        if file.is_file() and file.read_text():
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_apart(sleep, file, progress=stop)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(file.read_text()), 0)
