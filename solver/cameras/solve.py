@@ -1,6 +1,6 @@
 """Cameras from photos, with pycolmap on the CPU: features, matches, cameras, bundle adjustment.
 
-The one module that imports pycolmap, and only when it is used. Every step stops within seconds when asked,
+Imports pycolmap only when it is used. Every step stops within seconds when asked,
 and what a stopped or killed solve has put into the database is not computed again.
 """
 
@@ -20,6 +20,7 @@ from typing import Any
 from ..capture.errors import CaptureError
 from ..fit.progress import Progress
 from ..job.control import Cancelled, Control
+from ..threads import usable_cores
 from .database import evidence_of, numbers, opened, register
 from .diagnosis import Evidence, unplaced
 from .folder import FEWEST_PHOTOS, SolveFolder, SolveRequest
@@ -66,7 +67,7 @@ class Solver:
         self.folder, self.request = folder, request
         self.progress, self.control = progress, control
         self.token = pycolmap.CancellationToken()
-        self.threads = _cores()
+        self.threads = usable_cores()
 
     def run(self) -> Solved:
         """Do all that is left to do.
@@ -257,9 +258,3 @@ def _silent() -> Iterator[None]:
         os.dup2(kept, 2)
         os.close(kept)
         os.close(nowhere)
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

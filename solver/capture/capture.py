@@ -34,6 +34,11 @@ class Capture:
     up: np.ndarray | None = None
     metric: bool = False
 
+    @property
+    def has_few_points(self) -> bool:
+        """Too few sparse points to say where anything is."""
+        return self.points is None or len(self.points) < FEWEST_POINTS
+
 
 FEWEST_POINTS = 100
 """sparse points from which they say more about the object's bounds than the cameras do"""

@@ -6,7 +6,6 @@ matched, verified and triangulated by COLMAP. Textured things get points, shiny 
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -17,6 +16,7 @@ import numpy as np
 from PIL import Image
 
 from ..job.apart import run_apart
+from ..threads import usable_cores
 from .camera import Camera
 from .colour import linear_to_srgb
 from .frames import invert_pose, opencv_from_opengl, pose_opencv_from_opengl
@@ -78,7 +78,7 @@ def with_colmap(
     model = _register(pycolmap, folder / DATABASE, cameras, features)
     _match(pycolmap, folder, neighbours(cameras), progress)
     options = pycolmap.IncrementalPipelineOptions()
-    options.extract_colors, options.num_threads = False, _cores()
+    options.extract_colors, options.num_threads = False, usable_cores()
     options.random_seed = options.triangulation.random_seed = 0
     found = pycolmap.triangulate_points(model, folder / DATABASE, folder, folder, True, options)
     progress(1.0)
@@ -128,7 +128,7 @@ def _features(
         return Features((flat * focal + centre).astype(np.float32), descriptors, pinhole)
 
     found = []
-    with ThreadPoolExecutor(max_workers=_cores()) as pool:
+    with ThreadPoolExecutor(max_workers=usable_cores()) as pool:
         for features in pool.map(find, cameras, pictures):
             found.append(features)
             progress(FEATURES_SHARE * len(found) / len(pictures))
@@ -182,11 +182,11 @@ def _match(
 ) -> None:
     """Matches of all pairs, verified, in blocks of about a second."""
     matching = colmap.FeatureMatchingOptions()
-    matching.num_threads, matching.use_gpu = _cores(), False
+    matching.num_threads, matching.use_gpu = usable_cores(), False
     verification = colmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = 0
     listing = folder / "pairs.txt"
-    block = 20 * _cores()
+    block = 20 * usable_cores()
     for first in range(0, len(pairs), block):
         progress(FEATURES_SHARE + (1 - FEATURES_SHARE) * first / len(pairs))
         lines = (f"{_name(i)} {_name(j)}\n" for i, j in pairs[first : first + block])
@@ -200,7 +200,3 @@ def _match(
 
 def _name(index: int) -> str:
     return f"{index:06d}.png"
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -9,14 +9,14 @@ import numpy as np
 import scipy.ndimage
 import torch
 
-from ..capture.capture import FEWEST_POINTS, Capture
+from ..capture.capture import Capture
 from ..capture.photos import Photo
 from ..capture.triangulate import triangulate
 from ..field.field import MicrofacetField
 from ..field.room import EXTENT, Room, contract
 from .visual_hull import decompose
 
-REACH = 1.0
+REACH = 1.7
 """standard deviation, in nodes of the grid, over which a point makes the fog denser"""
 
 
@@ -31,7 +31,7 @@ def with_points(
     Raises:
         ApartError: they cannot be found.
     """
-    if capture.points is not None and len(capture.points) >= FEWEST_POINTS:
+    if not capture.has_few_points:
         return capture
     return replace(capture, points=triangulate(list(capture.cameras), photos, progress))
 

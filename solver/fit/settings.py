@@ -51,7 +51,7 @@ class FieldSettings:
     """opacity of a step from which a cell counts as occupied"""
     hull_start: bool = True
     """start as the masks' visual hull, where photos have masks; else as a thin fog"""
-    points_density: float = 4.0
+    points_density: float = 6.0
     """raw density that such a fog has at sparse points, those of the capture or else found in its photos
     (0: the same everywhere)"""
     hull_cells: int = 128

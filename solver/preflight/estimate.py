@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 from ..capture.capture import Capture
 from ..fit.presets import settings_for
 from ..fit.settings import Settings
+from ..threads import usable_cores
 
 CORE_SECONDS = {"draft": 0.11, "standard": 0.33, "paper": 3.0}
 """processor seconds of a step; the paper's is not measured but follows its rays"""
@@ -23,6 +24,8 @@ BASE_BYTES = {"draft": 1.3e9, "standard": 2.0e9, "paper": 4.0e9}
 WITHOUT_MASKS = 1.8
 """times as long takes a step without masks: a fog at first, and the room to the end"""
 EFFICIENCY = 0.9
+FINDING_POINTS = 0.4
+"""processor seconds it takes to find the sparse points that a photo without mask shows"""
 LOADING = 0.25e-6
 """processor seconds a pixel of the photos takes until it is in the ray bank"""
 
@@ -79,11 +82,14 @@ def estimate(
         SettingsError: there is no such preset.
     """
     settings = settings_for(preset)
-    usable = usable_cores(settings, cores or _cores())
+    cores = cores or usable_cores()
+    usable = cores_in_use(settings, cores)
     pixels = sum(camera.width * camera.height for camera in capture.cameras)
     speed = 1 + EFFICIENCY * (usable - 1)
     fit = settings.fit.steps * CORE_SECONDS[preset] * (1 if masked else WITHOUT_MASKS) / speed
     seconds = fit + OVERHEAD[preset] + pixels * LOADING
+    if not masked and capture.has_few_points and settings.field.hull_start:
+        seconds += len(capture.cameras) * FINDING_POINTS / cores
     photos = photo_bytes(capture, masked)
     return Estimate(
         preset, round(seconds, 1), int(BASE_BYTES[preset]) + photos, photos, usable, _memory()
@@ -101,18 +107,12 @@ def photo_bytes(capture: Capture, masked: bool) -> int:
     return PHOTO_BYTES * pixels + bank + (LIKELY_BYTES * pixels if masked else 0)
 
 
-def usable_cores(settings: Settings, cores: int) -> int:
+def cores_in_use(settings: Settings, cores: int) -> int:
     """Cores that share a step: no more than it has chunks."""
     fit = settings.fit
     if fit.samples > 0:
         return cores
     return max(1, min(cores, round(fit.rays / fit.chunk_rays)))
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _memory() -> int | None:

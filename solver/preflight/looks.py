@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.photos import srgb_to_linear
 from ..capture.reduced import load_reduced, load_reduced_mask
+from ..threads import usable_cores
 
 LONGEST = 960
 """pixels of the longer side that is looked at: a quarter of a phone photo's, which JPEG decodes fast"""
@@ -66,7 +66,7 @@ def look_at_photos(
         CaptureError: one cannot be decoded.
     """
     looks = []
-    with ThreadPoolExecutor(max_workers=min(os.cpu_count() or 1, 8)) as pool:
+    with ThreadPoolExecutor(max_workers=min(usable_cores(), 8)) as pool:
         for look in pool.map(lambda camera: look_at(camera, capture.region), capture.cameras):
             looks.append(look)
             if progress is not None:

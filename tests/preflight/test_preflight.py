@@ -31,9 +31,9 @@ from solver.preflight.estimate import (
     BANK_BYTES,
     BASE_BYTES,
     DIRECTION_BYTES,
+    cores_in_use,
     estimate,
     photo_bytes,
-    usable_cores,
 )  # fmt: skip
 from solver.preflight.looks import look_at_photos
 from tests.cameras.box_scene import HALF, BoxScene, box_camera, look_at
@@ -317,9 +317,9 @@ def test_estimates_grow_with_photos_and_shrink_with_cores(count, cores, preset):
 
 
 def test_a_step_of_few_chunks_cannot_use_many_cores():
-    assert usable_cores(settings_for("draft"), 64) == 2
-    assert usable_cores(settings_for("standard"), 64) == 4
-    assert usable_cores(settings_for("paper"), 64) == 64
+    assert cores_in_use(settings_for("draft"), 64) == 2
+    assert cores_in_use(settings_for("standard"), 64) == 4
+    assert cores_in_use(settings_for("paper"), 64) == 64
 
 
 def test_photos_are_reduced_upright_with_their_alpha(tmp_path):
