@@ -11,10 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.ndimage
 from PIL import Image
 
-from solver.capture.photos import read_exr
+from solver.capture.photos import linear_to_srgb, read_exr
 from tests.capture.test_capture import make_capture, set_pose
+from tests.capture.test_triangulate import camera_at, photo_of
 
 ROOT = Path(__file__).resolve().parents[2]
 DUCK = ROOT / "samples" / "duck"
@@ -208,6 +210,39 @@ def test_export_copies_the_result_and_overwrites_nothing(job, tmp_path):
     assert solver("export", job, "--out", tmp_path / "asset").returncode == 0
     assert (tmp_path / "asset" / "mesh.ply").is_file()
     assert solver("export", job, "--out", tmp_path / "asset").returncode == 2
+
+
+def test_blenders_way_of_starting_finds_points_in_photos_without_masks(tmp_path):
+    angles = np.linspace(0, 1.2, 6)
+    rough = scipy.ndimage.gaussian_filter(np.random.default_rng(3).random((300, 300)), 1.5)
+    frames = []
+    for angle in angles:
+        camera = camera_at(angle)
+        shown = linear_to_srgb(photo_of(camera, 0.5 + 4 * (rough - 0.5)).pixels[..., :3])
+        picture = Image.fromarray((255 * np.clip(shown, 0, 1)).astype(np.uint8))
+        picture.save(tmp_path / f"{camera.name}.png")
+        frames.append(
+            {"file_path": f"{camera.name}.png", "transform_matrix": camera.camera_to_world.tolist()}
+        )
+    lens = {"w": camera.width, "h": camera.height, "fl_x": camera.fx, "fl_y": camera.fy}
+    lens |= {"cx": camera.cx, "cy": camera.cy, "frames": frames}
+    (tmp_path / "transforms.json").write_text(json.dumps(lens))
+    command = [sys.executable, "-I", ROOT / "solver" / "bootstrap.py", "reconstruct"]
+    command += [
+        tmp_path / "transforms.json",
+        "--out",
+        tmp_path / "job",
+        *TINY,
+        "--set",
+        "fit.steps=2",
+    ]
+    subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL, timeout=300, check=False)
+    events = [
+        json.loads(line) for line in (tmp_path / "job" / "events.jsonl").read_text().splitlines()
+    ]
+    assert "fit" in [event.get("name") for event in events if event["ev"] == "stage"]
+    assert not [event["text"] for event in events if event["ev"] == "warning"]
+    assert max(e["fraction"] for e in events if e.get("stage") == "geometry") > 0.3
 
 
 def test_a_killed_job_resumes_to_the_same_kind_of_result(tmp_path):

@@ -1,5 +1,6 @@
 """The check before a reconstruction: every finding where it belongs, and nowhere else."""
 
+import dataclasses
 import json
 import math
 import re
@@ -31,6 +32,7 @@ from solver.preflight.estimate import (
     BANK_BYTES,
     BASE_BYTES,
     DIRECTION_BYTES,
+    FINDING_POINTS,
     cores_in_use,
     estimate,
     photo_bytes,
@@ -314,6 +316,14 @@ def test_estimates_grow_with_photos_and_shrink_with_cores(count, cores, preset):
     assert 1 <= fewer.cores <= cores
     draft = estimate(small, "draft", False, cores)
     assert draft.seconds <= fewer.seconds and draft.bytes <= fewer.bytes
+
+
+def test_points_that_the_file_has_take_no_time():
+    without = capture_at(around(20))
+    having = dataclasses.replace(without, points=np.zeros((100, 3)))
+    for masked, seconds in ((False, 20 * FINDING_POINTS / 2), (True, 0)):
+        found, known = (estimate(c, "draft", masked, 2).seconds for c in (without, having))
+        assert found - known == pytest.approx(seconds, abs=0.2)
 
 
 def test_a_step_of_few_chunks_cannot_use_many_cores():
