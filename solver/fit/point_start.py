@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -14,6 +16,7 @@ from ..capture.photos import Photo
 from ..capture.triangulate import triangulate
 from ..field.field import MicrofacetField
 from ..field.room import EXTENT, Room, contract
+from ..job.apart import ApartError
 from .visual_hull import decompose
 
 REACH = 1.7
@@ -21,19 +24,28 @@ REACH = 1.7
 
 
 def with_points(
-    capture: Capture, photos: list[Photo], progress: Callable[[float], None]
-) -> Capture:
+    capture: Capture, photos: list[Photo], progress: Callable[[float], None],
+    seconds: float = math.inf,
+) -> Capture:  # fmt: skip
     """The capture with sparse points; found in its photos where its file has too few.
 
     Args:
         progress: told the share done; what it raises ends the search.
+        seconds: that the search may take.
 
     Raises:
-        ApartError: they cannot be found.
+        ApartError: they cannot be found, or not in time.
     """
     if not capture.has_few_points:
         return capture
-    return replace(capture, points=triangulate(list(capture.cameras), photos, progress))
+    began = time.monotonic()
+
+    def told(done: float) -> None:
+        progress(done)
+        if time.monotonic() - began > seconds:
+            raise ApartError("there is no time to find them")
+
+    return replace(capture, points=triangulate(list(capture.cameras), photos, told))
 
 
 def start_from_points(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 
@@ -11,10 +12,11 @@ import torch
 from .. import __version__
 from ..asset.build import build_asset
 from ..asset.from_scene import SceneSurface, surface_level
-from ..capture.photos import load_photos
+from ..capture.capture import Capture
+from ..capture.photos import Photo, load_photos
 from ..job.apart import ApartError
 from ..job.control import Cancelled, Control
-from ..job.folder import JobFolder
+from ..job.folder import JobFolder, JobRequest
 from ..job.inputs import capture_of
 from ..kernels.backend import fast
 from ..kernels.warm_up import compile_kernels
@@ -26,12 +28,15 @@ from .presets import settings_for
 from .preview import write_previews
 from .progress import Progress
 from .report import write_job_report
+from .settings import Settings
 from .snapshots import write_figure, write_snapshot
 from .start import new_trainer, starts_from_points, trainer_for
 from .trainer import Trainer
 
 POINTS_SHARE = 0.9
 """of the time in which a fit without masks is begun: finding sparse points"""
+POINTS_LIMIT = 0.2
+"""of a time limit that this may take: with less left, the fit would be the worse for it"""
 STAGES = ("photos", "compile", "geometry", "fit", "asset", "report")
 
 
@@ -50,11 +55,6 @@ def run_job(
     """
     started = time.monotonic() if began is None else began
     request = job.request
-
-    def told(done: float) -> None:
-        progress.fraction(done)
-        _stop_if_asked(control)
-
     settings = settings_for(request.preset, request.overrides)
     device = (
         device_at_hand(request.device) if job.has_checkpoint() else choose_device(request.device)
@@ -82,18 +82,7 @@ def run_job(
         trainer = trainer_for(scene, capture, photos, settings, request.seed)
         checkpoint.restore(trainer, state, tensors)
     else:
-        region = request.region and np.array([request.region["min"], request.region["max"]])
-        found = 0.0
-        if starts_from_points(photos, settings):
-            found = POINTS_SHARE
-            try:
-                capture = with_points(capture, photos, lambda done: told(found * done))
-            except ApartError as error:
-                progress.warning(f"no sparse points ({error}); the fit starts without them")
-        trainer = new_trainer(
-            capture, photos, settings, request.seed, region, device,
-            lambda done: told(found + (1 - found) * done),
-        )  # fmt: skip
+        trainer = _at_start(request, settings, capture, photos, device, progress, control)
     _stop_if_asked(control)
 
     progress.stage("fit")
@@ -132,6 +121,31 @@ def run_job(
         }
     )  # fmt: skip
     return job.manifest_path
+
+
+def _at_start(
+    request: JobRequest, settings: Settings, capture: Capture, photos: list[Photo], device: str,
+    progress: Progress, control: Control,
+) -> Trainer:  # fmt: skip
+    """A trainer at the start of a fit, which without masks are sparse points."""
+    found = 0.0
+
+    def told(done: float) -> None:
+        progress.fraction(done)
+        _stop_if_asked(control)
+
+    if starts_from_points(photos, settings):
+        found = POINTS_SHARE
+        seconds = POINTS_LIMIT * (request.time_limit or math.inf)
+        try:
+            capture = with_points(capture, photos, lambda done: told(found * done), seconds)
+        except ApartError as error:
+            progress.warning(f"no sparse points ({error}); the fit starts without them")
+    return new_trainer(
+        capture, photos, settings, request.seed,
+        request.region and np.array([request.region["min"], request.region["max"]]), device,
+        lambda done: told(found + (1 - found) * done),
+    )  # fmt: skip
 
 
 def fit(

@@ -1,6 +1,7 @@
 """The start of fits without masks: denser where sparse points are."""
 
 import dataclasses
+import time
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from solver.field.room import contract
 from solver.fit import point_start
 from solver.fit.point_start import density_near, with_points
 from solver.fit.start import new_trainer, starts_from_points
+from solver.job.apart import ApartError
 from tests.fit.test_fit import SMALL, ball_capture
 from tests.fit.test_fog import room_capture
 
@@ -96,3 +98,16 @@ def test_points_are_looked_for_only_where_masks_and_the_file_say_nothing(monkeyp
     assert asked == [len(photos)] * 2
     assert starts_from_points(photos, SMALL)
     assert not starts_from_points(ball_capture()[1], SMALL)
+
+
+def test_a_search_for_points_that_takes_too_long_is_given_up(monkeypatch):
+    def endless(cameras, photos, progress):
+        for _ in range(1000):
+            time.sleep(0.01)
+            progress(0.1)
+
+    monkeypatch.setattr(point_start, "triangulate", endless)
+    told = []
+    with pytest.raises(ApartError, match="no time"):
+        with_points(*room_capture(), told.append, seconds=0.05)
+    assert 1 < len(told) < 500
