@@ -13,7 +13,7 @@ from .capture import Capture, region_seen_by
 from .closed_lenses import is_usable
 from .errors import CaptureError, shown
 from .files import rigid_pose
-from .image_header import EXTENSIONS, image_size
+from .image_header import EXTENSIONS, image_orientation, image_size
 from .photo_finder import PhotoFinder
 
 MIN_CAMERAS = 3
@@ -75,10 +75,17 @@ def assemble(
     """
     if not found:
         raise CaptureError(source, "cameras", "there are none in it", "export the cameras again")
+    found = _one_photo_each(found)
     missing = [item.stated for item in found if item.photo is None]
     there = [item for item in found if item.photo is not None]
     if len(there) < MIN_CAMERAS or len(missing) > len(there):
         if missing:
+            other = photos.unreadable(missing[0])
+            if other is not None:
+                raise CaptureError(
+                    other, "", f"photos of this kind ({other.suffix}) cannot be read",
+                    "convert all to JPEG or PNG under the same names",
+                )  # fmt: skip
             raise CaptureError(
                 source, "photos", f"{len(missing)} of {len(found)} photos are missing, "
                 f"the first is '{shown(missing[0])}'",
@@ -106,6 +113,16 @@ def assemble(
                 camera_to_world=pose, mask_path=mask, **vars(intrinsics),
             )
         )  # fmt: skip
+    unused = None if any(camera.mask_path for camera in cameras) else photos.unused_masks()
+    if unused is not None:
+        if photos.mask_folder is not None:
+            raise CaptureError(
+                photos.mask_folder, "masks", f"no mask there has a photo's name, as {unused.name}",
+                f"name masks as photos are, as {cameras[0].image_path.stem}.png",
+            )  # fmt: skip
+        notes.append(
+            f"{unused} and others are masks, but none has a photo's name; they are not used"
+        )
     if resized:
         notes.append(f"{len(resized)} photos have another size than the cameras say; the lenses were "
                      f"scaled with them (the first: {resized[0]})")  # fmt: skip
@@ -135,6 +152,25 @@ def without_pose(
     )
 
 
+def _one_photo_each(found: list[Found]) -> list[Found]:
+    """Cameras of which no two that name unlike photos have one.
+
+    Where left/a.png is missing, right/a.png may have been found for both.
+    """
+    names: dict[Path, set[str]] = {}
+    for item in found:
+        if item.photo is not None:
+            names.setdefault(item.photo, set()).add(item.stated)
+    return [
+        replace(item, photo=None)
+        if item.photo is not None
+        and len(names[item.photo]) > 1
+        and not item.photo.as_posix().endswith("/" + item.stated)
+        else item
+        for item in found
+    ]
+
+
 def _for_photo(source: Path, item: Found) -> tuple[Intrinsics, bool]:
     """Intrinsics for the picture as it is now, and whether they had to be scaled."""
     intrinsics = item.intrinsics
@@ -154,15 +190,16 @@ def _for_photo(source: Path, item: Found) -> tuple[Intrinsics, bool]:
         raise CaptureError(source, item.where, "the photo has no size", "export it again")
     width, height = image_size(item.photo)
     told = (intrinsics.width, intrinsics.height)
-    if told in ((width, height), (height, width)):
+    may_turn = image_orientation(item.photo) >= 5
+    if told == (width, height) or (may_turn and told == (height, width)):
         return intrinsics, False
     # A picture made smaller has its size rounded to whole pixels.
     rounding = 1 / intrinsics.width + 1 / intrinsics.height
-    if (
-        abs(width / told[0] - height / told[1])
-        > rounding
-        >= abs(height / told[0] - width / told[1])
-    ):
+    fits, fits_turned = (
+        abs(across / told[0] - down / told[1]) <= rounding
+        for across, down in ((width, height), (height, width))
+    )
+    if may_turn and fits_turned and not fits:
         width, height = height, width  # it was solved upright and lies on its side in its file
     across, down = width / intrinsics.width, height / intrinsics.height
     if abs(across - down) > rounding:

@@ -1,6 +1,8 @@
-"""Masks: pictures of the object's coverage. Only `photos` imports this module."""
+"""Masks: pictures of the object's coverage. Only `photos` and `reduced` import this module."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 
@@ -23,9 +25,7 @@ def read_mask(camera: Camera, orientation: int) -> np.ndarray:
     """
     path = camera.mask_path
     if not path.is_file():
-        raise CaptureError(
-            path, "mask_path", "the mask does not exist", "add it or remove mask_path"
-        )
+        raise no_mask(path)
     decoded = decode(path)
     mask = coverage(decoded)
     if not np.isfinite(mask).all():
@@ -43,6 +43,11 @@ def read_mask(camera: Camera, orientation: int) -> np.ndarray:
         path, "mask_path", f"the mask is {mask.shape[1]} × {mask.shape[0]} pixels, "
         f"its photo {camera.width} × {camera.height}", "export both at one shape",
     )  # fmt: skip
+
+
+def no_mask(path: Path) -> CaptureError:
+    """The error that a mask which the camera file names is not there."""
+    return CaptureError(path, "mask_path", "the mask does not exist", "add it or remove mask_path")
 
 
 def coverage(decoded: Decoded) -> np.ndarray:

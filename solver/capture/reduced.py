@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageOps
 
+from .decoding import Decoded, decode
 from .errors import CaptureError
 from .image_header import image_size
+from .masks import coverage, no_mask
 
 _DECODED_WHOLE = (".exr", ".hdr", ".tif", ".tiff")
 _ORIENTATION, _CAMERA_FIELDS, _FOCAL_LENGTH_35MM = 0x0112, 0x8769, 0xA405
@@ -80,18 +82,21 @@ def load_reduced(path: Path, longest: int) -> tuple[np.ndarray, np.ndarray | Non
 
 
 def load_reduced_mask(path: Path, shape: tuple[int, int]) -> np.ndarray:
-    """A mask [H, W] uint8 at a given size (rows, columns).
+    """A mask [H, W] uint8 at a given size (rows, columns), read as for a fit.
 
     Raises:
-        CaptureError: it cannot be decoded.
+        CaptureError: it is not there or cannot be decoded.
     """
-    colour, _ = load_reduced(path, max(shape))
-    mask = Image.fromarray(np.ascontiguousarray(colour[..., 0]))
+    if not path.is_file():
+        raise no_mask(path)
+    colour, alpha = load_reduced(path, max(shape))
+    channels = [colour] if alpha is None else [colour, alpha[..., None]]
+    decoded = Decoded(np.concatenate(channels, axis=2), None if alpha is None else 3)
+    mask = Image.fromarray(np.round(255 * coverage(decoded)).astype(np.uint8))
     return np.asarray(mask.resize((shape[1], shape[0]), Image.Resampling.BOX))
 
 
 def _every_nth(path: Path, longest: int) -> tuple[np.ndarray, np.ndarray | None]:
-    from .decoding import decode
     from .orientation import oriented
     from .photos import linear_to_srgb
 

@@ -84,7 +84,7 @@ def look_at(camera: Camera, region: np.ndarray) -> Look:
     height, width = colour.shape[:2]
     if alpha is not None and alpha.min() == 255:
         alpha = None
-    if camera.mask_path is not None and camera.mask_path.is_file():
+    if camera.mask_path is not None:
         mask = load_reduced_mask(camera.mask_path, (height, width))
         alpha = mask if alpha is None else np.minimum(alpha, mask)
     scale = camera.width / width

@@ -8,8 +8,6 @@ model does not name; it is `images` by convention.
 from __future__ import annotations
 
 import os
-from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -72,7 +70,6 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             intrinsics = intrinsics_of(files["cameras"], sensors[image.sensor])
             pose = pose_opengl_from_opencv(invert_pose(poses.of(image)))
         found.append(Found(image.where, image.name, photo, pose, intrinsics))
-    found = _one_photo_each(found)
     return assemble(files["images"], NAME, found, photos, points=points, warnings=tuple(warnings))
 
 
@@ -100,22 +97,6 @@ class _Poses:
         if camera_from_rig is None:
             return own
         return pose_matrix(camera_from_rig) @ pose_matrix(rig_from_world)
-
-
-def _one_photo_each(found: list[Found]) -> list[Found]:
-    """Cameras of which no two have one photo.
-
-    Where left/a.png is missing, right/a.png may have been found for both.
-    """
-    claims = Counter(item.photo for item in found)
-    return [
-        replace(item, photo=None)
-        if item.photo
-        and claims[item.photo] > 1
-        and not item.photo.as_posix().endswith("/" + item.stated)
-        else item
-        for item in found
-    ]
 
 
 def _kind_of(file: Path) -> str | None:
