@@ -89,7 +89,8 @@ def assemble(
             raise CaptureError(
                 source, "photos", f"{len(missing)} of {len(found)} photos are missing, "
                 f"the first is '{shown(missing[0])}'",
-                f"put the photos below {photos.folder}, or say where they are",
+                f"put the photos below {photos.folder}, give the folder of the whole project, or say "
+                "where the photos are",
             )  # fmt: skip
         raise CaptureError(
             source, "cameras", f"there are only {len(there)} cameras",

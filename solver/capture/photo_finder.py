@@ -24,7 +24,7 @@ MODEL_FOLDERS = re.compile(
 MASK_FOLDERS = ("masks", "mask", "mattes", "matte", "alpha")
 MASK_ENDINGS = ("_masks", "_mask")
 """of a folder's name, after that of the photos' folder beside it"""
-MASK_NAMES = ("{}_mask", "{}.mask", "{}-mask", "mask_{}")
+MASK_NAMES = ("{}_mask", "{}.mask", "{}-mask", "{}_masked", "mask_{}")
 """what masks are called besides their photos' names"""
 UNREADABLE = (".heic", ".heif", ".webp", ".avif", ".bmp", ".dng", ".cr2", ".cr3", ".nef", ".arw")
 """extensions of photos that cannot be read here, but may have been converted since"""

@@ -67,7 +67,8 @@ def camera_file(path: Path | str, split: str = "train") -> Path:
     if empty:
         raise CaptureError(path, "", "the folder is empty", "give a folder with photos and cameras")
     if split == "train" and (file := _search(path)) is not None:
-        return file
+        # Who names a project means its largest model, who names the folder of a model means that.
+        return colmap.largest(file) if file.parent != path and reader_of(file) is colmap else file
     raise CaptureError(
         path, "", f"there is no camera file for '{split}' in this folder",
         "give the camera file itself, or solve the cameras from the photos"

@@ -164,10 +164,18 @@ def test_photos_beside_the_model_or_in_a_folder_of_another_name_are_found(tmp_pa
         assert len(read_capture(folder).cameras) == 5
 
 
-def test_a_larger_model_beside_is_mentioned(tmp_path, solved):
-    write(solved(tmp_path / "images", names=["a.png", "b.png", "c.png"]), tmp_path / "sparse" / "0")
-    write(solved(tmp_path / "images"), tmp_path / "sparse" / "1")
-    assert any("1 beside 0" in text for text in read_capture(tmp_path).warnings)
+@pytest.mark.parametrize("extension", ["bin", "txt"])
+def test_of_a_projects_models_the_largest_is_read_unless_another_is_named(
+    tmp_path, solved, extension
+):
+    small = solved(tmp_path / "images", names=["a.png", "b.png", "c.png"])
+    write(small, tmp_path / "sparse" / "0", extension)
+    write(solved(tmp_path / "images"), tmp_path / "sparse" / "1", extension)
+    whole = read_capture(tmp_path)
+    assert len(whole.cameras) == 5 and not whole.warnings
+    named = read_capture(tmp_path / "sparse" / "0")
+    assert len(named.cameras) == 3
+    assert any("1 beside 0" in text for text in named.warnings)
 
 
 def test_a_text_model_without_the_lines_of_observations_is_read(tmp_path, solved, agrees):

@@ -211,6 +211,21 @@ def test_cameras_of_a_component_without_a_place_are_left_out_beside_placed_ones(
     np.testing.assert_allclose(cameras["IMG_0003"].position, 2 * poses()[3, :3, 3] + 1)
 
 
+def test_of_several_chunks_the_one_with_the_most_cameras_is_read(tmp_path):
+    save_photos(tmp_path)
+    whole = simple()
+    start, end = whole.index("<chunk"), whole.index("</chunk>") + len("</chunk>")
+    chunk = whole[start:end]
+    few = ElementTree.fromstring(chunk)
+    cameras = few.find("cameras")
+    for camera in list(cameras)[3:]:
+        cameras.remove(camera)
+    text = whole[:start] + ElementTree.tostring(few, "unicode") + chunk + whole[end:]
+    capture = read_capture(write(tmp_path, text))
+    assert len(capture.cameras) == COUNT
+    assert any("of 2 chunks only the largest" in text for text in capture.warnings)
+
+
 def test_photos_are_found_by_windows_paths_of_another_machine(tmp_path):
     cameras = [
         camera(i, m, label=f"D:\\Scans\\Vase\\photos\\{names()[i]}.JPG")

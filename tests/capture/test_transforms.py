@@ -58,15 +58,72 @@ def test_what_only_trainers_need_is_ignored(tmp_path):
         np.testing.assert_array_equal(a.camera_to_world, b.camera_to_world)
 
 
-def test_up_is_z_or_what_was_minus_y_in_colmaps_world(tmp_path):
+def test_up_is_what_nerfstudio_turned_to_z_if_people_held_cameras_so(tmp_path):
     assert capture_with(tmp_path / "a").up.tolist() == [0, 0, 1]
     assert capture_with(tmp_path / "b", applied_transform=NERFSTUDIO).up.tolist() == [0, 0, 1]
-    older = [[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, -1, 0]]
-    assert capture_with(tmp_path / "c", applied_transform=older).up.tolist() == [-1, 0, 0]
     metashape = [[0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0]]
     assert capture_with(tmp_path / "d", applied_transform=metashape).up.tolist() == [0, 0, 1]
     assert capture_with(tmp_path / "e", applied_transform=np.eye(4).tolist()).up is None
     assert capture_with(tmp_path / "f", applied_transform="up").up.tolist() == [0, 0, 1]
+
+
+@pytest.mark.parametrize("angle", [10, 40, 90, 170])
+def test_up_is_how_cameras_are_held_where_nerfstudios_z_is_something_else(angle, tmp_path):
+    """As from COLMAP's world where the first photo looks down, or where a program's up was not Z."""
+    turn = np.radians(angle)
+    tilt = np.eye(4)
+    tilt[1:3, 1:3] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+
+    def tilted(content):
+        content["applied_transform"] = NERFSTUDIO
+        for i, frame in enumerate(content["frames"]):
+            camera = level_camera(2 * np.pi * i / len(content["frames"]))
+            frame["transform_matrix"] = (tilt @ camera).tolist()
+
+    up = read_capture(make_capture(tmp_path, count=9, edit=tilted)).up
+    held = tilt[:3, 2]
+    wanted = held if angle > 20 else np.array([0.0, 0, 1])
+    assert np.degrees(np.arccos(np.clip(up @ wanted, -1, 1))) < 1
+
+
+def level_camera(angle):
+    """Camera to world on a circle, looking a little down at its centre."""
+    position = np.array([3 * np.cos(angle), 3 * np.sin(angle), 1.0])
+    back = position / np.linalg.norm(position)
+    right = np.cross((0, 0, 1), back)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
+    pose[:3, 3] = position
+    return pose
+
+
+def test_numbers_may_be_texts_as_nerfstudio_writes_realitycaptures(tmp_path):
+    first = capture_with(tmp_path, k1="-0.05", k2="0.01", fl_x="20").cameras[0]
+    assert first.fx == 20 and first.distortion == (-0.05, 0.01, 0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("values", "lens", "distortion"),
+    [
+        ({"camera_model": "PINHOLE", "k1": -0.2}, "opencv", (-0.2, 0, 0, 0, 0)),
+        ({"camera_model": "OPENCV", "k4": 0.8}, "brown", (0, 0, 0, 0, 0, 0.8, 0, 0)),
+        ({"k1": 0.1, "p2": 0.02, "k4": 0.3}, "brown", (0.1, 0, 0, 0.02, 0, 0.3, 0, 0)),
+        ({"camera_model": "FULL_OPENCV", "k4": 0.3}, "opencv", (0, 0, 0, 0, 0, 0.3, 0, 0)),
+        ({"camera_model": "SIMPLE_RADIAL_FISHEYE", "k1": 0.1}, "opencv_fisheye", (0.1, 0, 0, 0)),
+    ],
+)
+def test_no_term_of_a_lens_is_dropped(values, lens, distortion, tmp_path):
+    first = capture_with(tmp_path, **values).cameras[0]
+    assert (first.lens, first.distortion) == (lens, distortion)
+
+
+def test_a_lens_without_a_size_is_for_the_photo_that_its_centre_tells_of(tmp_path):
+    """Photos of 8 pixels, of which 16 were solved."""
+    first = capture_with(tmp_path / "a", fl_x=24, cx=8.1, cy=7.9).cameras[0]
+    assert (first.width, first.fx) == (8, pytest.approx(12))
+    off_centre = capture_with(tmp_path / "b", fl_x=24, cx=4.5, cy=3.2).cameras[0]
+    assert (off_centre.width, off_centre.fx, off_centre.cx) == (8, 24, 4.5)
 
 
 POINTS = np.random.default_rng(0).normal(size=(150, 3)).astype(np.float32)

@@ -162,14 +162,36 @@ def _photo_folder(path: Path, photos: PhotoFinder) -> Path | None:
     return None
 
 
+def largest(file: Path) -> Path:
+    """The file like this one of the model with the most photos, of those in numbered folders (sparse/0)."""
+    models = _models_beside(file.parent)
+    if len(models) < 2:
+        return file
+    folder = max(models, key=lambda folder: models[folder])
+    found = [other for other in folder.iterdir() if other.stem.lower() == file.stem.lower()]
+    return found[0] if found and models[folder] > models.get(file.parent, 0) else file
+
+
 def _larger_models(images: Path, count: int) -> list[str]:
     """A warning if a numbered folder beside this one (sparse/1) has a model of more photos."""
-    folder = images.parent
-    if not folder.name.isdigit() or images.name != "images.bin":
-        return []
-    for other in sorted(folder.parent.glob("[0-9]*/images.bin")):
-        many = colmap_binary.count_of(other) if colmap_binary.is_plausible(other, "images") else 0
+    for folder, many in _models_beside(images.parent).items():
         if many > count:
-            return [f"{other.parent.name} beside {folder.name} is a model of more photos ({many} "
+            return [f"{folder.name} beside {images.parent.name} is a model of more photos ({many} "
                     f"instead of {count})"]  # fmt: skip
     return []
+
+
+def _models_beside(folder: Path) -> dict[Path, int]:
+    """How many photos the models of numbered folders beside a numbered one, and its own, have."""
+    if not folder.name.isdigit():
+        return {}
+    models = {}
+    for file in sorted(folder.parent.glob("[0-9]*/images.*")):
+        try:
+            if file.suffix == ".bin" and colmap_binary.is_plausible(file, "images"):
+                models[file.parent] = colmap_binary.count_of(file)
+            elif file.suffix == ".txt" and colmap_text.kind_of(file) == "images":
+                models[file.parent] = len(colmap_text.read_images(file))
+        except CaptureError:
+            pass  # it says so itself if it is the one to be read
+    return models

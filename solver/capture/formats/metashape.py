@@ -62,10 +62,10 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     ]
     if not chunks:
         raise CaptureError(path, "chunk", "there are no cameras in it", "export the cameras again")
-    chunk, warnings = chunks[0], []
+    chunk, warnings = max(chunks, key=lambda chunk: len(chunk.findall(".//camera/transform"))), []
     if len(chunks) > 1:
-        name = shown(chunk.get("label", "the first"))
-        warnings.append(f"{path.name}: of {len(chunks)} chunks only '{name}' is read")
+        name = shown(chunk.get("label", "the largest"))
+        warnings.append(f"{path.name}: of {len(chunks)} chunks only the largest is read, '{name}'")
     worlds = _Worlds(path, chunk)
     sensors = {sensor.get("id"): sensor for sensor in chunk.iter("sensor")}
     lenses: dict[str | None, Intrinsics] = {}

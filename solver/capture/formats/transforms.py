@@ -11,11 +11,13 @@ from __future__ import annotations
 import json
 import math
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..brown_lens import polynomial_lens
 from ..camera import Camera
 from ..capture import Capture
 from ..errors import CaptureError, shown
@@ -24,6 +26,7 @@ from ..files import number as checked_number
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
+from ..placement import estimate_up
 from ..ply_points import read_ply_points
 
 NAME = "transforms.json"
@@ -39,6 +42,8 @@ _LENS_OF_MODEL = {
     "FULL_OPENCV": "opencv",
     "PERSPECTIVE": "opencv",
     "OPENCV_FISHEYE": "opencv_fisheye",
+    "SIMPLE_RADIAL_FISHEYE": "opencv_fisheye",
+    "RADIAL_FISHEYE": "opencv_fisheye",
     "FOV": "fov",
     "DIVISION": "division",
     "EUCM": "eucm",
@@ -47,6 +52,10 @@ _LENS_OF_MODEL = {
     "RAD_TAN_THIN_PRISM_FISHEYE": "rad_tan_thin_prism_fisheye",
     "BROWN": "brown",
 }
+SURE = math.cos(math.radians(20))
+"""cosine of the angle up to which people's idea of level and the file's up are one"""
+OFF_CENTRE = 0.2
+"""how far from the middle no lens's centre is, as a share of half the photo"""
 _RATIONAL_KEYS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _KEYS = {
     "pinhole": (),
@@ -115,8 +124,14 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
                   intrinsics, mask)
         )  # fmt: skip
     points, warnings = _points(path, content.get("ply_file_path"), photos)
-    up = _up(content.get("applied_transform"))
-    return assemble(path, NAME, found, photos, points=points, up=up, warnings=warnings)
+    applied = content.get("applied_transform")
+    up = _up(applied)
+    capture = assemble(path, NAME, found, photos, points=points, up=up, warnings=warnings)
+    if applied is not None and capture.up is not None:
+        # What nerfstudio turned to +Z may have been the first photo's up, or no up at all.
+        held = estimate_up(list(capture.cameras))
+        capture = capture if held @ capture.up > SURE else replace(capture, up=held)
+    return capture
 
 
 def write_transforms(
@@ -191,10 +206,6 @@ def _number(path: Path, where: str, values: dict, key: str) -> float | None:
     value = values.get(key)
     if value is None:
         return None
-    if isinstance(value, str):
-        raise CaptureError(
-            path, f"{where}.{key}", f"'{shown(value)}' is not a number", "correct the value"
-        )
     return checked_number(path, f"{where}.{key}", value)
 
 
@@ -205,8 +216,9 @@ def _intrinsics(path: Path, where: str, values: dict, image: Path) -> Intrinsics
         return _number(path, where, values, key)
 
     width, height = number("w"), number("h")
+    cx, cy = number("cx"), number("cy")
     if width is None or height is None:
-        width, height = image_size(image)
+        width, height = _size_meant(image_size(image), cx, cy)
     width, height = int(width), int(height)
     if width < 1 or height < 1:
         raise CaptureError(path, f"{where}.w", "the photo has no size", "correct w and h")
@@ -230,12 +242,21 @@ def _intrinsics(path: Path, where: str, values: dict, image: Path) -> Intrinsics
     fy = fx if fy is None else fy
     if fx <= 0 or fy <= 0:
         raise CaptureError(path, f"{where}.fl_x", "a focal length must be positive", "correct it")
-    cx, cy = number("cx"), number("cy")
     lens, distortion = _lens(path, where, values)
     return Intrinsics(
         width, height, fx, fy, width / 2 if cx is None else cx, height / 2 if cy is None else cy,
         lens, distortion,
     )  # fmt: skip
+
+
+def _size_meant(size: tuple[int, int], cx: float | None, cy: float | None) -> tuple[float, float]:
+    """The size of the photo that a lens without one is for: this photo's, unless the lens's centre tells of
+    another of the same shape."""
+    if cx is None or cy is None or min(cx, cy) < 1:
+        return size
+    across, down = 2 * cx / size[0], 2 * cy / size[1]
+    other = abs(across - 1) > OFF_CENTRE and abs(across / down - 1) < 0.5 * OFF_CENTRE
+    return (round(2 * cx), round(2 * cx * size[1] / size[0])) if other else size
 
 
 def _lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, ...]]:
@@ -250,8 +271,12 @@ def _lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, ...]]
         )  # fmt: skip
     keys = _KEYS[lens]
     if str(model).upper() == "FULL_OPENCV":
-        keys = _RATIONAL_KEYS  # elsewhere a k4 may mean something else
+        keys = _RATIONAL_KEYS  # elsewhere k4 is a power of the radius
+    elif lens in ("pinhole", "opencv"):
+        # Programs that read these files go by the numbers, whatever the model is called.
+        k1, k2, p1, p2, k3, k4 = (
+            _number(path, where, values, key) or 0.0 for key in _RATIONAL_KEYS[:6]
+        )
+        return polynomial_lens((k1, k2, k3, k4), (p1, p2))
     numbers = tuple(_number(path, where, values, key) or 0.0 for key in keys)
-    if lens == "pinhole" or (lens == "opencv" and not any(numbers)):
-        return "pinhole", ()
-    return lens, numbers
+    return ("pinhole", ()) if lens == "opencv" and not any(numbers) else (lens, numbers)

@@ -1,0 +1,167 @@
+"""Photos and masks by what camera files call them."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from solver.capture.errors import CaptureError
+from solver.capture.photo_finder import PhotoFinder
+from solver.capture.read import read_capture
+from solver.capture.reduced import load_reduced_mask
+from solver.preflight.looks import look_at
+from tests.capture.test_capture import make_capture, pose
+
+
+def save(file, value=128, size=8):
+    file.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(np.full((size, size, 3), value, np.uint8)).save(file)
+    return file
+
+
+def write_cameras(folder, names, **extra):
+    frames = [
+        {"file_path": name, "transform_matrix": pose(i).tolist(), **extra}
+        for i, name in enumerate(names)
+    ]
+    file = folder / "transforms.json"
+    file.write_text(json.dumps({"camera_angle_x": 0.7, "frames": frames}))
+    return file
+
+
+def test_photos_of_one_name_have_the_masks_of_their_own_folders(tmp_path):
+    for side in ("left", "right"):
+        for i in range(3):
+            save(tmp_path / "images" / side / f"{i}.png")
+            save(tmp_path / "masks" / side / f"{i}.png.png", 255)
+    finder = PhotoFinder(tmp_path)
+    for side in ("left", "right"):
+        mask = finder.mask_of(tmp_path / "images" / side / "1.png")
+        assert mask == tmp_path / "masks" / side / "1.png.png"
+
+
+def test_masks_that_could_both_be_meant_are_refused(tmp_path):
+    photo = save(tmp_path / "images" / "a.png")
+    save(tmp_path / "masks" / "one" / "a.png")
+    save(tmp_path / "masks" / "two" / "a.png")
+    with pytest.raises(CaptureError, match="could both be meant; .*folder of the masks"):
+        PhotoFinder(tmp_path).mask_of(photo)
+    assert PhotoFinder(tmp_path, tmp_path / "masks" / "two").mask_of(photo).parent.name == "two"
+
+
+@pytest.mark.parametrize(
+    "mask",
+    [
+        "masks/a.png", "masks/a.jpg.png", "Masks/a_mask.png", "images/masks/a.png",
+        "images_mask/a.png", "images_masks/a.tif", "mask/mask_a.png", "masks/a-mask.png",
+        "masks/images/a.png",
+    ],
+)  # fmt: skip
+def test_masks_are_found_by_the_names_programs_give_them(mask, tmp_path):
+    photo = save(tmp_path / "project" / "images" / "a.jpg")
+    file = save(tmp_path / "project" / mask, 255)
+    finder = PhotoFinder(tmp_path)
+    assert finder.mask_of(photo) == file
+    assert finder.pictures() == [photo]
+
+
+def test_a_folder_called_like_a_mask_holds_photos_if_it_stands_alone(tmp_path):
+    photo = save(tmp_path / "venetian_mask" / "a.jpg")
+    assert PhotoFinder(tmp_path).pictures() == [photo]
+
+
+def test_a_photo_missing_from_its_folder_is_not_another_folders(tmp_path):
+    for i in range(5):
+        save(tmp_path / "train" / f"r_{i}.png")
+        save(tmp_path / "test" / f"r_{i}.png")
+    (tmp_path / "train" / "r_3.png").unlink()
+    names = [f"./train/r_{i}" for i in range(5)]
+    capture = read_capture(write_cameras(tmp_path, names))
+    assert [camera.name for camera in capture.cameras] == ["r_0", "r_1", "r_2", "r_4"]
+    assert "1 of 5 listed photos do not exist" in capture.warnings[0]
+
+
+def test_a_photo_missing_beside_smaller_copies_is_left_out(tmp_path):
+    for i in range(5):
+        for folder in ("images", "images_2", "images_4"):
+            save(tmp_path / folder / f"{i}.jpg")
+    (tmp_path / "images" / "2.jpg").unlink()
+    capture = read_capture(write_cameras(tmp_path, [f"images/{i}.jpg" for i in range(5)]))
+    assert {camera.image_path.parent.name for camera in capture.cameras} == {"images"}
+    assert len(capture.cameras) == 4
+
+
+def test_photos_that_moved_to_a_folder_of_another_name_are_still_found(tmp_path):
+    for i in range(3):
+        save(tmp_path / "small" / f"{i}.jpg")
+    names = [rf"D:\shoot\images\{i}.jpg" for i in range(3)]
+    assert len(read_capture(write_cameras(tmp_path, names)).cameras) == 3
+
+
+def test_letters_with_marks_are_found_however_they_are_written(tmp_path):
+    for i in range(3):
+        save(tmp_path / "Fotos" / f"Ka\u0308fer {i}.jpg")
+    names = [f"Fotos/K\u00e4fer {i}.jpg" for i in range(3)]
+    assert len(read_capture(write_cameras(tmp_path, names)).cameras) == 3
+
+
+def test_photos_of_a_kind_that_cannot_be_read_are_named_and_found_once_converted(tmp_path):
+    (tmp_path / "images").mkdir()
+    names = [f"images/IMG_{i}.HEIC" for i in range(3)]
+    for name in names:
+        (tmp_path / name).write_bytes(b"\0\0\0\x18ftypheic")
+    file = write_cameras(tmp_path, names)
+    with pytest.raises(CaptureError, match=r"IMG_0.HEIC.*cannot be read; convert all to JPEG"):
+        read_capture(file)
+    for i in range(3):
+        save(tmp_path / "images" / f"IMG_{i}.jpg")
+    assert len(read_capture(file).cameras) == 3
+
+
+def test_masks_of_which_none_has_a_photos_name_are_told(tmp_path):
+    for i in range(3):
+        save(tmp_path / "images" / f"{i}.jpg")
+        save(tmp_path / "masks" / f"cut out {i}.png")
+    file = write_cameras(tmp_path, [f"images/{i}.jpg" for i in range(3)])
+    assert "none has a photo's name" in " ".join(read_capture(file).warnings)
+    with pytest.raises(
+        CaptureError, match="no mask there has a photo's name.*name masks as photos"
+    ):
+        read_capture(file, masks=tmp_path / "masks")
+
+
+def test_a_check_refuses_a_lost_mask_as_a_fit_does_and_names_where_it_was(tmp_path):
+    for i in range(3):
+        save(tmp_path / "images" / f"{i}.jpg")
+    names = [f"images/{i}.jpg" for i in range(3)]
+    capture = read_capture(write_cameras(tmp_path, names, mask_path="masks/all.png"))
+    with pytest.raises(CaptureError, match=r"masks.all\.png.*does not exist"):
+        look_at(capture.cameras[0], capture.region)
+
+
+def test_a_photo_turned_without_a_tag_is_refused_when_it_is_read(tmp_path):
+    def upright(content):
+        content.update(w=20, h=40, fl_x=30.0)
+
+    folder = make_capture(tmp_path, edit=upright)
+    for file in folder.glob("r_*.png"):
+        Image.new("RGB", (10, 5)).save(file)
+    with pytest.raises(CaptureError, match="10 × 5 pixels, but .* says 20 × 40"):
+        read_capture(folder)
+
+
+@pytest.mark.parametrize("kind", ["0 and 1", "alpha", "grey"])
+def test_a_check_reads_masks_as_a_fit_does(kind, tmp_path):
+    shown = np.zeros((40, 40), np.uint8)
+    shown[10:30, 10:30] = 255
+    file = tmp_path / "mask.png"
+    if kind == "0 and 1":
+        Image.fromarray(shown // 255).save(file)
+    elif kind == "grey":
+        Image.fromarray(shown).save(file)
+    else:
+        Image.fromarray(np.dstack([np.full((40, 40, 3), 255, np.uint8), shown])).save(file)
+    small = load_reduced_mask(file, (20, 20))
+    assert small.shape == (20, 20)
+    assert (small > 127).sum() == 100 and small[10, 10] == 255 and small[2, 2] == 0
