@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 from types import ModuleType
 
@@ -99,6 +100,8 @@ def read_capture(
     """
     file = camera_file(path, split).absolute()
     reader = reader_of(file)
+    if reader is None and zipfile.is_zipfile(file):
+        raise CaptureError(file, "", "this is an archive", "unpack it and give the folder")
     if reader is None:
         raise CaptureError(
             file, "", "this is no camera file that is known here",

@@ -13,6 +13,8 @@ BLUR = 1.8
 STOPS = 0.7
 CLIPPED, WHITE_BORDER = 0.1, 0.8
 EMPTY, FULL, CUT = 0.001, 0.995, 0.02
+INVERTED = 0.9
+"""share of a photo's border from which on a mask shows what is around the object"""
 SAME_MEAN, SAME_MOST = 1.5, 16
 """levels of 255 by which thumbnails of one picture differ, on average and at most"""
 SAME_POSE_DEGREES = 3.0
@@ -131,8 +133,15 @@ def masks(looks: list[Look]) -> list[Finding]:
             found.append(
                 warning("the mask shows the whole photo; make it again or leave it out", look.name)
             )
-    cut = [look.name for look in looks if look.cut > CUT and (look.coverage or 0) <= FULL]
-    if cut:
+    masked = [look for look in looks if look.coverage is not None and look.coverage <= FULL]
+    inverted = [look.name for look in masked if look.cut > INVERTED]
+    cut = [look.name for look in masked if look.cut > CUT]
+    if len(inverted) > 0.5 * len(masked):
+        found.append(
+            warning(f"masks seem to show all but the object ({listed(inverted)}); invert them, so that the "
+                    "object is white")
+        )  # fmt: skip
+    elif cut:
         found.append(
             warning(f"the object reaches beyond the frame in {len(cut)} photos ({listed(cut)}); step "
                     "back, so that all of it is seen")

@@ -1,6 +1,7 @@
 """Photos and masks by what camera files call them."""
 
 import json
+import zipfile
 
 import numpy as np
 import pytest
@@ -165,3 +166,10 @@ def test_a_check_reads_masks_as_a_fit_does(kind, tmp_path):
     small = load_reduced_mask(file, (20, 20))
     assert small.shape == (20, 20)
     assert (small > 127).sum() == 100 and small[10, 10] == 255 and small[2, 2] == 0
+
+
+def test_an_archive_is_to_be_unpacked(tmp_path):
+    with zipfile.ZipFile(tmp_path / "capture.zip", "w") as archive:
+        archive.writestr("transforms.json", "{}")
+    with pytest.raises(CaptureError, match="this is an archive; unpack it"):
+        read_capture(tmp_path / "capture.zip")

@@ -204,6 +204,12 @@ def test_mixed_empty_full_and_cut_masks_are_told_apart(pictures, tmp_path):
     assert [f.level for f in found] == ["note"] and "no photo has a mask" in found[0].text
 
 
+def test_inverted_masks_are_told_as_such(pictures, tmp_path):
+    capture = write(tmp_path, pictures, lambda i, colour, mask: (colour, ~mask))
+    found = warnings(checks.masks(look_at_photos(capture)))
+    assert len(found) == 1 and "invert them" in found[0].text
+
+
 def _all_but_a_corner(mask):
     full = np.ones_like(mask)
     full[0, 0] = False
