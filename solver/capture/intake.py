@@ -114,11 +114,11 @@ def assemble(
                 camera_to_world=pose, mask_path=mask, **vars(intrinsics),
             )
         )  # fmt: skip
-    unused = None if any(camera.mask_path for camera in cameras) else photos.unused_masks()
+    unused = None if any(camera.mask_path for camera in cameras) else photos.masks.first()
     if unused is not None:
-        if photos.mask_folder is not None:
+        if photos.masks.masks is not None:
             raise CaptureError(
-                photos.mask_folder, "masks", f"no mask there has a photo's name, as {unused.name}",
+                photos.masks.masks, "masks", f"no mask there has a photo's name, as {unused.name}",
                 f"name masks as photos are, as {cameras[0].image_path.stem}.png",
             )  # fmt: skip
         notes.append(

@@ -9,26 +9,18 @@ from __future__ import annotations
 
 import os
 import re
-import unicodedata
-from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 
 from .errors import CaptureError, shown
 from .image_header import EXTENSIONS
+from .mask_finder import MaskFinder, photos_of
+from .picture_names import UNREADABLE, agreement, folders_of, pictures_below, plain, stem_of
 
 MODEL_FOLDERS = re.compile(
     r"sparse|dense|distorted|bundle|models?|colmap|text|bin|(corrected_)?cameras?|sfm|reconstruction|\d+",
     re.I,
 )
 """folders that hold a solved model beside its photos, never photos alone"""
-MASK_FOLDERS = ("masks", "mask", "mattes", "matte", "alpha")
-MASK_ENDINGS = ("_masks", "_mask")
-"""of a folder's name, after that of the photos' folder beside it"""
-MASK_NAMES = ("{}_mask", "{}.mask", "{}-mask", "{}_masked", "mask_{}")
-"""what masks are called besides their photos' names"""
-UNREADABLE = (".heic", ".heif", ".webp", ".avif", ".bmp", ".dng", ".cr2", ".cr3", ".nef", ".arw")
-"""extensions of photos that cannot be read here, but may have been converted since"""
-DEEPEST, MOST_FILES = 6, 200_000
 
 
 def capture_folder(file: Path) -> Path:
@@ -52,11 +44,13 @@ class PhotoFinder:
 
     def __init__(self, folder: Path, masks: Path | None = None, anywhere: bool = False):
         self.folder = Path(os.path.normpath(folder.absolute()))
-        self.mask_folder = None if masks is None else Path(os.path.normpath(masks.absolute()))
+        self.masks = MaskFinder(
+            self.folder, None if masks is None else Path(os.path.normpath(masks.absolute()))
+        )
         self.anywhere = anywhere
         self._by_stem: dict[str, list[Path]] | None = None
         self._folders: set[tuple[str, ...]] = set()
-        self._masks: dict[str, list[tuple[list[str], Path]]] | None = None
+        self._of_masks: dict[Path, bool] = {}
 
     def find(self, stated: str, beside: Path | None = None) -> Path | None:
         """The photo that a file calls `stated` (a path or a name, with or without extension).
@@ -78,15 +72,19 @@ class PhotoFinder:
         parts = _parts(stated)
         if not parts:
             return None
-        candidates = self._pictures().get(_stem(parts[-1]), [])
+        candidates = self._pictures().get(stem_of(parts[-1]), [])
         best = sorted(((self._fit(path, parts), path) for path in candidates), reverse=True)
         if not best:
             return None
-        told = _folders(parts)
-        if max(_agreement(folders, told) for folders in self._folders) > best[0][0][0]:
+        told = folders_of(parts)
+        if max(agreement(folders, told) for folders in self._folders) > best[0][0][0]:
             return None
         if len(best) > 1 and best[0][0] == best[1][0]:
-            raise self._unclear(stated, best[0][1], best[1][1], "the photos")
+            raise CaptureError(
+                self.folder, shown(stated), f"'{best[0][1].relative_to(self.folder)}' and "
+                f"'{best[1][1].relative_to(self.folder)}' could both be meant",
+                "leave one of them in the folder, or give the folder of the photos",
+            )  # fmt: skip
         return best[0][1]
 
     def unreadable(self, stated: str) -> Path | None:
@@ -94,19 +92,9 @@ class PhotoFinder:
         parts = _parts(stated)
         if not parts or not self.folder.is_dir():
             return None
-        stem = _stem(parts[-1])
-        there = _walk(self.folder, UNREADABLE)
-        return next((path for path in there if _stem(path.name) == stem), None)
-
-    def _unclear(self, name: str, one: Path, other: Path, what: str) -> CaptureError:
-        one, other = (
-            path.relative_to(self.folder) if path.is_relative_to(self.folder) else path
-            for path in (one, other)
-        )
-        return CaptureError(
-            self.folder, shown(name), f"'{one}' and '{other}' could both be meant",
-            f"leave one of them in the folder, or give the folder of {what}",
-        )  # fmt: skip
+        stem = stem_of(parts[-1])
+        there = pictures_below(self.folder, UNREADABLE)
+        return next((path for path in there if stem_of(path.name) == stem), None)
 
     def find_in(self, folder: Path, name: str) -> Path | None:
         """The photo `name` of just that folder; if the folder is not there, as `find` has it.
@@ -126,24 +114,7 @@ class PhotoFinder:
             base = self.folder if beside is None else beside.parent
             found = self._at(base, stated) or self._at(self.folder, stated)
             return found if found is not None else base.joinpath(*_parts(stated))
-        masks, stem = self._all_masks(), _stem(photo.name)
-        told = _folders(self._inner(photo))
-        for name in (photo.name, stem, *(form.format(stem) for form in MASK_NAMES)):
-            found = [(_agreement(inner, told), mask) for inner, mask in masks.get(_plain(name), [])]
-            best = sorted((entry for entry in found if entry[1] != photo), reverse=True)
-            if (
-                len(best) > 1
-                and best[0][0] == best[1][0]
-                and best[0][1].parent != best[1][1].parent
-            ):
-                raise self._unclear(photo.name, best[0][1], best[1][1], "the masks")
-            if best:
-                return best[0][1]
-        return None
-
-    def unused_masks(self) -> Path | None:
-        """A mask, if there are any: for where no photo has one."""
-        return next((mask for found in self._all_masks().values() for _, mask in found), None)
+        return self.masks.of(photo)
 
     def pictures(self) -> list[Path]:
         """All pictures below the folder that are no masks, in the order of their paths."""
@@ -165,76 +136,29 @@ class PhotoFinder:
         return None
 
     def _pictures(self) -> dict[str, list[Path]]:
-        """Pictures by the plain stem of their names."""
+        """Pictures that are no masks by the plain stem of their names."""
         if self._by_stem is None:
-            self._sort()
+            self._by_stem = {}
+            for path in pictures_below(self.folder):
+                inner = path.relative_to(self.folder).parts
+                if not self._is_mask(path.parent):
+                    self._by_stem.setdefault(stem_of(path.name), []).append(path)
+                    self._folders.add(tuple(folders_of(inner)))
         return self._by_stem
 
-    def _all_masks(self) -> dict[str, list[tuple[list[str], Path]]]:
-        """Masks with their folders, as they would be if they were photos, by their plain names with and
-        without extensions."""
-        if self._masks is None:
-            self._sort()
-        return self._masks
-
-    def _sort(self) -> None:
-        """Tell photos and masks below the folder apart, by the folders they are in."""
-        self._by_stem, self._masks = {}, {}
-        for path in _walk(self.folder):
-            inner = self._inner(path)
-            if self.mask_folder is not None and path.is_relative_to(self.mask_folder):
-                continue
-            without = [self._without_mask(path, depth) for depth in range(len(inner) - 1)]
-            if without != inner[:-1]:
-                if self.mask_folder is None:
-                    self._add_mask(path, _folders([*filter(None, without), path.name]))
-                continue
-            self._by_stem.setdefault(_stem(path.name), []).append(path)
-            self._folders.add(tuple(_folders(inner)))
-        for path in () if self.mask_folder is None else _walk(self.mask_folder):
-            self._add_mask(path, _folders(list(path.relative_to(self.mask_folder).parts)))
-
-    def _add_mask(self, path: Path, folders: list[str]) -> None:
-        for name in {path.name, path.stem, _stem(path.stem)}:
-            self._masks.setdefault(_plain(name), []).append((folders, path))
-
-    def _inner(self, path: Path) -> list[str]:
-        """A path's parts below the folder; of one elsewhere, all."""
-        inside = path.is_relative_to(self.folder)
-        return list((path.relative_to(self.folder) if inside else path).parts)
-
-    def _without_mask(self, path: Path, depth: int) -> str:
-        """What the folder at a depth of the path would be called for photos; nothing for `masks`."""
-        inner = self._inner(path)
-        name = inner[depth].lower()
-        if name in MASK_FOLDERS:
-            return ""
-        for ending in MASK_ENDINGS:
-            photos = inner[depth][: -len(ending)]
-            if name.endswith(ending) and (self.folder.joinpath(*inner[:depth]) / photos).is_dir():
-                return photos
-        return inner[depth]
+    def _is_mask(self, folder: Path) -> bool:
+        """True for a folder in the capture's with masks."""
+        if folder == self.folder or folder == self.masks.masks:
+            return folder != self.folder
+        if folder not in self._of_masks:
+            self._of_masks[folder] = photos_of(folder) is not None or self._is_mask(folder.parent)
+        return self._of_masks[folder]
 
     def _fit(self, path: Path, parts: list[str]) -> tuple[int, int]:
         """How many of the last folders agree, and whether the extension does."""
-        own = self._inner(path)
-        same_name = _plain(own[-1]) == _plain(parts[-1])
-        return _agreement(_folders(own), _folders(parts)), int(same_name)
-
-
-def _folders(parts: list[str]) -> list[str]:
-    """The plain names of the folders of a path."""
-    return [_plain(part) for part in parts[:-1]]
-
-
-def _agreement(one: Sequence[str], other: Sequence[str]) -> int:
-    """How many of the last folders of two paths are the same."""
-    count = 0
-    for a, b in zip(reversed(one), reversed(other), strict=False):
-        if a != b:
-            break
-        count += 1
-    return count
+        own = path.relative_to(self.folder).parts
+        same_name = plain(own[-1]) == plain(parts[-1])
+        return agreement(folders_of(own), folders_of(parts)), int(same_name)
 
 
 def _parts(stated: str) -> list[str]:
@@ -242,37 +166,8 @@ def _parts(stated: str) -> list[str]:
     return [part for part in parts if part not in (".", "..", "/")]
 
 
-def _stem(name: str) -> str:
-    """A file's plain name without a picture's extension."""
-    name = _plain(name)
-    for extension in EXTENSIONS + UNREADABLE:
-        if name.endswith(extension):
-            return name[: -len(extension)]
-    return name
-
-
-def _plain(name: str) -> str:
-    """A name in lower case and one spelling: systems write letters with marks in two ways."""
-    return unicodedata.normalize("NFC", name).lower()
-
-
 def _pictures_in(folder: Path) -> bool:
     try:
         return any(p.suffix.lower() in EXTENSIONS for p in folder.iterdir())
     except OSError:
         return False
-
-
-def _walk(folder: Path, extensions: tuple[str, ...] = EXTENSIONS) -> Iterator[Path]:
-    """Pictures below a folder, not deeper than `DEEPEST`; links to folders are not followed."""
-    start, seen = len(folder.parts), 0
-    for place, folders, files in os.walk(folder):
-        if len(Path(place).parts) - start >= DEEPEST:
-            folders.clear()
-        folders[:] = sorted(name for name in folders if not name.startswith("."))
-        for name in sorted(files):
-            seen += 1
-            if seen > MOST_FILES:
-                return
-            if Path(name).suffix.lower() in extensions and not name.startswith("."):
-                yield Path(place) / name

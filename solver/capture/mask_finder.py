@@ -1,0 +1,105 @@
+"""Find the mask of a photo: in a folder of masks beside the photo or its folders."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from .errors import CaptureError
+from .picture_names import agreement, folders_of, pictures_below, plain, stem_of
+
+FOLDERS = ("masks", "mask", "mattes", "matte", "alpha")
+ENDINGS = ("_masks", "_mask")
+"""of a folder's name, after that of the photos' folder beside it"""
+NAMES = ("{}_mask", "{}.mask", "{}-mask", "{}_masked", "mask_{}")
+"""what masks are called besides their photos' names"""
+
+
+def photos_of(folder: Path) -> tuple[str, ...] | None:
+    """The folder of photos, by name, that a folder beside it has masks of; empty if that is any, None if
+    it is no folder of masks."""
+    name = folder.name.lower()
+    if name in FOLDERS:
+        return ()
+    for ending in ENDINGS:
+        photos = folder.name[: -len(ending)]
+        if name.endswith(ending) and photos and (folder.parent / photos).is_dir():
+            return (photos,)
+    return None
+
+
+class MaskFinder:
+    """Masks by their photos.
+
+    Args:
+        folder: the capture's; masks are looked for nowhere else.
+        masks: the only folder of masks; None: all that are named as such.
+    """
+
+    def __init__(self, folder: Path, masks: Path | None):
+        self.folder, self.masks = folder, masks
+        self._looked: set[Path] = set()
+        self._by_name: dict[str, list[tuple[list[str], Path]]] = {}
+        if masks is not None:
+            self._add(masks, ())
+
+    def of(self, photo: Path) -> Path | None:
+        """The mask of a photo; of several with its name, the one in folders of the same names.
+
+        Raises:
+            CaptureError: several fit equally well.
+        """
+        self._look_beside(photo)
+        stem, told = stem_of(photo.name), folders_of(self._inner(photo))
+        for name in (plain(photo.name), stem, *(form.format(stem) for form in NAMES)):
+            found = [
+                (agreement(inner, told), mask)
+                for inner, mask in self._by_name.get(name, []) if mask != photo
+            ]  # fmt: skip
+            if not found:
+                continue
+            best = max(fit for fit, _ in found)
+            fitting = sorted(mask for fit, mask in found if fit == best)
+            if len({mask.parent for mask in fitting}) > 1:
+                raise CaptureError(
+                    photo, "mask", f"'{fitting[0]}' and '{fitting[-1]}' could both be meant",
+                    "remove one of them, or give the folder of the masks",
+                )  # fmt: skip
+            return fitting[0]
+        return None
+
+    def first(self) -> Path | None:
+        """A mask, if there were any where masks were looked for."""
+        return next((mask for found in self._by_name.values() for _, mask in found), None)
+
+    def _look_beside(self, photo: Path) -> None:
+        """Take in the folders of masks beside a photo and beside its folders, once each."""
+        if self.masks is not None or not photo.is_relative_to(self.folder):
+            return
+        for place in photo.parents:
+            if place in self._looked or not place.is_relative_to(self.folder):
+                break  # then those above were looked at, too
+            self._looked.add(place)
+            for beside in _folders_in(place):
+                of = photos_of(beside)
+                if of is not None:
+                    self._add(beside, (*place.relative_to(self.folder).parts, *of))
+
+    def _add(self, folder: Path, place: tuple[str, ...]) -> None:
+        """Take in a folder of masks of the photos at a place in the capture's folder."""
+        for path in pictures_below(folder):
+            inner = folders_of((*place, *path.relative_to(folder).parts))
+            for name in {plain(path.name), plain(path.stem), stem_of(path.stem)}:
+                self._by_name.setdefault(name, []).append((inner, path))
+
+    def _inner(self, path: Path) -> tuple[str, ...]:
+        inside = path.is_relative_to(self.folder)
+        return (path.relative_to(self.folder) if inside else path).parts
+
+
+def _folders_in(folder: Path) -> list[Path]:
+    try:
+        with os.scandir(folder) as entries:
+            return sorted(Path(entry.path) for entry in entries if entry.is_dir())
+    except OSError:
+        return []

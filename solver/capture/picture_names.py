@@ -1,0 +1,58 @@
+"""Names of pictures and their folders, as programs and systems spell them; and pictures below a folder."""
+
+from __future__ import annotations
+
+import os
+import unicodedata
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from .image_header import EXTENSIONS
+
+UNREADABLE = (".heic", ".heif", ".webp", ".avif", ".bmp", ".dng", ".cr2", ".cr3", ".nef", ".arw")
+"""extensions of photos that cannot be read here, but may have been converted since"""
+DEEPEST, MOST_FILES = 6, 200_000
+
+
+def plain(name: str) -> str:
+    """A name in lower case and one spelling: systems write letters with marks in two ways."""
+    return unicodedata.normalize("NFC", name).lower()
+
+
+def stem_of(name: str) -> str:
+    """A file's plain name without a picture's extension."""
+    name = plain(name)
+    for extension in EXTENSIONS + UNREADABLE:
+        if name.endswith(extension):
+            return name[: -len(extension)]
+    return name
+
+
+def folders_of(parts: Sequence[str]) -> list[str]:
+    """The plain names of the folders of a path given by its parts."""
+    return [plain(part) for part in parts[:-1]]
+
+
+def agreement(one: Sequence[str], other: Sequence[str]) -> int:
+    """How many of the last folders of two paths are the same."""
+    count = 0
+    for a, b in zip(reversed(one), reversed(other), strict=False):
+        if a != b:
+            break
+        count += 1
+    return count
+
+
+def pictures_below(folder: Path, extensions: tuple[str, ...] = EXTENSIONS) -> Iterator[Path]:
+    """Pictures below a folder, not deeper than `DEEPEST`; links to folders are not followed."""
+    start, seen = len(folder.parts), 0
+    for place, folders, files in os.walk(folder):
+        if len(Path(place).parts) - start >= DEEPEST:
+            folders.clear()
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        for name in sorted(files):
+            seen += 1
+            if seen > MOST_FILES:
+                return
+            if Path(name).suffix.lower() in extensions and not name.startswith("."):
+                yield Path(place) / name
