@@ -60,6 +60,21 @@ class Camera:
         pose[:3, 3] -= origin
         return replace(self, camera_to_world=pose)
 
+    def resized(self, width: int, height: int) -> Camera:
+        """The camera with a photo of another size, which shows the same."""
+        across, down = width / self.width, height / self.height
+        return replace(
+            self, width=width, height=height, fx=self.fx * across, fy=self.fy * down,
+            cx=self.cx * across, cy=self.cy * down,
+        )  # fmt: skip
+
+    def no_larger(self, pixels: int) -> Camera:
+        """The camera with a photo of about so many pixels, if it has more (0: as it is)."""
+        factor = (pixels / (self.width * self.height)) ** 0.5
+        if not 0 < factor < 1:
+            return self
+        return self.resized(*(max(1, round(factor * side)) for side in (self.width, self.height)))
+
     @property
     def lens_key(self) -> tuple:
         """Size, focal lengths, principal point, lens, distortion: cameras that share them see pixels along

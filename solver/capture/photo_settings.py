@@ -15,6 +15,10 @@ class PhotoSettings:
     """of the photos: 'srgb', 'linear' (Rec. 709), or 'auto': what a file states, else sRGB for whole
     numbers (PNG, JPEG, TIFF) and linear for floating point (OpenEXR, HDR, TIFF)"""
 
+    most_pixels: int = 640_000
+    """of a photo in a fit; larger ones are made smaller, for they take memory and no grid holds so much
+    detail (0: they stay as they are)"""
+
     def __post_init__(self):
         if self.colour_space not in COLOUR_SPACES:
             raise ValueError(f"it is one of {', '.join(COLOUR_SPACES)}")

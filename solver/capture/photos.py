@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
 import numpy as np
+from PIL import Image
 
+from ..threads import usable_cores
 from .camera import Camera
 from .capture import Capture
 from .colour import linear_to_srgb, srgb_to_linear
@@ -32,10 +34,12 @@ from .orientation import as_camera_saw
 from .photo_settings import PhotoSettings
 
 __all__ = [
-    "Photo", "PhotoSettings", "linear_to_srgb", "load_photo", "load_photos", "read_exr",
-    "read_exr_channels", "read_image", "srgb_to_linear",
+    "Photo", "PhotoSettings", "at_sizes_of", "linear_to_srgb", "load_photo", "load_photos", "read_exr",
+    "read_exr_channels", "read_image", "resized", "srgb_to_linear",
 ]  # fmt: skip
 
+MOST_AT_ONCE = 4
+"""photos that are decoded at once, as many threads, at most"""
 _ROWS = 128  # worked on at once, so that a photo takes little more memory than its own pixels
 
 
@@ -85,18 +89,45 @@ def load_photo(camera: Camera, settings: PhotoSettings | None = None) -> Photo:
     return Photo(pixels, bool((pixels[..., 3] < 1).any()), decoded.is_float)
 
 
+def resized(photo: Photo, width: int, height: int) -> Photo:
+    """The photo at another size: means of linear premultiplied pixels."""
+    channels = (np.ascontiguousarray(photo.pixels[..., c]) for c in range(4))
+    channels = [
+        np.asarray(Image.fromarray(channel).resize((width, height), Image.Resampling.HAMMING))
+        for channel in channels
+    ]
+    return replace(photo, pixels=np.stack(channels, axis=2))
+
+
+def at_sizes_of(photos: list[Photo], capture: Capture) -> Capture:
+    """The capture with cameras of the photos' sizes."""
+    cameras = [
+        camera.resized(*photo.pixels.shape[1::-1])
+        for camera, photo in zip(capture.cameras, photos, strict=True)
+    ]
+    return replace(capture, cameras=tuple(cameras))
+
+
 def load_photos(
     capture: Capture, progress: Callable[[int, int], None] | None = None,
-    settings: PhotoSettings | None = None,
+    settings: PhotoSettings | None = None, most_pixels: int = 0,
 ) -> list[Photo]:  # fmt: skip
     """Load all photos of a capture, in the cameras' order.
+
+    Args:
+        most_pixels: photos with more are made smaller (see `Camera.no_larger`); 0: none is.
 
     Raises:
         CaptureError: as `load_photo`; also if no photo shows anything.
     """
+
+    def load(camera: Camera) -> Photo:
+        photo, small = load_photo(camera, settings), camera.no_larger(most_pixels)
+        return photo if small is camera else resized(photo, small.width, small.height)
+
     photos = []
-    with ThreadPoolExecutor(max_workers=4) as pool:
-        for photo in pool.map(partial(load_photo, settings=settings), capture.cameras):
+    with ThreadPoolExecutor(max_workers=min(MOST_AT_ONCE, usable_cores())) as pool:
+        for photo in pool.map(load, capture.cameras):
             photos.append(photo)
             if progress is not None:
                 progress(len(photos), len(capture.cameras))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ..capture.photo_settings import PhotoSettings
 from ..render.scene import RenderSettings
 from .errors import SettingsError
 from .settings import FieldSettings, FitSettings, LightSettings, Settings, checked, overridden
@@ -9,6 +10,7 @@ from .settings import FieldSettings, FitSettings, LightSettings, Settings, check
 DRAFT = Settings(render=RenderSettings(shaded_depths=2, secondary_depths=1, secondary_rays=8))
 
 STANDARD = Settings(
+    photos=PhotoSettings(most_pixels=1_440_000),
     field=FieldSettings(sizes=(128, 192, 256), size_starts=(0.0, 0.1, 0.35)),
     render=RenderSettings(
         shaded_depths=2, secondary_depths=1, secondary_rays=32, retraced_rays=2048,
@@ -19,6 +21,7 @@ STANDARD = Settings(
 
 # The paper's schedule; where its text and its public code differ, as decisions/0006 says.
 PAPER = Settings(
+    photos=PhotoSettings(most_pixels=0),
     field=FieldSettings(
         sizes=(128, 162, 196, 231, 265, 300),
         size_starts=(0.0, 2000 / 30000, 3000 / 30000, 4000 / 30000, 5500 / 30000, 7000 / 30000),

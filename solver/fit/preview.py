@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ..capture.camera import Camera
 from ..capture.photos import linear_to_srgb
 from ..job.folder import replace_file
 from ..render.image import RenderedView, render_view
@@ -17,7 +16,7 @@ from .chunk import SURROUNDED
 from .schedule import picture_settings
 from .trainer import Trainer
 
-PREVIEW_WIDTH = 200
+PREVIEW_PIXELS = 40_000
 
 
 def display(view: RenderedView, background: str = "white") -> np.ndarray:
@@ -43,16 +42,6 @@ def tone_mapped(radiance: np.ndarray) -> np.ndarray:
     return np.clip(linear_to_srgb(1.4 * radiance / (1 + radiance)), 0, 1)
 
 
-def smaller(camera: Camera, width: int) -> Camera:
-    """The camera with an image of about `width` pixels, if it is wider than that."""
-    factor = min(1.0, width / camera.width)
-    return dataclasses.replace(
-        camera, width=max(1, round(camera.width * factor)),
-        height=max(1, round(camera.height * factor)), fx=camera.fx * factor, fy=camera.fy * factor,
-        cx=camera.cx * factor, cy=camera.cy * factor,
-    )  # fmt: skip
-
-
 def save_png(pixels: np.ndarray, path: Path) -> None:
     """Write pixels [H, W, 3] in [0, 1] as 8-bit PNG, renamed into place."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -68,7 +57,7 @@ def write_previews(trainer: Trainer, folder: Path) -> None:
     settings = dataclasses.replace(
         picture_settings(trainer.settings, rays=16), emission=trainer.emission(trainer.fraction)
     )
-    view = render_view(scene, StepTables.of(scene), settings, smaller(camera, PREVIEW_WIDTH))
+    view = render_view(scene, StepTables.of(scene), settings, camera.no_larger(PREVIEW_PIXELS))
     picture = Image.fromarray((over_white(photo) * 255).astype(np.uint8))
     size = (view.opacity.shape[1], view.opacity.shape[0])
     reference = np.asarray(picture.resize(size, Image.Resampling.BOX)).astype(np.float32) / 255

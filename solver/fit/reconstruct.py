@@ -13,7 +13,7 @@ from .. import __version__
 from ..asset.build import build_asset
 from ..asset.from_scene import SceneSurface, surface_level
 from ..capture.capture import Capture
-from ..capture.photos import Photo, load_photos
+from ..capture.photos import Photo, at_sizes_of, load_photos
 from ..job.apart import ApartError
 from ..job.control import Cancelled, Control
 from ..job.folder import JobFolder, JobRequest
@@ -66,8 +66,10 @@ def run_job(
     for warning in capture.warnings:
         progress.warning(warning)
     photos = load_photos(
-        capture, lambda done, count: progress.fraction(done / count), settings.photos
-    )
+        capture, lambda done, count: progress.fraction(done / count), settings.photos,
+        settings.photos.most_pixels,
+    )  # fmt: skip
+    capture = at_sizes_of(photos, capture)
 
     progress.stage("compile", "compiling kernels (once on this machine)")
     if fast(torch.empty(0, device=device)):
@@ -89,7 +91,9 @@ def run_job(
     limit = None
     if request.time_limit is not None:
         # At least a tenth of a short limit goes to the fit: a worse picture, not a broken one.
-        finishing = finishing_seconds(trainer.scene, settings)
+        finishing = finishing_seconds(
+            trainer.scene, settings, capture.cameras if trainer.fog else ()
+        )
         used = time.monotonic() - started
         limit = max(request.time_limit - used - finishing, 0.1 * request.time_limit)
     if not (state and state["done"]):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
-from ..capture.photos import Photo, load_photos
+from ..capture.photos import Photo, load_photos, resized
 from ..capture.read import has_split
 from ..job.folder import JobFolder, write_json_atomic
 from ..job.inputs import capture_of
@@ -22,6 +23,8 @@ from .settings import Settings
 from .start import background_of
 
 VIEWS = 4
+MOST_PIXELS = 65_536
+"""of a view; larger photos are made smaller, for a render of a phone's photo takes an hour"""
 
 
 def write_job_report(
@@ -30,23 +33,26 @@ def write_job_report(
 ) -> dict[str, str]:  # fmt: skip
     """Write the report; held-out views if the capture has a test split, else some of the photos."""
     held_out = False
-    cameras, images = list(capture.cameras), photos
+    chosen = _spread(capture.cameras)
+    cameras, images = [capture.cameras[i] for i in chosen], [photos[i] for i in chosen]
     if has_split(job.request.capture, "test"):
         try:
             test = capture_of(job, "test")
+            test = replace(test, cameras=tuple(test.cameras[i] for i in _spread(test.cameras)))
             images = load_photos(test, settings=settings.photos)
             cameras, held_out = list(test.cameras), True
         except CaptureError:
             # A broken test split must not cost the person a finished reconstruction.
             held_out = False
-    chosen = np.linspace(0, len(cameras) - 1, min(VIEWS, len(cameras))).astype(int)
     render_settings = picture_settings(settings)
     tables = StepTables.of(scene)
     behind = background_of(images, settings.fit.background)
     rows, scores = [], []
     folder = job.result_dir / "report"
-    for done, index in enumerate(chosen):
-        camera, photo = cameras[index], images[index]
+    for done, (camera, photo) in enumerate(zip(cameras, images, strict=True)):
+        small = camera.no_larger(MOST_PIXELS)
+        if small is not camera:
+            camera, photo = small, resized(photo, small.width, small.height)
         view = render_view(scene, tables, render_settings, camera.seen_from(scene.origin))
         truth, prediction = over_white(photo.pixels), display(view, behind)
         score = psnr(prediction, truth)
@@ -61,16 +67,16 @@ def write_job_report(
             save_png(pixels, file)
             files.append((name, f"report/{file.name}"))
         rows.append(Row(f"{camera.name}: {score:.1f} dB", files))
-        progress((done + 1) / len(chosen))
+        progress((done + 1) / len(cameras))
     save_png(tone_mapped(scene.environment.image()), folder / "environment.png")
     rows.append(Row("Recovered light", [("environment", "report/environment.png")]))
     kind = "held-out views" if held_out else "training photos"
     numbers = {
         **numbers,
-        f"PSNR, dB (mean of {len(chosen)} {kind})": round(
+        f"PSNR, dB (mean of {len(cameras)} {kind})": round(
             float(np.mean([s[0] for s in scores])), 2
         ),
-        f"SSIM (mean of {len(chosen)} {kind})": round(float(np.mean([s[1] for s in scores])), 4),
+        f"SSIM (mean of {len(cameras)} {kind})": round(float(np.mean([s[1] for s in scores])), 4),
     }
     write_json_atomic(job.result_dir / "report.json", numbers)
     write_report(
@@ -80,3 +86,8 @@ def write_job_report(
            "with the neural term, which Cycles cannot show."), rows, numbers,
     )  # fmt: skip
     return {"json": "report.json", "html": "report.html"}
+
+
+def _spread(cameras: Sequence) -> np.ndarray:
+    """Indices of the cameras to be shown."""
+    return np.linspace(0, len(cameras) - 1, min(VIEWS, len(cameras))).astype(int)

@@ -49,13 +49,17 @@ def check(
     Raises:
         CaptureError: a photo cannot be decoded. SettingsError: there is no such preset.
     """
-    field = settings_for(preset).field
+    settings = settings_for(preset)
     looks = look_at_photos(capture, progress)
     told = estimate(capture, preset, all(look.coverage is not None for look in looks))
     found = [note(text) for text in capture.warnings]
     found += photos.blur(looks) + photos.exposure(looks) + photos.duplicates(looks)
-    found += photos.masks(looks) + photos.size(looks, capture, field.sizes[-1]) + coverage(capture)
-    box = object_box(capture, looks, field.box_margin)
+    found += (
+        photos.masks(looks)
+        + photos.size(looks, capture, settings.photos.most_pixels)
+        + coverage(capture)
+    )
+    box = object_box(capture, looks, settings.field.box_margin)
     found += nothing_in_common(looks, box)
     if told.memory is not None and told.bytes > 0.8 * told.memory:
         found.append(

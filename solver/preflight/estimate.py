@@ -8,9 +8,10 @@ a fit of the preset was seen to need beside them.
 from __future__ import annotations
 
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 from ..capture.capture import Capture
+from ..capture.photos import MOST_AT_ONCE
 from ..fit.presets import settings_for
 from ..fit.settings import Settings
 from ..threads import usable_cores
@@ -32,6 +33,7 @@ LOADING = 0.25e-6
 PHOTO_BYTES = 16  # float32 RGBA, kept for hull, previews and report
 BANK_BYTES = 8  # half RGB and alpha
 DIRECTION_BYTES = 12  # float32, once per lens
+DECODING_BYTES = 32  # what a large photo takes until it is small
 LIKELY_BYTES = 9  # with masks: which pixels are drawn, and their indices
 
 
@@ -90,7 +92,12 @@ def estimate(
     seconds = fit + OVERHEAD[preset] + pixels * LOADING
     if not masked and capture.has_few_points and settings.field.hull_start:
         seconds += len(capture.cameras) * FINDING_POINTS / cores
-    photos = photo_bytes(capture, masked)
+    most = settings.photos.most_pixels
+    fitted = tuple(camera.no_larger(most) for camera in capture.cameras)
+    photos = photo_bytes(replace(capture, cameras=fitted), masked)
+    if any(small is not whole for small, whole in zip(fitted, capture.cameras, strict=True)):
+        largest = max(camera.width * camera.height for camera in capture.cameras)
+        photos += DECODING_BYTES * largest * min(MOST_AT_ONCE, cores)
     return Estimate(
         preset, round(seconds, 1), int(BASE_BYTES[preset]) + photos, photos, usable, _memory()
     )

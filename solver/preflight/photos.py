@@ -18,7 +18,7 @@ INVERTED = 0.9
 SAME_MEAN, SAME_MOST = 1.5, 16
 """levels of 255 by which thumbnails of one picture differ, on average and at most"""
 SAME_POSE_DEGREES = 3.0
-FEWEST_ACROSS, MOST_PER_CELL = 100, 4
+FEWEST_ACROSS = 100
 MANY = 5
 """photos with one problem, from which they are told together"""
 
@@ -149,24 +149,26 @@ def masks(looks: list[Look]) -> list[Finding]:
     return found
 
 
-def size(looks: list[Look], capture: Capture, cells: int) -> list[Finding]:
-    """How large the object is in the photos, against what the preset can use.
+def size(looks: list[Look], capture: Capture, most_pixels: int) -> list[Finding]:
+    """How large the object is in the photos as they are fitted.
 
     Args:
-        cells: of the preset's finest grid, per axis.
+        most_pixels: to which larger photos are made smaller (see `PhotoSettings`).
     """
-    across = pixels_across(looks, capture)
+    largest = max(capture.cameras, key=lambda camera: camera.width * camera.height)
+    scale = largest.no_larger(most_pixels).width / largest.width
+    across = scale * pixels_across(looks, capture)
+    smaller = ""
+    if scale < 1:
+        smaller = f" once photos are made smaller, to {scale:.0%} of their size, as the preset does"
     if across < FEWEST_ACROSS:
-        return [warning(f"the object is only about {across:.0f} pixels across; go closer, or use "
-                        "larger photos")]  # fmt: skip
-    found = [note(f"the object is about {across:.0f} pixels across")]
-    if across > MOST_PER_CELL * cells:
-        share = MOST_PER_CELL * cells / across
-        found.append(
-            note(f"photos at {share:.0%} of their size would do for this preset and take "
-                 f"{1 - share**2:.0%} less memory")
-        )  # fmt: skip
-    return found
+        remedy = (
+            "go closer, or fit whole photos (--set photos.most_pixels=0)"
+            if smaller
+            else ("go closer, or use larger photos")
+        )
+        return [warning(f"the object is only about {across:.0f} pixels across{smaller}; {remedy}")]
+    return [note(f"the object is about {across:.0f} pixels across{smaller}")]
 
 
 def pixels_across(looks: list[Look], capture: Capture) -> float:

@@ -245,6 +245,19 @@ def test_blenders_way_of_starting_finds_points_in_photos_without_masks(tmp_path)
     assert max(e["fraction"] for e in events if e.get("stage") == "geometry") > 0.3
 
 
+def test_large_photos_are_made_smaller_for_fit_and_report(tmp_path):
+    job = tmp_path / "job"
+    result = solver(
+        "reconstruct", DUCK, "--out", job, *TINY, "--set", "photos.most_pixels=2500",
+        "--set", "fit.steps=4",
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    shown = Image.open(job / "preview" / "render.png")
+    assert shown.height == 50
+    manifest = json.loads((job / "result" / "manifest.json").read_text())
+    assert manifest["region"]["max"][0] < 2
+
+
 def test_a_killed_job_resumes_to_the_same_kind_of_result(tmp_path):
     root = tmp_path / "job"
     long = [*TINY, "--set", "fit.steps=4000"]

@@ -7,6 +7,7 @@ import pytest
 from solver.fit import clock
 from solver.fit.clock import FitClock, finishing_seconds, work_done
 from solver.fit.presets import DRAFT
+from tests.capture.test_capture import camera
 from tests.render.scenes import ball
 
 
@@ -87,3 +88,8 @@ def test_larger_textures_take_longer_to_finish():
         asset = dataclasses.replace(DRAFT.asset, texture_size=size)
         seconds.append(finishing_seconds(scene, dataclasses.replace(DRAFT, asset=asset)))
     assert 0 < seconds[0] < seconds[1]
+
+
+def test_photos_without_masks_take_longer_to_finish():
+    scene, cameras = ball(), [camera()] * 50
+    assert finishing_seconds(scene, DRAFT, cameras) > 1.3 * finishing_seconds(scene, DRAFT)

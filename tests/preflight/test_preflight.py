@@ -286,15 +286,17 @@ def test_coverage_grows_with_cameras_and_knows_an_up_of_its_own():
     assert coverage_of(tipped).heights[1] > 60 > coverage_of(lying).heights[1]
 
 
-def test_small_objects_are_warned_about_and_large_photos_may_be_smaller(pictures, tmp_path):
+def test_small_objects_are_warned_about_as_large_as_they_are_in_the_fit(pictures, tmp_path):
     capture = write(tmp_path, pictures)
     looks = look_at_photos(capture)
-    assert warnings(checks.size(looks, capture, 160)) == []
-    assert len(checks.size(looks, capture, 160)) == 1
-    reduced = checks.size(looks, capture, 20)
-    assert "of their size would do" in reduced[1].text
-    far = [replace(look, across=60.0) for look in looks]
-    assert "only about 60 pixels" in warnings(checks.size(far, capture, 160))[0].text
+    (whole,) = checks.size(looks, capture, 0)
+    (same,) = checks.size(looks, capture, 10**6)
+    assert whole == same and whole.level == "note" and "made smaller" not in whole.text
+    far = [replace(look, across=160.0) for look in looks]
+    assert warnings(checks.size(far, capture, 0)) == []
+    camera = capture.cameras[0]
+    (small,) = checks.size(far, capture, camera.width * camera.height // 4)
+    assert small.level == "warning" and "80 pixels" in small.text and "50%" in small.text
     # Without masks the region stands for the object.
     bare = [replace(look, across=None) for look in looks]
     assert 100 < checks.pixels_across(bare, capture) <= capture.cameras[0].width
