@@ -15,6 +15,7 @@ from .errors import CaptureError, shown
 from .files import rigid_pose
 from .image_header import EXTENSIONS, image_orientation, image_size
 from .photo_finder import PhotoFinder
+from .picture_names import agreement, folders_of, parts_of
 
 MIN_CAMERAS = 3
 
@@ -75,7 +76,7 @@ def assemble(
     """
     if not found:
         raise CaptureError(source, "cameras", "there are none in it", "export the cameras again")
-    found = _one_photo_each(found)
+    found = _in_their_folders(found)
     missing = [item.stated for item in found if item.photo is None]
     there = [item for item in found if item.photo is not None]
     if len(there) < MIN_CAMERAS or len(missing) > len(there):
@@ -114,16 +115,16 @@ def assemble(
                 camera_to_world=pose, mask_path=mask, **vars(intrinsics),
             )
         )  # fmt: skip
-    unused = None if any(camera.mask_path for camera in cameras) else photos.masks.first()
-    if unused is not None:
+    if not any(camera.mask_path for camera in cameras):
         if photos.masks.masks is not None:
             raise CaptureError(
-                photos.masks.masks, "masks", f"no mask there has a photo's name, as {unused.name}",
+                photos.masks.masks, "masks", "no mask there has a photo's name",
                 f"name masks as photos are, as {cameras[0].image_path.stem}.png",
             )  # fmt: skip
-        notes.append(
-            f"{unused} and others are masks, but none has a photo's name; they are not used"
-        )
+        if (unused := photos.masks.first()) is not None:
+            notes.append(
+                f"{unused} and others are masks, but none has a photo's name; they are not used"
+            )
     if resized:
         notes.append(f"{len(resized)} photos have another size than the cameras say; the lenses were "
                      f"scaled with them (the first: {resized[0]})")  # fmt: skip
@@ -153,22 +154,25 @@ def without_pose(
     )
 
 
-def _one_photo_each(found: list[Found]) -> list[Found]:
-    """Cameras of which no two that name unlike photos have one.
+def _in_their_folders(found: list[Found]) -> list[Found]:
+    """Cameras without the photos that were found in another folder than they should be in.
 
-    Where left/a.png is missing, right/a.png may have been found for both.
+    Where train/a.png is missing, test/a.png may have been found: if any photo of train/ was found in a
+    folder that fits better, or if another camera has that very photo by a name that does.
     """
-    names: dict[Path, set[str]] = {}
+    fits: list[int] = []
+    of_photo: dict[Path | None, int] = {}
+    of_folder: dict[tuple[str, ...], int] = {}
     for item in found:
-        if item.photo is not None:
-            names.setdefault(item.photo, set()).add(item.stated)
+        told = folders_of(parts_of(item.stated))
+        fits.append(-1 if item.photo is None else agreement(folders_of(item.photo.parts), told))
+        of_photo[item.photo] = max(fits[-1], of_photo.get(item.photo, -1))
+        of_folder[tuple(told)] = max(fits[-1], of_folder.get(tuple(told), -1))
     return [
-        replace(item, photo=None)
-        if item.photo is not None
-        and len(names[item.photo]) > 1
-        and not item.photo.as_posix().endswith("/" + item.stated)
-        else item
-        for item in found
+        item
+        if fit == of_photo[item.photo] == of_folder[tuple(folders_of(parts_of(item.stated)))]
+        else replace(item, photo=None)
+        for item, fit in zip(found, fits, strict=True)
     ]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from .errors import CaptureError
 from .picture_names import agreement, folders_of, pictures_below, plain, stem_of
 
-FOLDERS = ("masks", "mask", "mattes", "matte", "alpha")
+FOLDERS = (".mask", "masks", "mask", "mattes", "matte", "alpha")
 ENDINGS = ("_masks", "_mask")
 """of a folder's name, after that of the photos' folder beside it"""
 NAMES = ("{}_mask", "{}.mask", "{}-mask", "{}_masked", "mask_{}")
@@ -51,7 +51,8 @@ class MaskFinder:
         """
         self._look_beside(photo)
         stem, told = stem_of(photo.name), folders_of(self._inner(photo))
-        for name in (plain(photo.name), stem, *(form.format(stem) for form in NAMES)):
+        whole = plain(photo.name)
+        for name in (whole, stem, f"{whole}.mask", *(form.format(stem) for form in NAMES)):
             found = [
                 (agreement(inner, told), mask)
                 for inner, mask in self._by_name.get(name, []) if mask != photo

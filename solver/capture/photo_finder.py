@@ -9,15 +9,23 @@ from __future__ import annotations
 
 import os
 import re
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from .errors import CaptureError, shown
 from .image_header import EXTENSIONS
 from .mask_finder import MaskFinder, photos_of
-from .picture_names import UNREADABLE, agreement, folders_of, pictures_below, plain, stem_of
+from .picture_names import (
+    UNREADABLE,
+    agreement,
+    folders_of,
+    parts_of,
+    pictures_below,
+    plain,
+    stem_of,
+)
 
 MODEL_FOLDERS = re.compile(
-    r"sparse|dense|distorted|bundle|models?|colmap|text|bin|(corrected_)?cameras?|sfm|reconstruction|\d+",
+    r"sparse|dense|distorted|bundle|models?|colmap|text|bin|(corrected_)?cameras?|sfm|matches|reconstruction(_\w+)?|\d+",
     re.I,
 )
 """folders that hold a solved model beside its photos, never photos alone"""
@@ -55,8 +63,6 @@ class PhotoFinder:
     def find(self, stated: str, beside: Path | None = None) -> Path | None:
         """The photo that a file calls `stated` (a path or a name, with or without extension).
 
-        A photo that is not in the folder where it should be is missing, whatever other folders have.
-
         Args:
             beside: the camera file, if its names are relative to its folder.
 
@@ -69,17 +75,17 @@ class PhotoFinder:
         for base in ([] if beside is None else [beside.parent]) + [self.folder]:
             if (found := self._at(base, stated)) is not None:
                 return found
-        parts = _parts(stated)
+        parts = parts_of(stated)
         if not parts:
             return None
         candidates = self._pictures().get(stem_of(parts[-1]), [])
         best = sorted(((self._fit(path, parts), path) for path in candidates), reverse=True)
         if not best:
             return None
-        told = folders_of(parts)
-        if max(agreement(folders, told) for folders in self._folders) > best[0][0][0]:
-            return None
         if len(best) > 1 and best[0][0] == best[1][0]:
+            told = folders_of(parts)
+            if max(agreement(folders, told) for folders in self._folders) > best[0][0][0]:
+                return None  # these are copies; it is missing from the folder where it should be
             raise CaptureError(
                 self.folder, shown(stated), f"'{best[0][1].relative_to(self.folder)}' and "
                 f"'{best[1][1].relative_to(self.folder)}' could both be meant",
@@ -89,7 +95,7 @@ class PhotoFinder:
 
     def unreadable(self, stated: str) -> Path | None:
         """A photo of that name in a format that cannot be read."""
-        parts = _parts(stated)
+        parts = parts_of(stated)
         if not parts or not self.folder.is_dir():
             return None
         stem = stem_of(parts[-1])
@@ -103,7 +109,8 @@ class PhotoFinder:
         """
         folder = Path(os.path.normpath(folder.absolute()))
         if folder.is_dir() and folder.is_relative_to(self.folder):
-            return self._at(folder, name)
+            beside = (p for p in self._pictures().get(stem_of(name), []) if p.parent == folder)
+            return self._at(folder, name) or next(beside, None)
         return self.find(f"{folder.name}/{name}")
 
     def mask_of(
@@ -113,7 +120,7 @@ class PhotoFinder:
         if isinstance(stated, str) and stated:
             base = self.folder if beside is None else beside.parent
             found = self._at(base, stated) or self._at(self.folder, stated)
-            return found if found is not None else base.joinpath(*_parts(stated))
+            return found or self.masks.of(photo) or base.joinpath(*parts_of(stated))
         return self.masks.of(photo)
 
     def pictures(self) -> list[Path]:
@@ -159,11 +166,6 @@ class PhotoFinder:
         own = path.relative_to(self.folder).parts
         same_name = plain(own[-1]) == plain(parts[-1])
         return agreement(folders_of(own), folders_of(parts)), int(same_name)
-
-
-def _parts(stated: str) -> list[str]:
-    parts = PurePosixPath(stated.replace("\\", "/")).parts
-    return [part for part in parts if part not in (".", "..", "/")]
 
 
 def _pictures_in(folder: Path) -> bool:

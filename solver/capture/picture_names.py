@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import unicodedata
 from collections.abc import Iterator, Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from .image_header import EXTENSIONS
 
@@ -26,6 +26,12 @@ def stem_of(name: str) -> str:
         if name.endswith(extension):
             return name[: -len(extension)]
     return name
+
+
+def parts_of(stated: str) -> list[str]:
+    """The parts of a path that a file of any system states, without what leads out of a folder."""
+    parts = PurePosixPath(stated.replace("\\", "/")).parts
+    return [part for part in parts if part not in (".", "..", "/")]
 
 
 def folders_of(parts: Sequence[str]) -> list[str]:

@@ -36,7 +36,7 @@ _FILES_OF_SPLIT = {
     "test": ("transforms_test.json", "transforms_val.json"),
     "val": ("transforms_val.json", "transforms_test.json"),
 }
-_DEEPEST, _MOST_TRIED = 3, 200
+_DEEPEST, _MOST_TRIED = 3, 2000
 
 
 def camera_file(path: Path | str, split: str = "train") -> Path:

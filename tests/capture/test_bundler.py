@@ -67,6 +67,8 @@ def test_points_project_as_bundlers_manual_says(tmp_path, solved):
         ("bundle.rd.out", "list.rd.txt"),
         ("model.bundle.out", "model.list.txt"),
         ("model.out", "model.out.list.txt"),
+        ("scene.out", "scene.txt"),
+        ("bundle.out", "photos of the bundle.lst"),
         ("bundle/bundle.out", "../list.txt"),
     ],
 )

@@ -145,6 +145,22 @@ def test_photos_are_found_by_paths_of_another_machine(tmp_path, root):
     assert sorted(item.name for item in cameras) == names()
 
 
+def test_of_a_project_the_scene_with_poses_is_read(tmp_path):
+    write(tmp_path, scene(), "reconstruction.json")
+    for folder, extrinsics in (
+        ("matches", []),
+        ("reconstruction_sequential", scene()["extrinsics"]),
+    ):
+        (tmp_path / folder).mkdir()
+        content = json.dumps({**scene(), "extrinsics": extrinsics})
+        (tmp_path / folder / "sfm_data.json").write_text(content)
+    (tmp_path / "reconstruction.json").unlink()
+    solved = tmp_path / "reconstruction_sequential"
+    for given in (tmp_path, solved, solved / "sfm_data.json"):
+        capture = read_capture(given)
+        assert len(capture.cameras) == COUNT and capture.source == solved / "sfm_data.json"
+
+
 def test_a_renamed_file_is_recognised_by_its_content(tmp_path):
     for name in ("scene.json", "transforms.json", "cameras.sfm", "x.txt"):
         write(tmp_path / name, scene(), name)

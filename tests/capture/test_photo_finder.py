@@ -56,7 +56,7 @@ def test_masks_that_could_both_be_meant_are_refused(tmp_path):
     [
         "masks/a.png", "masks/a.jpg.png", "Masks/a_mask.png", "images/masks/a.png",
         "images_mask/a.png", "images_masks/a.tif", "mask/mask_a.png", "masks/a-mask.png",
-        "masks/images/a.png",
+        "masks/images/a.png", "masks/a.jpg.mask.png", "images/.mask/a.jpg.mask.png",
     ],
 )  # fmt: skip
 def test_masks_are_found_by_the_names_programs_give_them(mask, tmp_path):
@@ -98,6 +98,52 @@ def test_photos_that_moved_to_a_folder_of_another_name_are_still_found(tmp_path)
         save(tmp_path / "small" / f"{i}.jpg")
     names = [rf"D:\shoot\images\{i}.jpg" for i in range(3)]
     assert len(read_capture(write_cameras(tmp_path, names)).cameras) == 3
+
+
+@pytest.mark.parametrize("form", ["./{}/0.jpg", "{}/0", "{}\\0.jpg", "/elsewhere/{}/0.jpg"])
+def test_of_two_cameras_that_find_one_photo_the_one_that_names_its_folder_keeps_it(form, tmp_path):
+    for name in "012":
+        save(tmp_path / "right" / f"{name}.jpg")
+    names = [form.format("left"), form.format("right"), "right/1.jpg", "right/2.jpg"]
+    capture = read_capture(write_cameras(tmp_path, names))
+    assert len(capture.cameras) == 3 and "1 of 4 listed photos" in capture.warnings[0]
+    kept = [camera for camera in capture.cameras if camera.image_path.stem == "0"]
+    assert len(kept) == 1
+    np.testing.assert_allclose(kept[0].camera_to_world, pose(1), atol=1e-12)
+
+
+def test_a_folder_of_other_pictures_by_the_stated_name_does_not_hide_the_photos(tmp_path):
+    save(tmp_path / "images" / "preview.jpg")
+    for i in range(3):
+        save(tmp_path / "photos" / f"{i}.jpg")
+    for start in ("images/", "/home/somebody/images/"):
+        capture = read_capture(write_cameras(tmp_path, [f"{start}{i}.jpg" for i in range(3)]))
+        assert {camera.image_path.parent.name for camera in capture.cameras} == {"photos"}
+
+
+def test_a_mask_by_a_path_of_another_machine_is_found_by_its_photos_name(tmp_path):
+    for i in range(3):
+        save(tmp_path / "images" / f"{i}.jpg")
+        save(tmp_path / "masks" / f"{i}.png", 255)
+    names = [f"images/{i}.jpg" for i in range(3)]
+    capture = read_capture(write_cameras(tmp_path, names, mask_path="/home/bob/masks/0.png"))
+    assert [camera.mask_path.name for camera in capture.cameras] == ["0.png", "1.png", "2.png"]
+
+
+def test_photos_of_one_folder_may_have_been_converted(tmp_path):
+    file = save(tmp_path / "rgb" / "7.png")
+    assert PhotoFinder(tmp_path).find_in(tmp_path / "rgb", "7.jpg") == file
+    assert PhotoFinder(tmp_path).find_in(tmp_path / "rgb", "8.jpg") is None
+
+
+def test_a_folder_of_masks_that_is_given_must_hold_some(tmp_path):
+    for i in range(3):
+        save(tmp_path / "images" / f"{i}.jpg")
+    (tmp_path / "none").mkdir()
+    with pytest.raises(CaptureError, match="no mask there has a photo's name"):
+        read_capture(
+            write_cameras(tmp_path, [f"images/{i}.jpg" for i in range(3)]), masks=tmp_path / "none"
+        )
 
 
 def test_letters_with_marks_are_found_however_they_are_written(tmp_path):

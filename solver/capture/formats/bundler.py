@@ -8,7 +8,7 @@ https://www.cs.cornell.edu/~snavely/bundler/bundler-v0.4-manual.html#S6
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from ..capture import Capture
 from ..errors import CaptureError, shown
 from ..files import number, read_lines, rigid_pose, text_head
 from ..frames import invert_pose
+from ..image_header import EXTENSIONS as PICTURES
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
@@ -59,8 +60,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     camera_count, point_count = map(int, counts)
     # Names come after the cameras are read: a count may be anything, the cameras are there.
     cameras = _cameras(path, lines, camera_count)
-    names = _names(path, camera_count, photos)
     warnings, found = [], []
+    names = _names(path, camera_count, photos, warnings.append)
     unsolved = [name for name, values in zip(names, cameras, strict=True) if values[0] <= 0]
     if unsolved:
         warnings.append(f"{path.name}: {len(unsolved)} of {camera_count} photos were not solved and "
@@ -118,13 +119,16 @@ def _cameras(path: Path, lines: Iterator[tuple[int, str]], count: int) -> list[n
     return cameras
 
 
-def _names(path: Path, count: int, photos: PhotoFinder) -> list[str]:
+def _names(path: Path, count: int, photos: PhotoFinder, warn: Callable[[str], None]) -> list[str]:
     """What the photos are called, in the order of the cameras.
+
+    Args:
+        warn: told where the order is a guess.
 
     Raises:
         CaptureError: there are not as many as cameras.
     """
-    file = _list_file(path)
+    file = _list_file(path) or _any_list(path, count)
     if file is not None:
         names = [_name(line) for _, line in read_lines(file) if line]
         if len(names) != count:
@@ -139,6 +143,8 @@ def _names(path: Path, count: int, photos: PhotoFinder) -> list[str]:
             path, "list.txt", f"there is no list of photos beside it, and {photos.folder} has "
             f"{len(pictures)} pictures, not {count}", "copy Bundler's list.txt there",
         )  # fmt: skip
+    warn(f"{path.name}: there is no list of its photos beside it, so they are taken in the order of their "
+         "names; if cameras look the wrong way, copy list.txt there")  # fmt: skip
     return [picture.relative_to(photos.folder).as_posix() for picture in pictures]
 
 
@@ -155,6 +161,18 @@ def _list_file(path: Path) -> Path | None:
         for name in names:
             if (folder / name).is_file():
                 return folder / name
+    return None
+
+
+def _any_list(path: Path, count: int) -> Path | None:
+    """A text file beside the cameras, whatever it is called, of as many pictures' names as cameras."""
+    for file in sorted((*path.parent.glob("*.txt"), *path.parent.glob("*.lst"))):
+        try:
+            names = [_name(line) for _, line in islice(read_lines(file), count + 1) if line]
+        except CaptureError:
+            continue
+        if len(names) == count and all(name.lower().endswith(PICTURES) for name in names):
+            return file
     return None
 
 

@@ -26,7 +26,10 @@ from ..photo_finder import PhotoFinder
 
 NAME = "OpenMVG sfm_data.json"
 EXTENSIONS = (".json",)
-PATTERNS = ("sfm_data.json", "sfm_data*.json", "*/sfm_data*.json")
+PATTERNS = (
+    # A project's matches/sfm_data.json has no poses.
+    "sfm_data.json", "sfm_data*.json", "reconstruction*/sfm_data*.json", "*/sfm_data*.json",
+)  # fmt: skip
 
 _FIRST_USE = 1 << 31
 _DISTORTION = {
