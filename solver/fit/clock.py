@@ -27,8 +27,8 @@ _RAY_COST = 0.45
 _LOOKUPS_PER_TEXEL = 30.0
 _OTHER_LOOKUPS = 30_000_000
 # Without masks each pixel of the report shows something, and the surface is looked at from all photos
-# (measured on *fox*: 20 s for 130,000 pixels, 11 s for 50 photos, where a lookup takes 0.18 µs).
-_LOOKUPS_PER_SHOWN_PIXEL, _LOOKUPS_PER_PHOTO = 900, 1_200_000
+# (measured on *fox*: 40 to 60 s with the rest, the more the longer the fit was).
+_LOOKUPS_PER_SHOWN_PIXEL, _LOOKUPS_PER_PHOTO = 800, 1_100_000
 _TRIAL = 30_000
 
 
