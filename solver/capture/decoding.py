@@ -135,6 +135,7 @@ def _decode(path: Path) -> Decoded:
         pixels = pixels.reshape(spec.height, spec.width, spec.nchannels)
         alpha = spec.alpha_channel if 0 <= spec.alpha_channel < spec.nchannels else None
         if is_exr:
+            pixels = _in_display_window(pixels, spec)
             return _of_exr(
                 path, pixels, list(spec.channelnames), spec.getattribute("chromaticities")
             )
@@ -150,6 +151,22 @@ def _decode(path: Path) -> Decoded:
         )  # fmt: skip
     finally:
         file.close()
+
+
+def _in_display_window(pixels: np.ndarray, spec: OpenImageIO.ImageSpec) -> np.ndarray:
+    """The picture of which a file holds `pixels`: a part, cropped to what is not empty, or a margin more.
+
+    What the file does not hold is zero: black, of no coverage.
+    """
+    shape = (spec.full_height, spec.full_width)
+    left, top = spec.x - spec.full_x, spec.y - spec.full_y
+    if (top, left, *pixels.shape[:2]) == (0, 0, *shape):
+        return pixels
+    picture = np.zeros((*shape, pixels.shape[2]), pixels.dtype)
+    held = pixels[max(-top, 0) : max(shape[0] - top, 0), max(-left, 0) : max(shape[1] - left, 0)]
+    top, left = max(top, 0), max(left, 0)
+    picture[top : top + held.shape[0], left : left + held.shape[1]] = held
+    return picture
 
 
 def _of_exr(

@@ -27,7 +27,8 @@ _MOST_PARTS = 4096  # JPEG segments, EXR attributes or TIFF entries before the s
 def image_size(path: Path) -> tuple[int, int]:
     """(width, height) in pixels of a PNG, JPEG, TIFF, OpenEXR or Radiance HDR file.
 
-    It is the size of the pixels as they lie in the file: an orientation tag does not count.
+    It is the size of the pixels as they lie in the file: an orientation tag does not count. Of OpenEXR it
+    is the picture's, the display window, of which a file may hold a part, or more.
 
     Raises:
         CaptureError: the file is none of these, cut off, or of a size that no photo has.
@@ -175,16 +176,26 @@ def _tiff_values(file: BinaryIO) -> dict[int, int]:
 
 def _exr_size(file: BinaryIO) -> tuple[int, int]:
     file.seek(8)
+    sizes = {}
     for _ in range(_MOST_PARTS):
-        name, kind = _text(file), _text(file)
-        (size,) = struct.unpack("<i", file.read(4))
-        if not name or size < 0:
+        name = _text(file)
+        if not name:
             break
-        if name == b"dataWindow" and kind == b"box2i":
+        kind = _text(file)
+        (length,) = struct.unpack("<i", file.read(4))
+        if length < 0:
+            break
+        if name in (b"dataWindow", b"displayWindow") and kind == b"box2i":
             x0, y0, x1, y1 = struct.unpack("<4i", file.read(16))
-            return x1 - x0 + 1, y1 - y0 + 1
-        file.seek(size, os.SEEK_CUR)
-    raise ValueError("its OpenEXR header states no size")
+            sizes[name] = x1 - x0 + 1, y1 - y0 + 1
+        else:
+            file.seek(length, os.SEEK_CUR)
+    if b"dataWindow" not in sizes:
+        raise ValueError("its OpenEXR header states no size")
+    stored = sizes[b"dataWindow"]
+    # What is stored has to be decoded, however small the picture.
+    too_large = stored[0] * stored[1] > MOST_PIXELS
+    return stored if too_large else sizes.get(b"displayWindow", stored)
 
 
 def _text(file: BinaryIO) -> bytes:

@@ -1,18 +1,21 @@
-"""Find the mask of a photo: in a folder of masks beside the photo or its folders."""
+"""Find the mask of a photo: beside it, or in a folder of masks beside it or its folders."""
 
 from __future__ import annotations
 
 import os
+import re
+from collections.abc import Iterable
 from pathlib import Path
 
 from .errors import CaptureError
-from .picture_names import agreement, folders_of, pictures_below, plain, stem_of
+from .picture_names import agreement, folders_of, pictures_below, pictures_in, plain, stem_of
 
 FOLDERS = (".mask", "masks", "mask", "mattes", "matte", "alpha")
 ENDINGS = ("_masks", "_mask")
 """of a folder's name, after that of the photos' folder beside it"""
 NAMES = ("{}_mask", "{}.mask", "{}-mask", "{}_masked", "mask_{}")
 """what masks are called besides their photos' names"""
+_BESIDE = re.compile(r"(.+)[._-]mask|mask_(.+)")
 
 
 def photos_of(folder: Path) -> tuple[str, ...] | None:
@@ -26,6 +29,15 @@ def photos_of(folder: Path) -> tuple[str, ...] | None:
         if name.endswith(ending) and photos and (folder.parent / photos).is_dir():
             return (photos,)
     return None
+
+
+def masks_among(pictures: Iterable[Path]) -> list[Path]:
+    """Those of some pictures that are masks of others in their folder: a_mask.png or a.jpg.mask.png of
+    a.jpg."""
+    stems = {picture: stem_of(picture.name) for picture in pictures}
+    named = {(path.parent, name) for path in stems for name in (plain(path.name), stems[path])}
+    found = ((path, _BESIDE.fullmatch(stem)) for path, stem in stems.items())
+    return [path for path, form in found if form and (path.parent, form[1] or form[2]) in named]
 
 
 class MaskFinder:
@@ -74,13 +86,15 @@ class MaskFinder:
         return next((mask for found in self._by_name.values() for _, mask in found), None)
 
     def _look_beside(self, photo: Path) -> None:
-        """Take in the folders of masks beside a photo and beside its folders, once each."""
+        """Take in the masks and folders of masks beside a photo and beside its folders, once each."""
         if self.masks is not None or not photo.is_relative_to(self.folder):
             return
         for place in photo.parents:
             if place in self._looked or not place.is_relative_to(self.folder):
                 break  # then those above were looked at, too
             self._looked.add(place)
+            for mask in masks_among(pictures_in(place)):
+                self._take_in(mask, folders_of(mask.relative_to(self.folder).parts))
             for beside in _folders_in(place):
                 of = photos_of(beside)
                 if of is not None:
@@ -89,9 +103,11 @@ class MaskFinder:
     def _add(self, folder: Path, place: tuple[str, ...]) -> None:
         """Take in a folder of masks of the photos at a place in the capture's folder."""
         for path in pictures_below(folder):
-            inner = folders_of((*place, *path.relative_to(folder).parts))
-            for name in {plain(path.name), plain(path.stem), stem_of(path.stem)}:
-                self._by_name.setdefault(name, []).append((inner, path))
+            self._take_in(path, folders_of((*place, *path.relative_to(folder).parts)))
+
+    def _take_in(self, mask: Path, inner: list[str]) -> None:
+        for name in {plain(mask.name), plain(mask.stem), stem_of(mask.stem)}:
+            self._by_name.setdefault(name, []).append((inner, mask))
 
     def _inner(self, path: Path) -> tuple[str, ...]:
         inside = path.is_relative_to(self.folder)

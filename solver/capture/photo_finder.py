@@ -13,13 +13,15 @@ from pathlib import Path
 
 from .errors import CaptureError, shown
 from .image_header import EXTENSIONS
-from .mask_finder import MaskFinder, photos_of
+from .mask_finder import MaskFinder, masks_among, photos_of
 from .picture_names import (
     UNREADABLE,
     agreement,
     folders_of,
+    largest_copy,
     parts_of,
     pictures_below,
+    pictures_in,
     plain,
     stem_of,
 )
@@ -35,7 +37,7 @@ def capture_folder(file: Path) -> Path:
     """The folder that a camera file and its photos share: `project` for `project/sparse/0/images.bin`."""
     folder = file.parent
     for _ in range(3):
-        if not MODEL_FOLDERS.fullmatch(folder.name) or _pictures_in(folder):
+        if not MODEL_FOLDERS.fullmatch(folder.name) or pictures_in(folder):
             break
         folder = folder.parent
     return folder
@@ -86,6 +88,9 @@ class PhotoFinder:
             told = folders_of(parts)
             if max(agreement(folders, told) for folders in self._folders) > best[0][0][0]:
                 return None  # these are copies; it is missing from the folder where it should be
+            largest = largest_copy([path for fit, path in best if fit == best[0][0]])
+            if largest is not None:
+                return largest
             raise CaptureError(
                 self.folder, shown(stated), f"'{best[0][1].relative_to(self.folder)}' and "
                 f"'{best[1][1].relative_to(self.folder)}' could both be meant",
@@ -146,11 +151,12 @@ class PhotoFinder:
         """Pictures that are no masks by the plain stem of their names."""
         if self._by_stem is None:
             self._by_stem = {}
-            for path in pictures_below(self.folder):
-                inner = path.relative_to(self.folder).parts
-                if not self._is_mask(path.parent):
+            found = [p for p in pictures_below(self.folder) if not self._is_mask(p.parent)]
+            masks = set(masks_among(found))
+            for path in found:
+                if path not in masks:
                     self._by_stem.setdefault(stem_of(path.name), []).append(path)
-                    self._folders.add(tuple(folders_of(inner)))
+                    self._folders.add(tuple(folders_of(path.relative_to(self.folder).parts)))
         return self._by_stem
 
     def _is_mask(self, folder: Path) -> bool:
@@ -166,10 +172,3 @@ class PhotoFinder:
         own = path.relative_to(self.folder).parts
         same_name = plain(own[-1]) == plain(parts[-1])
         return agreement(folders_of(own), folders_of(parts)), int(same_name)
-
-
-def _pictures_in(folder: Path) -> bool:
-    try:
-        return any(p.suffix.lower() in EXTENSIONS for p in folder.iterdir())
-    except OSError:
-        return False

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import unicodedata
 from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 
-from .image_header import EXTENSIONS
+from .errors import CaptureError
+from .image_header import EXTENSIONS, image_size
 
 UNREADABLE = (".heic", ".heif", ".webp", ".avif", ".bmp", ".dng", ".cr2", ".cr3", ".nef", ".arw")
 """extensions of photos that cannot be read here, but may have been converted since"""
@@ -62,3 +64,30 @@ def pictures_below(folder: Path, extensions: tuple[str, ...] = EXTENSIONS) -> It
                 return
             if Path(name).suffix.lower() in extensions and not name.startswith("."):
                 yield Path(place) / name
+
+
+def pictures_in(folder: Path) -> list[Path]:
+    """Pictures that lie in just this folder; none if it cannot be read."""
+    try:
+        return sorted(path for path in folder.iterdir() if path.suffix.lower() in EXTENSIONS)
+    except OSError:
+        return []
+
+
+def largest_copy(paths: Sequence[Path]) -> Path | None:
+    """Of one photo in several sizes, in folders called by how much smaller it is there (`images_2`,
+    `images_4`), the largest; None if the sizes do not say so."""
+    wide: dict[Path, tuple[int, int]] = {}
+    for path in paths:
+        factor = re.fullmatch(r".+_(\d{1,2})", path.parent.name)
+        if factor is None or not int(factor[1]):
+            return None
+        try:
+            wide[path] = (int(factor[1]), image_size(path)[0])
+        except CaptureError:
+            return None
+    # Each was rounded, up or down, to whole pixels.
+    least = max(factor * (width - 1) for factor, width in wide.values())
+    most = min(factor * (width + 1) for factor, width in wide.values())
+    different = len({factor for factor, _ in wide.values()}) == len(paths)
+    return min(wide, key=wide.__getitem__) if different and least <= most else None

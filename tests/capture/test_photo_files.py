@@ -53,7 +53,7 @@ HUGE = {
     + struct.pack("<HHII", 257, 4, 1, 9) + b"\0\0\0\0",
     "a.hdr": b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 99999 +X 99999\n",
     "a.exr": b"\x76\x2f\x31\x01\2\0\0\0dataWindow\0box2i\0\x10\0\0\0"
-    + struct.pack("<4i", -(1 << 30), 0, 1 << 30, 9),
+    + struct.pack("<4i", -(1 << 30), 0, 1 << 30, 9) + b"\0",
 }  # fmt: skip
 
 
@@ -172,3 +172,27 @@ def test_an_orientation_that_cannot_be_read_is_none(tmp_path):
         photo.write_bytes(whole[:length])
         assert image_orientation(photo) in (1, 6)
     assert image_orientation(tmp_path / "nowhere.jpg") == 1
+
+
+@pytest.mark.parametrize(
+    "stored", [(3, 2, 9, 5), (-2, -1, 12, 8), (4, -3, 20, 3), (0, 0, 9, 7)], ids=str
+)
+def test_an_openexr_file_that_holds_a_part_or_more_is_the_picture_of_its_display_window(
+    stored, tmp_path
+):
+    x0, y0, x1, y1 = stored
+    rows, columns = np.mgrid[y0 : y1 + 1, x0 : x1 + 1].astype(np.float32)
+    held = np.stack([100 + columns, 200 + rows, columns, np.ones_like(rows)], axis=-1)
+    windows = {
+        "dataWindow": (np.array([x0, y0], np.int32), np.array([x1, y1], np.int32)),
+        "displayWindow": (np.array([0, 0], np.int32), np.array([9, 7], np.int32)),
+    }
+    file = write_exr(tmp_path / "a.exr", held, **windows)
+    assert image_size(file) == (10, 8)
+    pixels = decode(file).pixels
+    rows, columns = np.mgrid[:8, :10]
+    inside = (rows >= y0) & (rows <= y1) & (columns >= x0) & (columns <= x1)
+    assert pixels.shape == (8, 10, 4) and 0 < inside.sum()
+    np.testing.assert_array_equal(pixels[..., 3], inside)
+    np.testing.assert_array_equal(pixels[..., 0], np.where(inside, 100 + columns, 0))
+    np.testing.assert_array_equal(pixels[..., 1], np.where(inside, 200 + rows, 0))

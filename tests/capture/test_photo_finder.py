@@ -67,6 +67,40 @@ def test_masks_are_found_by_the_names_programs_give_them(mask, tmp_path):
     assert finder.pictures() == [photo]
 
 
+@pytest.mark.parametrize(
+    "mask", ["{}.jpg.mask.png", "{}_mask.png", "{}.mask.tif", "{}-mask.png", "mask_{}.png"]
+)
+def test_masks_that_lie_beside_their_photos_are_masks_and_no_photos(mask, tmp_path):
+    photos = [save(tmp_path / "images" / f"{i}.jpg") for i in range(3)]
+    masks = [save(tmp_path / "images" / mask.format(i), 255) for i in range(3)]
+    file = write_cameras(tmp_path, [f"images/{i}.jpg" for i in range(3)])
+    assert [camera.mask_path for camera in read_capture(file).cameras] == masks
+    assert PhotoFinder(tmp_path).pictures() == photos
+
+
+def test_a_picture_called_like_a_mask_of_no_other_is_a_photo(tmp_path):
+    photos = [save(tmp_path / f"venetian_mask_{i}.jpg") for i in range(3)]
+    photos.append(save(tmp_path / "the_mask.jpg"))
+    save(tmp_path / "other" / "the.jpg")
+    assert set(photos) < set(PhotoFinder(tmp_path).pictures())
+
+
+def test_where_photos_are_gone_the_larger_of_their_smaller_copies_count(tmp_path):
+    for i in range(3):
+        for factor in (2, 4, 8):
+            save(tmp_path / f"images_{factor}" / f"{i}.jpg", size=99 // factor)
+    capture = read_capture(write_cameras(tmp_path, [f"images/{i}.jpg" for i in range(3)]))
+    assert {camera.image_path.parent.name for camera in capture.cameras} == {"images_2"}
+
+
+def test_photos_of_one_name_in_numbered_folders_are_no_copies(tmp_path):
+    for i in range(3):
+        for number in (2, 4):
+            save(tmp_path / f"walk_{number}" / f"{i}.jpg")
+    with pytest.raises(CaptureError, match="could both be meant"):
+        read_capture(write_cameras(tmp_path, [f"images/{i}.jpg" for i in range(3)]))
+
+
 def test_a_folder_called_like_a_mask_holds_photos_if_it_stands_alone(tmp_path):
     photo = save(tmp_path / "venetian_mask" / "a.jpg")
     assert PhotoFinder(tmp_path).pictures() == [photo]
