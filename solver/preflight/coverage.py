@@ -13,7 +13,9 @@ REACH = 30.0
 """degrees around a camera's direction in which it sees the surface well"""
 FEWEST, GOOD = 20, 50
 NARROW, SAME_HEIGHT, WIDE_GAP, HIGH = 25.0, 8.0, 75.0, 30.0
-_SAMPLES = 4000
+MOST_AWAY = 0.25
+"""share of cameras that may see nothing of the region"""
+_SAMPLES, _TICKS = 4000, 7
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,14 @@ def coverage(capture: Capture) -> list[Finding]:
         found.append(
             warning(f"there are only {count} photos; take {GOOD} or more, all around the object")
         )
+    away = looking_away(capture)
+    if len(away) > MOST_AWAY * count:
+        found.append(
+            warning(f"{len(away)} of {count} cameras ({away[0]} first) see nothing of the region: what is "
+                    "reconstructed is one object that all photos show, not the cameras' surroundings; if "
+                    "there is one, move the region's box to it")
+        )  # fmt: skip
+        return found
     seen = coverage_of(capture)
     first = capture.cameras[0].name
     if seen.widest < NARROW:
@@ -99,6 +109,20 @@ def coverage(capture: Capture) -> list[Finding]:
              "from above")
     )  # fmt: skip
     return found
+
+
+def looking_away(capture: Capture) -> list[str]:
+    """Names of the cameras that have no part of the region in their frame, or its middle behind them."""
+    low, high = capture.region
+    middle = (low + high) / 2
+    ticks = low + (high - low) * np.linspace(0, 1, _TICKS)[:, None]
+    points = np.stack(np.meshgrid(*ticks.T), axis=-1).reshape(-1, 3)
+    return [
+        camera.name
+        for camera in capture.cameras
+        if (middle - camera.position) @ camera.view_direction < 0
+        or not camera.in_frame(points).any()
+    ]
 
 
 def side_of(degrees: float) -> str:

@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image, ImageFilter
 
-from solver.capture.capture import Capture
+from solver.capture.capture import Capture, region_seen_by
 from solver.capture.formats.transforms import write_transforms
 from solver.capture.photos import Photo
 from solver.capture.read import read_capture
@@ -267,6 +267,21 @@ def test_cameras_on_one_side_leave_a_gap_behind():
     assert "walk around it" in narrow and "gap" not in narrow
     level = texts(capture_at(around(30, heights=(1.2,))))
     assert "one height" in level and "gap" not in level
+
+
+def test_cameras_that_look_away_from_one_another_are_told_what_can_be_reconstructed():
+    poses = around(24)
+    for distance in (0.2, 2.6):
+        outward = [
+            pose @ np.diag([-1.0, 1, -1, 1]) for pose in around(24, (0.4, 0.5), distance=distance)
+        ]
+        capture = capture_at(outward)
+        capture = replace(capture, region=region_seen_by(list(capture.cameras)))
+        told = texts(capture)
+        assert "24 of 24 cameras (c0 first) see nothing of the region" in told
+        assert "one object that all photos show" in told
+    # A few that look elsewhere are usual.
+    assert "nothing of the region" not in texts(capture_at(poses[:20] + outward[20:]))
 
 
 def test_sides_are_named_as_the_first_camera_sees_them():
