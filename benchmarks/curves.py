@@ -28,7 +28,7 @@ from benchmarks.plots import line_charts  # noqa: E402
 from solver.capture.photos import load_photos, read_exr  # noqa: E402
 from solver.capture.read import read_capture  # noqa: E402
 from solver.fit.presets import settings_for  # noqa: E402
-from solver.fit.preview import display, over_white  # noqa: E402
+from solver.fit.preview import display, over_plain  # noqa: E402
 from solver.fit.schedule import picture_settings  # noqa: E402
 from solver.fit.settings import Settings  # noqa: E402
 from solver.fit.start import new_trainer  # noqa: E402
@@ -82,7 +82,7 @@ def score(trainer: Trainer, scene: Path) -> dict[str, float]:
     for index in chosen:
         camera, photo = test.cameras[index], photos[index]
         view = render_view(trainer.scene, tables, settings, camera)
-        values.append(psnr(display(view), over_white(photo.pixels)))
+        values.append(psnr(display(view), over_plain(photo.pixels)))
         truth = camera.image_path.with_name(camera.image_path.stem + "_normal.exr")
         if truth.is_file():
             angles.append(normal_mae(view.normal, read_exr(truth)[0], photo.pixels[..., 3]))

@@ -90,7 +90,7 @@ def install(options: argparse.Namespace, new: Path) -> None:
     ]  # fmt: skip
     if options.wheelhouse:
         command += ["--no-index", "--find-links", str(options.wheelhouse)]
-    command += shlex.split(options.pip_arguments)
+    command += words_of(options.pip_arguments)
     lines = options.requirements.read_text(encoding="utf-8").splitlines()
     expected = max(2 * sum(line[:1].isalpha() for line in lines), 1)  # with what those need
     seen = 0
@@ -113,6 +113,13 @@ def install(options: argparse.Namespace, new: Path) -> None:
             say(0.75, "Installing the packages")
 
     run(command, "pip could not install the packages; see above.", listen)
+
+
+def words_of(text: str) -> list[str]:
+    """A command line's words; quoted ones may hold blanks, and backslashes are those of Windows' paths."""
+    splitter = shlex.shlex(text, posix=True, punctuation_chars=False)
+    splitter.whitespace_split, splitter.commenters, splitter.escape = True, "", ""
+    return list(splitter)
 
 
 def run(command: list[str], failure: str, listen=None) -> None:
@@ -141,8 +148,9 @@ def run(command: list[str], failure: str, listen=None) -> None:
 def write_record(options: argparse.Namespace, new: Path) -> None:
     """`runtime.json` inside the environment: what it holds, and of which requirements."""
     versions = subprocess.run(
-        [str(python_of(new)), "-I", "-c", _VERSIONS], check=True, capture_output=True, text=True
-    ).stdout
+        [str(python_of(new)), "-I", "-c", _VERSIONS], check=True, capture_output=True, text=True,
+        stdin=subprocess.DEVNULL,
+    ).stdout  # fmt: skip
     content = {
         "python": platform.python_version(), **json.loads(versions),
         "requirements": hashlib.sha256(options.requirements.read_bytes()).hexdigest(),

@@ -23,7 +23,7 @@ sys.path.insert(0, str(ROOT))
 
 from solver.capture.photos import load_photos, read_exr  # noqa: E402
 from solver.capture.read import read_capture  # noqa: E402
-from solver.fit.preview import over_white, save_png, tone_mapped  # noqa: E402
+from solver.fit.preview import over_plain, save_png, tone_mapped  # noqa: E402
 from solver.job.folder import JobFolder, write_json_atomic  # noqa: E402
 from solver.metrics.image import psnr, ssim  # noqa: E402
 from solver.metrics.normals import normal_mae  # noqa: E402
@@ -100,13 +100,13 @@ def main(out: Path, seconds: float | None) -> int:
 def displayed(path: Path) -> np.ndarray:
     """An EXR render as sRGB pixels over white, in the steps of 8 bits as pictures are scored."""
     colour, alpha = read_exr(path)
-    return np.round(over_white(np.concatenate([colour, alpha[..., None]], axis=-1)) * 255) / 255
+    return np.round(over_plain(np.concatenate([colour, alpha[..., None]], axis=-1)) * 255) / 255
 
 
 def overview(page: Page, photo) -> np.ndarray:
     """One view: the photo, the reconstruction in Cycles, and that under other lights."""
     views = [displayed(page.renders / name / f"{SHOWN}.exr") for name in ("cycles", *RELIGHTS)]
-    return np.concatenate([over_white(photo.pixels), *views], axis=1)
+    return np.concatenate([over_plain(photo.pixels), *views], axis=1)
 
 
 def strip(page: Page) -> None:
@@ -118,7 +118,7 @@ def strip(page: Page) -> None:
 
 def held_out_row(page: Page, camera, photo_pixels: np.ndarray) -> None:
     """One held-out view: the photo, Cycles, the solver, and normals beside the true ones."""
-    photo = over_white(photo_pixels)
+    photo = over_plain(photo_pixels)
     cycles = displayed(page.renders / "cycles" / f"{camera.name}.exr")
     solver = displayed(page.renders / "solver" / f"{camera.name}_linear.exr")
     normal, _ = read_exr(page.renders / "solver" / f"{camera.name}_normal.exr")

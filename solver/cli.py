@@ -6,6 +6,8 @@ Exit codes: 0 done, 2 bad input, 3 cancelled, 4 out of memory, 1 anything else.
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import io
 import math
 import sys
 import time
@@ -13,7 +15,7 @@ from pathlib import Path
 
 from . import __version__
 from .cameras.command import add_solve
-from .job.folder import JobError, JobFolder, JobRequest
+from .job.folder import MOST_SEED, JobError, JobFolder, JobRequest
 from .job.status import process_is_alive, read_status
 from .preflight.command import add_check
 from .session import CANCELLED, DONE, FAILED, KNOWN_FAILURES, explain, session
@@ -22,11 +24,18 @@ from .threads import let_idle_threads_sleep
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; returns the exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        # A path with letters that a console does not have must not end a run that is done.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     options = _parser().parse_args(arguments)
     options.began = time.monotonic()
     let_idle_threads_sleep()
     try:
         return options.run(options)
+    except KeyboardInterrupt:
+        print("Cancelled.", file=sys.stderr)
+        return CANCELLED
     except Exception as error:
         code, message = explain(error)
         if code == FAILED and not isinstance(error, KNOWN_FAILURES):
@@ -47,11 +56,13 @@ def _parser() -> argparse.ArgumentParser:
     new.add_argument("--out", type=Path, required=True, metavar="JOB", help="job folder, new")
     new.add_argument("--photos", type=Path, metavar="DIR", help="if not below the capture's folder")
     new.add_argument("--masks", type=Path, metavar="DIR", help="if not in a folder 'masks' there")
-    new.add_argument("--preset", default="draft", help="draft, standard or paper")
-    new.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda", "mps"))
-    new.add_argument("--seed", type=int, default=0)
+    new.add_argument("--preset", help="draft (as it is without), standard or paper")
+    new.add_argument("--device", choices=("auto", "cpu", "cuda", "mps"))
+    new.add_argument("--seed", type=_seed)
     new.add_argument("--time-limit", type=_positive, metavar="SECONDS", help="asset included")
-    new.add_argument("--resume", action="store_true", help="continue the job in JOB")
+    new.add_argument(
+        "--resume", action="store_true", help="continue the job in JOB; only its limit may change"
+    )
     new.add_argument(
         "--set", action="append", default=[], metavar="section.field=value", dest="sets"
     )
@@ -85,7 +96,7 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("--cameras", type=Path, required=True, help="camera file with photos")
     evaluate.add_argument("--photos", type=Path, metavar="DIR", help="if not below its folder")
     evaluate.add_argument("--out", type=Path, help="metrics.json")
-    evaluate.add_argument("--rays", type=int, default=64, help="secondary rays a pixel")
+    evaluate.add_argument("--rays", type=_rays, default=64, help="secondary rays a pixel")
     _add_neural(evaluate)
     evaluate.set_defaults(run=_evaluate)
 
@@ -103,7 +114,7 @@ def _add_light(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--environment", type=Path, help="another light: an equirect EXR, or another job's"
     )
-    command.add_argument("--rays", type=int, default=64, help="secondary rays a pixel")
+    command.add_argument("--rays", type=_rays, default=64, help="secondary rays a pixel")
     _add_neural(command)
 
 
@@ -116,8 +127,8 @@ def _add_neural(command: argparse.ArgumentParser) -> None:
 
 def _placement(text: str) -> tuple[float, ...]:
     """x, y, z, scale, degrees."""
-    values = tuple(float(part) for part in text.split(","))
-    if not 3 <= len(values) <= 5 or not all(math.isfinite(v) for v in values):
+    values = tuple(_number(part) for part in text.split(","))
+    if not 3 <= len(values) <= 5:
         raise argparse.ArgumentTypeError("write it as X,Y,Z or X,Y,Z,SCALE or X,Y,Z,SCALE,DEGREES")
     if len(values) > 3 and values[3] <= 0:
         raise argparse.ArgumentTypeError("SCALE must be positive")
@@ -125,9 +136,31 @@ def _placement(text: str) -> tuple[float, ...]:
 
 
 def _positive(text: str) -> float:
-    value = float(text)
-    if not 0 < value < float("inf"):
+    value = _number(text)
+    if value <= 0:
         raise argparse.ArgumentTypeError("must be a positive number of seconds")
+    return value
+
+
+def _rays(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= 1 << 16:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to {1 << 16}")
+    return int(text)
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal() or int(text) > MOST_SEED:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 0 to {MOST_SEED}")
+    return int(text)
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"'{text}' is no number")
     return value
 
 
@@ -136,23 +169,59 @@ def _reconstruct(options: argparse.Namespace) -> int:
     from .fit.presets import settings_for
 
     if options.resume and (options.out / "job.json").exists():
-        return _run_job(JobFolder.open(options.out), False, options.began)
+        job = JobFolder.open(options.out)
+        _take_up(job, options)
+        return _run_job(job, False, options.began)
+    preset, overrides = options.preset or "draft", _overrides(options)
+    settings_for(preset, overrides)
+    read_capture(
+        options.capture, photos=options.photos, masks=options.masks
+    )  # bad input is refused before a folder is made
+    request = JobRequest(
+        capture=str(options.capture.absolute()), preset=preset, device=options.device or "auto",
+        seed=options.seed or 0, time_limit=options.time_limit, overrides=overrides,
+        photos=_absolute(options.photos), masks=_absolute(options.masks), code_version=__version__,
+    )  # fmt: skip
+    return _run_job(JobFolder.create(options.out, request), False, options.began)
+
+
+def _overrides(options: argparse.Namespace) -> dict[str, str]:
     overrides = {}
     for text in options.sets:
         key, separator, value = text.partition("=")
         if not separator:
             raise JobError(f"--set {text}: write it as section.field=value.")
         overrides[key] = value
-    settings_for(options.preset, overrides)
-    read_capture(
-        options.capture, photos=options.photos, masks=options.masks
-    )  # bad input is refused before a folder is made
-    request = JobRequest(
-        capture=str(options.capture.absolute()), preset=options.preset, device=options.device,
-        seed=options.seed, time_limit=options.time_limit, overrides=overrides,
-        photos=_absolute(options.photos), masks=_absolute(options.masks), code_version=__version__,
-    )  # fmt: skip
-    return _run_job(JobFolder.create(options.out, request), False, options.began)
+    return overrides
+
+
+def _take_up(job: JobFolder, options: argparse.Namespace) -> None:
+    """Make sure that what is resumed is what was asked; another time limit is taken over.
+
+    Raises:
+        JobError: the job was begun otherwise.
+    """
+    begun = job.request
+    asked = {
+        "capture": str(options.capture.absolute()), "preset": options.preset,
+        "device": options.device, "seed": options.seed, "photos": _absolute(options.photos),
+        "masks": _absolute(options.masks), "overrides": _overrides(options) or None,
+    }  # fmt: skip
+    for name, value in asked.items():
+        if value is None or getattr(begun, name) == value:
+            continue
+        if name in ("capture", "photos", "masks") and _same_place(getattr(begun, name), value):
+            continue
+        raise JobError(
+            f"{job.root}: this job was begun with the {name} {getattr(begun, name)!r}, not {value!r}; "
+            "resume it without other options, or give a new folder."
+        )
+    if options.time_limit is not None and options.time_limit != begun.time_limit:
+        job.ask(dataclasses.replace(begun, time_limit=options.time_limit))
+
+
+def _same_place(one: str | None, other: str) -> bool:
+    return one is not None and Path(one).resolve() == Path(other).resolve()
 
 
 def _absolute(path: Path | None) -> str | None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 from . import __version__
+from .preflight.estimate import memory_of_machine
 
 REQUIREMENTS = Path(__file__).with_name("requirements.txt")
 
@@ -31,6 +32,9 @@ def report() -> str:
         f"Python {platform.python_version()}, {platform.platform()}",
         f"Cores {os.cpu_count()}, torch threads {torch.get_num_threads()}",
     ]
+    memory = memory_of_machine()
+    if memory is not None:
+        lines.append(f"Memory {memory / 2**30:.0f} GiB")
     for name in packages():
         try:
             lines.append(f"{name} {importlib.metadata.version(name)}")

@@ -104,7 +104,8 @@ def surface_level(scene: Scene, settings: RenderSettings, cameras: list[Camera])
     opacity, peak = np.concatenate(opacities), np.concatenate(peaks)
     if not (opacity > 0.5).any():
         raise EmptySurfaceError(
-            "The fit found no opaque surface; check the masks, the region and the cameras."
+            "The fit found no opaque surface; check the masks, the region and the cameras, and give it "
+            "more time if that was short."
         )
     border = (opacity > 0.3) & (opacity < 0.7)
     if border.sum() < MIN_BORDER_RAYS:

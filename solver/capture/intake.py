@@ -17,8 +17,6 @@ from .image_header import EXTENSIONS, image_orientation, image_size
 from .photo_finder import PhotoFinder
 from .picture_names import agreement, folders_of, parts_of
 
-MIN_CAMERAS = 3
-
 
 @dataclass(frozen=True)
 class Intrinsics:
@@ -62,8 +60,8 @@ def assemble(
 ) -> Capture:  # fmt: skip
     """A capture of all cameras whose photos are there.
 
-    Cameras without a photo are left out with a warning, as long as half of them and at least three
-    are there. Intrinsics follow a photo that was made smaller or larger since.
+    Cameras without a photo are left out with a warning, as long as half of them and as many as
+    `photos` asks for are there. Intrinsics follow a photo that was made smaller or larger since.
 
     Args:
         source: the camera file. format: the reader's name.
@@ -79,7 +77,7 @@ def assemble(
     found = _in_their_folders(found)
     missing = [item.stated for item in found if item.photo is None]
     there = [item for item in found if item.photo is not None]
-    if len(there) < MIN_CAMERAS or len(missing) > len(there):
+    if len(there) < photos.fewest or len(missing) > len(there):
         if missing:
             other = photos.unreadable(missing[0])
             if other is not None:
@@ -94,8 +92,9 @@ def assemble(
                 "where the photos are",
             )  # fmt: skip
         raise CaptureError(
-            source, "cameras", f"there are only {len(there)} cameras",
-            f"a reconstruction needs at least {MIN_CAMERAS}, better 50",
+            source, "cameras",
+            "there is only 1 camera" if len(there) == 1 else f"there are only {len(there)} cameras",
+            f"a reconstruction needs at least {photos.fewest}, better 50",
         )  # fmt: skip
     notes = list(warnings)
     if missing:

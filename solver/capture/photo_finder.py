@@ -26,6 +26,8 @@ from .picture_names import (
     stem_of,
 )
 
+MIN_PHOTOS = 3
+"""of a reconstruction"""
 MODEL_FOLDERS = re.compile(
     r"sparse|dense|distorted|bundle|models?|colmap|text|bin|(corrected_)?cameras?|sfm|matches|reconstruction(_\w+)?|\d+",
     re.I,
@@ -50,14 +52,19 @@ class PhotoFinder:
         folder: nothing outside it is found.
         masks: a folder of masks; None: all folders below `folder` that are named as such.
         anywhere: names may be absolute paths to anywhere; only for files this program wrote.
+        fewest: photos that are of use together.
     """
 
-    def __init__(self, folder: Path, masks: Path | None = None, anywhere: bool = False):
+    def __init__(
+        self, folder: Path, masks: Path | None = None, anywhere: bool = False,
+        fewest: int = MIN_PHOTOS,
+    ):  # fmt: skip
         self.folder = Path(os.path.normpath(folder.absolute()))
         self.masks = MaskFinder(
             self.folder, None if masks is None else Path(os.path.normpath(masks.absolute()))
         )
         self.anywhere = anywhere
+        self.fewest = fewest
         self._by_stem: dict[str, list[Path]] | None = None
         self._folders: set[tuple[str, ...]] = set()
         self._of_masks: dict[Path, bool] = {}

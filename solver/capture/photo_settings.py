@@ -18,7 +18,3 @@ class PhotoSettings:
     most_pixels: int = 640_000
     """of a photo in a fit; larger ones are made smaller, for they take memory and no grid holds so much
     detail (0: they stay as they are)"""
-
-    def __post_init__(self):
-        if self.colour_space not in COLOUR_SPACES:
-            raise ValueError(f"it is one of {', '.join(COLOUR_SPACES)}")

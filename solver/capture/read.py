@@ -21,7 +21,7 @@ from .formats import (
     visualsfm,
 )
 from .image_header import EXTENSIONS as PICTURES
-from .photo_finder import MODEL_FOLDERS, PhotoFinder, capture_folder
+from .photo_finder import MIN_PHOTOS, MODEL_FOLDERS, PhotoFinder, capture_folder
 
 FORMATS: tuple[ModuleType, ...] = (
     transforms, colmap, metashape, realitycapture, meshroom, openmvg, polycam, record3d, bundler,
@@ -85,7 +85,7 @@ def has_split(path: Path | str, split: str) -> bool:
 
 def read_capture(
     path: Path | str, split: str = "train", photos: Path | None = None, masks: Path | None = None,
-    trusted: bool = False,
+    trusted: bool = False, fewest: int = MIN_PHOTOS,
 ) -> Capture:  # fmt: skip
     """Read a capture from a folder or a camera file.
 
@@ -94,6 +94,7 @@ def read_capture(
         photos: where the photos are, if not below the capture's folder.
         masks: where their masks are, if not in a folder `masks` there.
         trusted: this program wrote the file; it may name photos anywhere by absolute paths.
+        fewest: cameras that there must be; those of pictures to be made may be fewer than a capture's.
 
     Raises:
         CaptureError: with file, field and remedy.
@@ -115,10 +116,10 @@ def read_capture(
     else:
         folder = Path(path) if Path(path).is_dir() else capture_folder(file)
     mask_folder = None if masks is None else Path(masks)
-    finder = PhotoFinder(folder, mask_folder, trusted)
+    finder = PhotoFinder(folder, mask_folder, trusted, fewest)
     if photos is None and MODEL_FOLDERS.fullmatch(finder.folder.name) and not finder.pictures():
         # The folder of the model was given, not that of the capture.
-        finder = PhotoFinder(capture_folder(file), mask_folder, trusted)
+        finder = PhotoFinder(capture_folder(file), mask_folder, trusted, fewest)
     try:
         return reader.read(file, finder)
     except (

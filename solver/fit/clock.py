@@ -30,6 +30,8 @@ _OTHER_LOOKUPS = 30_000_000
 # (measured on *fox*: 40 to 60 s with the rest, the more the longer the fit was).
 _LOOKUPS_PER_SHOWN_PIXEL, _LOOKUPS_PER_PHOTO = 800, 1_100_000
 _TRIAL = 30_000
+LEAST_FIT, LEAST_FIT_FROM_FOG = 0.2, 0.4
+"""share of a time limit that is the fit's at least"""
 
 
 def work_done(settings: Settings, fraction: float, fog: bool = False) -> float:
@@ -74,6 +76,20 @@ def finishing_seconds(scene: Scene, settings: Settings, cameras: Sequence[Camera
     shown = sum(min(c.width * c.height, MOST_PIXELS) for c in cameras[:VIEWS])
     lookups += _LOOKUPS_PER_SHOWN_PIXEL * shown + _LOOKUPS_PER_PHOTO * len(cameras)
     return lookups * best / _TRIAL
+
+
+def seconds_to_fit(limit: float, left: float, finishing: float, fog: bool) -> float:
+    """Seconds of a job's time limit that go to the fit.
+
+    What follows it cannot be shortened, so a limit may be too short for both. Then it is not kept, rather
+    than that nothing comes of it: there is a least share for the fit, the more where a fog must become
+    an object first.
+
+    Args:
+        limit: seconds for all. left: of those. finishing: what follows is estimated to take.
+        fog: the fit starts as one.
+    """
+    return max(left - finishing, (LEAST_FIT_FROM_FOG if fog else LEAST_FIT) * limit)
 
 
 class FitClock:

@@ -34,10 +34,11 @@ from ..metrics.normals import normal_mae, normal_mae_masked
 from ..metrics.scale import LeastSquaresFactor, clipped_factor
 from ..render.image import RenderedView
 from ..render.scene import Scene
-from .load import load_job, load_light, render_cameras
-from .preview import display, over_white
+from .exposure import brought_to
+from .load import background_of_job, load_job, load_light, render_cameras
+from .preview import display, over_plain
 from .settings import Settings
-from .start import background_of
+from .start import background_shown
 
 
 def evaluate_job(
@@ -59,14 +60,17 @@ def evaluate_job(
     Raises:
         CaptureError, JobError: unusable cameras, photos or job.
     """
-    capture = read_capture(cameras, photos=photos_folder)
+    capture = read_capture(cameras, photos=photos_folder, fewest=1)
     scene, settings = load_job(job)
     photos = load_photos(capture, settings=settings.photos)
     rendered = list(render_cameras(scene, settings, capture.cameras, rays, neural))
-    behind = background_of(photos, settings.fit.background)
+    behind = background_shown(photos, background_of_job(job))
     views = {}
     for (camera, view), photo in zip(rendered, photos, strict=True):
-        views[camera.name] = scores = image_scores(display(view, behind), over_white(photo.pixels))
+        exposed = brought_to(view, photo, behind, settings.fit.exposure)
+        views[camera.name] = scores = image_scores(
+            display(exposed, behind), over_plain(photo.pixels, behind)
+        )
         scores.update(_normal_scores(camera, view, photo))
         print(camera.name, _text(scores), flush=True)
     result = {"views": views, "code_version": __version__, "cameras": str(cameras)}
@@ -187,10 +191,10 @@ def _relight_scores(
         factor = clipped_factor(predictions, truths)
         views = {}
         for (camera, view), photo in zip(rendered, photos, strict=True):
-            truth = over_white(photo.pixels)
+            truth = over_plain(photo.pixels)
             cover = view.opacity[..., None]
             scaled = np.concatenate([view.radiance * factor, cover], axis=-1)
-            views[camera.name] = image_scores(over_white(scaled), truth)
+            views[camera.name] = image_scores(over_plain(scaled), truth)
             plain = np.round(display(view) * 255) / 255
             views[camera.name]["psnr_without_factor"] = psnr(plain, truth)
         mean = _mean(list(views.values()))
@@ -209,7 +213,7 @@ def _relit_capture(capture: Capture, folder: Path) -> Capture | None:
     """The photos of a relight folder with their cameras; None if there are none."""
     cameras = folder.with_name(f"transforms_{folder.name}.json")
     if cameras.is_file():
-        return read_capture(cameras)
+        return read_capture(cameras, fewest=1)
     moved = [replace(c, image_path=folder / c.image_path.name) for c in capture.cameras]
     there = tuple(camera for camera in moved if camera.image_path.is_file())
     return replace(capture, cameras=there) if there else None

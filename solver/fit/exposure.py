@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
+
+import numpy as np
 import torch
 
+from ..capture.photos import Photo
+from ..metrics.scale import LeastSquaresFactor
+from ..render.image import RenderedView
 from .adam import Adam
+from .chunk import SURROUNDED
 from .errors import SettingsError
+from .losses import SATURATED
 
 CHANNELS = {"gain": 1, "white_balance": 3}
 RATE = 0.01  # of the logarithms, at the start of the fit
@@ -56,6 +64,25 @@ class Exposures:
         self.optimiser.restore(
             {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
         )
+
+
+def brought_to(view: RenderedView, photo: Photo, background: str, kind: str) -> RenderedView:
+    """A view at the exposure of a photo, by least squares where the photo is not saturated.
+
+    Args:
+        background: with one of `SURROUNDED` the photo shows that, too.
+        kind: `fit.exposure`; 'fixed' leaves the view as it is.
+    """
+    if kind == "fixed":
+        return view
+    shown = view.surrounded if background in SURROUNDED else view.radiance
+    told = (photo.pixels[..., :3] < SATURATED).all(-1) & (photo.pixels[..., 3] > 0.5)
+    factor = LeastSquaresFactor()
+    factor.add(shown, photo.pixels[..., :3], told.astype(np.float64))
+    gain = factor.value if kind == "white_balance" else factor.common
+    return dataclasses.replace(
+        view, radiance=view.radiance * gain, surrounded=view.surrounded * gain
+    )
 
 
 def exposures_for(kind: str, photos: int, device="cpu") -> Exposures | None:

@@ -31,6 +31,15 @@ def load_job(job: JobFolder) -> tuple[Scene, Settings]:
     return scene, checkpoint.settings_of(state)
 
 
+def background_of_job(job: JobFolder) -> str:
+    """What stood behind the object in a job's photos (see `FitSettings.background`).
+
+    Raises:
+        JobError: no checkpoint.
+    """
+    return checkpoint.read_state(job.checkpoint_dir)["background"]
+
+
 def load_light(path: Path, device: torch.device) -> EnvironmentMap:
     """A light: an equirect EXR (Blender's convention, linear Rec.709), or that of another job.
 

@@ -23,18 +23,22 @@ def display(view: RenderedView, background: str = "white") -> np.ndarray:
     """sRGB pixels [H, W, 3] in [0, 1] of a view as photos before that background show it.
 
     Args:
-        background: with one of `SURROUNDED`, room and light are in the picture; else it is over white.
+        background: with one of `SURROUNDED`, room and light are in the picture; else it is over black
+            for 'black', and over white.
     """
     if background in SURROUNDED:
         return np.clip(linear_to_srgb(view.surrounded), 0, 1)
-    return over_white(np.concatenate([view.radiance, view.opacity[..., None]], axis=-1))
+    premultiplied = np.concatenate([view.radiance, view.opacity[..., None]], axis=-1)
+    return over_plain(premultiplied, background)
 
 
-def over_white(premultiplied: np.ndarray) -> np.ndarray:
-    """sRGB pixels [H, W, 3] in [0, 1] of linear premultiplied RGBA [H, W, 4] over white."""
+def over_plain(premultiplied: np.ndarray, background: str = "white") -> np.ndarray:
+    """sRGB pixels [H, W, 3] in [0, 1] of linear premultiplied RGBA [H, W, 4] over black, if that is the
+    background, else over white."""
     alpha = np.clip(premultiplied[..., 3:], 0, 1)
     straight = premultiplied[..., :3] / np.maximum(alpha, 1e-4)
-    return np.clip(linear_to_srgb(straight), 0, 1) * alpha + (1 - alpha)
+    behind = 0.0 if background == "black" else 1.0
+    return np.clip(linear_to_srgb(straight), 0, 1) * alpha + behind * (1 - alpha)
 
 
 def tone_mapped(radiance: np.ndarray) -> np.ndarray:
@@ -55,10 +59,11 @@ def write_previews(trainer: Trainer, folder: Path) -> None:
     scene, bank = trainer.scene, trainer.bank
     camera, photo = bank.preview_camera, bank.preview_photo
     settings = dataclasses.replace(
-        picture_settings(trainer.settings, rays=16), emission=trainer.emission(trainer.fraction)
-    )
+        picture_settings(trainer.settings, rays=16, fraction=trainer.fraction),
+        emission=trainer.emission(trainer.fraction), pixel_grid=1,
+    )  # fmt: skip
     view = render_view(scene, StepTables.of(scene), settings, camera.no_larger(PREVIEW_PIXELS))
-    picture = Image.fromarray((over_white(photo) * 255).astype(np.uint8))
+    picture = Image.fromarray((over_plain(photo, trainer.background) * 255).astype(np.uint8))
     size = (view.opacity.shape[1], view.opacity.shape[0])
     reference = np.asarray(picture.resize(size, Image.Resampling.BOX)).astype(np.float32) / 255
     normals = view.normal * 0.5 + 0.5

@@ -21,7 +21,7 @@ from ..job.inputs import capture_of
 from ..kernels.backend import fast
 from ..kernels.warm_up import compile_kernels
 from . import checkpoint
-from .clock import FitClock, finishing_seconds
+from .clock import FitClock, finishing_seconds, seconds_to_fit
 from .errors import SettingsError
 from .point_start import with_points
 from .presets import settings_for
@@ -37,6 +37,8 @@ POINTS_SHARE = 0.9
 """of the time in which a fit without masks is begun: finding sparse points"""
 POINTS_LIMIT = 0.2
 """of a time limit that this may take: with less left, the fit would be the worse for it"""
+PREVIEW_PAUSE = 20.0
+"""time between two previews, at least, in times that the last one took"""
 STAGES = ("photos", "compile", "geometry", "fit", "asset", "report")
 
 
@@ -88,33 +90,40 @@ def run_job(
     _stop_if_asked(control)
 
     progress.stage("fit")
+    before = state["seconds"] if state else 0.0
     limit = None
     if request.time_limit is not None:
-        # At least a tenth of a short limit goes to the fit: a worse picture, not a broken one.
-        finishing = finishing_seconds(
-            trainer.scene, settings, capture.cameras if trainer.fog else ()
-        )
-        used = time.monotonic() - started
-        limit = max(request.time_limit - used - finishing, 0.1 * request.time_limit)
+        left = request.time_limit - before - (time.monotonic() - started)
+        limit = seconds_to_fit(
+            request.time_limit, left,
+            finishing_seconds(trainer.scene, settings, capture.cameras if trainer.fog else ()),
+            trainer.fog,
+        )  # fmt: skip
     if not (state and state["done"]):
-        fit(trainer, job, progress, control, limit, state["seconds"] if state else 0.0)
+        fit(trainer, job, progress, control, limit, before)
+
+    def told(done: float, text: str = "") -> None:
+        progress.fraction(done, text)
+        _stop_if_asked(control)
 
     progress.stage("asset", "mesh and textures")
     scene = trainer.scene
     cameras = [camera.seen_from(scene.origin) for camera in capture.cameras]
     level = surface_level(scene, settings.render, cameras)
+    _stop_if_asked(control)
     parts = build_asset(
         SceneSurface(scene, cameras), scene.environment.image(), level, job.result_dir, settings.asset,
-        lambda fraction, text: progress.fraction(fraction, text),
+        told,
     )  # fmt: skip
-    _stop_if_asked(control)
 
     progress.stage("report", "report")
     numbers = {
-        "seconds": round(time.monotonic() - started, 1), "steps": trainer.step,
+        "seconds": round(before + time.monotonic() - started, 1), "steps": trainer.step,
         "photos": len(photos), "triangles": parts.pop("triangles"),
     }  # fmt: skip
-    report = write_job_report(job, scene, settings, capture, photos, numbers, progress.fraction)
+    report = write_job_report(
+        job, scene, settings, capture, photos, trainer.background, numbers, told
+    )
     half, centre = scene.field.half_size, scene.field.centre.cpu().numpy()
     job.write_manifest(
         {
@@ -169,7 +178,7 @@ def fit(
     steps = settings.fit.steps
     clock = FitClock(settings, trainer.fraction, limit, trainer.fog)
     last_preview = last_checkpoint = time.monotonic()
-    smooth_psnr = None
+    smooth_psnr, preview_took = None, 0.0
     while True:
         now, elapsed, done = time.monotonic(), clock.elapsed, clock.fraction(trainer.step)
         if done >= 1:
@@ -186,10 +195,11 @@ def fit(
             )
             progress.checkpoint(trainer.step)
             raise Cancelled
-        if now - last_preview > settings.fit.preview_every:
+        if now - last_preview > max(settings.fit.preview_every, PREVIEW_PAUSE * preview_took):
             write_previews(trainer, job.preview_dir)
             progress.preview("preview/render.png")
             last_preview = time.monotonic()
+            preview_took = last_preview - now
         if now - last_checkpoint > settings.fit.checkpoint_every:
             checkpoint.save_checkpoint(
                 trainer, job.checkpoint_dir, seconds_before + elapsed, done=False

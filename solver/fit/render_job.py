@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from ..asset.files import write_exr
+from ..capture.capture import Capture
 from ..capture.read import read_capture
-from ..job.folder import JobFolder
+from ..job.folder import JobError, JobFolder
 from ..render.composition import Composition, Placement
 from ..render.image import RenderedView
 from .load import load_job, load_light, render_cameras
@@ -27,9 +28,9 @@ def render_job(
         neural: share of the neural term; None: as the fit ended.
 
     Raises:
-        CaptureError, JobError: unusable cameras, light or job.
+        CaptureError, JobError: unusable cameras, light or job, or a folder that is not free.
     """
-    capture = read_capture(cameras, trusted=True)  # of photos only their size may be asked
+    capture = _cameras_of(cameras, out)
     scene, settings = load_job(job)
     if environment is not None:
         scene.environment = load_light(environment, scene.device)
@@ -49,9 +50,9 @@ def compose_jobs(
         environment: as for `render_job`; None: the first job's light.
 
     Raises:
-        CaptureError, JobError: unusable cameras, light or job.
+        CaptureError, JobError: unusable cameras, light or job, or a folder that is not free.
     """
-    capture = read_capture(cameras, trusted=True)  # of photos only their size may be asked
+    capture = _cameras_of(cameras, out)
     loaded = [load_job(job) for job in jobs]
     scenes = [scene for scene, _ in loaded]
     light = scenes[0].environment
@@ -61,6 +62,20 @@ def compose_jobs(
     out.mkdir(parents=True, exist_ok=True)
     for camera, view in render_cameras(world, loaded[0][1], capture.cameras, rays, neural):
         write_view(view, camera.name, out)
+
+
+def _cameras_of(file: Path, out: Path) -> Capture:
+    """The cameras of a file whose pictures, which bear the names of their photos, are to be in `out`.
+
+    Raises:
+        CaptureError: unusable cameras. JobError: `out` is a file, or their photos lie there.
+    """
+    capture = read_capture(file, trusted=True, fewest=1)  # of photos only their size may be asked
+    if out.exists() and not out.is_dir():
+        raise JobError(f"{out}: this is a file; give a folder for the pictures.")
+    if out.resolve() in {c.image_path.resolve().parent for c in capture.cameras if c.image_path}:
+        raise JobError(f"{out}: the photos of these cameras lie here; give another folder.")
+    return capture
 
 
 def write_view(view: RenderedView, name: str, folder: Path) -> None:

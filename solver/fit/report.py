@@ -17,10 +17,11 @@ from ..metrics.image import psnr, ssim
 from ..render.image import render_view
 from ..render.scene import Scene, StepTables
 from ..report import Row, write_report
-from .preview import display, over_white, save_png, tone_mapped
+from .exposure import brought_to
+from .preview import display, over_plain, save_png, tone_mapped
 from .schedule import picture_settings
 from .settings import Settings
-from .start import background_of
+from .start import background_shown
 
 VIEWS = 4
 MOST_PIXELS = 65_536
@@ -29,9 +30,14 @@ MOST_PIXELS = 65_536
 
 def write_job_report(
     job: JobFolder, scene: Scene, settings: Settings, capture: Capture, photos: list[Photo],
-    numbers: dict[str, float], progress: Callable[[float], None],
+    background: str, numbers: dict[str, float], progress: Callable[[float], None],
 ) -> dict[str, str]:  # fmt: skip
-    """Write the report; held-out views if the capture has a test split, else some of the photos."""
+    """Write the report; held-out views if the capture has a test split, else some of the photos.
+
+    Args:
+        background: what stands behind the object in the photos that were fitted.
+        numbers: to be told besides.
+    """
     held_out = False
     chosen = _spread(capture.cameras)
     cameras, images = [capture.cameras[i] for i in chosen], [photos[i] for i in chosen]
@@ -46,7 +52,7 @@ def write_job_report(
             held_out = False
     render_settings = picture_settings(settings)
     tables = StepTables.of(scene)
-    behind = background_of(images, settings.fit.background)
+    behind = background_shown(images, background)
     rows, scores = [], []
     folder = job.result_dir / "report"
     for done, (camera, photo) in enumerate(zip(cameras, images, strict=True)):
@@ -54,7 +60,8 @@ def write_job_report(
         if small is not camera:
             camera, photo = small, resized(photo, small.width, small.height)
         view = render_view(scene, tables, render_settings, camera.seen_from(scene.origin))
-        truth, prediction = over_white(photo.pixels), display(view, behind)
+        view = brought_to(view, photo, behind, settings.fit.exposure)
+        truth, prediction = over_plain(photo.pixels, behind), display(view, behind)
         score = psnr(prediction, truth)
         scores.append((score, ssim(prediction, truth)))
         pictures = {
@@ -71,6 +78,8 @@ def write_job_report(
     save_png(tone_mapped(scene.environment.image()), folder / "environment.png")
     rows.append(Row("Recovered light", [("environment", "report/environment.png")]))
     kind = "held-out views" if held_out else "training photos"
+    if settings.fit.exposure != "fixed":
+        kind += ", each at its photo's exposure"
     numbers = {
         **numbers,
         f"PSNR, dB (mean of {len(cameras)} {kind})": round(

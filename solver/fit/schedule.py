@@ -36,7 +36,7 @@ def step_width(field: FieldSettings, fraction: float) -> float:
 def _between(ends: tuple[float, float], fraction: float) -> float:
     first, last = ends
     if min(first, last) <= 0:
-        return last
+        return first + (last - first) * fraction
     return last * (first / last) ** (1 - fraction)
 
 

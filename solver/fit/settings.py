@@ -13,6 +13,7 @@ from ..asset.settings import AssetSettings
 from ..capture.photo_settings import PhotoSettings
 from ..render.scene import RenderSettings
 from .errors import SettingsError
+from .limits import problem_of
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class LightSettings:
     """The environment map."""
 
     heights: tuple[int, ...] = (64, 128, 256)
-    """rows of the map, coarse to fine, at the fractions of `field.size_starts`"""
+    """rows of the map, coarse to fine, at the fractions of `field.size_starts`, one for each size"""
     initial: float = 0.5
     """radiance of every texel at the start"""
 
@@ -186,7 +187,7 @@ def overridden(settings: Settings, key: str, value: object) -> Settings:
         key: `section.field`.
 
     Raises:
-        SettingsError: unknown section or field, or a value of the wrong type.
+        SettingsError: unknown section or field, or a value of the wrong type or out of its range.
     """
     section_name, _, name = key.partition(".")
     sections = {f.name for f in dataclasses.fields(settings)}
@@ -208,10 +209,10 @@ def overridden(settings: Settings, key: str, value: object) -> Settings:
         raise SettingsError(
             f"Setting '{key}': '{value}' is not a valid {_type_name(types[name])}."
         ) from None
-    try:
-        section = dataclasses.replace(section, **{name: converted})
-    except ValueError as error:
-        raise SettingsError(f"Setting '{key}': '{value}' is not valid; {error}.") from None
+    problem = problem_of(key, converted)
+    if problem is not None:
+        raise SettingsError(f"Setting '{key}': '{value}' cannot be; {problem}.")
+    section = dataclasses.replace(section, **{name: converted})
     return dataclasses.replace(settings, **{section_name: section})
 
 
@@ -227,9 +228,12 @@ def checked(settings: Settings) -> Settings:
             f"Settings 'field.sizes' and 'field.size_starts': there are {len(sizes)} sizes and "
             f"{len(starts)} starts; give as many of one as of the other."
         )
-    if starts[0] != 0 or list(starts) != sorted(starts):
+    if starts[0] != 0:
+        raise SettingsError("Setting 'field.size_starts': the first has to be 0.")
+    smooth = settings.field.step_smoothing
+    if min(smooth) == 0 and max(smooth) > 0:
         raise SettingsError(
-            "Setting 'field.size_starts': the first has to be 0, and they must rise."
+            "Setting 'field.step_smoothing': one end is 0; give two zeros, or two widths above 0."
         )
     return settings
 

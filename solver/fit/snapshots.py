@@ -27,7 +27,8 @@ def write_snapshot(trainer: Trainer, folder: Path, fraction: float) -> None:
     """
     scene, camera = trainer.scene, trainer.bank.preview_camera
     settings = picture_settings(trainer.settings, 32, fraction)
-    picture = display(render_view(scene, StepTables.of(scene), settings, camera))
+    view = render_view(scene, StepTables.of(scene), settings, camera)
+    picture = display(view, trainer.background)
     row = camera.height // 2
     picture[row, ::4] = (1.0, 0.3, 0.0)
     step = f"{trainer.step:06d}.png"

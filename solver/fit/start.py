@@ -21,6 +21,7 @@ from ..field.room import EXTENT, Room, expand
 from ..job.folder import JobFolder
 from ..light.environment import EnvironmentMap
 from ..render.scene import Scene
+from .chunk import SURROUNDED
 from .errors import SettingsError
 from .point_start import start_from_points
 from .ray_bank import RayBank
@@ -30,10 +31,10 @@ from .trainer import Trainer
 from .visual_hull import (
     BELONG_TOGETHER,
     NOTHING_IN_COMMON,
-    carve,
     hull_box,
     signed_distance,
     start_from_hull,
+    whole_hull,
 )
 
 COARSE_HULL_CELLS = 96
@@ -48,7 +49,6 @@ OUTSIDE, INSIDE = -12.0, 5.0
 """raw density far from the hull's surface: clear, and opaque within a few voxels but not more, for slots
 and hollows, which no mask shows, have yet to be carved (docs/decisions/0001)"""
 HULL_MARGIN = 3  # cells of the hull's grid by which the object may reach beyond the hull
-BACKGROUNDS = ("auto", "white", "black", "random", "environment", "room")
 LIKELY_MARGIN = 9  # pixels around the object from which rays are drawn as often as from it
 
 
@@ -103,7 +103,7 @@ def new_trainer(
         density_shift=THIN_FOG if clear_start else HAZE,
     )  # fmt: skip
     if use_hull:
-        hull = carve(cameras, masks_of(photos), cube.box, shape.hull_cells)
+        hull, reached = whole_hull(cameras, lambda: masks_of(photos), cube.box, shape.hull_cells)
         distance = torch.from_numpy(signed_distance(hull)) * (2 * cube.half_size / hull.shape[0])
         start_from_hull(field, distance, shape.hull_slope / cube.half_size, OUTSIDE, INSIDE)
     room = None
@@ -115,7 +115,7 @@ def new_trainer(
     neural = NeuralTerm(shape.feature_size)
     scene = Scene(field, environment, neural, shape.occupancy_cells, room, origin).to(device)
     if use_hull:
-        scene.occupancy.allow_only(torch.from_numpy(hull), HULL_MARGIN)
+        scene.occupancy.allow_only(torch.from_numpy(reached), HULL_MARGIN)
     elif clear_start:
         seen = seen_cells(cameras, cube.box, SEEN_CELLS)
         scene.occupancy.allow_only(torch.from_numpy(seen), 0)
@@ -198,12 +198,8 @@ def background_of(photos: list[Photo], wanted: str = "auto") -> str:
     """What stands behind the object: as `wanted`, or for 'auto' as the photos look.
 
     Raises:
-        SettingsError: unknown, or impossible with these photos.
+        SettingsError: impossible with these photos.
     """
-    if wanted not in BACKGROUNDS:
-        raise SettingsError(
-            f"Setting 'fit.background': there is no '{wanted}'; choose {', '.join(BACKGROUNDS)}."
-        )
     if wanted == "random" and not all(photo.has_alpha for photo in photos):
         raise SettingsError(
             "Setting 'fit.background': 'random' needs photos with alpha; choose another."
@@ -220,9 +216,20 @@ def background_of(photos: list[Photo], wanted: str = "auto") -> str:
     return "white" if np.median(white) > 0.8 else "room"
 
 
+def background_shown(photos: list[Photo], fitted: str) -> str:
+    """What to lay pictures over that are compared with photos, of a scene fitted to photos before `fitted`.
+
+    These need not be the photos of the fit: where they have alpha, or where the fit's had a new colour
+    a ray, it is white.
+    """
+    if fitted == "random" or (fitted in SURROUNDED and all(photo.has_alpha for photo in photos)):
+        return "white"
+    return fitted
+
+
 def _object_cube(capture: Capture, photos: list[Photo], box: np.ndarray, margin: float) -> Region:
     """The cube around the visual hull within `box`."""
-    tight = hull_box(list(capture.cameras), masks_of(photos), box, COARSE_HULL_CELLS)
+    tight = hull_box(list(capture.cameras), lambda: masks_of(photos), box, COARSE_HULL_CELLS)
     if tight is None:
         raise CaptureError(capture.source, "alpha", NOTHING_IN_COMMON, BELONG_TOGETHER)
     return Region(tight.mean(0), float((tight[1] - tight[0]).max() / 2 * (1 + 2 * margin)))

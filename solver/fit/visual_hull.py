@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import scipy.ndimage
@@ -20,12 +20,16 @@ don't see it, lies inside all their masks, as it were"""
 
 
 NOTHING_IN_COMMON = "no point in the region lies inside the masks of all photos"
+FINER, MUCH_SMALLER = 4, 0.8
+"""times that the hull's box is looked for within itself, while an edge gets shorter by this factor"""
+THIN_CELLS = 2
+"""cells around the hull within which it is not too thin for its cells' centres, but ends"""
 BELONG_TOGETHER = "check that masks and cameras belong together, or enlarge the region"
 
 
 def carve(
     cameras: list[Camera], masks: Iterable[np.ndarray], region: np.ndarray, cells: int,
-    fewest: float = 0.0,
+    fewest: float = 0.0, whole_cells: bool = False,
 ) -> np.ndarray:  # fmt: skip
     """Boolean grid [K, K, K] of cell centres of `region` [2, 3] that no mask shows as background.
 
@@ -34,31 +38,63 @@ def carve(
     Args:
         masks: booleans [H, W] of the whole frame, of any size.
         fewest: share of the photos in whose frame a cell has to be.
+        whole_cells: a cell stays if any part of it may, not just its centre: nothing is too thin.
     """
     points = cell_centres(region, cells)
+    reach = 0.5 * float(np.linalg.norm((region[1] - region[0]) / cells)) if whole_cells else 0.0
     alive = np.arange(len(points))
     times_seen = np.zeros(len(points), dtype=np.int32)
     for camera, mask in zip(cameras, masks, strict=True):
         height, width = mask.shape
+        if whole_cells:
+            # Pixels to the nearest that the mask shows, along rows or columns.
+            beside = scipy.ndimage.distance_transform_cdt(~mask, "chessboard")
         pixel, depth = camera.project(points[alive])
         pixel = np.nan_to_num(pixel, nan=-1.0) * (width / camera.width, height / camera.height)
         column, row = np.floor(pixel).clip(-1, (width, height)).T
         seen = (depth > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
         times_seen[alive] += seen
         covered = np.ones(len(alive), dtype=bool)
-        covered[seen] = mask[row[seen].astype(int), column[seen].astype(int)]
+        at = row[seen].astype(int), column[seen].astype(int)
+        if whole_cells:
+            per_unit = max(camera.fx, camera.fy) * width / camera.width / depth[seen]
+            covered[seen] = (beside[at] <= np.round(reach * per_unit)) & (beside[at] >= 0)
+        else:
+            covered[seen] = mask[at]
         alive = alive[covered]
     hull = np.zeros(len(points), dtype=bool)
     hull[alive] = times_seen[alive] >= fewest * len(cameras)
     return hull.reshape(cells, cells, cells)
 
 
+def whole_hull(
+    cameras: list[Camera], masks: Callable[[], Iterable[np.ndarray]], region: np.ndarray, cells: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The hull's cells [K, K, K] by their centres, with those of parts that are thinner than a cell; and
+    all cells that any part of the object may lie in."""
+    reached = carve(cameras, masks(), region, cells, whole_cells=True)
+    hull = carve(cameras, masks(), region, cells)
+    near = (
+        scipy.ndimage.binary_dilation(hull, np.ones((3, 3, 3)), THIN_CELLS) if hull.any() else hull
+    )
+    return hull | (reached & ~near), reached
+
+
 def hull_box(
-    cameras: list[Camera], masks: Iterable[np.ndarray], region: np.ndarray, cells: int
+    cameras: list[Camera], masks: Callable[[], Iterable[np.ndarray]], region: np.ndarray, cells: int
 ) -> np.ndarray | None:
     """World box [2, 3] around the hull within a region; None if masks have nothing in common there."""
-    hull = carve(cameras, masks, region, cells, SEEN_BY)
-    return bounding_box(hull, region) if hull.any() else None
+    for _ in range(FINER):
+        hull = carve(cameras, masks(), region, cells, SEEN_BY, whole_cells=True)
+        if not hull.any():
+            return None
+        box = bounding_box(hull, region)
+        # Once more within what is left, where cells are finer, as long as that tells more.
+        smaller = ((box[1] - box[0]) < MUCH_SMALLER * (region[1] - region[0])).any()
+        region = box
+        if not smaller:
+            break
+    return region
 
 
 def bounding_box(hull: np.ndarray, region: np.ndarray) -> np.ndarray:

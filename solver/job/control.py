@@ -13,6 +13,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from .standard_input import next_bytes
+
 
 class Cancelled(Exception):
     """The work was asked to stop, and did."""
@@ -91,8 +93,7 @@ class Control:
         opened = time.monotonic()
         heard, rest = False, b""
         while True:
-            # os.read on the descriptor: a buffered reader would hold a lock at interpreter exit.
-            data = os.read(sys.stdin.fileno(), 4096)
+            data = next_bytes(sys.stdin.fileno())
             if not data:
                 self.parent_gone = heard or time.monotonic() - opened > self.ENDED_AT_START
                 if self.parent_gone:

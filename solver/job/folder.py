@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 SCHEMA_VERSION = 1
+MOST_SEED = (1 << 63) - 1
 
 
 class JobError(ValueError):
@@ -66,6 +67,18 @@ class JobRequest:
             raise JobError(f"{file}: '{wrong}' is not what it should be; start a new job.")
         return request
 
+    def check(self) -> None:
+        """Make sure that a new request can be followed.
+
+        Raises:
+            JobError: it has a value of a wrong type, or one that cannot be.
+        """
+        wrong = self._wrong_field()
+        if wrong:
+            raise JobError(
+                f"{wrong}: {getattr(self, wrong)!r} is not what it should be; change it."
+            )
+
     def _wrong_field(self) -> str | None:
         """Name of the first field of a wrong type or value; None if all are good."""
         limit = self.time_limit
@@ -73,7 +86,7 @@ class JobRequest:
             "capture": isinstance(self.capture, str) and self.capture != "",
             "preset": isinstance(self.preset, str),
             "device": isinstance(self.device, str),
-            "seed": isinstance(self.seed, int) and not isinstance(self.seed, bool),
+            "seed": type(self.seed) is int and 0 <= self.seed <= MOST_SEED,
             "time_limit": limit is None or (_is_number(limit) and limit > 0),
             "photos": self.photos is None or isinstance(self.photos, str),
             "masks": self.masks is None or isinstance(self.masks, str),
@@ -119,12 +132,18 @@ class JobFolder:
         """A new job in a new or empty folder (it may hold the job's `capture`).
 
         Raises:
-            JobError: the folder holds something already; nothing in it is touched.
+            JobError: the folder holds something already, and nothing in it is touched; or the request
+                has a value that cannot be.
         """
         job = cls.check_new(root)
+        request.check()
         job.root.mkdir(parents=True, exist_ok=True)
-        write_json_atomic(job.request_path, dataclasses.asdict(request))
+        job.ask(request)
         return job
+
+    def ask(self, request: JobRequest) -> None:
+        """Write what is asked of the solver."""
+        write_json_atomic(self.request_path, dataclasses.asdict(request))
 
     @classmethod
     def check_new(cls, root: Path | str) -> JobFolder:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from ..capture.capture import Capture
 from ..capture.read import read_capture
@@ -25,3 +28,10 @@ def capture_of(job: JobFolder, split: str = "train") -> Capture:
         None if request.masks is None else Path(request.masks),
         trusted=Path(request.capture).is_relative_to(job.root / "capture"),
     )  # fmt: skip
+
+
+def in_region(capture: Capture, region: dict[str, list[float]] | None) -> Capture:
+    """The capture with the region that a job was asked for, if it was."""
+    if region is None:
+        return capture
+    return replace(capture, region=np.array([region["min"], region["max"]], dtype=np.float64))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import platform
 import threading
 import time
 from pathlib import Path
@@ -26,7 +27,9 @@ class Heartbeat:
         self._last = 0.0
         self._entry: dict[str, Any] = {}
         self._lock = threading.Lock()
-        self._identity = {"pid": os.getpid(), "started": process_start_time(os.getpid())}
+        self._identity = {
+            "pid": os.getpid(), "started": process_start_time(os.getpid()), "machine": machine(),
+        }  # fmt: skip
 
     def update(
         self, state: str, step: int = 0, steps: int = 0, seconds_left: float | None = None
@@ -62,6 +65,15 @@ def read_status(path: Path) -> dict[str, Any]:
     return status if isinstance(status, dict) else {}
 
 
+def machine() -> str:
+    """Where process numbers mean something: this machine, or this container on it."""
+    try:
+        space = os.readlink("/proc/self/ns/pid")
+    except OSError:
+        space = ""
+    return f"{platform.node()} {space}".strip()
+
+
 def process_start_time(pid: int) -> float | None:
     """When a process started (clock ticks since boot on Linux); None where that is not known.
 
@@ -77,15 +89,22 @@ def process_start_time(pid: int) -> float | None:
 def process_is_alive(status: dict[str, Any], patience: float = 10.0) -> bool:
     """True if the process of a status still runs.
 
-    Where processes cannot be told apart by start time, a heartbeat younger than `patience` seconds
-    counts as life.
+    On another machine, and where processes cannot be told apart by start time, a heartbeat younger than
+    `patience` seconds counts as life.
     """
     pid = status.get("pid")
     if not isinstance(pid, int) or status.get("state") in ("done", "cancelled", "failed"):
         return False
+    if status.get("machine", machine()) != machine():
+        return _is_fresh(status, patience)
     started = process_start_time(pid)
     if started is not None:
         return started == status.get("started")
     if Path("/proc/self").exists():
         return False
-    return time.time() - float(status.get("time", 0)) < patience
+    return _is_fresh(status, patience)
+
+
+def _is_fresh(status: dict[str, Any], patience: float) -> bool:
+    when = status.get("time")
+    return isinstance(when, (int, float)) and time.time() - when < patience

@@ -192,10 +192,20 @@ class EnvironmentMap(nn.Module):
         return torch.einsum("nij,nkj->nki", spread, axes).square().sum(-1)
 
     def resized(self, height: int) -> EnvironmentMap:
-        """The same light on a map of another height (coarse to fine)."""
-        log_radiance = F.interpolate(
-            self.log_radiance.detach()[None], size=(height, 2 * height), mode="bilinear"
-        )[0]
+        """The same light on a map of another height (coarse to fine), bilinear on the sphere: columns go on
+        around, and rows beyond a pole half a turn away."""
+        values = self.log_radiance.detach()
+        over = values.roll(self.width // 2, -1)
+        values = torch.cat([over[:, :1], values, over[:, -1:]], 1)
+        values = torch.cat([values[..., -1:], values, values[..., :1]], -1)
+        row, column = (
+            (torch.arange(count, device=values.device) + 0.5) / count * size + 1
+            for count, size in ((height, self.height), (2 * height, self.width))
+        )
+        # Places in [−1, 1] over the edges of the map that has been continued.
+        y, x = 2 * row / values.shape[1] - 1, 2 * column / values.shape[2] - 1
+        places = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1)
+        log_radiance = F.grid_sample(values[None], places[None], align_corners=False)[0]
         other = EnvironmentMap(height)
         with torch.no_grad():
             other.log_radiance.copy_(log_radiance)

@@ -29,6 +29,12 @@ class LeastSquaresFactor:
         known = self._square > 1e-12
         return np.where(known, self._product / np.where(known, self._square, 1), 1.0)
 
+    @property
+    def common(self) -> float:
+        """One factor for all channels."""
+        square = float(self._square.sum())
+        return float(self._product.sum()) / square if square > 1e-12 else 1.0
+
 
 def clipped_factor(prediction: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """The factor [3] that minimises Σ (clip(factor · prediction) − clip(truth))² of pixels [N, 3].

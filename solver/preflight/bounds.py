@@ -23,19 +23,11 @@ def object_box(capture: Capture, looks: list[Look], margin: float) -> np.ndarray
     masks = [look.mask for look in looks]
     if any(mask is None for mask in masks):
         return None
-    cameras = [look.camera for look in looks]
-    coarse = hull_box(cameras, masks, capture.region, CELLS)
-    if coarse is None:
+    box = hull_box([look.camera for look in looks], lambda: masks, capture.region, CELLS)
+    if box is None:
         return None
-    # Once more within what is left, where cells are finer.
-    coarse = _grown(coarse, (capture.region[1] - capture.region[0]) / CELLS)
-    fine = hull_box(cameras, masks, coarse, CELLS)
-    box = coarse if fine is None else fine
-    return _grown(box, margin * (box[1] - box[0]).max())
-
-
-def _grown(box: np.ndarray, by: np.ndarray | float) -> np.ndarray:
-    return np.stack([box[0] - by, box[1] + by])
+    room = margin * (box[1] - box[0]).max()
+    return np.stack([box[0] - room, box[1] + room])
 
 
 def nothing_in_common(looks: list[Look], box: np.ndarray | None) -> list[Finding]:

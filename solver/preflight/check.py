@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,12 +39,14 @@ class Report:
 
 
 def check(
-    capture: Capture, preset: str = "draft", progress: Callable[[int, int], None] | None = None
-) -> Report:
+    capture: Capture, preset: str = "draft", progress: Callable[[int, int], None] | None = None,
+    wide: np.ndarray | None = None,
+) -> Report:  # fmt: skip
     """Check a capture before it is reconstructed.
 
     Args:
         progress: called with the number of photos looked at and of all.
+        wide: [2, 3] world box in which masks may show the object; None: the capture's region.
 
     Raises:
         CaptureError: a photo cannot be decoded. SettingsError: there is no such preset.
@@ -59,8 +61,11 @@ def check(
         + photos.size(looks, capture, settings.photos.most_pixels)
         + coverage(capture)
     )
-    box = object_box(capture, looks, settings.field.box_margin)
+    margin = settings.field.box_margin
+    box = object_box(capture, looks, margin)
     found += nothing_in_common(looks, box)
+    if wide is not None:
+        box = object_box(replace(capture, region=wide), looks, margin)
     if told.memory is not None and told.bytes > 0.8 * told.memory:
         found.append(
             warning(f"the fit will need about {told.bytes / 1e9:.0f} GB of this machine's "

@@ -18,7 +18,7 @@ def add_check(commands: argparse._SubParsersAction) -> None:
         "--photos", type=Path, metavar="DIR", help="if not below the capture's folder"
     )
     check.add_argument("--masks", type=Path, metavar="DIR", help="if not in a folder 'masks' there")
-    check.add_argument("--preset", default="draft", help="draft, standard or paper")
+    check.add_argument("--preset", help="draft, standard or paper; default: the job's, or draft")
     check.add_argument("--json", action="store_true", help="one object on stdout, for programs")
     check.set_defaults(run=run_check)
 
@@ -32,17 +32,23 @@ def run_check(options: argparse.Namespace) -> int:
     from ..capture.read import read_capture
     from ..fit.presets import settings_for
     from ..job.folder import JobFolder
-    from ..job.inputs import capture_of
+    from ..job.inputs import capture_of, in_region
     from .check import check
 
-    settings_for(options.preset)
+    preset = options.preset or "draft"
     if (options.capture / "job.json").is_file():
-        capture = capture_of(JobFolder.open(options.capture))
+        job = JobFolder.open(options.capture)
+        preset = options.preset or job.request.preset
+        settings_for(preset)
+        capture = capture_of(job)
+        asked = in_region(capture, job.request.region)
     else:
+        settings_for(preset)
         capture = read_capture(options.capture, photos=options.photos, masks=options.masks)
-    report = check(capture, options.preset, _progress if sys.stderr.isatty() else None)
+        asked = capture
+    report = check(asked, preset, _progress if sys.stderr.isatty() else None, capture.region)
     if options.json:
-        print(json.dumps(report.as_json(), ensure_ascii=False, allow_nan=False))
+        print(json.dumps(report.as_json(), allow_nan=False))
         return DONE
     for finding in report.findings:
         print(finding.line())

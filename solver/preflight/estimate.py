@@ -99,7 +99,12 @@ def estimate(
         largest = max(camera.width * camera.height for camera in capture.cameras)
         photos += DECODING_BYTES * largest * min(MOST_AT_ONCE, cores)
     return Estimate(
-        preset, round(seconds, 1), int(BASE_BYTES[preset]) + photos, photos, usable, _memory()
+        preset,
+        round(seconds, 1),
+        int(BASE_BYTES[preset]) + photos,
+        photos,
+        usable,
+        memory_of_machine(),
     )
 
 
@@ -122,7 +127,7 @@ def cores_in_use(settings: Settings, cores: int) -> int:
     return max(1, min(cores, round(fit.rays / fit.chunk_rays)))
 
 
-def _memory() -> int | None:
+def memory_of_machine() -> int | None:
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, OSError, ValueError):

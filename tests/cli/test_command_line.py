@@ -14,7 +14,9 @@ import pytest
 import scipy.ndimage
 from PIL import Image
 
+from solver.asset.export import export_result
 from solver.capture.photos import linear_to_srgb, read_exr
+from solver.job.folder import JobError, JobFolder
 from tests.capture.test_capture import make_capture, set_pose
 from tests.capture.test_triangulate import camera_at, photo_of
 
@@ -372,3 +374,98 @@ def test_an_unknown_setting_is_named(tmp_path):
 def test_doctor_reports():
     result = solver("doctor")
     assert result.returncode == 0 and "torch" in result.stdout and "MISSING" not in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--preset", "standard"], "preset 'draft', not 'standard'"), (["--seed", 3], "seed 0, not 3"),
+        (["--set", "fit.steps=99"], "overrides"), (["--device", "cuda"], "device 'auto', not 'cuda'"),
+    ],
+)  # fmt: skip
+def test_what_is_resumed_is_what_was_asked(job, options, words):
+    before = (job / "job.json").read_bytes()
+    result = solver("reconstruct", DUCK, "--out", job, "--resume", *options)
+    assert result.returncode == 2 and words in result.stderr, result.stderr
+    assert (job / "job.json").read_bytes() == before
+
+
+def test_another_capture_is_not_resumed_in_this_ones_job(job, tmp_path):
+    other = make_capture(tmp_path)
+    result = solver("reconstruct", other, "--out", job, "--resume")
+    assert result.returncode == 2 and "was begun with the capture" in result.stderr
+
+
+def test_one_camera_can_be_rendered_but_never_over_its_photo(job, tmp_path):
+    content = json.loads((DUCK / "transforms_test.json").read_text())
+    content["frames"] = content["frames"][:1]
+    (tmp_path / "test").mkdir()
+    name = Path(content["frames"][0]["file_path"]).name + ".png"
+    photo = shutil.copy(DUCK / "test" / name, tmp_path / "test")
+    before = Path(photo).read_bytes()
+    cameras = tmp_path / "transforms.json"
+    cameras.write_text(json.dumps(content))
+    few = ["--cameras", cameras, "--rays", 1]
+    for command in (["render", job], ["compose", job]):
+        result = solver(*command, *few, "--out", tmp_path / "test")
+        assert result.returncode == 2 and "the photos of these cameras lie here" in result.stderr
+    assert Path(photo).read_bytes() == before and len(list((tmp_path / "test").iterdir())) == 1
+    assert solver("render", job, *few, "--out", tmp_path / "out").returncode == 0
+    assert solver("render", job, *few, "--out", tmp_path / "out").returncode == 0
+
+
+def test_cancel_is_heard_while_the_asset_is_made(tmp_path, job):
+    again = tmp_path / "job"
+    shutil.copytree(job, again)
+    shutil.rmtree(again / "result")
+    request = json.loads((again / "job.json").read_text())
+    process = subprocess.Popen(
+        [sys.executable, "-m", "solver", "run", str(again), "--events"], cwd=ROOT,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+    )  # fmt: skip
+    for line in process.stdout:
+        event = json.loads(line)
+        if event["ev"] == "stage" and event["name"] == "asset":
+            process.stdin.write("cancel\n")
+            process.stdin.flush()
+    assert process.wait(60) == 3 and request["preset"] == "draft"
+    assert not (again / "result" / "manifest.json").exists()
+    assert solver("reconstruct", DUCK, "--out", again, "--resume").returncode == 0
+
+
+def test_numbers_that_are_none_are_told_so(job, tmp_path):
+    for options, words in (
+        (["--seed", "9" * 30], "whole number"), (["--time-limit", "soon"], "'soon' is no number"),
+    ):  # fmt: skip
+        result = solver("reconstruct", DUCK, "--out", tmp_path / "no", *options)
+        assert result.returncode == 2 and words in result.stderr
+    result = solver("render", job, "--cameras", DUCK, "--out", tmp_path / "no", "--rays", 0)
+    assert result.returncode == 2 and "from 1 to" in result.stderr
+    assert not (tmp_path / "no").exists()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals")
+def test_ctrl_c_before_a_job_begins_is_a_cancel():
+    process = subprocess.Popen(
+        [sys.executable, "-m", "solver", "check", str(DUCK)], cwd=ROOT, stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    time.sleep(1.5)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode in (0, 3) and "Traceback" not in errors
+
+
+def test_an_export_that_fails_leaves_nothing_that_looks_complete(job, tmp_path, monkeypatch):
+    def full(source, target):
+        target.mkdir()
+        (target / "manifest.json").touch()
+        raise shutil.Error([(str(source / "asset.glb"), str(target), "No space left on device")])
+
+    monkeypatch.setattr(shutil, "copytree", full)
+    with pytest.raises(JobError, match="asset.glb could not be written .No space left.*another folder"):
+        export_result(JobFolder.open(job), tmp_path / "asset")
+    assert list(tmp_path.iterdir()) == []
+    monkeypatch.undo()
+    (tmp_path / "asset").mkdir()
+    assert (export_result(JobFolder.open(job), tmp_path / "asset") / "manifest.json").is_file()

@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from solver.fit import clock
-from solver.fit.clock import FitClock, finishing_seconds, work_done
+from solver.fit.clock import FitClock, finishing_seconds, seconds_to_fit, work_done
 from solver.fit.presets import DRAFT
 from tests.capture.test_capture import camera
 from tests.render.scenes import ball
@@ -93,3 +93,9 @@ def test_larger_textures_take_longer_to_finish():
 def test_photos_without_masks_take_longer_to_finish():
     scene, cameras = ball(), [camera()] * 50
     assert finishing_seconds(scene, DRAFT, cameras) > 1.3 * finishing_seconds(scene, DRAFT)
+
+
+def test_a_limit_too_short_for_what_follows_still_leaves_the_fit_its_share():
+    assert seconds_to_fit(300, 290, 20, False) == 270
+    assert seconds_to_fit(60, 40, 90, False) == 0.2 * 60
+    assert seconds_to_fit(60, 40, 90, True) == 0.4 * 60

@@ -8,8 +8,13 @@ import torch
 
 from solver.capture.photos import Photo
 from solver.fit.errors import SettingsError
-from solver.fit.exposure import Exposures, exposures_for
-from solver.fit.start import new_trainer
+from solver.fit.exposure import Exposures, brought_to, exposures_for
+from solver.fit.preview import display, over_plain
+from solver.fit.schedule import picture_settings
+from solver.fit.start import background_shown, new_trainer
+from solver.metrics.image import psnr
+from solver.render.image import render_view
+from solver.render.scene import StepTables
 from tests.fit.test_fit import SMALL, ball_capture, resumed
 
 
@@ -75,3 +80,51 @@ def test_an_unknown_kind_of_exposure_is_named():
     with pytest.raises(SettingsError, match="fit.exposure.*'bright'.*gain"):
         exposures_for("bright", 3)
     assert exposures_for("fixed", 3) is None
+
+
+def test_pictures_are_compared_with_photos_at_their_own_exposure():
+    gains = np.tile(GAINS[:, None], 3)
+    trainer, _, capture, photos, settings = fitted(gains, "gain")
+    view = shown(trainer, capture.cameras[0])
+    plain, exposed = (
+        psnr(display(brought_to(view, photos[0], "white", kind)), over_plain(photos[0].pixels))
+        for kind in ("fixed", "gain")
+    )
+    assert exposed > plain + 5
+    brighter = dataclasses.replace(photos[0], pixels=photos[0].pixels * (1.2, 1, 0.8, 1))
+    white = brought_to(view, brighter, "white", "white_balance")
+    ratio = white.radiance.sum((0, 1)) / brought_to(view, photos[0], "white", "gain").radiance.sum(
+        (0, 1)
+    )
+    np.testing.assert_allclose(ratio, (1.2, 1, 0.8), rtol=0.05)
+
+
+def test_what_stood_before_black_is_shown_before_black():
+    settings = dataclasses.replace(
+        SMALL, fit=dataclasses.replace(SMALL.fit, background="black", emission_fade=(0.1, 0.2))
+    )
+    capture, photos = ball_capture()
+    opaque = [
+        np.concatenate([p.pixels[..., :3], np.ones_like(p.pixels[..., 3:])], -1) for p in photos
+    ]
+    photos = [Photo(pixels, False, False) for pixels in opaque]
+    trainer = new_trainer(capture, photos, settings, 0, None, "cpu", lambda fraction: None)
+    for i in range(200):
+        trainer.advance(i / 200)
+    view = shown(trainer, capture.cameras[0])
+    behind = background_shown(photos, trainer.background)
+    assert psnr(display(view, behind), over_plain(photos[0].pixels, behind)) > 20
+
+
+def test_photos_that_are_compared_need_not_be_those_of_the_fit():
+    _, photos = ball_capture(2)
+    opaque = [dataclasses.replace(photo, has_alpha=False) for photo in photos]
+    assert background_shown(opaque, "random") == background_shown(photos, "room") == "white"
+    assert background_shown(opaque, "room") == "room"
+
+
+def shown(trainer, camera):
+    trainer.refresh_occupancy()
+    return render_view(
+        trainer.scene, StepTables.of(trainer.scene), picture_settings(trainer.settings, 8), camera
+    )

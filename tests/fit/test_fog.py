@@ -9,7 +9,7 @@ import torch
 from solver.capture.photos import Photo, linear_to_srgb
 from solver.capture.placement import placed
 from solver.fit.presets import PAPER
-from solver.fit.preview import display, over_white
+from solver.fit.preview import display, over_plain
 from solver.fit.schedule import emission_share, picture_settings
 from solver.fit.seen_space import seen_cells, walked_through
 from solver.fit.settings import FitSettings
@@ -140,7 +140,7 @@ def test_a_photo_with_its_room_is_compared_with_all_that_is_in_the_scene():
     scene, camera = trainer.scene, capture.cameras[0]
     view = render_view(scene, StepTables.of(scene), picture_settings(SMALL, 4), camera)
     before_light = display(view, background_of(photos))
-    truth = over_white(photos[0].pixels)
+    truth = over_plain(photos[0].pixels)
     assert psnr(before_light, truth) > psnr(display(view), truth) + 3
     whole = np.clip(linear_to_srgb(view.surrounded), 0, 1)
     np.testing.assert_array_equal(before_light, whole)

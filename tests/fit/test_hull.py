@@ -1,11 +1,14 @@
 """The start from a visual hull: factors of a volume, and the hull they stand for."""
 
+import numpy as np
 import pytest
+import scipy.ndimage
 import torch
 
 from solver.field.field import MicrofacetField
-from solver.fit.visual_hull import decompose, start_from_hull
+from solver.fit.visual_hull import carve, decompose, hull_box, start_from_hull, whole_hull
 from solver.kernels.vm import vm_sum
+from tests.cameras.box_scene import box_camera, look_at
 
 
 def grid(size, low=-1.0, high=1.0):
@@ -36,3 +39,62 @@ def test_the_start_has_the_hulls_shape(size):
     raw = field.raw_density(centres.reshape(-1, 3) * 0.5 + 0.5).view(48, 48, 48)
     clear = distance.abs() > 0.03
     assert ((raw > 0) == (distance < 0))[clear].float().mean() > 0.999
+
+
+REGION = np.array([[-1.0] * 3, [1.0] * 3])
+SLAB, ROD = ((-0.3, -0.3, -0.4), (0.3, 0.3, -0.3)), ((0.1, 0.05, -0.4), (0.1, 0.05, 0.5))
+
+
+def silhouettes(thickness):
+    """Cameras around a slab with an upright rod, and masks of both by many points of theirs.
+
+    Args:
+        thickness: of the rod, world units.
+    """
+    random = np.random.default_rng(0)
+    slab = random.uniform(*SLAB, (20_000, 3))
+    rod = np.linspace(*ROD, 2000) + thickness * random.uniform(-0.5, 0.5, (2000, 3))
+    cameras, masks = [], []
+    for i in range(16):
+        turn = 2 * np.pi * i / 16
+        place = np.array([3.5 * np.cos(turn), 3.5 * np.sin(turn), 1.5 - 2 * (i % 2)])
+        camera = box_camera(look_at(place, np.zeros(3)), f"c{i}", None, 0.6)
+        pixel, _ = camera.project(np.concatenate([slab, rod]))
+        column, row = pixel.astype(int).T
+        mask = np.zeros((camera.height, camera.width), bool)
+        mask[row, column] = True
+        cameras.append(camera)
+        masks.append(scipy.ndimage.binary_closing(mask, iterations=2) | mask)
+    return cameras, masks
+
+
+@pytest.mark.parametrize("thickness", [0.004, 0.02, 0.06])
+def test_parts_thinner_than_a_cell_are_in_the_box_and_in_the_hull(thickness):
+    cameras, masks = silhouettes(thickness)
+    box = hull_box(cameras, lambda: masks, REGION, 48)
+    assert (box[0] <= SLAB[0]).all() and box[1, 2] >= ROD[1][2]
+    assert (box[1] - box[0] < (0.75, 0.75, 1.05)).all()
+    cells = 32
+    hull, reached = whole_hull(cameras, lambda: masks, REGION, cells)
+    centres = carve(cameras, masks, REGION, cells)
+    rod = np.floor((np.linspace(*ROD, 200) + 1) / 2 * cells).astype(int)
+    assert reached[tuple(rod.T)].all()
+    if thickness < 0.01:
+        assert centres[tuple(rod.T)].mean() < 0.9
+    # Nothing that the centres have is lost, and next to them nothing is added.
+    assert not (centres & ~hull).any()
+    assert hull.sum() < 1.1 * centres.sum() + 2 * len(np.unique(rod, axis=0)) * 9
+
+
+def test_a_plate_thinner_than_any_cell_is_an_object():
+    cameras, masks = silhouettes(0.02)
+    only = [mask & False for mask in masks]
+    for camera, mask in zip(cameras, only, strict=True):
+        plate = np.random.default_rng(1).uniform(
+            (-0.3, -0.001, -0.3), (0.3, 0.001, 0.3), (20_000, 3)
+        )
+        column, row = camera.project(plate)[0].astype(int).T
+        mask[row, column] = True
+    box = hull_box(cameras, lambda: only, REGION, 48)
+    assert box is not None and (box[1] - box[0])[0] > 0.59
+    assert whole_hull(cameras, lambda: only, box, 32)[0].any()

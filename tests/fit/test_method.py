@@ -240,8 +240,8 @@ def test_backgrounds_that_cannot_be_are_refused():
     opaque = [dataclasses.replace(photo, has_alpha=False) for photo in photos]
     with pytest.raises(SettingsError, match="random"):
         background_of(opaque, "random")
-    with pytest.raises(SettingsError, match="pink"):
-        background_of(photos, "pink")
+    with pytest.raises(SettingsError, match="'pink' cannot be; choose one of auto, white"):
+        settings_for("draft", {"fit.background": "pink"})
 
 
 def test_a_decoder_can_be_taken_over_and_stays_as_it_is(tmp_path):

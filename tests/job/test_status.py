@@ -106,3 +106,13 @@ def test_where_start_times_are_unknown_a_fresh_heartbeat_counts_as_life(monkeypa
     monkeypatch.setattr(status.Path, "exists", lambda path: False)
     assert process_is_alive({"pid": 4, "state": "running", "time": time.time() - 5})
     assert not process_is_alive({"pid": 4, "state": "running", "time": time.time() - 60})
+
+
+def test_on_another_machine_a_fresh_heartbeat_is_life_whatever_the_pid(tmp_path):
+    Heartbeat(tmp_path / "status.json").update("running")
+    here = read_status(tmp_path / "status.json")
+    assert process_is_alive(here)
+    there = here | {"machine": "render-node-7", "pid": 1 << 22}
+    assert process_is_alive(there)
+    assert not process_is_alive(there | {"time": time.time() - 60})
+    assert not process_is_alive(here | {"pid": 1 << 22})

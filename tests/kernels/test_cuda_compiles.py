@@ -6,7 +6,7 @@ import pytest
 import warp as wp
 
 
-@pytest.mark.parametrize("family", ["vm", "march", "integral"])
+@pytest.mark.parametrize("family", ["vm", "march", "integral", "visibility"])
 @pytest.mark.parametrize("architecture", [75, 90])
 def test_kernels_compile_for_cards_from_turing_to_hopper(family, architecture, tmp_path):
     module = importlib.import_module(f"solver.kernels.{family}_warp")

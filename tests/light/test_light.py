@@ -112,3 +112,27 @@ def test_the_light_has_the_directions_of_the_frames_module():
     texel = equirect_coordinates(directions.reshape(-1, 3), 8, 16)
     expected = frames.equirect_from_direction(directions.reshape(-1, 3).numpy()) * (16, 8)
     np.testing.assert_allclose(texel.numpy(), expected, atol=1e-4)
+
+
+@pytest.mark.parametrize("height", [16, 48])
+def test_resizing_a_map_knows_that_it_goes_on_around_and_over_the_poles(height):
+    torch.manual_seed(0)
+    small = EnvironmentMap(8)
+    with torch.no_grad():
+        small.log_radiance.normal_()
+    turned = EnvironmentMap(8)
+    with torch.no_grad():
+        turned.log_radiance.copy_(small.log_radiance.roll(5, -1))
+    step = 5 * height // 8
+    torch.testing.assert_close(
+        turned.resized(height).log_radiance, small.resized(height).log_radiance.roll(step, -1)
+    )
+    # Away from edges it is torch's own bilinear interpolation.
+    plain = torch.nn.functional.interpolate(
+        small.log_radiance.detach()[None], size=(height, 2 * height), mode="bilinear"
+    )[0]
+    inner = np.s_[:, height // 8 : -height // 8, height // 8 : -height // 8]
+    torch.testing.assert_close(small.resized(height).log_radiance.detach()[inner], plain[inner])
+    # Across a pole lies what is half a turn away.
+    pole = small.resized(8 * height).log_radiance.detach()[:, 0]
+    torch.testing.assert_close(pole, pole.roll(8 * height, -1), atol=0.15, rtol=0)
