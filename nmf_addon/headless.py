@@ -10,6 +10,8 @@ Exit codes are the solver's: 0 done, 2 bad input, 3 cancelled, 4 out of memory, 
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import shutil
 import sys
 from pathlib import Path
 
@@ -18,12 +20,13 @@ import bpy
 from ..solver.capture.errors import CaptureError
 from ..solver.job.events import Event, clock
 from ..solver.job.folder import JobError, JobFolder
+from ..solver.job.inputs import capture_of
 from . import preferences
 from .jobs.create import create_job, last_job_root, new_job_root
 from .jobs.process import run_blocking, start_job
 from .runtime import RuntimeMissing, bootstrap_script, clean_environment
 from .scene.cameras import size_of
-from .scene.capture_collection import import_capture
+from .scene.capture_collection import import_capture, photo_names
 from .scene.install import InstalledAsset, install_result
 from .scene.match_solver import match_resolution, match_solver
 
@@ -67,9 +70,9 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("out", type=Path, metavar="OUT.blend")
     command.add_argument("--photos", type=Path, help="their folder, if not below the capture's")
     command.add_argument("--masks", type=Path, help="their folder, if not 'masks' there")
-    command.add_argument("--preset", default="draft")
-    command.add_argument("--device", default="auto")
-    command.add_argument("--seed", type=int, default=0)
+    command.add_argument("--preset")
+    command.add_argument("--device")
+    command.add_argument("--seed", type=int)
     command.add_argument("--time-limit", type=float)
     command.add_argument(
         "--set", action="append", default=[], dest="sets", metavar="section.field=value"
@@ -101,23 +104,58 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
     bpy.context.scene.nmf.capture = collection
     name = f"{out.stem}_job"
     root = options.job.absolute() if options.job else last_job_root(name, out.parent)
-    if options.resume and root is not None and (root / "job.json").exists():
+    resumed = options.resume and root is not None and (root / "job.json").exists()
+    if resumed:
         job = JobFolder.open(root)
+        take_up(job, collection, options)
     else:
         root = options.job.absolute() if options.job else new_job_root(name, out.parent)
         job = create_job(
-            collection, root, preset=options.preset, device=options.device, seed=options.seed,
-            time_limit=options.time_limit,
+            collection, root, preset=options.preset or "draft", device=options.device or "auto",
+            seed=options.seed or 0, time_limit=options.time_limit,
             overrides=dict(text.split("=", 1) for text in options.sets),
         )  # fmt: skip
     if not job.is_complete():
-        run_solver(python, job, ProgressLines())
+        try:
+            run_solver(python, job, ProgressLines())
+        except SolverFailed as error:
+            if error.code == BAD_INPUT and not resumed and not job.has_checkpoint():
+                # Nothing came of it, and a corrected command may use the same folder.
+                shutil.rmtree(job.root, ignore_errors=True)
+            raise
     asset = install_result(bpy.context, job.root, collection)
     match_solver(bpy.context.scene, asset.manifest["bounces"])
     match_capture_resolution(collection)
     bpy.ops.file.pack_all()
     bpy.ops.wm.save_as_mainfile(filepath=str(out), compress=True)
     return asset
+
+
+def take_up(job: JobFolder, collection: bpy.types.Collection, options: argparse.Namespace) -> None:
+    """Make sure that the job to be resumed is that of this capture and of these options; another time
+    limit is taken over.
+
+    Raises:
+        JobError: it was begun otherwise.
+    """
+    begun = job.request
+    asked = {
+        "preset": options.preset, "device": options.device, "seed": options.seed,
+        "overrides": dict(text.split("=", 1) for text in options.sets) or None,
+    }  # fmt: skip
+    for name, value in asked.items():
+        if value is not None and getattr(begun, name) != value:
+            raise JobError(
+                f"{job.root}: this job was begun with the {name} {getattr(begun, name)!r}, not {value!r}; "
+                "resume it without other options, or give another --job."
+            )
+    photos = {camera.image_path.name for camera in capture_of(job).cameras if camera.image_path}
+    if photos != photo_names(collection):
+        raise JobError(f"{job.root}: this is a job of other photos; give another --job.")
+    if options.time_limit is not None and options.time_limit != begun.time_limit:
+        changed = dataclasses.replace(begun, time_limit=options.time_limit)
+        changed.check()
+        job.ask(changed)
 
 
 def run_solver(python: Path, job: JobFolder, on_event) -> None:

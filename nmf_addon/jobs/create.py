@@ -51,7 +51,10 @@ def create_job(collection: bpy.types.Collection, root: Path, **settings) -> JobF
         CaptureError, JobError: nothing to reconstruct, or the folder is in use; nothing is written.
     """
     JobFolder.check_new(root)
-    region = region_of(collection)
-    cameras = write_capture(collection, root / "capture")
-    request = JobRequest(capture=str(cameras), region=region, code_version=__version__, **settings)
+    folder = root / "capture"
+    request = JobRequest(
+        capture=str(folder), region=region_of(collection), code_version=__version__, **settings
+    )
+    request.check()
+    request.capture = str(write_capture(collection, folder))
     return JobFolder.create(root, request)

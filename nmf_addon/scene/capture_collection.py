@@ -20,7 +20,7 @@ from ...solver.capture.formats.transforms import write_transforms
 from ...solver.capture.placement import placed, suggest_placement
 from ...solver.capture.read import read_capture
 from .background import is_distorted, turn_of, undistorted_copy
-from .cameras import add_camera, photo_of, to_solver
+from .cameras import add_camera, photo_of, photo_path, to_solver
 from .images import load_image
 from .region import new_region_box, place_box, region_box
 
@@ -210,6 +210,11 @@ def write_capture(collection: bpy.types.Collection, folder: Path) -> Path:
     path = folder / "transforms_train.json"
     write_transforms(path, [to_solver(item, matrix) for item in items])
     return path
+
+
+def photo_names(collection: bpy.types.Collection) -> set[str]:
+    """The file names of the photos of a collection's cameras."""
+    return {photo_path(photo_of(item)).name for item in _photo_cameras(collection)}
 
 
 def add_region_box(

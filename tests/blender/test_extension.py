@@ -1,5 +1,7 @@
 """Registration, operators, jobs and headless runs, with a solver that needs no torch."""
 
+import json
+import shutil
 import subprocess
 import sys
 import time
@@ -171,6 +173,43 @@ def test_headless_passes_on_the_solvers_exit_code(
 ):
     fake_solver(mode)
     assert extension("headless").main(["reconstruct", str(duck), str(tmp_path / "x.blend")]) == code
+
+
+def test_headless_leaves_nothing_of_a_job_that_could_not_begin(
+    extension, duck, tmp_path, fake_solver, capsys
+):
+    out = tmp_path / "x.blend"
+    command = ["reconstruct", str(duck), str(out)]
+    assert extension("headless").main([*command, "--time-limit", "-3"]) == 2
+    assert "time_limit: -3.0" in capsys.readouterr().err
+    fake_solver("fail")
+    assert extension("headless").main(command) == 2
+    assert list(tmp_path.glob("x_job*")) == []
+    fake_solver("normal")
+    assert extension("headless").main([*command, "--resume"]) == 0
+
+
+def test_headless_resumes_only_what_was_asked(extension, duck, tmp_path, fake_solver, capsys):
+    out, job = tmp_path / "x.blend", tmp_path / "job"
+    command = ["reconstruct", str(duck), str(out), "--job", str(job), "--overwrite"]
+    assert extension("headless").main(command) == 0
+    again = [*command, "--resume"]
+    assert extension("headless").main([*again, "--preset", "standard"]) == 2
+    assert "preset 'draft', not 'standard'" in capsys.readouterr().err
+    other = tmp_path / "other"
+    other.mkdir()
+    content = json.loads((duck / "transforms_train.json").read_text())
+    content["frames"] = content["frames"][:5]
+    for frame in content["frames"]:
+        name = f"my_{Path(frame['file_path']).name}.png"
+        shutil.copy(duck / f"{frame['file_path']}.png", other / name)
+        frame["file_path"] = name
+    (other / "transforms_train.json").write_text(json.dumps(content))
+    before = out.read_bytes()
+    assert extension("headless").main([again[0], str(other), *again[2:]]) == 2
+    assert "a job of other photos" in capsys.readouterr().err and out.read_bytes() == before
+    assert extension("headless").main([*again, "--time-limit", "77"]) == 0
+    assert json.loads((job / "job.json").read_text())["time_limit"] == 77
 
 
 def test_the_script_runs_in_plain_python(duck, tmp_path, fake_solver):

@@ -463,7 +463,9 @@ def test_an_export_that_fails_leaves_nothing_that_looks_complete(job, tmp_path, 
         raise shutil.Error([(str(source / "asset.glb"), str(target), "No space left on device")])
 
     monkeypatch.setattr(shutil, "copytree", full)
-    with pytest.raises(JobError, match="asset.glb could not be written .No space left.*another folder"):
+    with pytest.raises(
+        JobError, match="asset.glb could not be written .No space left.*another folder"
+    ):
         export_result(JobFolder.open(job), tmp_path / "asset")
     assert list(tmp_path.iterdir()) == []
     monkeypatch.undo()
