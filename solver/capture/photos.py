@@ -51,11 +51,13 @@ class Photo:
         pixels: [H, W, 4] float32, linear Rec.709, premultiplied alpha, row 0 on top.
         has_alpha: the photo says what is object (alpha channel or mask file).
         is_hdr: values above 1 are radiances, not clipped.
+        backdrop: 'white' or 'black', if alpha is what stood out from that.
     """
 
     pixels: np.ndarray
     has_alpha: bool
     is_hdr: bool
+    backdrop: str | None = None
 
 
 def load_photo(camera: Camera, settings: PhotoSettings | None = None) -> Photo:

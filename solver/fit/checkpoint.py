@@ -26,7 +26,7 @@ BEFORE = {
     "render": {"diffuse_visibility": False},
     "fit": {
         "palette_weight": 0.0, "dielectric_weight": 0.0, "metal_weight": 0.0,
-        "metal_albedo_weight": 0.0, "light_floor_without_room": 0.0,
+        "metal_albedo_weight": 0.0, "light_floor_without_room": 0.0, "cut_out": False,
     },
 }  # fmt: skip
 """settings as they were, in effect, before there was such a setting"""

@@ -55,7 +55,7 @@ def total_loss(
     """The weighted sum of what photos and shapes say, and the terms that are worth showing.
 
     Args:
-        use_masks: opacity is held to the photos' alpha.
+        use_masks: opacity is held to the photos' alpha, where that is known.
         fraction: how much of the fit is done; smoothness terms fade with it.
         gain: see `photometric`.
     """
@@ -63,7 +63,8 @@ def total_loss(
     loss = image + settings.opacity_weight * buffers.opacity.mean()
     loss = loss + settings.orientation_weight * buffers.backfacing.mean()
     if use_masks and settings.mask_weight > 0:
-        loss = loss + settings.mask_weight * (buffers.opacity - batch.alpha).square().mean()
+        error = (buffers.opacity - batch.alpha) * batch.alpha_known
+        loss = loss + settings.mask_weight * error.square().mean()
     if buffers.bending is not None:
         fade = settings.smoothness_end**fraction
         loss = loss + fade * settings.bend_weight * buffers.bending.mean()

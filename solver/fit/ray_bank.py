@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from ..capture.backdrop import LEVELS, TOLERANCE
 from ..capture.camera import Camera
 from ..capture.photos import Photo
 from ..render.pixels import places_in_pixel
@@ -20,6 +21,9 @@ class RayBatch(NamedTuple):
     directions: torch.Tensor  # [B, n, 3] world, unit
     colour: torch.Tensor  # [B, 3] sRGB-encoded, straight (not premultiplied)
     alpha: torch.Tensor  # [B] coverage; 1 where the photo has none
+    alpha_known: (
+        torch.Tensor
+    )  # [B] false where it may as well be 0: as plain as the photo's backdrop
     clipped: torch.Tensor  # [B, 3] true where the photo is saturated
     pixel_angle: torch.Tensor  # [B] angular width of the pixel, rad
     photo: torch.Tensor  # [B] long, index of the photo
@@ -57,6 +61,7 @@ class RayBank:
         self.directions = torch.cat(directions).to(device)
         self.colour = torch.cat(colours).to(device)
         self.alpha = torch.cat(alphas).to(device)
+        self.backdrop = None if photos[0].backdrop is None else LEVELS[photos[0].backdrop]
         self.is_hdr = torch.tensor([photo.is_hdr for photo in photos], device=device)
         matrices = np.stack([camera.camera_to_world for camera in cameras])
         self.rotation = torch.from_numpy(matrices[:, :3, :3]).float().to(device)
@@ -112,12 +117,18 @@ class RayBank:
         photo = self._photo_of(pixel)
         directions = self._through(pixel, photo, grid)
         colour = self.colour[pixel].float()
+        alpha = self.alpha[pixel].float()
         clipped = (colour >= 0.998) & ~self.is_hdr[photo][:, None]
+        known = torch.ones_like(alpha, dtype=torch.bool)
+        if self.backdrop is not None:
+            # The backdrop seen through a handle, or a highlight as white as it.
+            known = (alpha < 1) | ((colour - self.backdrop).abs() > TOLERANCE).any(-1)
         return RayBatch(
             self.position[photo],
             directions,
             colour,
-            self.alpha[pixel].float(),
+            alpha,
+            known,
             clipped,
             self.pixel_angle[photo],
             photo,

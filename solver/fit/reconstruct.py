@@ -22,6 +22,7 @@ from ..kernels.backend import fast
 from ..kernels.warm_up import compile_kernels
 from . import checkpoint
 from .clock import FitClock, finishing_seconds, seconds_to_fit
+from .cut_out import cut_out
 from .errors import SettingsError
 from .point_start import with_points
 from .presets import settings_for
@@ -80,13 +81,19 @@ def run_job(
 
     progress.stage("geometry", "first shape")
     state = checkpoint.read_state(job.checkpoint_dir)
+    region = None
+    if request.region is not None:
+        region = np.array([request.region["min"], request.region["max"]])
     if state is not None:
         settings = checkpoint.settings_of(state)
+    if settings.fit.cut_out and settings.fit.use_masks:
+        photos = cut_out(capture, photos, region)
+    if state is not None:
         scene, state, tensors = checkpoint.load_scene(job.checkpoint_dir, device)
         trainer = trainer_for(scene, capture, photos, settings, request.seed)
         checkpoint.restore(trainer, state, tensors)
     else:
-        trainer = _at_start(request, settings, capture, photos, device, progress, control)
+        trainer = _at_start(request, settings, capture, photos, region, device, progress, control)
     _stop_if_asked(control)
 
     progress.stage("fit")
@@ -137,8 +144,8 @@ def run_job(
 
 
 def _at_start(
-    request: JobRequest, settings: Settings, capture: Capture, photos: list[Photo], device: str,
-    progress: Progress, control: Control,
+    request: JobRequest, settings: Settings, capture: Capture, photos: list[Photo],
+    region: np.ndarray | None, device: str, progress: Progress, control: Control,
 ) -> Trainer:  # fmt: skip
     """A trainer at the start of a fit, which without masks are sparse points."""
     found = 0.0
@@ -155,8 +162,7 @@ def _at_start(
         except ApartError as error:
             progress.warning(f"no sparse points ({error}); the fit starts without them")
     return new_trainer(
-        capture, photos, settings, request.seed,
-        request.region and np.array([request.region["min"], request.region["max"]]), device,
+        capture, photos, settings, request.seed, region, device,
         lambda done: told(found + (1 - found) * done),
     )  # fmt: skip
 

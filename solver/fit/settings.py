@@ -110,7 +110,8 @@ class FitSettings:
     background: str = "auto"
     """what stands behind the object: 'white', 'black', 'random' (a colour a ray, photos with alpha
     only), 'environment' (the fitted light itself), 'room' (a radiance field around the box, before the
-    fitted light), or 'auto': white for photos with alpha or before plain white, else room"""
+    fitted light), or 'auto': white for photos with alpha, white or black for photos before plain white or
+    black, else room"""
     room_light_weight: float = 0.05
     """of the squared difference between the logarithms of light and room as seen from the box's centre"""
     exposure: str = "fixed"
@@ -118,6 +119,8 @@ class FitSettings:
     on automatic; 'fixed' takes them as they are"""
     use_masks: bool = True
     """photos' alpha tells where the object is; else it is only used to lay them over a background"""
+    cut_out: bool = True
+    """photos without alpha before plain white or black get one, if what stands out fits together"""
     mask_weight: float = 0.5
     """of (opacity − alpha)², where photos have alpha"""
     orientation_weight: float = 0.1

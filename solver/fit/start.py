@@ -11,10 +11,11 @@ import scipy.ndimage
 import torch
 
 from ..brdf.neural import NeuralTerm
+from ..capture.backdrop import backdrop_of
 from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
-from ..capture.photos import Photo
+from ..capture.photos import Photo, linear_to_srgb
 from ..capture.placement import far_origin, seen_from
 from ..field.field import MicrofacetField
 from ..field.room import EXTENT, Room, expand
@@ -207,13 +208,8 @@ def background_of(photos: list[Photo], wanted: str = "auto") -> str:
     if wanted != "auto":
         return wanted
     if all(photo.has_alpha for photo in photos):
-        return "white"
-    borders = [
-        np.concatenate([p.pixels[0], p.pixels[-1], p.pixels[:, 0], p.pixels[:, -1]])[:, :3]
-        for p in photos
-    ]
-    white = [float((border > 0.97).all(-1).mean()) for border in borders]
-    return "white" if np.median(white) > 0.8 else "room"
+        return photos[0].backdrop or "white"
+    return backdrop_of([linear_to_srgb(photo.pixels[..., :3]) for photo in photos]) or "room"
 
 
 def background_shown(photos: list[Photo], fitted: str) -> str:

@@ -11,10 +11,12 @@ import numpy as np
 import scipy.ndimage
 from PIL import Image
 
+from ..capture.backdrop import backdrop_of, object_before
 from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.photos import srgb_to_linear
 from ..capture.reduced import load_reduced, load_reduced_mask
+from ..fit.cut_out import MOST_MISSING, missing
 from ..threads import usable_cores
 
 LONGEST = 960
@@ -39,6 +41,7 @@ class Look:
         across: pixels of the photo that the mask's box measures, its longer side; None without.
         thumbnail: [32, 32, 3] int16.
         mask: [H, W] bool, reduced; None without.
+        backdrop: 'white' or 'black', if the mask is what stands out from that.
     """
 
     camera: Camera
@@ -51,6 +54,7 @@ class Look:
     across: float | None
     thumbnail: np.ndarray
     mask: np.ndarray | None = None
+    backdrop: str | None = None
 
     @property
     def name(self) -> str:
@@ -65,20 +69,37 @@ def look_at_photos(
     Raises:
         CaptureError: one cannot be decoded.
     """
+    looks = _look_at_all(capture, True, progress)
+    before = {look.backdrop for look in looks}
+    if len(before) == 1 and (None in before or _fit_together(capture, looks)):
+        return looks
+    return _look_at_all(capture, False, None) if before - {None} else looks
+
+
+def _look_at_all(
+    capture: Capture, cut_out: bool, progress: Callable[[int, int], None] | None
+) -> list[Look]:
     looks = []
     with ThreadPoolExecutor(max_workers=min(usable_cores(), 8)) as pool:
-        for look in pool.map(lambda camera: look_at(camera, capture.region), capture.cameras):
+        for look in pool.map(lambda c: look_at(c, capture.region, cut_out), capture.cameras):
             looks.append(look)
             if progress is not None:
                 progress(len(looks), len(capture.cameras))
     return looks
 
 
-def look_at(camera: Camera, region: np.ndarray) -> Look:
+def _fit_together(capture: Capture, looks: list[Look]) -> bool:
+    masks = [look.mask for look in looks]
+    shown = all(mask.any() for mask in masks)
+    return shown and missing(capture.cameras, masks, capture.region) <= MOST_MISSING
+
+
+def look_at(camera: Camera, region: np.ndarray, cut_out: bool = False) -> Look:
     """Look at one photo.
 
     Args:
         region: [2, 3] world box of the object.
+        cut_out: without alpha and mask, what stands out from plain white or black is taken as such.
     """
     colour, alpha = load_reduced(camera.image_path, LONGEST)
     height, width = colour.shape[:2]
@@ -87,6 +108,12 @@ def look_at(camera: Camera, region: np.ndarray) -> Look:
     if camera.mask_path is not None:
         mask = load_reduced_mask(camera.mask_path, (height, width))
         alpha = mask if alpha is None else np.minimum(alpha, mask)
+    backdrop = None
+    if alpha is None and cut_out:
+        levels = colour.astype(np.float32) / 255
+        backdrop = backdrop_of([levels])
+        if backdrop is not None:
+            alpha = object_before(levels, backdrop) * np.uint8(255)
     scale = camera.width / width
     inside = np.zeros((height, width), bool)
     inside[frame_of(camera, region, scale, (height, width))] = True
@@ -110,7 +137,7 @@ def look_at(camera: Camera, region: np.ndarray) -> Look:
     return Look(
         camera, sharpness_of(colour, inside), float((pixels >= 254).any(axis=-1).mean()),
         _middle_stops(values), white, coverage, cut, across,
-        np.asarray(thumbnail).astype(np.int16), shown,
+        np.asarray(thumbnail).astype(np.int16), shown, backdrop,
     )  # fmt: skip
 
 

@@ -114,7 +114,13 @@ def masks(looks: list[Look]) -> list[Finding]:
     if len(without) == len(looks):
         return [note("no photo has a mask or alpha; the object is found without them, which is slower "
                      "and less sure, so add masks if the background is busy")]  # fmt: skip
-    found = [note(f"{len(looks) - len(without)} of {len(looks)} photos have a mask or alpha")]
+    backdrop = looks[0].backdrop
+    if backdrop is not None and not without:
+        found = [
+            note(f"the object is before plain {backdrop}; what stands out from it is taken as mask")
+        ]
+    else:
+        found = [note(f"{len(looks) - len(without)} of {len(looks)} photos have a mask or alpha")]
     if without:
         found.append(
             warning(f"{len(without)} photos have no mask ({listed(without)}), so the masks of the "

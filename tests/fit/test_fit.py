@@ -255,7 +255,9 @@ def test_a_saturated_pixel_forgives_more_light_but_not_less():
             torch.full((1, 3), radiance), ones
         )
         clipped = torch.ones(1, 3, dtype=torch.bool)
-        batch = RayBatch(None, None, torch.ones(1, 3), ones, clipped, ones, torch.zeros(1).long())
+        batch = RayBatch(
+            None, None, torch.ones(1, 3), ones, ones > 0, clipped, ones, torch.zeros(1).long()
+        )
         return float(photometric(buffers, batch, torch.ones(1, 3)))
 
     assert loss(3.0) == 0 and loss(0.5) > 0.01

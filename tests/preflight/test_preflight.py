@@ -204,6 +204,28 @@ def test_mixed_empty_full_and_cut_masks_are_told_apart(pictures, tmp_path):
     assert [f.level for f in found] == ["note"] and "no photo has a mask" in found[0].text
 
 
+@pytest.mark.parametrize("name, level", [("white", 255), ("black", 0)])
+def test_what_stands_before_a_plain_backdrop_has_masks(name, level, pictures, tmp_path):
+    def before(index, colour, mask):
+        return np.where(mask[..., None], np.clip(colour, 20, 235), level).astype(np.uint8), None
+
+    report = check(write(tmp_path, pictures, before, masked=False))
+    assert any(f"before plain {name}" in finding.text for finding in report.findings)
+    truth = np.array([-HALF, HALF]) + [0, 0, HALF[2]]
+    assert (report.box[0] < truth[0]).all() and (report.box[1] > truth[1]).all()
+    assert warnings(report.findings) == []
+
+
+def test_a_backdrop_that_swallows_part_of_the_object_is_none(pictures, tmp_path):
+    def before(index, colour, mask):
+        colour = np.where(mask[..., None], np.clip(colour, 20, 235), 255).astype(np.uint8)
+        colour[:, : colour.shape[1] // 2] = 255
+        return colour, None
+
+    report = check(write(tmp_path, pictures, before, masked=False))
+    assert any("no photo has a mask" in finding.text for finding in report.findings)
+
+
 def test_inverted_masks_are_told_as_such(pictures, tmp_path):
     capture = write(tmp_path, pictures, lambda i, colour, mask: (colour, ~mask))
     found = warnings(checks.masks(look_at_photos(capture)))

@@ -1,0 +1,77 @@
+"""An object before plain white or black: where photos show it, without alpha or masks.
+
+Only what is connected with the edge of a photo counts as backdrop: a highlight on the object is white, too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.ndimage
+
+LEVELS = {"white": 1.0, "black": 0.0}
+"""sRGB level of each backdrop"""
+TOLERANCE = 5 / 255
+"""sRGB levels by which a backdrop differs from plain: JPEG's traces"""
+PLAIN_BORDER = 0.8
+"""share of a photo's border that a backdrop takes; the rest may be a stand, or the object itself"""
+LEAST_PART = 1e-4
+"""share of the photo from which on a connected part is the object's, and no dust"""
+SURE = 0.05
+"""difference from the backdrop, sRGB, from which on the share of it in a pixel can be told"""
+
+
+def backdrop_of(colours: list[np.ndarray]) -> str | None:
+    """'white' or 'black', if most of the border of the median photo is that; else None.
+
+    Args:
+        colours: [H, W, 3] sRGB from 0 to 1, one of each photo.
+    """
+    for name, level in LEVELS.items():
+        shares = []
+        for colour in colours:
+            border = np.concatenate([colour[0], colour[-1], colour[:, 0], colour[:, -1]])
+            shares.append(float(_is_plain(border, level).mean()))
+        if shares and np.median(shares) > PLAIN_BORDER:
+            return name
+    return None
+
+
+def object_before(colour: np.ndarray, backdrop: str) -> np.ndarray:
+    """[H, W] bool: where a photo, [H, W, 3] sRGB, shows something before a backdrop."""
+    plain = _is_plain(colour, LEVELS[backdrop])
+    parts, _ = scipy.ndimage.label(plain)
+    edge = np.unique(np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]]))
+    shown = ~np.isin(parts, edge[edge > 0])
+    parts, count = scipy.ndimage.label(shown, np.ones((3, 3)))
+    if count > 1:
+        sizes = np.bincount(parts.ravel())
+        sizes[0] = 0
+        shown = (sizes >= min(max(LEAST_PART * shown.size, 2), sizes.max()))[parts]
+    return shown
+
+
+def coverage_before(colour: np.ndarray, shown: np.ndarray, backdrop: str) -> np.ndarray:
+    """Coverage [H, W] float32 of the object: whole but for the pixels next to the backdrop.
+
+    Such a pixel mixes the backdrop with the object, of whose colour the nearest pixel further in tells.
+
+    Args:
+        colour: [H, W, 3] sRGB. shown: [H, W] bool, as `object_before` has it.
+    """
+    edge = shown & scipy.ndimage.binary_dilation(~shown, np.ones((3, 3)))
+    inner = shown & ~edge
+    coverage = shown.astype(np.float32)
+    if not inner.any() or not edge.any():
+        return coverage
+    at = scipy.ndimage.distance_transform_edt(~inner, return_distances=False, return_indices=True)
+    mixed = colour[edge] - LEVELS[backdrop]
+    whole = colour[at[0][edge], at[1][edge]] - LEVELS[backdrop]
+    square = (whole * whole).sum(-1)
+    share = (mixed * whole).sum(-1) / np.maximum(square, 1e-6)
+    # An object as white as the backdrop tells nothing.
+    coverage[edge] = np.where(square > SURE**2, np.clip(share, 0.02, 1), 1)
+    return coverage
+
+
+def _is_plain(colour: np.ndarray, level: float) -> np.ndarray:
+    return (np.abs(colour - level) <= TOLERANCE).all(-1)

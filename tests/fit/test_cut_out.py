@@ -1,0 +1,121 @@
+"""Objects before plain white or black: alpha from what stands out, where that fits together."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from solver.capture.backdrop import backdrop_of, object_before
+from solver.capture.camera import Camera
+from solver.capture.capture import Capture
+from solver.capture.photos import Photo, linear_to_srgb, srgb_to_linear
+from solver.fit.cut_out import cut_out
+from solver.fit.ray_bank import RayBank
+from solver.fit.start import background_of, new_trainer
+from tests.capture.test_capture import pose
+from tests.fit.test_fit import SMALL
+
+SIZE, RADIUS, FINE = 64, 0.6, 4
+
+
+def ball(backdrop, paint=None, views=12):
+    """Photos of a coloured ball before a backdrop (a grey level, sRGB), and its true coverage.
+
+    Args:
+        paint: changes the ball's sRGB colours [N, 3] at points [N, 3] of it that a camera sees.
+    """
+    cameras, photos, coverages = [], [], []
+    for i in range(views):
+        camera = Camera(
+            f"c{i}", None, pose(2 * np.pi * i / views), SIZE, SIZE, 120.0, 120.0, 32.0, 32.0
+        )
+        row, column = (np.mgrid[0 : SIZE * FINE, 0 : SIZE * FINE] + 0.5) / FINE
+        origins, directions = camera.rays(column.ravel(), row.ravel())
+        along = -(origins * directions).sum(1)
+        square = RADIUS**2 - (origins**2).sum(1) + along**2
+        points = origins + (along - np.sqrt(np.maximum(square, 0)))[:, None] * directions
+        colour = 0.25 + 0.4 * np.abs(points / RADIUS)
+        if paint is not None:
+            colour = paint(points, colour, camera)
+        hit = square > 0
+        colour = np.where(hit[:, None], colour, backdrop)
+
+        def means(values):
+            return values.reshape(SIZE, FINE, SIZE, FINE, -1).mean((1, 3))
+
+        codes = np.round(means(colour) * 255) / 255
+        pixels = np.concatenate([srgb_to_linear(codes), np.ones((SIZE, SIZE, 1))], -1)
+        cameras.append(camera)
+        photos.append(Photo(pixels.astype(np.float32), False, False))
+        coverages.append(means(hit.astype(float))[..., 0])
+    region = np.array([[-1.0] * 3, [1.0] * 3])
+    return Capture("memory", tuple(cameras), region), photos, coverages
+
+
+@pytest.mark.parametrize("name, level", [("white", 1.0), ("black", 0.0)])
+def test_an_object_before_plain_white_or_black_gets_its_coverage_as_alpha(name, level):
+    capture, photos, coverages = ball(level)
+    found = cut_out(capture, photos)
+    assert background_of(photos) == background_of(found) == name
+    for photo, original, truth in zip(found, photos, coverages, strict=True):
+        assert photo.has_alpha and photo.backdrop == name
+        alpha = photo.pixels[..., 3]
+        assert ((alpha > 0.5) == (truth > 0.5)).mean() > 0.995
+        edge = (truth > 0.05) & (truth < 0.95)
+        assert np.abs(alpha - truth)[edge].mean() < 0.08
+        # Laid over the backdrop again, it is the photo.
+        straight = photo.pixels[..., :3] / np.maximum(alpha, 1e-4)[..., None]
+        over = linear_to_srgb(straight) * alpha[..., None] + level * (1 - alpha[..., None])
+        np.testing.assert_allclose(over, linear_to_srgb(original.pixels[..., :3]), atol=0.03)
+
+
+def test_what_is_as_plain_as_the_backdrop_within_the_object_is_not_taken_for_either():
+    def highlight(points, colour, camera):
+        towards = camera.position / np.linalg.norm(camera.position)
+        return np.where((points @ towards > 0.9 * RADIUS)[:, None], 1.0, colour)
+
+    capture, photos, _ = ball(1.0, highlight)
+    bank = RayBank(list(capture.cameras), cut_out(capture, photos))
+    batch = bank.batch(torch.arange(len(bank)))
+    white = (batch.colour > 0.99).all(-1)
+    assert (white & (batch.alpha == 1)).sum() > 100
+    assert not batch.alpha_known[white & (batch.alpha == 1)].any()
+    assert batch.alpha_known[~white].all() and batch.alpha_known[batch.alpha == 0].all()
+
+
+def test_an_object_that_loses_a_part_to_its_backdrop_is_left_as_it_is():
+    def half_white(points, colour, camera):
+        return np.where((points[:, 0] > 0.1)[:, None], 1.0, colour)
+
+    capture, photos, _ = ball(1.0, half_white)
+    assert cut_out(capture, photos) is photos
+
+
+def test_photos_with_alpha_or_before_anything_else_stay_as_they_are():
+    capture, photos, _ = ball(0.5)
+    assert background_of(photos) == "room" and cut_out(capture, photos) is photos
+    capture, photos, _ = ball(1.0)
+    assert cut_out(capture, found := cut_out(capture, photos)) is found
+    mixed = [dataclasses.replace(photos[0], has_alpha=True), *photos[1:]]
+    assert cut_out(capture, mixed) is mixed
+
+
+def test_dust_on_the_backdrop_is_no_object():
+    colour = np.ones((50, 60, 3))
+    colour[20:35, 20:40] = 0.3
+    colour[5, 5] = 0.2
+    assert backdrop_of([colour]) == "white" and backdrop_of([colour[18:37, 18:42]]) == "white"
+    assert backdrop_of([colour[20:35, 20:40]]) is None
+    shown = object_before(colour, "white")
+    assert shown.sum() == 15 * 20 and not shown[5, 5]
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0])
+def test_a_fit_before_a_plain_backdrop_finds_the_shape(level):
+    capture, photos, coverages = ball(level)
+    photos = cut_out(capture, photos)
+    trainer = new_trainer(capture, photos, SMALL, 0, None, "cpu", lambda fraction: None)
+    assert trainer.use_masks and not trainer.fog
+    losses = [trainer.advance(i / 60)["psnr"] for i in range(60)]
+    assert np.mean(losses[-5:]) > 20
