@@ -31,9 +31,25 @@ def read_bytes(path: Path, largest: int = LARGEST_TEXT) -> bytes:
             )  # fmt: skip
         return path.read_bytes()
     except OSError as error:
-        raise CaptureError(
-            path, "", f"it cannot be read ({error.strerror})", "check the path and its permissions"
-        ) from error
+        raise _no_access(path, error) from error
+
+
+def check_readable(path: Path) -> None:
+    """Make sure that a file can be opened.
+
+    Raises:
+        CaptureError: it cannot.
+    """
+    try:
+        path.open("rb").close()
+    except OSError as error:
+        raise _no_access(path, error) from error
+
+
+def _no_access(path: Path, error: OSError) -> CaptureError:
+    return CaptureError(
+        path, "", f"it cannot be read ({error.strerror})", "check the path and its permissions"
+    )
 
 
 def head_of(path: Path, count: int = 1 << 16) -> bytes:

@@ -8,6 +8,7 @@ from types import ModuleType
 
 from .capture import Capture
 from .errors import CaptureError, shown
+from .files import check_readable
 from .formats import (
     bundler,
     colmap,
@@ -101,6 +102,8 @@ def read_capture(
     """
     file = camera_file(path, split).absolute()
     reader = reader_of(file)
+    if reader is None:
+        check_readable(file)
     if reader is None and zipfile.is_zipfile(file):
         raise CaptureError(file, "", "this is an archive", "unpack it and give the folder")
     if reader is None:

@@ -9,6 +9,7 @@ transforms_relight_X.json, else those that bear the names of this camera file's.
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -62,6 +63,10 @@ def evaluate_job(
     """
     capture = read_capture(cameras, photos=photos_folder, fewest=1)
     scene, settings = load_job(job)
+    if not job.is_complete():
+        print(
+            f"{job.root}: this job is not finished; its checkpoint is evaluated.", file=sys.stderr
+        )
     photos = load_photos(capture, settings=settings.photos)
     rendered = list(render_cameras(scene, settings, capture.cameras, rays, neural))
     behind = background_shown(photos, background_of_job(job))

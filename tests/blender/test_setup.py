@@ -180,3 +180,10 @@ def test_the_pinned_requirements_name_a_version_each(part):
     packages = [line for line in lines if line[:1].isalpha()]
     assert len(packages) > 5 and all("==" in line for line in packages)
     json.dumps(packages)
+
+
+def test_pip_arguments_keep_the_backslashes_of_paths_and_blanks_in_quotes(part):
+    words = part("setup_runtime").words_of(
+        r'--find-links C:\wheels\torch --index-url "D:\my wheels"'
+    )
+    assert words == ["--find-links", r"C:\wheels\torch", "--index-url", r"D:\my wheels"]

@@ -248,6 +248,20 @@ def test_a_check_reads_masks_as_a_fit_does(kind, tmp_path):
     assert (small > 127).sum() == 100 and small[10, 10] == 255 and small[2, 2] == 0
 
 
+def test_a_camera_file_without_access_is_told_as_such(tmp_path, monkeypatch):
+    file = write_cameras(tmp_path, ["a.png"])
+    real = type(file).open
+
+    def denied(self, *arguments, **options):
+        if self == file:
+            raise PermissionError(13, "Permission denied")
+        return real(self, *arguments, **options)
+
+    monkeypatch.setattr(type(file), "open", denied)
+    with pytest.raises(CaptureError, match="cannot be read .Permission denied.*permissions"):
+        read_capture(file)
+
+
 def test_an_archive_is_to_be_unpacked(tmp_path):
     with zipfile.ZipFile(tmp_path / "capture.zip", "w") as archive:
         archive.writestr("transforms.json", "{}")
