@@ -20,17 +20,19 @@ SURE = 0.05
 """difference from the backdrop, sRGB, from which on the share of it in a pixel can be told"""
 
 
-def backdrop_of(colours: list[np.ndarray]) -> str | None:
+def border_of(pixels: np.ndarray) -> np.ndarray:
+    """The pixels [N, C] along the edges of a picture [H, W, C]."""
+    return np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
+
+
+def backdrop_of(borders: list[np.ndarray]) -> str | None:
     """'white' or 'black', if most of the border of the median photo is that; else None.
 
     Args:
-        colours: [H, W, 3] sRGB from 0 to 1, one of each photo.
+        borders: [N, 3] sRGB from 0 to 1 of the pixels along the edges of each photo.
     """
     for name, level in LEVELS.items():
-        shares = []
-        for colour in colours:
-            border = np.concatenate([colour[0], colour[-1], colour[:, 0], colour[:, -1]])
-            shares.append(float(_is_plain(border, level).mean()))
+        shares = [float(_is_plain(border, level).mean()) for border in borders]
         if shares and np.median(shares) > PLAIN_BORDER:
             return name
     return None
@@ -40,7 +42,7 @@ def object_before(colour: np.ndarray, backdrop: str) -> np.ndarray:
     """[H, W] bool: where a photo, [H, W, 3] sRGB, shows something before a backdrop."""
     plain = _is_plain(colour, LEVELS[backdrop])
     parts, _ = scipy.ndimage.label(plain)
-    edge = np.unique(np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]]))
+    edge = np.unique(border_of(parts[..., None]))
     shown = ~np.isin(parts, edge[edge > 0])
     parts, count = scipy.ndimage.label(shown, np.ones((3, 3)))
     if count > 1:

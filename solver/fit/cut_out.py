@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.ndimage
 
-from ..capture.backdrop import LEVELS, backdrop_of, coverage_before, object_before
+from ..capture.backdrop import LEVELS, backdrop_of, border_of, coverage_before, object_before
 from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.photos import Photo, linear_to_srgb, srgb_to_linear
@@ -32,18 +32,19 @@ def cut_out(capture: Capture, photos: list[Photo], region: np.ndarray | None = N
     """
     if any(photo.has_alpha or photo.is_hdr for photo in photos):
         return photos
-    colours = [linear_to_srgb(photo.pixels[..., :3]) for photo in photos]
-    backdrop = backdrop_of(colours)
+    backdrop = backdrop_behind(photos)
     if backdrop is None:
         return photos
-    shown = [object_before(colour, backdrop) for colour in colours]
+    shown = [object_before(_srgb(photo), backdrop) for photo in photos]
     box = capture.region if region is None else region
     if not all(mask.any() for mask in shown) or missing(capture.cameras, shown, box) > MOST_MISSING:
         return photos
-    return [
-        _with_alpha(photo, colour, coverage_before(colour, mask, backdrop), backdrop)
-        for photo, colour, mask in zip(photos, colours, shown, strict=True)
-    ]
+    return [_with_alpha(photo, mask, backdrop) for photo, mask in zip(photos, shown, strict=True)]
+
+
+def backdrop_behind(photos: list[Photo]) -> str | None:
+    """'white' or 'black', if that is plainly behind the object in photos without alpha; else None."""
+    return backdrop_of([linear_to_srgb(border_of(photo.pixels[..., :3])) for photo in photos])
 
 
 def missing(cameras: tuple[Camera, ...], masks: list[np.ndarray], region: np.ndarray) -> float:
@@ -74,12 +75,17 @@ def missing(cameras: tuple[Camera, ...], masks: list[np.ndarray], region: np.nda
     return lost / max(all_shown, 1)
 
 
-def _with_alpha(photo: Photo, colour: np.ndarray, coverage: np.ndarray, backdrop: str) -> Photo:
-    """A photo of which `coverage` [H, W] is the object's, and the rest the backdrop's."""
-    alpha = coverage[..., None]
+def _srgb(photo: Photo) -> np.ndarray:
+    return linear_to_srgb(photo.pixels[..., :3])
+
+
+def _with_alpha(photo: Photo, shown: np.ndarray, backdrop: str) -> Photo:
+    """A photo of which the object is what is `shown` [H, W], and the rest the backdrop."""
+    colour = _srgb(photo)
+    alpha = coverage_before(colour, shown, backdrop)[..., None]
     straight = (colour - (1 - alpha) * LEVELS[backdrop]) / np.maximum(alpha, 1e-3)
-    linear = srgb_to_linear(np.clip(straight, 0, 1)) * alpha
+    mixed = srgb_to_linear(np.clip(straight, 0, 1)) * alpha
     partly = (alpha > 0) & (alpha < 1)
-    whole = photo.pixels[..., :3] * (alpha > 0)
-    pixels = np.concatenate([np.where(partly, linear, whole), alpha], axis=-1)
-    return replace(photo, pixels=pixels.astype(np.float32), has_alpha=True, backdrop=backdrop)
+    linear = np.where(partly, mixed, photo.pixels[..., :3] * (alpha > 0))
+    pixels = np.concatenate([linear, alpha], axis=-1).astype(np.float32)
+    return replace(photo, pixels=pixels, has_alpha=True, backdrop=backdrop)

@@ -11,11 +11,10 @@ import scipy.ndimage
 import torch
 
 from ..brdf.neural import NeuralTerm
-from ..capture.backdrop import backdrop_of
 from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
-from ..capture.photos import Photo, linear_to_srgb
+from ..capture.photos import Photo
 from ..capture.placement import far_origin, seen_from
 from ..field.field import MicrofacetField
 from ..field.room import EXTENT, Room, expand
@@ -23,6 +22,7 @@ from ..job.folder import JobFolder
 from ..light.environment import EnvironmentMap
 from ..render.scene import Scene
 from .chunk import SURROUNDED
+from .cut_out import backdrop_behind
 from .errors import SettingsError
 from .point_start import start_from_points
 from .ray_bank import RayBank
@@ -209,7 +209,7 @@ def background_of(photos: list[Photo], wanted: str = "auto") -> str:
         return wanted
     if all(photo.has_alpha for photo in photos):
         return photos[0].backdrop or "white"
-    return backdrop_of([linear_to_srgb(photo.pixels[..., :3]) for photo in photos]) or "room"
+    return backdrop_behind(photos) or "room"
 
 
 def background_shown(photos: list[Photo], fitted: str) -> str:

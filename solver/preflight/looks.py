@@ -11,7 +11,7 @@ import numpy as np
 import scipy.ndimage
 from PIL import Image
 
-from ..capture.backdrop import backdrop_of, object_before
+from ..capture.backdrop import backdrop_of, border_of, object_before
 from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.photos import srgb_to_linear
@@ -111,7 +111,7 @@ def look_at(camera: Camera, region: np.ndarray, cut_out: bool = False) -> Look:
     backdrop = None
     if alpha is None and cut_out:
         levels = colour.astype(np.float32) / 255
-        backdrop = backdrop_of([levels])
+        backdrop = backdrop_of([border_of(levels)])
         if backdrop is not None:
             alpha = object_before(levels, backdrop) * np.uint8(255)
     scale = camera.width / width
