@@ -22,7 +22,7 @@ from ..kernels.backend import fast
 from ..kernels.warm_up import compile_kernels
 from . import checkpoint
 from .clock import FitClock, finishing_seconds, seconds_to_fit
-from .cut_out import cut_out
+from .cut_out import backdrop_behind, cut_out
 from .errors import SettingsError
 from .point_start import with_points
 from .presets import settings_for
@@ -88,6 +88,12 @@ def run_job(
         settings = checkpoint.settings_of(state)
     if settings.fit.cut_out and settings.fit.use_masks:
         photos = cut_out(capture, photos, region)
+        backdrop = backdrop_behind(photos)
+        if backdrop is not None and not any(photo.has_alpha for photo in photos):
+            progress.warning(
+                f"the photos are before plain {backdrop}, but parts of the object are as {backdrop}, so "
+                "masks cannot be made of it; add some"
+            )
     if state is not None:
         scene, state, tensors = checkpoint.load_scene(job.checkpoint_dir, device)
         trainer = trainer_for(scene, capture, photos, settings, request.seed)

@@ -247,6 +247,34 @@ def test_blenders_way_of_starting_finds_points_in_photos_without_masks(tmp_path)
     assert max(e["fraction"] for e in events if e.get("stage") == "geometry") > 0.3
 
 
+@pytest.mark.parametrize("level, words", [(0, None), (255, "as white, so masks cannot be made")])
+def test_a_plain_backdrop_makes_masks_or_a_warning(level, words, tmp_path):
+    """The sample before black, and before white with half of its photos white as well."""
+    content = json.loads((DUCK / "transforms_train.json").read_text())
+    content["frames"] = content["frames"][::6]
+    for number, frame in enumerate(content["frames"]):
+        image = Image.open(DUCK / f"{frame['file_path']}.png").resize((50, 50))
+        pixels = np.asarray(image).astype(float)
+        alpha = pixels[..., 3:] / 255
+        over = pixels[..., :3] * alpha + level * (1 - alpha)
+        if level and number % 2:
+            over[:, :25] = level
+        frame["file_path"] = f"{number}.png"
+        Image.fromarray(np.round(over).astype(np.uint8)).save(tmp_path / f"{number}.png")
+    for key in ("w", "h", "fl_x", "fl_y", "cx", "cy"):
+        content.pop(key, None)
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    result = solver("reconstruct", tmp_path, "--out", tmp_path / "job", *TINY)
+    events = (tmp_path / "job" / "events.jsonl").read_text(encoding="utf-8")
+    if words is None:
+        assert result.returncode == 0, result.stderr
+        state = json.loads((tmp_path / "job" / "checkpoint" / "state.json").read_text())
+        assert state["use_masks"] and state["background"] == "black"
+        assert '"ev": "warning"' not in events
+    else:
+        assert words in events
+
+
 def test_large_photos_are_made_smaller_for_fit_and_report(tmp_path):
     job = tmp_path / "job"
     result = solver(
