@@ -85,7 +85,7 @@ def load_photo(camera: Camera, settings: PhotoSettings | None = None) -> Photo:
         rows = slice(start, start + _ROWS)
         _fill(pixels[rows], source[rows], decoded, linear)
     if camera.mask_path is not None:
-        pixels *= read_mask(camera, decoded.orientation)[..., None]
+        _cover(pixels, read_mask(camera, decoded.orientation))
     if not np.isfinite(pixels).all():
         raise CaptureError(path, "", "the photo holds values that are not numbers", "replace it")
     return Photo(pixels, bool((pixels[..., 3] < 1).any()), decoded.is_float)
@@ -190,6 +190,16 @@ def _linear_colour(decoded: Decoded, colour_space: str) -> _LinearColour:
     if profile is not None:
         return _LinearColour(tuple(partial(profile.linear, i) for i in range(3)), profile.matrix)
     return _LinearColour(None if decoded.linear else (srgb_to_linear,) * 3, decoded.matrix)
+
+
+def _cover(pixels: np.ndarray, mask: np.ndarray) -> None:
+    """Hold the coverage of premultiplied pixels [H, W, 4] to a mask's [H, W] at most.
+
+    Not their product: a mask that is the photo's own alpha once more changes nothing.
+    """
+    alpha = pixels[..., 3]
+    kept = np.divide(mask, alpha, out=np.ones_like(alpha), where=alpha > mask)
+    pixels *= kept[..., None]
 
 
 def _fill(out: np.ndarray, source: np.ndarray, decoded: Decoded, linear: _LinearColour) -> None:
