@@ -30,7 +30,7 @@ def cut_out(capture: Capture, photos: list[Photo], region: np.ndarray | None = N
     Args:
         region: [2, 3] world box of the object; None: the capture's.
     """
-    if any(photo.has_alpha or photo.is_hdr for photo in photos):
+    if any(photo.has_alpha for photo in photos):
         return photos
     backdrop = backdrop_behind(photos)
     if backdrop is None:
@@ -84,7 +84,7 @@ def _with_alpha(photo: Photo, shown: np.ndarray, backdrop: str) -> Photo:
     colour = _srgb(photo)
     alpha = coverage_before(colour, shown, backdrop)[..., None]
     straight = (colour - (1 - alpha) * LEVELS[backdrop]) / np.maximum(alpha, 1e-3)
-    mixed = srgb_to_linear(np.clip(straight, 0, 1)) * alpha
+    mixed = srgb_to_linear(np.clip(straight, 0, np.inf if photo.is_hdr else 1)) * alpha
     partly = (alpha > 0) & (alpha < 1)
     linear = np.where(partly, mixed, photo.pixels[..., :3] * (alpha > 0))
     pixels = np.concatenate([linear, alpha], axis=-1).astype(np.float32)

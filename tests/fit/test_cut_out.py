@@ -70,6 +70,19 @@ def test_an_object_before_plain_white_or_black_gets_its_coverage_as_alpha(name, 
         np.testing.assert_allclose(over, linear_to_srgb(original.pixels[..., :3]), atol=0.03)
 
 
+def test_radiances_before_black_are_kept():
+    capture, photos, _ = ball(0.0)
+    bright = [
+        dataclasses.replace(p, is_hdr=True, pixels=p.pixels * np.float32((9, 9, 9, 1)))
+        for p in photos
+    ]
+    for photo, original in zip(cut_out(capture, bright), bright, strict=True):
+        assert photo.has_alpha and photo.pixels.max() > 1.5
+        np.testing.assert_allclose(
+            photo.pixels[..., :3], original.pixels[..., :3], rtol=0.2, atol=0.2
+        )
+
+
 def test_what_is_as_plain_as_the_backdrop_within_the_object_is_not_taken_for_either():
     def highlight(points, colour, camera):
         towards = camera.position / np.linalg.norm(camera.position)
