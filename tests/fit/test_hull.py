@@ -81,6 +81,7 @@ def test_parts_thinner_than_a_cell_are_in_the_box_and_in_the_hull(thickness):
     assert reached[tuple(rod.T)].all()
     if thickness < 0.01:
         assert centres[tuple(rod.T)].mean() < 0.9
+    assert (reached == carve(cameras, masks, REGION, cells, whole_cells=True)).all()
     # Nothing that the centres have is lost, and next to them nothing is added.
     assert not (centres & ~hull).any()
     assert hull.sum() < 1.1 * centres.sum() + 2 * len(np.unique(rod, axis=0)) * 9
