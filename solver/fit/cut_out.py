@@ -30,8 +30,6 @@ def cut_out(capture: Capture, photos: list[Photo], region: np.ndarray | None = N
     Args:
         region: [2, 3] world box of the object; None: the capture's.
     """
-    if any(photo.has_alpha for photo in photos):
-        return photos
     backdrop = backdrop_behind(photos)
     if backdrop is None:
         return photos
@@ -44,6 +42,8 @@ def cut_out(capture: Capture, photos: list[Photo], region: np.ndarray | None = N
 
 def backdrop_behind(photos: list[Photo]) -> str | None:
     """'white' or 'black', if that is plainly behind the object in photos without alpha; else None."""
+    if any(photo.has_alpha for photo in photos):
+        return None
     return backdrop_of([linear_to_srgb(border_of(photo.pixels[..., :3])) for photo in photos])
 
 

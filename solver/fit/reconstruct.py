@@ -89,7 +89,7 @@ def run_job(
     if settings.fit.cut_out and settings.fit.use_masks:
         photos = cut_out(capture, photos, region)
         backdrop = backdrop_behind(photos)
-        if backdrop is not None and not any(photo.has_alpha for photo in photos):
+        if backdrop is not None:
             progress.warning(
                 f"the photos are before plain {backdrop}, but parts of the object are as {backdrop}, so "
                 "masks cannot be made of it; add some"

@@ -111,6 +111,9 @@ def test_photos_with_alpha_or_before_anything_else_stay_as_they_are():
     assert cut_out(capture, found := cut_out(capture, photos)) is found
     mixed = [dataclasses.replace(photos[0], has_alpha=True), *photos[1:]]
     assert cut_out(capture, mixed) is mixed
+    # What is transparent is no black.
+    some = [*cut_out(capture, photos)[1:], photos[0]]
+    assert background_of(some) == "room"
 
 
 def test_dust_on_the_backdrop_is_no_object():
