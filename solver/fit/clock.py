@@ -32,6 +32,8 @@ _LOOKUPS_PER_SHOWN_PIXEL, _LOOKUPS_PER_PHOTO = 800, 1_100_000
 _TRIAL = 30_000
 LEAST_FIT, LEAST_FIT_FROM_FOG = 0.2, 0.4
 """share of a time limit that is the fit's at least"""
+LEAST_STEPS_FROM_FOG = 200
+"""steps, however short a limit is: with 120 the fog of a whole fit stayed thin, and there was no surface"""
 
 
 def work_done(settings: Settings, fraction: float, fog: bool = False) -> float:
@@ -117,7 +119,10 @@ class FitClock:
         done = max(step / self.settings.fit.steps, self.begun)
         if self.limit is None:
             return done
-        return max(done, self.begun + (1 - self.begun) * self.elapsed / self.limit)
+        by_time = self.begun + (1 - self.begun) * self.elapsed / self.limit
+        if self.fog:
+            by_time = min(by_time, step / LEAST_STEPS_FROM_FOG)
+        return max(done, by_time)
 
     def seconds_left(self, step: int) -> float | None:
         """Seconds until the fit is over; None while nobody can tell."""

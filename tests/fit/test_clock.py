@@ -5,7 +5,13 @@ import dataclasses
 import pytest
 
 from solver.fit import clock
-from solver.fit.clock import FitClock, finishing_seconds, seconds_to_fit, work_done
+from solver.fit.clock import (
+    LEAST_STEPS_FROM_FOG,
+    FitClock,
+    finishing_seconds,
+    seconds_to_fit,
+    work_done,
+)
 from solver.fit.presets import DRAFT
 from tests.capture.test_capture import camera
 from tests.render.scenes import ball
@@ -99,3 +105,13 @@ def test_a_limit_too_short_for_what_follows_still_leaves_the_fit_its_share():
     assert seconds_to_fit(300, 290, 20, False) == 270
     assert seconds_to_fit(60, 40, 90, False) == 0.2 * 60
     assert seconds_to_fit(60, 40, 90, True) == 0.4 * 60
+
+
+def test_a_fog_gets_the_steps_it_needs_to_become_an_object_however_short_the_limit(time):
+    fog, hull = (FitClock(DRAFT, 0.0, 10.0, fog) for fog in (True, False))
+    time.now += 10
+    assert hull.fraction(50) == 1.0
+    assert (
+        fog.fraction(50) == 50 / LEAST_STEPS_FROM_FOG and fog.fraction(LEAST_STEPS_FROM_FOG) == 1.0
+    )
+    assert fog.seconds_left(50) == 0.0
