@@ -10,7 +10,6 @@ Exit codes are the solver's: 0 done, 2 bad input, 3 cancelled, 4 out of memory, 
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import shutil
 import sys
 from pathlib import Path
@@ -21,6 +20,7 @@ from ..solver.capture.errors import CaptureError
 from ..solver.job.events import Event, clock
 from ..solver.job.folder import JobError, JobFolder
 from ..solver.job.inputs import capture_of
+from ..solver.job.resume import take_up
 from . import preferences
 from .jobs.create import create_job, last_job_root, new_job_root
 from .jobs.process import run_blocking, start_job
@@ -107,7 +107,7 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
     resumed = options.resume and root is not None and (root / "job.json").exists()
     if resumed:
         job = JobFolder.open(root)
-        take_up(job, collection, options)
+        take_up_job(job, collection, options)
     else:
         root = options.job.absolute() if options.job else new_job_root(name, out.parent)
         job = create_job(
@@ -131,31 +131,22 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
     return asset
 
 
-def take_up(job: JobFolder, collection: bpy.types.Collection, options: argparse.Namespace) -> None:
-    """Make sure that the job to be resumed is that of this capture and of these options; another time
-    limit is taken over.
+def take_up_job(
+    job: JobFolder, collection: bpy.types.Collection, options: argparse.Namespace
+) -> None:
+    """Make sure that the job to be resumed is that of this capture and of these options.
 
     Raises:
         JobError: it was begun otherwise.
     """
-    begun = job.request
+    photos = {camera.image_path.name for camera in capture_of(job).cameras if camera.image_path}
+    if photos != photo_names(collection):
+        raise JobError(f"{job.root}: this is a job of other photos; give another --job.")
     asked = {
         "preset": options.preset, "device": options.device, "seed": options.seed,
         "overrides": dict(text.split("=", 1) for text in options.sets) or None,
     }  # fmt: skip
-    for name, value in asked.items():
-        if value is not None and getattr(begun, name) != value:
-            raise JobError(
-                f"{job.root}: this job was begun with the {name} {getattr(begun, name)!r}, not {value!r}; "
-                "resume it without other options, or give another --job."
-            )
-    photos = {camera.image_path.name for camera in capture_of(job).cameras if camera.image_path}
-    if photos != photo_names(collection):
-        raise JobError(f"{job.root}: this is a job of other photos; give another --job.")
-    if options.time_limit is not None and options.time_limit != begun.time_limit:
-        changed = dataclasses.replace(begun, time_limit=options.time_limit)
-        changed.check()
-        job.ask(changed)
+    take_up(job, asked, options.time_limit)
 
 
 def run_solver(python: Path, job: JobFolder, on_event) -> None:

@@ -6,7 +6,6 @@ Exit codes: 0 done, 2 bad input, 3 cancelled, 4 out of memory, 1 anything else.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import io
 import math
 import sys
@@ -16,6 +15,7 @@ from pathlib import Path
 from . import __version__
 from .cameras.command import add_solve
 from .job.folder import MOST_SEED, JobError, JobFolder, JobRequest
+from .job.resume import take_up
 from .job.status import process_is_alive, read_status
 from .preflight.command import add_check
 from .session import CANCELLED, DONE, FAILED, KNOWN_FAILURES, explain, session
@@ -170,7 +170,12 @@ def _reconstruct(options: argparse.Namespace) -> int:
 
     if options.resume and (options.out / "job.json").exists():
         job = JobFolder.open(options.out)
-        _take_up(job, options)
+        asked = {
+            "capture": str(options.capture.absolute()), "preset": options.preset,
+            "device": options.device, "seed": options.seed, "photos": _absolute(options.photos),
+            "masks": _absolute(options.masks), "overrides": _overrides(options) or None,
+        }  # fmt: skip
+        take_up(job, asked, options.time_limit)
         return _run_job(job, False, options.began)
     preset, overrides = options.preset or "draft", _overrides(options)
     settings_for(preset, overrides)
@@ -193,35 +198,6 @@ def _overrides(options: argparse.Namespace) -> dict[str, str]:
             raise JobError(f"--set {text}: write it as section.field=value.")
         overrides[key] = value
     return overrides
-
-
-def _take_up(job: JobFolder, options: argparse.Namespace) -> None:
-    """Make sure that what is resumed is what was asked; another time limit is taken over.
-
-    Raises:
-        JobError: the job was begun otherwise.
-    """
-    begun = job.request
-    asked = {
-        "capture": str(options.capture.absolute()), "preset": options.preset,
-        "device": options.device, "seed": options.seed, "photos": _absolute(options.photos),
-        "masks": _absolute(options.masks), "overrides": _overrides(options) or None,
-    }  # fmt: skip
-    for name, value in asked.items():
-        if value is None or getattr(begun, name) == value:
-            continue
-        if name in ("capture", "photos", "masks") and _same_place(getattr(begun, name), value):
-            continue
-        raise JobError(
-            f"{job.root}: this job was begun with the {name} {getattr(begun, name)!r}, not {value!r}; "
-            "resume it without other options, or give a new folder."
-        )
-    if options.time_limit is not None and options.time_limit != begun.time_limit:
-        job.ask(dataclasses.replace(begun, time_limit=options.time_limit))
-
-
-def _same_place(one: str | None, other: str) -> bool:
-    return one is not None and Path(one).resolve() == Path(other).resolve()
 
 
 def _absolute(path: Path | None) -> str | None:

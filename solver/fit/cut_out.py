@@ -35,7 +35,7 @@ def cut_out(capture: Capture, photos: list[Photo], region: np.ndarray | None = N
         return photos
     shown = [object_before(_srgb(photo), backdrop) for photo in photos]
     box = capture.region if region is None else region
-    if not all(mask.any() for mask in shown) or missing(capture.cameras, shown, box) > MOST_MISSING:
+    if not fit_together(capture.cameras, shown, box):
         return photos
     return [_with_alpha(photo, mask, backdrop) for photo, mask in zip(photos, shown, strict=True)]
 
@@ -45,6 +45,11 @@ def backdrop_behind(photos: list[Photo]) -> str | None:
     if any(photo.has_alpha for photo in photos):
         return None
     return backdrop_of([linear_to_srgb(border_of(photo.pixels[..., :3])) for photo in photos])
+
+
+def fit_together(cameras: tuple[Camera, ...], masks: list[np.ndarray], region: np.ndarray) -> bool:
+    """True if all masks show something, and the hull of all of them holds it."""
+    return all(mask.any() for mask in masks) and missing(cameras, masks, region) <= MOST_MISSING
 
 
 def missing(cameras: tuple[Camera, ...], masks: list[np.ndarray], region: np.ndarray) -> float:

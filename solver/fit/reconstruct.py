@@ -17,7 +17,7 @@ from ..capture.photos import Photo, at_sizes_of, load_photos
 from ..job.apart import ApartError
 from ..job.control import Cancelled, Control
 from ..job.folder import JobFolder, JobRequest
-from ..job.inputs import capture_of
+from ..job.inputs import capture_of, region_of
 from ..kernels.backend import fast
 from ..kernels.warm_up import compile_kernels
 from . import checkpoint
@@ -81,9 +81,7 @@ def run_job(
 
     progress.stage("geometry", "first shape")
     state = checkpoint.read_state(job.checkpoint_dir)
-    region = None
-    if request.region is not None:
-        region = np.array([request.region["min"], request.region["max"]])
+    region = region_of(request)
     if state is not None:
         settings = checkpoint.settings_of(state)
     if settings.fit.cut_out and settings.fit.use_masks:

@@ -23,7 +23,8 @@ def run_apart(work: Callable[..., Any], *args: Any, progress: Callable[[float], 
     """What `work(*args, progress)` returns, computed in a new process.
 
     Args:
-        work: a module's function; it, its arguments and what it returns are pickled.
+        work: a module's function; it, its arguments and what it returns go through a pipe that only the
+            two processes have. What is in files, a person's or a job's, is never unpickled.
         progress: told several times a second the share done that `work` told last; what it raises ends
             the process.
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ..capture.capture import Capture
 from ..capture.read import read_capture
-from .folder import JobFolder
+from .folder import JobFolder, JobRequest
 
 
 def capture_of(job: JobFolder, split: str = "train") -> Capture:
@@ -30,8 +29,6 @@ def capture_of(job: JobFolder, split: str = "train") -> Capture:
     )  # fmt: skip
 
 
-def in_region(capture: Capture, region: dict[str, list[float]] | None) -> Capture:
-    """The capture with the region that a job was asked for, if it was."""
-    if region is None:
-        return capture
-    return replace(capture, region=np.array([region["min"], region["max"]], dtype=np.float64))
+def region_of(request: JobRequest) -> np.ndarray | None:
+    """World box [2, 3] that holds the object, if a job was asked for one."""
+    return request.region and np.array([request.region["min"], request.region["max"]], np.float64)

@@ -40,32 +40,33 @@ class Report:
 
 def check(
     capture: Capture, preset: str = "draft", progress: Callable[[int, int], None] | None = None,
-    wide: np.ndarray | None = None,
+    region: np.ndarray | None = None,
 ) -> Report:  # fmt: skip
     """Check a capture before it is reconstructed.
 
     Args:
         progress: called with the number of photos looked at and of all.
-        wide: [2, 3] world box in which masks may show the object; None: the capture's region.
+        region: [2, 3] world box that a person gave; None: the capture's. `Report.box` may lie beside it.
 
     Raises:
         CaptureError: a photo cannot be decoded. SettingsError: there is no such preset.
     """
     settings = settings_for(preset)
-    looks = look_at_photos(capture, progress)
-    told = estimate(capture, preset, all(look.coverage is not None for look in looks))
+    asked = capture if region is None else replace(capture, region=region)
+    looks = look_at_photos(asked, progress)
+    told = estimate(asked, preset, all(look.coverage is not None for look in looks))
     found = [note(text) for text in capture.warnings]
     found += photos.blur(looks) + photos.exposure(looks) + photos.duplicates(looks)
     found += (
         photos.masks(looks)
-        + photos.size(looks, capture, settings.photos.most_pixels)
-        + coverage(capture)
+        + photos.size(looks, asked, settings.photos.most_pixels)
+        + coverage(asked)
     )
     margin = settings.field.box_margin
-    box = object_box(capture, looks, margin)
+    box = object_box(asked, looks, margin)
     found += nothing_in_common(looks, box)
-    if wide is not None:
-        box = object_box(replace(capture, region=wide), looks, margin)
+    if region is not None:
+        box = object_box(capture, looks, margin)
     if told.memory is not None and told.bytes > 0.8 * told.memory:
         found.append(
             warning(f"the fit will need about {told.bytes / 1e9:.0f} GB of this machine's "

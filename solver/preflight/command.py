@@ -32,21 +32,18 @@ def run_check(options: argparse.Namespace) -> int:
     from ..capture.read import read_capture
     from ..fit.presets import settings_for
     from ..job.folder import JobFolder
-    from ..job.inputs import capture_of, in_region
+    from ..job.inputs import capture_of, region_of
     from .check import check
 
-    preset = options.preset or "draft"
-    if (options.capture / "job.json").is_file():
-        job = JobFolder.open(options.capture)
-        preset = options.preset or job.request.preset
-        settings_for(preset)
-        capture = capture_of(job)
-        asked = in_region(capture, job.request.region)
-    else:
-        settings_for(preset)
+    job = JobFolder.open(options.capture) if (options.capture / "job.json").is_file() else None
+    preset = options.preset or ("draft" if job is None else job.request.preset)
+    settings_for(preset)
+    if job is None:
         capture = read_capture(options.capture, photos=options.photos, masks=options.masks)
-        asked = capture
-    report = check(asked, preset, _progress if sys.stderr.isatty() else None, capture.region)
+        region = None
+    else:
+        capture, region = capture_of(job), region_of(job.request)
+    report = check(capture, preset, _progress if sys.stderr.isatty() else None, region)
     if options.json:
         print(json.dumps(report.as_json(), allow_nan=False))
         return DONE

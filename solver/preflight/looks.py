@@ -16,7 +16,7 @@ from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.photos import srgb_to_linear
 from ..capture.reduced import load_reduced, load_reduced_mask
-from ..fit.cut_out import MOST_MISSING, missing
+from ..fit.cut_out import fit_together
 from ..threads import usable_cores
 
 LONGEST = 960
@@ -71,9 +71,12 @@ def look_at_photos(
     """
     looks = _look_at_all(capture, True, progress)
     before = {look.backdrop for look in looks}
-    if len(before) == 1 and (None in before or _fit_together(capture, looks)):
+    if before == {None}:
         return looks
-    return _look_at_all(capture, False, None) if before - {None} else looks
+    masks = [look.mask for look in looks]
+    if len(before) == 1 and fit_together(capture.cameras, masks, capture.region):
+        return looks
+    return _look_at_all(capture, False, None)
 
 
 def _look_at_all(
@@ -86,12 +89,6 @@ def _look_at_all(
             if progress is not None:
                 progress(len(looks), len(capture.cameras))
     return looks
-
-
-def _fit_together(capture: Capture, looks: list[Look]) -> bool:
-    masks = [look.mask for look in looks]
-    shown = all(mask.any() for mask in masks)
-    return shown and missing(capture.cameras, masks, capture.region) <= MOST_MISSING
 
 
 def look_at(camera: Camera, region: np.ndarray, cut_out: bool = False) -> Look:
@@ -200,5 +197,4 @@ def _middle_stops(luminance: np.ndarray) -> float:
 
 
 def _border_share(shown: np.ndarray) -> float:
-    border = np.concatenate([shown[0], shown[-1], shown[:, 0], shown[:, -1]])
-    return float(border.mean())
+    return float(border_of(shown[..., None]).mean())

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.quality import SETTINGS, stage_seconds
 from benchmarks.tables import PAPER, ablation_table, quality_table, write_page
-from tests.cli.test_command_line import DUCK, ROOT, TINY
+from tests.cli.command import DUCK, ROOT, TINY
 
 
 def row(scene="ball", setting="default", paper_scene=None, **mean):

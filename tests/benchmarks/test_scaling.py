@@ -9,7 +9,7 @@ from benchmarks.plots import line_charts
 from benchmarks.scaling import USUAL, capture_of, milliseconds_a_step, page, points
 from solver.capture.photos import load_photos
 from solver.capture.read import read_capture
-from tests.cli.test_command_line import DUCK
+from tests.cli.command import DUCK
 
 
 def test_a_copy_has_the_views_and_the_resolution_asked_for(tmp_path):

@@ -20,7 +20,7 @@ from solver.cameras.prepare import look_at, write_prepared
 from solver.capture.errors import CaptureError
 from solver.capture.read import read_capture
 from tests.cameras.box_scene import align, orbit, write_photos
-from tests.cli.test_command_line import wait_for
+from tests.cli.command import wait_for
 
 pytest.importorskip("pycolmap")
 

@@ -1,0 +1,39 @@
+"""Taking up a job that was begun: it has to be the one that is asked for now."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from .folder import JobError, JobFolder
+
+_PATHS = ("capture", "photos", "masks")
+
+
+def take_up(job: JobFolder, asked: dict[str, Any], time_limit: float | None) -> None:
+    """Make sure that a job was begun with what is asked now; another time limit is taken over.
+
+    Args:
+        asked: fields of `JobRequest`; None where a person did not say.
+
+    Raises:
+        JobError: it was begun otherwise, or the limit cannot be.
+    """
+    begun = job.request
+    for name, value in asked.items():
+        before = getattr(begun, name)
+        if value is None or before == value or (name in _PATHS and _same_place(before, value)):
+            continue
+        raise JobError(
+            f"{job.root}: this job was begun with the {name} {before!r}, not {value!r}; resume it without "
+            "other options, or give another folder."
+        )
+    if time_limit is not None and time_limit != begun.time_limit:
+        changed = dataclasses.replace(begun, time_limit=time_limit)
+        changed.check()
+        job.ask(changed)
+
+
+def _same_place(one: str | None, other: str) -> bool:
+    return one is not None and Path(one).resolve() == Path(other).resolve()

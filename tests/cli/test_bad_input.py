@@ -1,0 +1,83 @@
+"""Input that cannot be used: code 2 and one sentence. And what the machine can do."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.capture.test_capture import make_capture, set_pose
+from tests.cli.command import DUCK, solver
+
+
+def cut_in_half(path):
+    file = make_capture(path) / "transforms_train.json"
+    file.write_text(file.read_text()[: len(file.read_text()) // 2])
+    return path
+
+
+def without_photos(path):
+    for i in range(1, 4):
+        (make_capture(path) if i == 1 else path).joinpath(f"r_{i}.png").unlink()
+    return path
+
+
+def with_photo(path, size):
+    make_capture(path, edit=lambda c: c.update(w=8, h=8))
+    Image.new("RGBA", size).save(path / "r_2.png")
+    return path
+
+
+BAD = {
+    "missing folder": lambda path: path / "nowhere",
+    "empty folder": lambda path: path,
+    "JSON cut in half": cut_in_half,
+    "photos missing": without_photos,
+    "no camera_angle_x": lambda path: make_capture(path, edit=lambda c: c.pop("camera_angle_x")),
+    "singular matrix": lambda path: make_capture(
+        path, edit=set_pose(np.diag([1.0, 0, 1, 1]).tolist())
+    ),
+    "NaN in a pose": lambda path: make_capture(
+        path, edit=set_pose(np.full((4, 4), np.nan).tolist())
+    ),
+}
+
+
+BAD_PHOTOS = {
+    "a photo of another size": lambda path: with_photo(path, (9, 8)),
+    "a transparent photo": lambda path: with_photo(path, (8, 8)),
+}
+
+
+@pytest.mark.parametrize("case", [*BAD, *BAD_PHOTOS])
+def test_bad_input_ends_with_code_2_and_one_sentence(case, tmp_path):
+    folder = tmp_path / "capture of ü"
+    folder.mkdir()
+    path = {**BAD, **BAD_PHOTOS}[case](folder)
+    result = solver("reconstruct", path, "--out", tmp_path / "job")
+    assert result.returncode == 2
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert "Traceback" not in result.stderr
+    # What is wrong with the camera file is found before a job is made.
+    assert (tmp_path / "job").exists() == (case in BAD_PHOTOS)
+
+
+def test_an_unknown_setting_is_named(tmp_path):
+    for text in ("fit.speed=1", "nothing.at=2", "fit.steps=many", "fit"):
+        result = solver("reconstruct", DUCK, "--out", tmp_path / "job", "--set", text)
+        assert result.returncode == 2 and text.split("=")[0] in result.stderr
+        assert not (tmp_path / "job").exists()
+
+
+def test_numbers_that_are_none_are_told_so(job, tmp_path):
+    for options, words in (
+        (["--seed", "9" * 30], "whole number"), (["--time-limit", "soon"], "'soon' is no number"),
+    ):  # fmt: skip
+        result = solver("reconstruct", DUCK, "--out", tmp_path / "no", *options)
+        assert result.returncode == 2 and words in result.stderr
+    result = solver("render", job, "--cameras", DUCK, "--out", tmp_path / "no", "--rays", 0)
+    assert result.returncode == 2 and "from 1 to" in result.stderr
+    assert not (tmp_path / "no").exists()
+
+
+def test_doctor_reports():
+    result = solver("doctor")
+    assert result.returncode == 0 and "torch" in result.stdout and "MISSING" not in result.stdout

@@ -1,0 +1,133 @@
+"""What comes of a finished job: render, compose, evaluate, export."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from solver.asset.export import export_result
+from solver.capture.photos import read_exr
+from solver.job.folder import JobError, JobFolder
+from tests.cli.command import DUCK, solver
+
+
+def test_render_writes_every_buffer_of_the_contract(job, tmp_path):
+    content = json.loads((DUCK / "transforms_test.json").read_text())
+    content["frames"] = content["frames"][:3]
+    for frame in content["frames"]:
+        frame["file_path"] = str(DUCK / frame["file_path"]) + ".png"
+    cameras = tmp_path / "three.json"
+    cameras.write_text(json.dumps(content))
+    out = tmp_path / "out ö"
+    result = solver("render", job, "--cameras", cameras, "--out", out, "--rays", 4)
+    assert result.returncode == 0, result.stderr
+    names = {path.name for path in out.iterdir()}
+    suffixes = (".png", "_linear.exr", "_normal.exr", "_albedo.exr", "_roughness.exr", "_f0.exr")
+    assert names == {f"r_{i}{suffix}" for i in range(3) for suffix in suffixes}
+    colour, alpha = read_exr(out / "r_0_linear.exr")
+    assert alpha.max() > 0.9 and (colour[alpha == 0] == 0).all()
+    normal, _ = read_exr(out / "r_0_normal.exr")
+    length = np.linalg.norm(normal, axis=-1)
+    assert np.all((np.abs(length - 1) < 1e-3) | (length == 0))
+    bright = solver(
+        "render", job, "--cameras", cameras, "--out", tmp_path / "relit", "--rays", 4,
+        "--environment", DUCK / "relight_sunset.exr",
+    )  # fmt: skip
+    assert bright.returncode == 0, bright.stderr
+    other, _ = read_exr(tmp_path / "relit" / "r_0_linear.exr")
+    assert np.abs(other - colour).mean() > 1e-3
+
+
+def test_one_camera_can_be_rendered_but_never_over_its_photo(job, tmp_path):
+    content = json.loads((DUCK / "transforms_test.json").read_text())
+    content["frames"] = content["frames"][:1]
+    (tmp_path / "test").mkdir()
+    name = Path(content["frames"][0]["file_path"]).name + ".png"
+    photo = shutil.copy(DUCK / "test" / name, tmp_path / "test")
+    before = Path(photo).read_bytes()
+    cameras = tmp_path / "transforms.json"
+    cameras.write_text(json.dumps(content))
+    few = ["--cameras", cameras, "--rays", 1]
+    for command in (["render", job], ["compose", job]):
+        result = solver(*command, *few, "--out", tmp_path / "test")
+        assert result.returncode == 2 and "the photos of these cameras lie here" in result.stderr
+    assert Path(photo).read_bytes() == before and len(list((tmp_path / "test").iterdir())) == 1
+    assert solver("render", job, *few, "--out", tmp_path / "out").returncode == 0
+    assert solver("render", job, *few, "--out", tmp_path / "out").returncode == 0
+
+
+def test_evaluate_scores_all_that_has_a_truth_and_agrees_with_what_render_writes(
+    job, cameras, tmp_path
+):
+    few = ["--cameras", cameras, "--rays", 8]
+    result = solver("evaluate", job, *few, "--out", tmp_path / "m.json")
+    assert result.returncode == 0, result.stderr
+    scores = json.loads((tmp_path / "m.json").read_text())
+    names = {
+        "psnr", "ssim", "ms_ssim", "flip", "normal_mae", "normal_mae_masked", "albedo_mae",
+        "roughness_mae", "f0_mae", "environment_relative_rmse", "environment_mae_tonemapped",
+        "relight_psnr", "relight_flip",
+    }  # fmt: skip
+    assert names <= set(scores["mean"]) and set(scores["relight"]) == {"studio", "sunset"}
+    assert "lpips" not in scores["mean"] or scores["mean"]["lpips"] < 1
+    # An independent scorer: from the files that `render` writes, with nothing of ours.
+    out = tmp_path / "out"
+    assert solver("render", job, *few, "--out", out).returncode == 0
+    psnr, mae = [], []
+    for name in scores["views"]:
+        photo = np.asarray(Image.open(DUCK / "test" / f"{name}.png")).astype(float) / 255
+        truth = photo[..., :3] * photo[..., 3:] + 1 - photo[..., 3:]
+        render = np.asarray(Image.open(out / f"{name}.png")).astype(float) / 255
+        psnr.append(-10 * np.log10(((render - truth) ** 2).mean()))
+        normal, expected = (
+            read_exr(p)[0].astype(float)
+            for p in (out / f"{name}_normal.exr", DUCK / "test" / f"{name}_normal.exr")
+        )
+        length = np.linalg.norm(normal, axis=-1) * np.linalg.norm(expected, axis=-1)
+        cosine = (normal * expected).sum(-1) / np.maximum(length, 1e-9)
+        angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+        angle[np.linalg.norm(normal, axis=-1) == 0] = 90
+        mae.append((angle * photo[..., 3]).sum() / photo[..., 3].sum())
+    assert abs(np.mean(psnr) - scores["mean"]["psnr"]) < 0.01
+    assert abs(np.mean(mae) - scores["mean"]["normal_mae"]) < 0.05
+
+
+def test_two_jobs_are_composed_under_another_jobs_light(job, cameras, tmp_path):
+    common = ["--cameras", cameras, "--rays", 4]
+    two = solver(
+        "compose", job, job, "--place", "0,0,0", "--place=-1,1,0,0.5,90", "--environment", job,
+        "--out", tmp_path / "two", *common,
+    )  # fmt: skip
+    assert two.returncode == 0, two.stderr
+    assert solver("compose", job, "--out", tmp_path / "one", *common).returncode == 0
+    both = read_exr(tmp_path / "two" / "r_0_linear.exr")[1]
+    alone = read_exr(tmp_path / "one" / "r_0_linear.exr")[1]
+    assert (both >= alone - 0.02).all() and (both > alone + 0.5).sum() > 50
+    wrong = solver("compose", job, "--place", "0,0", "--out", tmp_path / "no", *common)
+    assert wrong.returncode == 2 and "X,Y,Z" in wrong.stderr
+
+
+def test_export_copies_the_result_and_overwrites_nothing(job, tmp_path):
+    assert solver("export", job, "--out", tmp_path / "asset").returncode == 0
+    assert (tmp_path / "asset" / "mesh.ply").is_file()
+    assert solver("export", job, "--out", tmp_path / "asset").returncode == 2
+
+
+def test_an_export_that_fails_leaves_nothing_that_looks_complete(job, tmp_path, monkeypatch):
+    def full(source, target):
+        target.mkdir()
+        (target / "manifest.json").touch()
+        raise shutil.Error([(str(source / "asset.glb"), str(target), "No space left on device")])
+
+    monkeypatch.setattr(shutil, "copytree", full)
+    with pytest.raises(
+        JobError, match="asset.glb could not be written .No space left.*another folder"
+    ):
+        export_result(JobFolder.open(job), tmp_path / "asset")
+    assert list(tmp_path.iterdir()) == []
+    monkeypatch.undo()
+    (tmp_path / "asset").mkdir()
+    assert (export_result(JobFolder.open(job), tmp_path / "asset") / "manifest.json").is_file()

@@ -1,0 +1,135 @@
+"""A tiny reconstruction as a person starts it, of captures of every kind."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import scipy.ndimage
+from PIL import Image
+
+from solver.capture.photos import linear_to_srgb
+from tests.capture.test_triangulate import camera_at, photo_of
+from tests.cli.command import DUCK, ROOT, TINY, solver
+
+
+def test_the_result_holds_all_that_the_manifest_names(job):
+    manifest = json.loads((job / "result" / "manifest.json").read_text())
+    files = [manifest["mesh"], manifest["environment"]["file"], manifest["glb"]]
+    files += [entry["file"] for entry in manifest["textures"].values()]
+    files += list(manifest["report"].values())
+    for name in files:
+        assert (job / "result" / name).stat().st_size > 100, name
+    kinds = [json.loads(line)["ev"] for line in (job / "events.jsonl").read_text().splitlines()]
+    assert (
+        kinds[0] == "hello" and kinds[-1] == "bye" and "result" in kinds and "checkpoint" in kinds
+    )
+    assert json.loads((job / "status.json").read_text())["state"] == "done"
+
+
+def test_the_paper_preset_goes_all_the_way_and_keeps_its_neural_term(cameras, tmp_path):
+    small = [
+        "--set",
+        "fit.samples=20000",
+        "--set",
+        "fit.warm_up=5",
+        "--set",
+        "fit.preview_every=999",
+    ]
+    small += ["--set", "fit.secondary_samples=20000", "--set", "render.min_weight=0.01"]
+    # Masks make it a quick fit; from fog, as the preset has it: tests/fit/test_method.py.
+    small += ["--set", "fit.use_masks=yes", "--set", "field.hull_start=yes"]
+    root = tmp_path / "job"
+    sizes = [*TINY, "--set", "fit.steps=60", *small]
+    result = solver("reconstruct", DUCK, "--out", root, "--preset", "paper", *sizes)
+    assert result.returncode == 0, result.stderr
+    scores = []
+    for extra in ([], ["--without-neural"]):
+        out = tmp_path / f"metrics{len(extra)}.json"
+        result = solver("evaluate", root, "--cameras", cameras, "--rays", 4, "--out", out, *extra)
+        assert result.returncode == 0, result.stderr
+        scores.append(json.loads(out.read_text())["mean"]["psnr"])
+    assert scores[0] > scores[1] > 5
+
+
+def test_snapshots_are_laid_side_by_side(tmp_path):
+    root = tmp_path / "job"
+    result = solver("reconstruct", DUCK, "--out", root, *TINY, "--set", "fit.snapshots=1,10,24")
+    assert result.returncode == 0, result.stderr
+    names = {path.name for path in (root / "snapshots").iterdir()}
+    assert {"snapshots.png", "render_000010.png", "weights_000024.png"} <= names
+
+
+def test_blenders_way_of_starting_finds_points_in_photos_without_masks(tmp_path):
+    angles = np.linspace(0, 1.2, 6)
+    rough = scipy.ndimage.gaussian_filter(np.random.default_rng(3).random((300, 300)), 1.5)
+    frames = []
+    for angle in angles:
+        camera = camera_at(angle)
+        shown = linear_to_srgb(photo_of(camera, 0.5 + 4 * (rough - 0.5)).pixels[..., :3])
+        picture = Image.fromarray((255 * np.clip(shown, 0, 1)).astype(np.uint8))
+        picture.save(tmp_path / f"{camera.name}.png")
+        frames.append(
+            {"file_path": f"{camera.name}.png", "transform_matrix": camera.camera_to_world.tolist()}
+        )
+    lens = {"w": camera.width, "h": camera.height, "fl_x": camera.fx, "fl_y": camera.fy}
+    lens |= {"cx": camera.cx, "cy": camera.cy, "frames": frames}
+    (tmp_path / "transforms.json").write_text(json.dumps(lens))
+    command = [sys.executable, "-I", ROOT / "solver" / "bootstrap.py", "reconstruct"]
+    command += [
+        tmp_path / "transforms.json",
+        "--out",
+        tmp_path / "job",
+        *TINY,
+        "--set",
+        "fit.steps=2",
+    ]
+    subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL, timeout=300, check=False)
+    events = [
+        json.loads(line) for line in (tmp_path / "job" / "events.jsonl").read_text().splitlines()
+    ]
+    assert "fit" in [event.get("name") for event in events if event["ev"] == "stage"]
+    assert not [event["text"] for event in events if event["ev"] == "warning"]
+    assert max(e["fraction"] for e in events if e.get("stage") == "geometry") > 0.3
+
+
+@pytest.mark.parametrize("level, words", [(0, None), (255, "as white, so masks cannot be made")])
+def test_a_plain_backdrop_makes_masks_or_a_warning(level, words, tmp_path):
+    """The sample before black, and before white with half of its photos white as well."""
+    content = json.loads((DUCK / "transforms_train.json").read_text())
+    content["frames"] = content["frames"][::6]
+    for number, frame in enumerate(content["frames"]):
+        image = Image.open(DUCK / f"{frame['file_path']}.png").resize((50, 50))
+        pixels = np.asarray(image).astype(float)
+        alpha = pixels[..., 3:] / 255
+        over = pixels[..., :3] * alpha + level * (1 - alpha)
+        if level and number % 2:
+            over[:, :25] = level
+        frame["file_path"] = f"{number}.png"
+        Image.fromarray(np.round(over).astype(np.uint8)).save(tmp_path / f"{number}.png")
+    for key in ("w", "h", "fl_x", "fl_y", "cx", "cy"):
+        content.pop(key, None)
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    result = solver("reconstruct", tmp_path, "--out", tmp_path / "job", *TINY)
+    events = (tmp_path / "job" / "events.jsonl").read_text(encoding="utf-8")
+    if words is None:
+        assert result.returncode == 0, result.stderr
+        state = json.loads((tmp_path / "job" / "checkpoint" / "state.json").read_text())
+        assert state["use_masks"] and state["background"] == "black"
+        assert '"ev": "warning"' not in events
+    else:
+        assert words in events
+
+
+def test_large_photos_are_made_smaller_for_fit_and_report(tmp_path):
+    job = tmp_path / "job"
+    result = solver(
+        "reconstruct", DUCK, "--out", job, *TINY, "--set", "photos.most_pixels=2500",
+        "--set", "fit.steps=4",
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    shown = Image.open(job / "preview" / "render.png")
+    assert shown.height == 50
+    manifest = json.loads((job / "result" / "manifest.json").read_text())
+    assert manifest["region"]["max"][0] < 2
