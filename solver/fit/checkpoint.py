@@ -107,8 +107,12 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
     state = read_state(folder)
     if state is None:
         raise JobError(f"{folder}: there is no checkpoint; run the reconstruction first.")
-    # Copies: loaded tensors are views of the file, which Windows then lets nobody replace.
-    tensors = {k: v.clone() for k, v in load_file(folder / TENSORS, device=device).items()}
+    # Copies: loaded tensors are views of the file, which Windows then lets nobody replace. Doubles stay
+    # where they are: not every device has them.
+    tensors = {
+        name: values.clone() if values.dtype == torch.float64 else values.to(device, copy=True)
+        for name, values in load_file(folder / TENSORS).items()
+    }
     shape = state["field"]
     field = MicrofacetField(
         tensors["scene.field.centre"], shape["half_size"], shape["size"],

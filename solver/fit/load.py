@@ -21,13 +21,17 @@ from .schedule import picture_settings
 from .settings import Settings
 
 
-def load_job(job: JobFolder) -> tuple[Scene, Settings]:
+def load_job(job: JobFolder, device: torch.device | None = None) -> tuple[Scene, Settings]:
     """The fitted scene of a job and its settings.
+
+    Args:
+        device: None: the one it was fitted on, or this machine's best.
 
     Raises:
         JobError: no checkpoint.
     """
-    scene, state, _ = checkpoint.load_scene(job.checkpoint_dir, device_at_hand(job.request.device))
+    chosen = device_at_hand(job.request.device) if device is None else str(device)
+    scene, state, _ = checkpoint.load_scene(job.checkpoint_dir, chosen)
     return scene, checkpoint.settings_of(state)
 
 

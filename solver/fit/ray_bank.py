@@ -71,7 +71,9 @@ class RayBank:
         self.likely = None
         self.size = torch.tensor([[c.width, c.height] for c in cameras], device=device)
         self.preview_camera, self.preview_photo = cameras[0], photos[0].pixels
-        self.pixel_angle = torch.tensor([c.pixel_angle for c in cameras], device=device)
+        self.pixel_angle = torch.tensor(
+            [c.pixel_angle for c in cameras], dtype=torch.float32, device=device
+        )
 
     @property
     def photo_count(self) -> int:
@@ -136,7 +138,7 @@ class RayBank:
 
     def restrict(self, likely: torch.Tensor) -> None:
         """Draw mostly from the pixels in `likely` [P] bool (rays that can meet the object)."""
-        self.likely = likely.nonzero()[:, 0]
+        self.likely = likely.nonzero()[:, 0].to(self.device)
 
     def draw(self, count: int, generator: torch.Generator) -> torch.Tensor:
         """Random global pixel indices [count]."""

@@ -77,6 +77,10 @@ def run_job(
     progress.stage("compile", "compiling kernels (once on this machine)")
     if fast(torch.empty(0, device=device)):
         compile_kernels(device)
+    elif device == "cuda":
+        progress.warning(
+            "NVIDIA Warp does not run on this card, so the fit is slower; update the card's driver"
+        )
     _stop_if_asked(control)
 
     progress.stage("geometry", "first shape")
@@ -232,7 +236,7 @@ def choose_device(name: str) -> str:
     Raises:
         SettingsError: the device is not there.
     """
-    available = {"cpu": True, "cuda": torch.cuda.is_available()}
+    available = {"cpu": True, "cuda": torch.cuda.is_available() and _cuda_computes()}
     available["mps"] = torch.backends.mps.is_available()
     if name == "auto":
         return "cuda" if available["cuda"] else "cpu"
@@ -240,6 +244,14 @@ def choose_device(name: str) -> str:
         there = ", ".join(key for key, value in available.items() if value)
         raise SettingsError(f"--device {name}: this machine has no such device; choose {there}.")
     return name
+
+
+def _cuda_computes() -> bool:
+    """False for a card that is there, but too old for this build of torch."""
+    try:
+        return float(torch.ones(1, device="cuda") + 1) == 2
+    except RuntimeError:
+        return False
 
 
 def device_at_hand(name: str) -> str:

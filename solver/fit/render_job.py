@@ -53,14 +53,14 @@ def compose_jobs(
         CaptureError, JobError: unusable cameras, light or job, or a folder that is not free.
     """
     capture = _cameras_of(cameras, out)
-    loaded = [load_job(job) for job in jobs]
-    scenes = [scene for scene, _ in loaded]
-    light = scenes[0].environment
+    first, settings = load_job(jobs[0])
+    scenes = [first, *(load_job(job, first.device)[0] for job in jobs[1:])]
+    light = first.environment
     if environment is not None:
-        light = load_light(environment, scenes[0].device)
+        light = load_light(environment, first.device)
     world = Composition(scenes, placements, light)
     out.mkdir(parents=True, exist_ok=True)
-    for camera, view in render_cameras(world, loaded[0][1], capture.cameras, rays, neural):
+    for camera, view in render_cameras(world, settings, capture.cameras, rays, neural):
         write_view(view, camera.name, out)
 
 

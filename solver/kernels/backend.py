@@ -23,12 +23,16 @@ def path_of(device: torch.device) -> str:
         return _state["path"]
     if device.type == "cpu":
         return "numba"
-    return "warp" if device.type == "cuda" and _has_warp() else "torch"
+    return "warp" if device.type == "cuda" and _warp_runs_on(str(device)) else "torch"
 
 
 @cache
-def _has_warp() -> bool:
-    return importlib.util.find_spec("warp") is not None
+def _warp_runs_on(device: str) -> bool:
+    if importlib.util.find_spec("warp") is None:
+        return False
+    from .warp_device import runs_on
+
+    return runs_on(torch.device(device))
 
 
 def fast(tensor: torch.Tensor) -> bool:

@@ -24,6 +24,8 @@ from .scene import RenderSettings, Scene, StepTables
 from .surroundings import surroundings
 
 RAYS_PER_CHUNK = 4096
+PEAK_RAYS = 16_384
+"""whose steps are kept at once to find their peaks"""
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,16 @@ def render_view(
 def ray_peaks(
     scene: Scene, settings: RenderSettings, origins: torch.Tensor, directions: torch.Tensor
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Opacity [R] and highest extinction [R] of world rays [R, 3]."""
+    """Opacity [R] and highest extinction [R] of world rays [R, 3], a group of rays after the other."""
+    groups = zip(origins.split(PEAK_RAYS), directions.split(PEAK_RAYS), strict=True)
+    found = [_ray_peaks(scene, settings, *group) for group in groups]
+    opacity, peak = (torch.cat(values).cpu().numpy() for values in zip(*found, strict=True))
+    return opacity, peak
+
+
+def _ray_peaks(
+    scene: Scene, settings: RenderSettings, origins: torch.Tensor, directions: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
     field = scene.field
     box_origins, box_directions = field.to_box(origins), field.directions_to_box(directions)
     count = len(origins)
@@ -136,4 +147,4 @@ def ray_peaks(
     sigma = field.extinction(field.raw_density(box_points))
     _, transmittance = composite(sigma * step, segments.offsets)
     peak = origins.new_zeros(count).scatter_reduce(0, segments.ray, sigma, "amax")
-    return (1 - transmittance).cpu().numpy(), peak.cpu().numpy()
+    return 1 - transmittance, peak

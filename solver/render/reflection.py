@@ -14,7 +14,7 @@ from ..brdf.microfacet import (
     visible_normal_pdf,
 )
 from ..kernels import drawing
-from ..kernels.backend import fast, on_numba
+from ..kernels.backend import fast, on_numba, precise
 from ..kernels.drawing import Plan
 from ..kernels.specular import SELF_SHADOW_COSINE, specular
 from .random_numbers import ALLOCATION, CHOICE, ROTATION, RandomNumbers
@@ -128,7 +128,7 @@ def choose_systematic(
     if len(candidates) <= budget:
         return candidates, torch.ones_like(scores[candidates])
     probability = (scores * (budget / total)).clamp(max=1)
-    running = (probability.double().cumsum(0) + u).floor()
+    running = (probability.to(precise(scores.device)).cumsum(0) + u).floor()
     chosen = torch.diff(running, prepend=running.new_zeros(1)) > 0
     indices = chosen.nonzero()[:, 0]
     return indices, probability[indices]

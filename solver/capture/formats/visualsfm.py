@@ -71,7 +71,7 @@ def _found(
     """A camera from its line."""
     rotation_size = 9 if has_matrix else 4
     name, values = _name_and_numbers(path, where, line, 1 + rotation_size + 5)
-    focal, rotation, place = values[0], values[1 : 1 + rotation_size], values[-5:-2]
+    focal, rotation, place = float(values[0]), values[1 : 1 + rotation_size], values[-5:-2]
     photo = photos.find(name, beside=path)
     if photo is None:
         return Found(where, name, None, None, None)

@@ -1,0 +1,34 @@
+"""What goes to Warp is what its kernels were written for."""
+
+import pytest
+import torch
+
+from solver.kernels.warp_device import launch, runs_on
+from tests.kernels.paths import WITHOUT_CARD
+
+
+def test_a_kernel_refuses_tensors_of_another_type():
+    from solver.kernels.warp_device import _touch
+
+    values = torch.zeros(3)
+    launch(_touch, 3, values)
+    assert (values == 1).all()
+    with pytest.raises(TypeError, match="float64 instead of float32"):
+        launch(_touch, 3, values.double())
+
+
+def test_warp_runs_on_the_processor():
+    assert runs_on(torch.device("cpu"))
+
+
+@WITHOUT_CARD
+def test_warp_runs_on_the_card():
+    assert runs_on(torch.device("cuda"))
+
+
+def test_a_device_that_warp_cannot_use_is_told(monkeypatch):
+    def no_such_device(device):
+        raise IndexError(device)
+
+    monkeypatch.setattr("solver.kernels.warp_device.wp.device_from_torch", no_such_device)
+    assert not runs_on(torch.device("cpu"))
