@@ -176,7 +176,7 @@ def _reconstruct(options: argparse.Namespace) -> int:
             "masks": _absolute(options.masks), "overrides": _overrides(options) or None,
         }  # fmt: skip
         take_up(job, asked, options.time_limit)
-        return _run_job(job, False, options.began)
+        return _run_job(job, options.began)
     preset, overrides = options.preset or "draft", _overrides(options)
     settings_for(preset, overrides)
     read_capture(
@@ -187,7 +187,7 @@ def _reconstruct(options: argparse.Namespace) -> int:
         seed=options.seed or 0, time_limit=options.time_limit, overrides=overrides,
         photos=_absolute(options.photos), masks=_absolute(options.masks), code_version=__version__,
     )  # fmt: skip
-    return _run_job(JobFolder.create(options.out, request), False, options.began)
+    return _run_job(JobFolder.create(options.out, request), options.began)
 
 
 def _overrides(options: argparse.Namespace) -> dict[str, str]:
@@ -205,14 +205,14 @@ def _absolute(path: Path | None) -> str | None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    return _run_job(JobFolder.open(options.job), options.events, options.began)
+    return _run_job(JobFolder.open(options.job), options.began, options.events, has_parent=True)
 
 
-def _run_job(job: JobFolder, events: bool, began: float) -> int:
+def _run_job(job: JobFolder, began: float, events: bool = False, has_parent: bool = False) -> int:
     """Run a job with its heartbeat, events and log; the last line on stdout is the manifest."""
     if process_is_alive(read_status(job.status_path)):
         raise JobError(f"{job.root}: another process works on this job; cancel it first.")
-    with session(job.events_path, job.status_path, job.cancel_path, events) as run:
+    with session(job.events_path, job.status_path, job.cancel_path, events, has_parent) as run:
         from .fit.reconstruct import run_job
 
         manifest = run_job(job, run.progress, run.control, began)

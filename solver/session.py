@@ -39,7 +39,7 @@ class Session:
 
 @contextmanager
 def session(
-    events_path: Path, status_path: Path, cancel_path: Path, to_stdout: bool,
+    events_path: Path, status_path: Path, cancel_path: Path, to_stdout: bool, has_parent: bool,
     shares: dict[str, float] | None = None,
 ) -> Iterator[Session]:  # fmt: skip
     """Run the body with a heartbeat and events, and tell both how it ended.
@@ -48,11 +48,12 @@ def session(
 
     Args:
         to_stdout: events go there, too, and there is no bar.
+        has_parent: whoever started it speaks on stdin (see `Control`).
         shares: of the time that the stages take (see `Progress`).
     """
     cancel_path.unlink(missing_ok=True)
     stream = take_stdout_for_events() if to_stdout else None
-    control = Control(cancel_path)
+    control = Control(cancel_path, has_parent)
     events = EventStream(events_path, stream)
     heartbeat = Heartbeat(status_path)
     control.start(heartbeat.beat)

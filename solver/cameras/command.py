@@ -68,7 +68,7 @@ def _run(folder: SolveFolder, request: SolveRequest, events: bool) -> int:
     from .solve import SHARES, Solver
 
     paths = folder.events_path, folder.status_path, folder.cancel_path
-    with session(*paths, events, SHARES) as run:
+    with session(*paths, events, has_parent=events, shares=SHARES) as run:
         solved = Solver(folder, request, run.progress, run.control).run()
         if solved.warning:
             run.events.emit("warning", text=solved.warning)

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,17 +22,19 @@ class Cancelled(Exception):
 
 
 class Control:
-    """Watches stdin, the `cancel` file, SIGTERM and Ctrl-C.
+    """Watches the `cancel` file, SIGTERM and Ctrl-C; and stdin, where a parent may speak.
 
     A line {"cmd": "cancel"} (or just `cancel`) asks the job to stop with a checkpoint; so do the file,
     SIGTERM (what a farm sends) and Ctrl-C, which ends it at once if it comes again. The end of a stdin
     that was open at the start means that the parent is gone: the job has `GRACE` seconds for a
     checkpoint, then the process ends wherever it is (files are renamed into place, so none is half
-    written). A stdin that is a terminal, a file, or at its end from the beginning is no parent: the job
-    runs detached.
+    written). A stdin that is a terminal, a file, or at its end from the beginning (be there lines in it
+    that are no commands) is no parent: the job runs detached.
 
     Args:
         cancel_path: the job's `cancel` file.
+        has_parent: stdin, if it is a pipe, is a parent's; else it is left alone, for it may be a list
+            that a shell's loop reads.
     """
 
     INTERVAL = 0.25
@@ -39,10 +42,11 @@ class Control:
     GRACE = 0.8  # seconds
     EXIT_CODE = 3
 
-    def __init__(self, cancel_path: Path):
+    def __init__(self, cancel_path: Path, has_parent: bool = True):
         self.cancelled = False
         self.parent_gone = False
         self._cancel_path = cancel_path
+        self._has_parent = has_parent
         self._stop = threading.Event()
         self._beat: Callable[[], None] | None = None
         self._handlers: dict[int, Any] = {}
@@ -60,7 +64,7 @@ class Control:
                 (signal.SIGTERM, self._on_terminate), (signal.SIGINT, self._on_interrupt),
             ):  # fmt: skip
                 self._handlers[number] = signal.signal(number, handler)
-        if _stdin_is_pipe():
+        if self._has_parent and _stdin_is_pipe():
             threading.Thread(target=self._watch_stdin, daemon=True).start()
 
     def stop(self) -> None:
@@ -91,29 +95,46 @@ class Control:
 
     def _watch_stdin(self) -> None:
         opened = time.monotonic()
-        heard, rest = False, b""
+        heard, passed_over, rest = False, False, b""
         while True:
             data = next_bytes(sys.stdin.fileno())
             if not data:
                 self.parent_gone = heard or time.monotonic() - opened > self.ENDED_AT_START
                 if self.parent_gone:
+                    _say(
+                        "Standard input was closed: whoever started this job is gone, so it stops."
+                    )
                     time.sleep(self.GRACE)
                     os._exit(self.EXIT_CODE)
                 return
-            heard = True
             *lines, rest = (rest + data).split(b"\n")
             for line in lines:
-                self.cancelled = self.cancelled or _is_cancel(line.decode("utf-8", "replace"))
+                command = _command(line.decode("utf-8", "replace"))
+                heard = heard or command is not None
+                self.cancelled = self.cancelled or command == "cancel"
+                if command is None and not passed_over:
+                    passed_over = True
+                    _say(
+                        "Standard input is read for commands; lines that are none are passed over."
+                    )
 
 
-def _is_cancel(line: str) -> bool:
+def _command(line: str) -> str | None:
+    """The command of a line on stdin; None if it is none."""
     if line.strip().lower() == "cancel":
-        return True
+        return "cancel"
     try:
         message = json.loads(line)
     except ValueError:
-        return False
-    return isinstance(message, dict) and message.get("cmd") == "cancel"
+        return None
+    command = message.get("cmd") if isinstance(message, dict) else None
+    return command if isinstance(command, str) else None
+
+
+def _say(text: str) -> None:
+    """On stderr, if anybody listens there still."""
+    with suppress(OSError, ValueError):
+        print(text, file=sys.stderr, flush=True)
 
 
 def _stdin_is_pipe() -> bool:

@@ -10,6 +10,7 @@ import time
 
 import pytest
 
+from solver.job.folder import JobFolder, JobRequest
 from tests.capture.test_capture import make_capture
 from tests.cli.command import DUCK, ROOT, TINY, solver, wait_for
 
@@ -42,11 +43,13 @@ def test_a_killed_job_resumes_to_the_same_kind_of_result(tmp_path):
 
 
 def test_cancel_leaves_a_checkpoint_and_closing_stdin_ends_the_process(tmp_path):
+    overrides = dict(text.split("=") for text in [*TINY[1::2], "fit.steps=9000"])
     for name, hang_up in (("cancel", False), ("close", True)):
         root = tmp_path / name
+        JobFolder.create(root, JobRequest(str(DUCK), overrides=overrides))
         process = subprocess.Popen(
-            [sys.executable, "-m", "solver", "reconstruct", DUCK, "--out", root, *TINY, "--set", "fit.steps=9000"],
-            cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            [sys.executable, "-m", "solver", "run", root],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         )  # fmt: skip
         wait_for(lambda root=root: (root / "checkpoint" / "state.json").exists(), process)
         asked = time.monotonic()
@@ -63,6 +66,22 @@ def test_cancel_leaves_a_checkpoint_and_closing_stdin_ends_the_process(tmp_path)
         assert not (root / "result" / "manifest.json").exists()
         for stream in (process.stdout, process.stderr):
             stream.close()
+
+
+def test_a_list_of_captures_on_stdin_is_left_to_the_loop_that_reads_it(tmp_path):
+    """A fixed bug: `while read n; do … reconstruct $n …; done` lost its list, and its first job with it."""
+    stdin, ours = os.pipe()
+    os.write(ours, b"the next capture\ncancel\n")
+    os.close(ours)
+    few = ["--set", "fit.steps=2"]
+    result = subprocess.run(
+        [sys.executable, "-m", "solver", "reconstruct", DUCK, "--out", tmp_path / "job", *TINY, *few],
+        cwd=ROOT, stdin=stdin, capture_output=True, text=True, timeout=600, check=False,
+    )  # fmt: skip
+    left = os.read(stdin, 999)
+    os.close(stdin)
+    assert result.returncode == 0, result.stderr
+    assert left == b"the next capture\ncancel\n"
 
 
 def test_cancel_is_heard_while_the_asset_is_made(tmp_path, job):

@@ -19,7 +19,7 @@ import sys, time
 sys.path.insert(0, {root!r})
 from pathlib import Path
 from solver.job.control import Control
-control = Control(Path({cancel!r}))
+control = Control(Path({cancel!r}), has_parent={has_parent})
 control.start()
 print("up", flush=True)
 end = time.monotonic() + {seconds}
@@ -35,10 +35,11 @@ def start(tmp_path):
     """Start a job that works for `seconds`, or until it hears that it should stop."""
     children = []
 
-    def run(seconds=20.0, stdin=subprocess.PIPE, work="time.sleep(0.01)"):
+    def run(seconds=20.0, stdin=subprocess.PIPE, work="time.sleep(0.01)", has_parent=True):
         program = WORK.format(
-            root=str(ROOT), cancel=str(tmp_path / "cancel"), seconds=seconds, work=work
-        )
+            root=str(ROOT), cancel=str(tmp_path / "cancel"), seconds=seconds, work=work,
+            has_parent=has_parent,
+        )  # fmt: skip
         child = subprocess.Popen(
             [sys.executable, "-I", "-u", "-c", program],
             stdin=stdin, stdout=subprocess.PIPE, text=True,
@@ -129,6 +130,30 @@ def test_a_stdin_that_is_at_its_end_from_the_start_is_no_parent(start):
         if read is not None:
             os.close(read)
         assert ending(child)[1:] == ("cancelled False parent gone False", 0)
+
+
+def pipe_that_ends_after(text):
+    """The reading end of a pipe with `text` in it and nobody who could write more."""
+    read, write = os.pipe()
+    os.write(write, text.encode())
+    os.close(write)
+    return read
+
+
+def test_a_list_that_ends_at_once_is_no_parent_either(start):
+    stdin = pipe_that_ends_after('capture two\ncapture three\n"four"\n')
+    child = start(seconds=0.5, stdin=stdin)
+    os.close(stdin)
+    assert ending(child)[1:] == ("cancelled False parent gone False", 0)
+
+
+def test_a_job_without_a_parent_leaves_its_stdin_alone(start):
+    lines = 'capture two\n{"cmd": "cancel"}\n'
+    stdin = pipe_that_ends_after(lines)
+    child = start(seconds=0.5, stdin=stdin, has_parent=False)
+    assert ending(child)[1:] == ("cancelled False parent gone False", 0)
+    assert os.read(stdin, 999) == lines.encode()
+    os.close(stdin)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="a child cannot be sent Ctrl-C alone")

@@ -46,7 +46,7 @@ import sys
 sys.path.insert(0, {str(ROOT)!r})
 from pathlib import Path
 from solver.session import session
-with session(Path("/dev/full"), Path({str(tmp_path / "status.json")!r}), Path({str(tmp_path / "cancel")!r}), True):
+with session(Path("/dev/full"), Path({str(tmp_path / "status.json")!r}), Path({str(tmp_path / "cancel")!r}), True, True):
     pass
 """
     run = subprocess.run(
