@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,9 +29,14 @@ class Row:
 
 
 def write_report(
-    path: Path, title: str, intro: str, rows: list[Row], numbers: dict[str, object]
-) -> None:
+    path: Path, title: str, intro: str, rows: list[Row], numbers: dict[str, object],
+    warnings: Sequence[str] = (),
+) -> None:  # fmt: skip
     """Write the page; the pictures lie beside it."""
+    intro_and_warnings = f"<p>{html.escape(intro)}</p>"
+    if warnings:
+        notes = "".join(f"<li>{html.escape(text)}.</li>" for text in warnings)
+        intro_and_warnings += f"<p>Warnings:</p><ul>{notes}</ul>"
     table = "".join(
         f"<tr><td>{html.escape(str(name))}</td><td>{html.escape(str(value))}</td></tr>"
         for name, value in numbers.items()
@@ -47,6 +53,6 @@ def write_report(
     page = (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}'
         f"</title><style>{_STYLE}</style></head><body><h1>{html.escape(title)}</h1>"
-        f"<p>{html.escape(intro)}</p><table>{table}</table>{''.join(body)}</body></html>\n"
+        f"{intro_and_warnings}<table>{table}</table>{''.join(body)}</body></html>\n"
     )
     path.write_text(page, encoding="utf-8")

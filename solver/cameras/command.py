@@ -71,7 +71,7 @@ def _run(folder: SolveFolder, request: SolveRequest, events: bool) -> int:
     with session(*paths, events, has_parent=events, shares=SHARES) as run:
         solved = Solver(folder, request, run.progress, run.control).run()
         if solved.warning:
-            run.events.emit("warning", text=solved.warning)
+            run.progress.warning(solved.warning)
         run.events.emit(
             "result", file=folder.cameras_path.name, placed=solved.placed, photos=solved.photos,
             points=solved.points,
@@ -84,8 +84,6 @@ def _run(folder: SolveFolder, request: SolveRequest, events: bool) -> int:
 
 
 def _tell(folder: SolveFolder, photos: Path, solved) -> None:
-    if solved.warning:
-        print(f"warning: {solved.warning}.", file=sys.stderr)
     print(
         f"{solved.placed} of {solved.photos} photos have a camera, {solved.points} sparse points."
     )

@@ -7,7 +7,7 @@ import time
 
 from tqdm import tqdm
 
-from ..job.events import EventStream, clock
+from ..job.events import EventStream, clock, say
 from ..job.status import Heartbeat
 
 # Shares of the whole run, for one bar over all stages (draft on two cores).
@@ -71,8 +71,11 @@ class Progress:
     def warning(self, text: str) -> None:
         """Something the person should know."""
         self._events.emit("warning", text=text)
+        line = f"Warning: {text}."
         if self._bar is not None:
-            self._bar.write(f"Warning: {text}.", file=sys.stderr)
+            self._bar.write(line, file=sys.stderr)
+        else:
+            say(line)
 
     def preview(self, file: str) -> None:
         """A picture was written."""

@@ -11,6 +11,7 @@ from ..capture.capture import Capture
 from ..capture.errors import CaptureError
 from ..capture.photos import Photo, load_photos, resized
 from ..capture.read import has_split
+from ..job.events import read_events
 from ..job.folder import JobFolder, write_json_atomic
 from ..job.inputs import capture_of
 from ..metrics.image import psnr, ssim
@@ -87,14 +88,21 @@ def write_job_report(
         ),
         f"SSIM (mean of {len(cameras)} {kind})": round(float(np.mean([s[1] for s in scores])), 4),
     }
-    write_json_atomic(job.result_dir / "report.json", numbers)
+    warnings = warnings_of(job)
+    write_json_atomic(job.result_dir / "report.json", {**numbers, "warnings": warnings})
     write_report(
         job.result_dir / "report.html", "Reconstruction",
         f"Photos beside the solver's own renders of the field ({kind}), "
         + ("without the neural term: what Cycles can show." if render_settings.neural == 0 else
-           "with the neural term, which Cycles cannot show."), rows, numbers,
+           "with the neural term, which Cycles cannot show."), rows, numbers, warnings,
     )  # fmt: skip
     return {"json": "report.json", "html": "report.html"}
+
+
+def warnings_of(job: JobFolder) -> list[str]:
+    """All that a job has warned of so far, each once: what is resumed warns again."""
+    events, _ = read_events(job.events_path)
+    return list(dict.fromkeys(event.data["text"] for event in events if event.kind == "warning"))
 
 
 def _spread(cameras: Sequence) -> np.ndarray:

@@ -10,10 +10,10 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from .events import say
 from .standard_input import next_bytes
 
 
@@ -101,9 +101,7 @@ class Control:
             if not data:
                 self.parent_gone = heard or time.monotonic() - opened > self.ENDED_AT_START
                 if self.parent_gone:
-                    _say(
-                        "Standard input was closed: whoever started this job is gone, so it stops."
-                    )
+                    say("Standard input was closed: whoever started this job is gone, so it stops.")
                     time.sleep(self.GRACE)
                     os._exit(self.EXIT_CODE)
                 return
@@ -114,9 +112,7 @@ class Control:
                 self.cancelled = self.cancelled or command == "cancel"
                 if command is None and not passed_over:
                     passed_over = True
-                    _say(
-                        "Standard input is read for commands; lines that are none are passed over."
-                    )
+                    say("Standard input is read for commands; lines that are none are passed over.")
 
 
 def _command(line: str) -> str | None:
@@ -129,12 +125,6 @@ def _command(line: str) -> str | None:
         return None
     command = message.get("cmd") if isinstance(message, dict) else None
     return command if isinstance(command, str) else None
-
-
-def _say(text: str) -> None:
-    """On stderr, if anybody listens there still."""
-    with suppress(OSError, ValueError):
-        print(text, file=sys.stderr, flush=True)
 
 
 def _stdin_is_pipe() -> bool:

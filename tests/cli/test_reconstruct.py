@@ -1,6 +1,7 @@
 """A tiny reconstruction as a person starts it, of captures of every kind."""
 
 import json
+import shutil
 import subprocess
 import sys
 
@@ -26,6 +27,27 @@ def test_the_result_holds_all_that_the_manifest_names(job):
         kinds[0] == "hello" and kinds[-1] == "bye" and "result" in kinds and "checkpoint" in kinds
     )
     assert json.loads((job / "status.json").read_text())["state"] == "done"
+
+
+def test_a_warning_is_told_off_a_terminal_and_every_warning_of_a_job_is_in_its_report(
+    job, tmp_path
+):
+    again = shutil.copytree(job, tmp_path / "job")
+    shutil.rmtree(again / "result")
+    request = json.loads((again / "job.json").read_text())
+    (again / "job.json").write_text(json.dumps(request | {"device": "mps"}))
+    before = '{"v": 1, "t": 1.0, "ev": "warning", "text": "a & b are blurred"}\n'
+    with (again / "events.jsonl").open("a") as events:
+        events.write(2 * before)
+    result = solver("run", again)
+    assert result.returncode == 0
+    now = "this machine has no 'mps'; the job goes on on 'cpu'"
+    assert result.stderr == f"Warning: {now}.\n"
+    report = json.loads((again / "result" / "report.json").read_text())
+    assert report["warnings"] == ["a & b are blurred", now]
+    page = (again / "result" / "report.html").read_text()
+    assert page.count("<li>a &amp; b are blurred.</li>") == 1
+    assert "<ul>" not in (job / "result" / "report.html").read_text()
 
 
 def test_the_paper_preset_goes_all_the_way_and_keeps_its_neural_term(cameras, tmp_path):

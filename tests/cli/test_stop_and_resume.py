@@ -48,7 +48,7 @@ def test_cancel_leaves_a_checkpoint_and_closing_stdin_ends_the_process(tmp_path)
         root = tmp_path / name
         JobFolder.create(root, JobRequest(str(DUCK), overrides=overrides))
         process = subprocess.Popen(
-            [sys.executable, "-m", "solver", "run", root],
+            [sys.executable, "-m", "solver", "run", root], cwd=ROOT,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         )  # fmt: skip
         wait_for(lambda root=root: (root / "checkpoint" / "state.json").exists(), process)
