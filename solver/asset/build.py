@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .bake import fill_texture, gather
-from .files import write_exr, write_ply, write_texture
+from .files import write_exr, write_fine_texture, write_ply, write_texture
 from .gltf import write_glb
 from .settings import AssetSettings
 from .surface import SurfaceField, extract_surface
@@ -59,7 +59,8 @@ def build_asset(
     write_texture(folder / "albedo.png", albedo, srgb=True)
     write_texture(folder / "f0.png", f0, srgb=True)
     write_texture(folder / "roughness.png", roughness, srgb=False)
-    write_texture(folder / "normal.png", normal, srgb=False)
+    # In 8 bits a slow tilt is a staircase, each step of which a mirror shows.
+    write_fine_texture(folder / "normal.png", normal)
     write_exr(folder / "environment.exr", {"RGB": environment})
     progress(0.95, "writing files")
     write_glb(folder / "asset.glb", unwrapped, albedo, roughness, f0, f0_scale, normal)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import OpenEXR
+import OpenImageIO
 from PIL import Image
 
 from ..capture.photos import linear_to_srgb
@@ -31,15 +32,28 @@ def write_ply(path: Path, mesh: UnwrappedMesh) -> None:
     replace_file(part, path)
 
 
-def write_texture(path: Path, values: np.ndarray, srgb: bool) -> np.ndarray:
-    """Write values [S, S, C] in [0, 1] as an 8-bit PNG, sRGB-encoded or plain; returns the bytes."""
+def write_texture(path: Path, values: np.ndarray, srgb: bool) -> None:
+    """Write values [S, S, C] in [0, 1] as an 8-bit PNG, sRGB-encoded or plain."""
     encoded = linear_to_srgb(values) if srgb else values
     pixels = (np.clip(encoded, 0, 1) * 255 + 0.5).astype(np.uint8)
     picture = Image.fromarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels)
     part = path.with_name(path.stem + ".part.png")
     picture.save(part)
     replace_file(part, path)
-    return pixels
+
+
+def write_fine_texture(path: Path, values: np.ndarray) -> None:
+    """Write plain values [S, S, 3] in [0, 1] as a 16-bit PNG: what Pillow cannot.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    pixels = (np.clip(values, 0, 1) * 65535 + 0.5).astype(np.uint16)
+    part = path.with_name(path.stem + ".part.png")
+    picture = OpenImageIO.ImageBuf(pixels)
+    if not picture.write(str(part)):
+        raise OSError(f"{path}: {picture.geterror()}")
+    replace_file(part, path)
 
 
 def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:

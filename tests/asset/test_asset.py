@@ -10,7 +10,7 @@ import trimesh
 from solver.asset.bake import fill_texture, gather
 from solver.asset.build import build_asset
 from solver.asset.errors import EmptySurfaceError
-from solver.asset.files import write_exr
+from solver.asset.files import write_exr, write_fine_texture
 from solver.asset.gltf import portable_base_colour
 from solver.asset.settings import AssetSettings
 from solver.asset.surface import (
@@ -21,6 +21,7 @@ from solver.asset.surface import (
 )
 from solver.asset.tangent import decode_normals, encode_normals, texel_frames
 from solver.asset.unwrap import rasterise, unwrap
+from solver.capture.decoding import decode
 from solver.capture.photos import read_exr, srgb_to_linear
 
 LEVEL = 30.0
@@ -197,6 +198,21 @@ def test_baked_textures_hold_the_materials_of_the_field(built, unwrapped):
     scale = parts["textures"]["f0"]["scale"]
     baked_f0 = scale * srgb_to_linear(lookup(folder / "f0.png", unwrapped.uvs))
     assert np.abs(baked_f0 - f0).mean() < 0.005
+
+
+def test_baked_normals_are_fine_enough_for_a_mirror(built, unwrapped):
+    """In 8 bits they would be a quarter of a degree off: steps that a mirror shows."""
+    texels = rasterise(unwrapped, 256)
+    coded = decode(built[0] / "normal.png").pixels[texels.row, texels.column].astype(float) / 65535
+    frames = texel_frames(unwrapped, texels)
+    points = texels.interpolate(unwrapped, unwrapped.positions)
+    cosine = (decode_normals(coded, frames) * ONE.normals(points)).sum(1)
+    assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 0.05
+
+
+def test_a_texture_that_cannot_be_written_is_an_error_that_names_it(tmp_path):
+    with pytest.raises(OSError, match="normal.png"):
+        write_fine_texture(tmp_path / "missing" / "normal.png", np.zeros((4, 4, 3)))
 
 
 def test_environment_exr_round_trips(built):
