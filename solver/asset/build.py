@@ -19,13 +19,14 @@ from .unwrap import rasterise, unwrap
 
 def build_asset(
     field: SurfaceField, environment: np.ndarray, level: float, folder: Path,
-    settings: AssetSettings, progress: Callable[[float, str], None],
+    settings: AssetSettings, progress: Callable[[float, str], None], name: str = "Object",
 ) -> dict[str, Any]:  # fmt: skip
     """Write mesh.ply, textures, environment.exr and asset.glb; returns their part of the manifest.
 
     Args:
         environment: [H, W, 3] linear Rec.709 radiance, Blender's equirect convention.
         level: extinction per world unit at which the surface stands (`from_scene.surface_level`).
+        name: of the object in asset.glb.
 
     Raises:
         EmptySurfaceError: the field has no surface.
@@ -63,7 +64,17 @@ def build_asset(
     write_fine_texture(folder / "normal.png", normal)
     write_exr(folder / "environment.exr", {"RGB": environment})
     progress(0.95, "writing files")
-    write_glb(folder / "asset.glb", unwrapped, albedo, roughness, f0, f0_scale, normal)
+    write_glb(
+        folder / "asset.glb",
+        unwrapped,
+        albedo,
+        roughness,
+        f0,
+        f0_scale,
+        normal,
+        name,
+        mesh.is_watertight,
+    )
     return {
         "mesh": "mesh.ply",
         "textures": {

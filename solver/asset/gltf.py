@@ -19,10 +19,12 @@ from .. import __version__
 from ..brdf.microfacet import DIELECTRIC_F0
 from ..capture.photos import linear_to_srgb
 from ..job.folder import replace_file
+from .tangent import vertex_tangents
 from .unwrap import UnwrappedMesh
 
 _FLOAT, _UNSIGNED_INT = 5126, 5125
 _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
+_CLAMP_TO_EDGE = 33071
 
 
 def portable_base_colour(albedo: np.ndarray, f0: np.ndarray) -> np.ndarray:
@@ -33,9 +35,14 @@ def portable_base_colour(albedo: np.ndarray, f0: np.ndarray) -> np.ndarray:
 
 def write_glb(
     path: Path, mesh: UnwrappedMesh, albedo: np.ndarray, roughness: np.ndarray, f0: np.ndarray,
-    f0_scale: float, normal: np.ndarray,
+    f0_scale: float, normal: np.ndarray, name: str, closed: bool,
 ) -> None:  # fmt: skip
-    """Write the mesh with textures [S, S, C] (linear; `f0` divided by `f0_scale`; normals coded)."""
+    """Write the mesh with textures [S, S, C] (linear; `f0` divided by `f0_scale`; normals coded).
+
+    Args:
+        name: of object, mesh and material; textures are called after it.
+        closed: its insides are never seen; else both sides are drawn.
+    """
     binary = bytearray()
     views: list[dict[str, Any]] = []
 
@@ -50,10 +57,13 @@ def write_glb(
     turn = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], dtype=np.float32)
     positions = (mesh.positions @ turn.T).astype("<f4")
     normals = (mesh.normals @ turn.T).astype("<f4")
+    tangents, signs = vertex_tangents(mesh)
+    tangents = np.concatenate([tangents @ turn.T, signs[:, None]], axis=1).astype("<f4")
     uvs = mesh.uvs.astype("<f4") * np.float32([1, -1]) + np.float32([0, 1])
     arrays = [
         (positions, "VEC3", {"min": positions.min(0).tolist(), "max": positions.max(0).tolist()}),
         (normals, "VEC3", {}),
+        (tangents, "VEC4", {}),
         (uvs.astype("<f4"), "VEC2", {}),
     ]
     accessors = [
@@ -68,14 +78,18 @@ def write_glb(
     )  # fmt: skip
     zeros = np.zeros_like(roughness)
     base = linear_to_srgb(portable_base_colour(albedo, f0 * f0_scale))
-    images = [
-        base, np.concatenate([zeros, roughness, zeros], -1), normal, linear_to_srgb(f0),
-    ]  # fmt: skip
-    image_entries = [{"bufferView": add(_png(image)), "mimeType": "image/png"} for image in images]
+    images = {
+        "base_colour": base, "roughness": np.concatenate([zeros, roughness, zeros], -1),
+        "normal": normal, "f0": linear_to_srgb(f0),
+    }  # fmt: skip
+    image_entries = [
+        {"name": f"{name}_{kind}", "bufferView": add(_png(image)), "mimeType": "image/png"}
+        for kind, image in images.items()
+    ]
     binary.extend(b"\0" * (-len(binary) % 4))
     factor = f0_scale / DIELECTRIC_F0
     material = {
-        "name": "Neural Microfacet Field",
+        "name": name, "doubleSided": not closed,
         "pbrMetallicRoughness": {
             "baseColorTexture": {"index": 0}, "metallicRoughnessTexture": {"index": 1},
             "metallicFactor": 0.0, "roughnessFactor": 1.0,
@@ -90,14 +104,14 @@ def write_glb(
     document = {
         "asset": {"version": "2.0", "generator": f"Neural Microfacet Fields {__version__}"},
         "extensionsUsed": ["KHR_materials_specular"],
-        "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0, "name": "Object"}],
-        "meshes": [{"primitives": [{
-            "attributes": {"POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2},
-            "indices": 3, "material": 0,
+        "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0, "name": name}],
+        "meshes": [{"name": name, "primitives": [{
+            "attributes": {"POSITION": 0, "NORMAL": 1, "TANGENT": 2, "TEXCOORD_0": 3},
+            "indices": 4, "material": 0,
         }]}],
         "materials": [material],
         "textures": [{"source": i, "sampler": 0} for i in range(len(images))],
-        "samplers": [{}], "images": image_entries,
+        "samplers": [{"wrapS": _CLAMP_TO_EDGE, "wrapT": _CLAMP_TO_EDGE}], "images": image_entries,
         "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": len(binary)}],
     }  # fmt: skip
     text = json.dumps(document, separators=(",", ":")).encode()

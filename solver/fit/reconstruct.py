@@ -128,7 +128,7 @@ def run_job(
     _stop_if_asked(control)
     parts = build_asset(
         SceneSurface(scene, cameras), scene.environment.image(), level, job.result_dir, settings.asset,
-        told,
+        told, job.root.name,
     )  # fmt: skip
 
     progress.stage("report", "report")

@@ -176,7 +176,8 @@ def test_dilation_copies_the_nearest_covered_texel():
 def built(tmp_path_factory):
     folder = tmp_path_factory.mktemp("asset é x") / "result"
     light = np.random.default_rng(0).random((16, 32, 3)).astype(np.float32) * 5
-    parts = build_asset(ONE, light, LEVEL, folder, SETTINGS, lambda fraction, text: None)
+    silent = lambda fraction, text: None  # noqa: E731
+    parts = build_asset(ONE, light, LEVEL, folder, SETTINGS, silent, "tea pot")
     return folder, parts, light
 
 
@@ -229,17 +230,78 @@ def test_mesh_ply_can_be_read_by_others(built):
     assert np.isclose(mesh.volume, 4 / 3 * np.pi * 0.6**3, rtol=0.02)
 
 
+def read_glb(path):
+    """The JSON and the binary part of a .glb."""
+    data = path.read_bytes()
+    size = struct.unpack("<I", data[12:16])[0]
+    return json.loads(data[20 : 20 + size]), data[28 + size :]
+
+
+def attributes_of(path):
+    """Arrays of a .glb's only primitive by their names, and `indices` [F, 3]."""
+    document, binary = read_glb(path)
+    primitive = document["meshes"][0]["primitives"][0]
+    arrays = {}
+    for name, number in (*primitive["attributes"].items(), ("indices", primitive["indices"])):
+        accessor = document["accessors"][number]
+        view = document["bufferViews"][accessor["bufferView"]]
+        kind = {5126: "<f4", 5125: "<u4"}[accessor["componentType"]]
+        part = binary[view["byteOffset"] : view["byteOffset"] + view["byteLength"]]
+        arrays[name] = np.frombuffer(part, kind).reshape(accessor["count"], -1)
+    return arrays | {"indices": arrays["indices"].reshape(-1, 3)}
+
+
+def test_two_assets_in_one_scene_have_names_of_their_own(built):
+    document, _ = read_glb(built[0] / "asset.glb")
+    named = [document[kind][0]["name"] for kind in ("nodes", "meshes", "materials")]
+    assert named == ["tea pot"] * 3
+    images = [image["name"] for image in document["images"]]
+    assert images == [f"tea pot_{kind}" for kind in ("base_colour", "roughness", "normal", "f0")]
+
+
+def test_glb_has_the_tangents_its_normal_map_was_made_for(built):
+    """Along +u, and by the sign's cross product towards the picture's top, which is −v in glTF."""
+    arrays = attributes_of(built[0] / "asset.glb")
+    normals, tangents = arrays["NORMAL"].astype(float), arrays["TANGENT"].astype(float)
+    np.testing.assert_allclose(np.linalg.norm(tangents[:, :3], axis=1), 1, atol=1e-5)
+    assert set(np.unique(tangents[:, 3])) <= {-1.0, 1.0}
+    p, uv = (arrays[name][arrays["indices"]].astype(float) for name in ("POSITION", "TEXCOORD_0"))
+    edges = np.stack([p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]], 1)
+    steps = np.stack([uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]], 1)
+    fine = np.abs(np.linalg.det(steps)) > 1e-9
+    along = np.linalg.solve(steps[fine], edges[fine])  # rows ∂p/∂u, ∂p/∂v
+    along /= np.linalg.norm(along, axis=2, keepdims=True)
+    corner = arrays["indices"][fine, 0]
+    right = tangents[corner, :3]
+    up = np.cross(normals[corner], right) * tangents[corner, 3:]
+    assert (right * along[:, 0]).sum(1).min() > 0.5 and (up * along[:, 1]).sum(1).max() < -0.5
+
+
+def test_both_sides_are_drawn_where_a_mesh_is_open_and_no_texture_repeats(built, tmp_path):
+    class Bowl(Balls):
+        def seen(self, points, normals):
+            return points[:, 0] < 0.2
+
+    bowl = Bowl(*ONE.balls)
+    bowl.surrounded = True
+    few = AssetSettings(cells=32, triangles=500, texture_size=64)
+    build_asset(bowl, built[2], LEVEL, tmp_path, few, lambda fraction, text: None)
+    for path, double_sided in ((tmp_path, True), (built[0], False)):
+        document, _ = read_glb(path / "asset.glb")
+        assert document["materials"][0]["doubleSided"] is double_sided
+        assert document["samplers"] == [{"wrapS": 33071, "wrapT": 33071}]
+
+
 def test_glb_is_valid_and_keeps_f0(built):
     folder, parts, _ = built
     data = (folder / "asset.glb").read_bytes()
     magic, version, length = struct.unpack("<4sII", data[:12])
     assert (magic, version, length) == (b"glTF", 2, len(data))
-    size = struct.unpack("<I", data[12:16])[0]
-    document = json.loads(data[20 : 20 + size])
+    document, binary = read_glb(folder / "asset.glb")
     specular = document["materials"][0]["extensions"]["KHR_materials_specular"]
     factor = parts["textures"]["f0"]["scale"] / 0.04
     assert specular["specularColorFactor"] == pytest.approx([factor] * 3)
-    assert document["buffers"][0]["byteLength"] == len(data) - 20 - size - 8
+    assert document["buffers"][0]["byteLength"] == len(binary)
     scene = trimesh.load(folder / "asset.glb")
     low, high = scene.bounds  # Y up
     np.testing.assert_allclose(low, (-0.55, -0.6, -0.5), atol=0.02)
