@@ -65,16 +65,9 @@ def build_asset(
     write_exr(folder / "environment.exr", {"RGB": environment})
     progress(0.95, "writing files")
     write_glb(
-        folder / "asset.glb",
-        unwrapped,
-        albedo,
-        roughness,
-        f0,
-        f0_scale,
-        normal,
-        name,
+        folder / "asset.glb", unwrapped, albedo, roughness, f0, f0_scale, normal, name,
         mesh.is_watertight,
-    )
+    )  # fmt: skip
     return {
         "mesh": "mesh.ply",
         "textures": {

@@ -59,8 +59,10 @@ def run_apart(work: Callable[..., Any], *args: Any, progress: Callable[[float], 
 
 
 def _work(work: Callable[..., Any], args: tuple, pipe: Connection) -> None:
-    # Ctrl-C reaches all processes of a terminal; the parent decides what it means.
+    # Ctrl-C and a terminal's end reach all its processes; the parent decides what they mean.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "SIGHUP"):
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         pipe.send(("done", work(*args, lambda done: pipe.send(("progress", done)))))
     except Exception as error:

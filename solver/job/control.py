@@ -1,4 +1,4 @@
-"""What a running job hears: cancel on stdin or by file, and the end of its parent."""
+"""What a running job hears: cancel on stdin, by file or by signal, and the end of its parent."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ class Cancelled(Exception):
 
 
 class Control:
-    """Watches the `cancel` file, SIGTERM and Ctrl-C; and stdin, where a parent may speak.
+    """Watches the `cancel` file, SIGTERM, SIGHUP and Ctrl-C; and stdin, where a parent may speak.
 
     A line {"cmd": "cancel"} (or just `cancel`) asks the job to stop with a checkpoint; so do the file,
-    SIGTERM (what a farm sends) and Ctrl-C, which ends it at once if it comes again. The end of a stdin
-    that was open at the start means that the parent is gone: the job has `GRACE` seconds for a
-    checkpoint, then the process ends wherever it is (files are renamed into place, so none is half
-    written). A stdin that is a terminal, a file, or at its end from the beginning (be there lines in it
-    that are no commands) is no parent: the job runs detached.
+    SIGTERM (what a farm sends), SIGHUP (a terminal that was closed; under nohup it is left ignored) and
+    Ctrl-C, which ends it at once if it comes again. The end of a stdin that was open at the start means
+    that the parent is gone: the job has `GRACE` seconds for a checkpoint, then the process ends wherever
+    it is (files are renamed into place, so none is half written). A stdin that is a terminal, a file, or
+    at its end from the beginning (but for lines that are no commands) is no parent: the job runs detached.
 
     Args:
         cancel_path: the job's `cancel` file.
@@ -50,6 +50,7 @@ class Control:
         self._stop = threading.Event()
         self._beat: Callable[[], None] | None = None
         self._handlers: dict[int, Any] = {}
+        self._terminals: list[int] = []
 
     def start(self, beat: Callable[[], None] | None = None) -> None:
         """Start watching.
@@ -60,9 +61,11 @@ class Control:
         self._beat = beat
         threading.Thread(target=self._watch_file, daemon=True).start()
         if threading.current_thread() is threading.main_thread():
-            for number, handler in (
-                (signal.SIGTERM, self._on_terminate), (signal.SIGINT, self._on_interrupt),
-            ):  # fmt: skip
+            handlers = {signal.SIGTERM: self._on_terminate, signal.SIGINT: self._on_interrupt}
+            if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+                self._terminals = [number for number in (1, 2) if os.isatty(number)]
+                handlers[signal.SIGHUP] = self._on_hang_up
+            for number, handler in handlers.items():
                 self._handlers[number] = signal.signal(number, handler)
         if self._has_parent and _stdin_is_pipe():
             threading.Thread(target=self._watch_stdin, daemon=True).start()
@@ -81,6 +84,14 @@ class Control:
 
     def _on_terminate(self, number: int, frame: object) -> None:
         self.cancelled = True
+
+    def _on_hang_up(self, number: int, frame: object) -> None:
+        self.cancelled = True
+        # Writing to a terminal that is gone is an error, which must not cost the checkpoint.
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        for terminal in self._terminals:
+            os.dup2(nowhere, terminal)
+        os.close(nowhere)
 
     def _on_interrupt(self, number: int, frame: object) -> None:
         self.cancelled = True

@@ -13,6 +13,10 @@ import pytest
 
 from solver.job.control import Control
 
+if os.name != "nt":
+    import fcntl
+    import termios
+
 ROOT = Path(__file__).resolve().parents[2]
 WORK = """
 import sys, time
@@ -28,6 +32,7 @@ while time.monotonic() < end and not control.should_stop:
 print("cancelled", control.cancelled, "parent gone", control.parent_gone, flush=True)
 sys.exit(3 if control.should_stop else 0)
 """
+WRITE_A_BAR = 'time.sleep(0.01); sys.stderr.write("bar"); sys.stderr.flush()'
 
 
 @pytest.fixture
@@ -35,14 +40,16 @@ def start(tmp_path):
     """Start a job that works for `seconds`, or until it hears that it should stop."""
     children = []
 
-    def run(seconds=20.0, stdin=subprocess.PIPE, work="time.sleep(0.01)", has_parent=True):
+    def run(
+        seconds=20.0, stdin=subprocess.PIPE, work="time.sleep(0.01)", has_parent=True, **options
+    ):
         program = WORK.format(
             root=str(ROOT), cancel=str(tmp_path / "cancel"), seconds=seconds, work=work,
             has_parent=has_parent,
         )  # fmt: skip
         child = subprocess.Popen(
             [sys.executable, "-I", "-u", "-c", program],
-            stdin=stdin, stdout=subprocess.PIPE, text=True,
+            stdin=stdin, stdout=subprocess.PIPE, text=True, **options,
         )  # fmt: skip
         children.append(child)
         assert child.stdout.readline() == "up\n"
@@ -154,6 +161,27 @@ def test_a_job_without_a_parent_leaves_its_stdin_alone(start):
     assert ending(child)[1:] == ("cancelled False parent gone False", 0)
     assert os.read(stdin, 999) == lines.encode()
     os.close(stdin)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGHUP")
+def test_a_terminal_that_is_closed_cancels_and_the_bar_that_writes_there_does_not_fail(start):
+    terminal, theirs = os.openpty()
+    child = start(
+        stdin=theirs, stderr=theirs, start_new_session=True, work=WRITE_A_BAR,
+        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+    )  # fmt: skip
+    os.close(theirs)
+    assert b"bar" in os.read(terminal, 999)
+    os.close(terminal)
+    assert ending(child)[1:] == ("cancelled True parent gone False", 3)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGHUP")
+def test_a_job_that_nohup_started_outlives_its_terminal(start):
+    ignore = lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN)  # noqa: E731
+    child = start(seconds=0.5, stdin=subprocess.DEVNULL, preexec_fn=ignore)
+    child.send_signal(signal.SIGHUP)
+    assert ending(child)[1:] == ("cancelled False parent gone False", 0)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="a child cannot be sent Ctrl-C alone")
