@@ -87,9 +87,19 @@ def glance_table(groups: dict[str, list[dict]]) -> str:
 
 
 def _mean_quality(rows: list[dict], key: str) -> float | None:
-    """Mean over scenes; None if not every one of them has it, since it would be of other scenes."""
+    """Mean over scenes; None if not every one of them has it, since it would be of other scenes.
+
+    Only of albedo it is of the scenes that have one: those that are all metal have no error of it.
+    """
+    if key == "albedo_mae":
+        rows = [row for row in rows if not _is_all_metal(row["quality"]["mean"])]
     values = [row["quality"]["mean"].get(key) for row in rows]
     return None if None in values else _mean(values)
+
+
+def _is_all_metal(scores: dict[str, float]) -> bool:
+    """Whether a scene has true materials, but no albedo (see `solver.fit.evaluate`)."""
+    return "f0_mae" in scores and "albedo_mae" not in scores
 
 
 def quality_table(rows: list[dict]) -> str:
@@ -190,7 +200,7 @@ _HEAD = """# Benchmarks: quality
 Written by `make benchmark`; do not edit. The same numbers are in the JSON file beside this page;
 `JOB/metrics.json` has those of every view. Views are held out, 8-bit sRGB over white; what each metric
 is, is said in `solver/metrics` and `docs/method.md`. A dash: not measured (no truth, or LPIPS without
-its weights).
+its weights; or no albedo, where all is metal: means of albedo MAE are of the scenes that have one).
 Scenes are our own unless a line *paper* stands below: a name may be shared with a scene of the paper.
 
 More: [quality over time](curves.md), [kernels](kernels.md), [scaling](scaling.md),

@@ -41,6 +41,9 @@ from .preview import display, over_plain
 from .settings import Settings
 from .start import background_shown
 
+BLACK = 1e-3
+"""linear; a true albedo that is nowhere above it is none"""
+
 
 def evaluate_job(
     job: JobFolder, cameras: Path, out: Path | None = None, rays: int = 64,
@@ -55,8 +58,8 @@ def evaluate_job(
         neural: share of the neural term; None: as the fit ended.
 
     Returns:
-        `mean` of all views' scores, the scores of all `views`, and, where there is truth,
-        `albedo_factor` and `light_factor`.
+        `mean` of all views' scores, the scores of all `views`, and, where there is truth (and not all is
+        metal), `albedo_factor` and `light_factor`.
 
     Raises:
         CaptureError, JobError: unusable cameras, photos or job.
@@ -128,9 +131,10 @@ def _normal_scores(camera: Camera, view: RenderedView, photo: Photo) -> dict[str
 def _material_scores(rendered, photos, views) -> np.ndarray | None:
     """Add albedo_mae, f0_mae and roughness_mae to views; returns the albedo's factor [3].
 
-    A base colour b with metalness m means albedo b(1 − m) and F0 = 0.04(1 − m) + b·m, linear.
+    A base colour b with metalness m means albedo b(1 − m) and F0 = 0.04(1 − m) + b·m, linear. Where it is
+    metal all over, no albedo is scored and there is no factor: one of zero would make any albedo right.
     """
-    fitted, truths = LeastSquaresFactor(), {}
+    fitted, truths, brightest = LeastSquaresFactor(), {}, 0.0
     for (camera, view), photo in zip(rendered, photos, strict=True):
         alpha = photo.pixels[..., 3]
         roughness = _map(camera, "_roughness")
@@ -149,7 +153,8 @@ def _material_scores(rendered, photos, views) -> np.ndarray | None:
         views[camera.name]["f0_mae"] = weighted_mae(view.f0, f0, alpha)
         truths[camera.name] = albedo
         fitted.add(view.albedo, albedo, alpha)
-    if not truths:
+        brightest = max(brightest, float((albedo * alpha[..., None]).max()))
+    if brightest < BLACK:
         return None
     for (camera, view), photo in zip(rendered, photos, strict=True):
         if camera.name in truths:

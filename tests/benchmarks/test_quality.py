@@ -59,6 +59,17 @@ def test_means_are_of_all_scenes_and_of_nothing_else():
     assert "mean" not in quality_table([row("a", psnr=30.0)])
 
 
+def test_means_of_albedo_are_of_the_scenes_that_are_not_all_metal(tmp_path):
+    metal, mixed = row("ball", f0_mae=0.2), row("a", f0_mae=0.1, albedo_mae=0.04)
+    table = quality_table([metal, mixed, row("b", f0_mae=0.3, albedo_mae=0.06)])
+    assert "| **mean of 3** | default | 0.050 | 0.200 |" in table
+    # Nothing is known of the materials of a capture without truth, so its mean would be of others.
+    table = quality_table([row("real", roughness_mae=0.1), mixed])
+    assert "| **mean of 2** | default | – | – | – |" in table
+    write_page([metal, mixed], tmp_path / "page.md")
+    assert "of the scenes that have one" in (tmp_path / "page.md").read_text()
+
+
 def test_the_page_begins_with_what_holds_now_and_ends_with_what_was(tmp_path):
     was = {**row(psnr=29.0), "preset": "draft 0.1, before light"}
     write_page([was, row(psnr=30.0), row("a", "no neural", psnr=31.0)], tmp_path / "page.md")
