@@ -63,9 +63,7 @@ def _parser() -> argparse.ArgumentParser:
     new.add_argument(
         "--resume", action="store_true", help="continue the job in JOB; only its limit may change"
     )
-    new.add_argument(
-        "--set", action="append", default=[], metavar="section.field=value", dest="sets"
-    )
+    _add_settings(new, "section.field=value", "a setting (their list: docs/manual.md)")
     new.set_defaults(run=_reconstruct)
 
     run = commands.add_parser("run", help="run or resume a job folder (how Blender starts it)")
@@ -100,14 +98,21 @@ def _parser() -> argparse.ArgumentParser:
     _add_neural(evaluate)
     evaluate.set_defaults(run=_evaluate)
 
-    export = commands.add_parser("export", help="copy a job's asset files")
+    export = commands.add_parser("export", help="copy a job's asset files, or bake them anew")
     export.add_argument("job", type=Path)
     export.add_argument("--out", type=Path, help="new folder; default JOB/export")
+    _add_settings(export, "asset.field=value", "bake anew with another mesh or other textures")
     export.set_defaults(run=_export)
 
     doctor = commands.add_parser("doctor", help="what this machine can do")
     doctor.set_defaults(run=_doctor)
     return parser
+
+
+def _add_settings(command: argparse.ArgumentParser, form: str, purpose: str) -> None:
+    command.add_argument(
+        "--set", action="append", default=[], metavar=form, dest="sets", help=purpose
+    )
 
 
 def _add_light(command: argparse.ArgumentParser) -> None:
@@ -264,8 +269,17 @@ def _evaluate(options: argparse.Namespace) -> int:
 def _export(options: argparse.Namespace) -> int:
     from .asset.export import export_result
 
-    job = JobFolder.open(options.job)
-    print(export_result(job, options.out or job.root / "export"))
+    job, overrides = JobFolder.open(options.job), _overrides(options)
+    out = options.out or job.root / "export"
+    if overrides:
+        from .fit.bake_again import bake_again
+        from .fit.progress import plain_bar
+
+        with plain_bar() as told:
+            bake_again(job, out, overrides, told)
+    else:
+        export_result(job, out)
+    print(out)
     return DONE
 
 

@@ -1,8 +1,10 @@
-"""Copy a job's result to where a person wants it."""
+"""A job's result where a person wants it: in a new folder, all of it or nothing."""
 
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from ..job.folder import JobError, JobFolder
@@ -17,19 +19,31 @@ def export_result(job: JobFolder, out: Path) -> Path:
         JobError: no complete result, or `out` exists and is not empty. OSError: it cannot be written.
     """
     job.manifest()
+    with new_folder(out) as part:
+        shutil.copytree(job.result_dir, part)
+    return out
+
+
+@contextmanager
+def new_folder(out: Path) -> Iterator[Path]:
+    """A folder beside `out`, to be made and filled, that gets its name in the end; if it fails, it goes.
+
+    Raises:
+        JobError: `out` exists and is not empty. OSError: it cannot be written.
+    """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise JobError(f"{out}: it exists already; give a new folder.")
     part = out.absolute().with_name(f"{out.absolute().name}.part")
     shutil.rmtree(part, ignore_errors=True)
     try:
-        shutil.copytree(job.result_dir, part)
+        yield part
         if out.exists():
             out.rmdir()
         part.rename(out)
     except OSError as error:
-        shutil.rmtree(part, ignore_errors=True)
         raise _first_of(error, out) from error
-    return out
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
 
 
 def _first_of(error: OSError, out: Path) -> Exception:

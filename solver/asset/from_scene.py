@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import torch
 
 from ..capture.camera import Camera
 from ..render.image import ray_peaks
 from ..render.scene import RenderSettings, Scene
+from .build import build_asset
 from .errors import EmptySurfaceError
+from .settings import AssetSettings
 
 MAX_RAYS = 400_000
 MIN_BORDER_RAYS = 50
@@ -76,6 +82,24 @@ class SceneSurface:
             passing = scene.grid_transmittance(origins, directions, start).cpu().numpy()
             times[waiting[candidates]] += passing > SEEN_TRANSMITTANCE
         return times >= FEWEST_PHOTOS
+
+
+def asset_of(
+    scene: Scene, render: RenderSettings, cameras: list[Camera], folder: Path, asset: AssetSettings,
+    progress: Callable[[float, str], None], name: str,
+) -> dict[str, Any]:  # fmt: skip
+    """Write a scene's asset; returns its part of the manifest (see `build_asset`).
+
+    Args:
+        cameras: of the photos it was fitted to, in the scene's world, at the sizes it was fitted at.
+        name: of the object in asset.glb.
+
+    Raises:
+        EmptySurfaceError: there is no surface.
+    """
+    level = surface_level(scene, render, cameras)
+    surface, light = SceneSurface(scene, cameras), scene.environment.image()
+    return build_asset(surface, light, level, folder, asset, progress, name)
 
 
 def surface_level(scene: Scene, settings: RenderSettings, cameras: list[Camera]) -> float:

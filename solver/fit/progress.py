@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from tqdm import tqdm
 
@@ -14,6 +16,23 @@ from ..job.status import Heartbeat
 _SHARES = {
     "photos": 0.01, "compile": 0.05, "geometry": 0.05, "fit": 0.74, "asset": 0.09, "report": 0.06,
 }  # fmt: skip
+_FORM = "{desc:<34} {percentage:3.0f}% |{bar:30}| {elapsed}"
+
+
+@contextmanager
+def plain_bar() -> Iterator[Callable[[float, str], None]]:
+    """A bar for what is no job, if stderr is a terminal; yields whom to tell the share done of what."""
+    off = not sys.stderr.isatty()
+    with tqdm(
+        total=1000, file=sys.stderr, bar_format=_FORM, dynamic_ncols=True, disable=off
+    ) as bar:
+
+        def told(done: float, text: str) -> None:
+            bar.set_description_str(text, refresh=False)
+            bar.n = int(1000 * done)
+            bar.refresh()
+
+        yield told
 
 
 class Progress:
@@ -35,7 +54,7 @@ class Progress:
         self._shares = _SHARES if shares is None else shares
         self._bar = None
         if bar:
-            form = "{desc:<34} {percentage:3.0f}% |{bar:30}| {elapsed}, {postfix}"
+            form = _FORM + ", {postfix}"
             self._bar = tqdm(total=1000, file=sys.stderr, bar_format=form, dynamic_ncols=True)
         self._stage, self._stage_began = "", time.monotonic()
         self._last_event = 0.0

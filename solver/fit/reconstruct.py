@@ -10,8 +10,7 @@ import numpy as np
 import torch
 
 from .. import __version__
-from ..asset.build import build_asset
-from ..asset.from_scene import SceneSurface, surface_level
+from ..asset.from_scene import asset_of
 from ..capture.capture import Capture
 from ..capture.photos import Photo, at_sizes_of, load_photos
 from ..job.apart import ApartError
@@ -124,12 +123,9 @@ def run_job(
     progress.stage("asset", "mesh and textures")
     scene = trainer.scene
     cameras = [camera.seen_from(scene.origin) for camera in capture.cameras]
-    level = surface_level(scene, settings.render, cameras)
-    _stop_if_asked(control)
-    parts = build_asset(
-        SceneSurface(scene, cameras), scene.environment.image(), level, job.result_dir, settings.asset,
-        told, job.root.name,
-    )  # fmt: skip
+    parts = asset_of(
+        scene, settings.render, cameras, job.result_dir, settings.asset, told, job.root.name
+    )
 
     progress.stage("report", "report")
     numbers = {

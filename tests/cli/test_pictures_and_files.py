@@ -6,12 +6,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 from solver.asset.export import export_result
 from solver.capture.photos import read_exr
 from solver.job.folder import JobError, JobFolder
 from tests.cli.command import DUCK, solver
+
+ASSET = (
+    "mesh.ply",
+    "albedo.png",
+    "f0.png",
+    "roughness.png",
+    "normal.png",
+    "environment.exr",
+    "asset.glb",
+)
 
 
 def test_render_writes_every_buffer_of_the_contract(job, tmp_path):
@@ -114,6 +125,41 @@ def test_export_copies_the_result_and_overwrites_nothing(job, tmp_path):
     assert solver("export", job, "--out", tmp_path / "asset").returncode == 0
     assert (tmp_path / "asset" / "mesh.ply").is_file()
     assert solver("export", job, "--out", tmp_path / "asset").returncode == 2
+
+
+def test_export_bakes_anew_what_a_setting_changes_and_nothing_else(job, tmp_path):
+    before = {path: path.read_bytes() for path in job.rglob("*") if path.is_file()}
+    few, same = tmp_path / "few", tmp_path / "same"
+    some = ["--set", "asset.triangles=300", "--set", "asset.texture_size=64"]
+    result = solver("export", job, "--out", few, *some)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout == f"{few}\n" and result.stderr == ""
+    manifest = json.loads((few / "manifest.json").read_text())
+    assert Image.open(few / manifest["textures"]["albedo"]["file"]).size == (64, 64)
+    assert len(trimesh.load(few / manifest["mesh"]).faces) <= 300
+    files = {path.name for path in few.iterdir()}
+    assert files == {"manifest.json", *ASSET} and "report" not in manifest
+    assert manifest["region"] == json.loads(before[job / "result" / "manifest.json"])["region"]
+    assert solver("export", job, "--out", same, "--set", "asset.triangles=2000").returncode == 0
+    for name in ASSET:
+        assert (same / name).read_bytes() == before[job / "result" / name], name
+    assert {path: path.read_bytes() for path in job.rglob("*") if path.is_file()} == before
+
+
+def test_what_cannot_be_baked_anew_is_told(job, tmp_path):
+    def refused(root, setting):
+        result = solver("export", root, "--out", tmp_path / "asset", "--set", setting)
+        assert result.returncode == 2 and len(result.stderr.splitlines()) == 1
+        assert not (tmp_path / "asset").exists()
+        return result.stderr
+
+    assert "only those of the asset" in refused(job, "fit.steps=9")
+    assert "8 or more" in refused(job, "asset.cells=2")
+    unfinished = tmp_path / "unfinished"
+    unfinished.mkdir()
+    shutil.copy(job / "job.json", unfinished)
+    shutil.copytree(job / "checkpoint", unfinished / "checkpoint")
+    assert "no complete result yet; resume it" in refused(unfinished, "asset.cells=64")
 
 
 def test_an_export_that_fails_leaves_nothing_that_looks_complete(job, tmp_path, monkeypatch):

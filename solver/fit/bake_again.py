@@ -1,0 +1,53 @@
+"""A finished job's asset once more, with another mesh or other textures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from .. import __version__
+from ..asset.export import new_folder
+from ..asset.from_scene import asset_of
+from ..job.folder import JobFolder, write_json_atomic
+from ..job.inputs import capture_of
+from .errors import SettingsError
+from .load import load_job
+from .settings import overridden
+
+
+def bake_again(
+    job: JobFolder, out: Path, overrides: dict[str, str], progress: Callable[[float, str], None]
+) -> Path:
+    """Bake the asset of a job's checkpoint into a new folder `out`; returns it. The job is left as it is.
+
+    The report is not part of it: its pictures are of the field, and its numbers of the job's own mesh.
+
+    Args:
+        overrides: settings by `asset.field`; the others are the job's.
+
+    Raises:
+        JobError: no complete result or no checkpoint, or `out` exists and is not empty. SettingsError:
+            other settings than the asset's, or ones that cannot be. CaptureError: the cameras or photos
+            are gone. EmptySurfaceError: there is no surface. OSError: `out` cannot be written.
+    """
+    manifest = job.manifest()
+    scene, settings = load_job(job)
+    for key, value in overrides.items():
+        if not key.startswith("asset."):
+            raise SettingsError(
+                f"Setting '{key}': only those of the asset can be changed after a fit; start a new job."
+            )
+        settings = overridden(settings, key, value)
+    fitted = (c.no_larger(settings.photos.most_pixels) for c in capture_of(job).cameras)
+    cameras = [camera.seen_from(scene.origin) for camera in fitted]
+    with new_folder(out) as part:
+        parts = asset_of(
+            scene, settings.render, cameras, part, settings.asset, progress, job.root.name
+        )
+        del parts["triangles"]
+        manifest.pop("report", None)
+        write_json_atomic(
+            part / "manifest.json", {**manifest, **parts, "code_version": __version__}
+        )
+    progress(1.0, "done")
+    return out
