@@ -57,6 +57,8 @@ class FieldSettings:
     (0: the same everywhere)"""
     hull_cells: int = 128
     """cells per axis of the visual hull"""
+    carve_hollows: bool = True
+    """take the lids off hollows, which the hull has where no silhouette shows them"""
     hull_slope: float = 100.0
     """raw density gained per world unit of depth at the hull, times the box's half size"""
 

@@ -24,6 +24,7 @@ from ..render.scene import Scene
 from .chunk import SURROUNDED
 from .cut_out import backdrop_behind
 from .errors import SettingsError
+from .hollows import carve_hollows
 from .point_start import start_from_points
 from .ray_bank import RayBank
 from .seen_space import cell_centres, nearest_distance, seen_cells, seen_points, walked_through
@@ -105,6 +106,9 @@ def new_trainer(
     )  # fmt: skip
     if use_hull:
         hull, reached = whole_hull(cameras, lambda: masks_of(photos), cube.box, shape.hull_cells)
+        if shape.carve_hollows:
+            progress(0.5)
+            hull = carve_hollows(cameras, photos, hull, cube.box)
         distance = torch.from_numpy(signed_distance(hull)) * (2 * cube.half_size / hull.shape[0])
         start_from_hull(field, distance, shape.hull_slope / cube.half_size, OUTSIDE, INSIDE)
     room = None

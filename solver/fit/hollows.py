@@ -1,0 +1,227 @@
+"""Hollows that no silhouette shows: the inside of a bowl, a mug, a shoe. The visual hull has a lid on them.
+
+Two things tell a lid from a surface. Each ray along a photo's silhouette touches the object somewhere, so
+where such rays pass through little of the hull, they hold its surface in place; a lid they only pass along.
+And what lies below a lid moves beneath it from photo to photo, so photos disagree about its colours. What
+nothing holds and photos disagree about is carved, until they agree: space carving (Kutulakos and Seitz
+2000, doi:10.1023/A:1008191222954) where silhouettes say nothing.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import scipy.ndimage
+
+from ..capture.camera import Camera
+from ..capture.photos import Photo, linear_to_srgb
+from .seen_space import cell_centres
+
+FINEST = 64
+"""cells per axis on which hollows are looked for, at most"""
+MOST_PHOTOS = 80
+"""evenly taken from all, that are looked at"""
+TOUCHING = 20 / 128
+"""length within the hull, as a share of the box, up to which a silhouette's ray says where the object is"""
+HELD_BY = 0.05
+"""share of the photos, at least two, whose silhouettes must hold a cell"""
+LEAST_LOOSE = 0.03
+"""share of the hull's surface that nothing holds, below which there is nothing to look for"""
+SEEN_BY = 3
+"""photos that must see a cell to disagree about it"""
+AGREEING = 0.7
+"""share of the photos that see a surface's cell that agree about its colour; others see highlights"""
+TOLERANCE, SHINY = (0.035, 0.15), 1.5
+"""range of differences of colour, sRGB, up to which photos agree; within it as many times as much as they
+differ where the surface is held, which is more for shiny objects"""
+FEWEST = 20
+"""cells that a pass has to carve for another one to follow"""
+BETTER = 0.4
+"""share of the lid's disagreement that may be left below it. Carving a mirror finds nothing of the kind"""
+OPENED = 0.005
+"""share of what masks show that may be seen through: beyond it, carving has gone through a wall"""
+
+
+def carve_hollows(
+    cameras: list[Camera], photos: list[Photo], hull: np.ndarray, box: np.ndarray
+) -> np.ndarray:
+    """The visual hull without the lids on its hollows.
+
+    Args:
+        photos: with alpha.
+        hull: [K, K, K] bool of cells of the world box [2, 3].
+
+    Returns:
+        [K, K, K] bool; the hull itself, if silhouettes hold all of it.
+    """
+    every = math.ceil(len(cameras) / MOST_PHOTOS)
+    cameras, photos = cameras[::every], photos[::every]
+    finer = max(1, hull.shape[0] // FINEST)
+    if hull.shape[0] % finer or not hull.any():
+        return hull
+    coarse = _coarser(hull, finer)
+    held = _coarser(held_by_silhouettes(cameras, photos, hull, box), finer)
+    surface = coarse & ~scipy.ndimage.binary_erosion(coarse)
+    loose = surface & ~held
+    if loose.sum() < LEAST_LOOSE * surface.sum():
+        return hull
+    carving = _Carving(cameras, photos, coarse, box)
+    carved = carving.believed(carving.run(held))
+    return hull & ~carved.repeat(finer, 0).repeat(finer, 1).repeat(finer, 2)
+
+
+def held_by_silhouettes(
+    cameras: list[Camera], photos: list[Photo], hull: np.ndarray, box: np.ndarray
+) -> np.ndarray:
+    """[K, K, K] bool: cells that rays along enough photos' silhouettes touch, or may touch."""
+    cells = hull.shape[0]
+    edge = float((box[1] - box[0]).max()) / cells
+    centre, reach = box.mean(0), 0.9 * edge * cells
+    along = np.arange(-reach, reach, edge / 2)
+    votes = np.zeros(hull.size, dtype=np.int16)
+    for camera, photo in zip(cameras, photos, strict=True):
+        mask = photo.pixels[..., 3] > 0.5
+        row, column = np.nonzero(mask & ~scipy.ndimage.binary_erosion(mask))
+        distance = np.linalg.norm(camera.position - centre)
+        stride = max(1, int(edge * max(camera.fx, camera.fy) / distance))
+        origins, directions = camera.rays(column[::stride] + 0.5, row[::stride] + 0.5)
+        middle = ((centre - origins) * directions).sum(-1)
+        points = origins[:, None] + (middle[:, None] + along)[..., None] * directions[:, None]
+        cell = np.floor((points - box[0]) / edge).astype(np.int32)
+        inside = ((cell >= 0) & (cell < cells)).all(-1)
+        flat = np.ravel_multi_index(np.moveaxis(cell.clip(0, cells - 1), -1, 0), hull.shape)
+        inside &= hull.ravel()[flat]
+        short = inside.sum(1) * edge / 2 <= TOUCHING * edge * cells
+        votes[np.unique(flat[short][inside[short]])] += 1
+    # Rays of neighbouring pixels are further apart than cells where those are small.
+    votes = scipy.ndimage.maximum_filter(votes.reshape(hull.shape), 3)
+    return (votes >= max(2, HELD_BY * len(cameras))) & hull
+
+
+class _Carving:
+    """Cells of a hull, and what each photo shows where they are."""
+
+    def __init__(
+        self, cameras: list[Camera], photos: list[Photo], hull: np.ndarray, box: np.ndarray
+    ):
+        self.hull, self.edge = hull, float((box[1] - box[0]).max()) / hull.shape[0]
+        self.index = np.flatnonzero(hull)
+        self.number = np.zeros(hull.size, dtype=np.int64)
+        self.number[self.index] = np.arange(len(self.index))
+        points = cell_centres(box, hull.shape[0])[self.index]
+        self.colours, self.depths, self.pixels, self.masks = [], [], [], []
+        for camera, photo in zip(cameras, photos, strict=True):
+            self._add(camera, photo, points)
+
+    def _add(self, camera: Camera, photo: Photo, points: np.ndarray) -> None:
+        pixel, depth = camera.project(points)
+        per_cell = self.edge * max(camera.fx, camera.fy) / np.median(depth)
+        smaller = max(1, round(per_cell))
+        height, width = (math.ceil(n / smaller) for n in photo.pixels.shape[:2])
+        reduced = _means(photo.pixels, smaller)
+        straight = reduced[..., :3] / np.maximum(reduced[..., 3:], 1e-3)
+        colours = linear_to_srgb(straight).clip(0, 1).reshape(-1, 3)
+        column, row = np.floor(np.nan_to_num(pixel, nan=-1) / smaller).astype(np.int64).T
+        outside = (depth <= 0) | (column < 0) | (row < 0) | (column >= width) | (row >= height)
+        place = np.where(outside, 0, row * width + column)
+        self.colours.append(colours[place].astype(np.float32))
+        self.depths.append(np.where(outside, np.inf, depth).astype(np.float32))
+        self.pixels.append(place)
+        # A pixel or two within the outline, where a hull of cells covers all.
+        self.masks.append(scipy.ndimage.binary_erosion(reduced[..., 3] > 0.99, iterations=2))
+
+    def run(self, held: np.ndarray) -> np.ndarray:
+        """Cells [K, K, K] that are left when photos agree about all that they see and is not `held`."""
+        kept, before, tolerance = self.hull.copy(), self.hull, None
+        while True:
+            cells, spread, opened = self._disagreement(kept)
+            if opened > OPENED:
+                return before
+            is_held = held.ravel()[self.index[cells]]
+            if tolerance is None:
+                usual = np.nan_to_num(SHINY * _median(spread[is_held]), nan=TOLERANCE[1])
+                tolerance = np.clip(usual, *TOLERANCE)
+            wrong = cells[(spread > tolerance) & ~is_held]
+            if len(wrong) < FEWEST:
+                return kept
+            before = kept.copy()
+            kept.ravel()[self.index[wrong]] = False
+
+    def believed(self, kept: np.ndarray) -> np.ndarray:
+        """Cells [K, K, K] that were carved where photos agree much better about what came to light."""
+        lids, floors = (np.full(self.hull.size, np.nan) for _ in range(2))
+        for spread, occupied in ((lids, self.hull), (floors, kept)):
+            cells, values, _ = self._disagreement(occupied)
+            spread[self.index[cells]] = values
+        lids, floors = lids.reshape(self.hull.shape), floors.reshape(self.hull.shape)
+        whole = np.ones((3, 3, 3), dtype=bool)
+        parts, count = scipy.ndimage.label(self.hull & ~kept, whole)
+        believed = np.zeros_like(self.hull)
+        for part in range(1, count + 1):
+            cells = parts == part
+            lid, floor = lids[cells], floors[scipy.ndimage.binary_dilation(cells, whole) & kept]
+            if _median(floor) <= BETTER * _median(lid):
+                believed |= cells
+        return believed
+
+    def _disagreement(self, occupied: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Numbers of the surface's cells, how far from their median most photos' colours are (NaN: too few
+        see a cell), and the share of masks where nothing is seen."""
+        surface = occupied & ~scipy.ndimage.binary_erosion(occupied)
+        cells = self.number[np.flatnonzero(surface)]
+        seen, opened = self._seen(cells)
+        return cells, self._spread(cells, seen), opened
+
+    def _seen(self, cells: np.ndarray) -> tuple[np.ndarray, float]:
+        """[photos, cells] bool: nothing is before a cell; and the share of masks where nothing is seen."""
+        seen = np.zeros((len(self.masks), len(cells)), dtype=bool)
+        opened = shown = 0
+        for i, mask in enumerate(self.masks):
+            place, depth = self.pixels[i][cells], self.depths[i][cells]
+            nearest = np.full(mask.size, np.inf, dtype=np.float32)
+            np.minimum.at(nearest, place, depth)
+            nearest = scipy.ndimage.minimum_filter(nearest.reshape(mask.shape), 3)
+            opened += np.isinf(nearest[mask]).sum()
+            shown += mask.sum()
+            seen[i] = np.isfinite(depth) & (depth <= nearest.ravel()[place] + 1.5 * self.edge)
+        return seen, opened / max(shown, 1)
+
+    def _spread(self, cells: np.ndarray, seen: np.ndarray) -> np.ndarray:
+        """[cells] how far from their median most photos' colours are; NaN: too few see a cell."""
+        count = seen.sum(0)
+        enough = count >= SEEN_BY
+        spread = np.full(len(cells), np.nan)
+        if not enough.any():
+            return spread
+        seen, last = seen[:, enough], count[enough] - 1
+        colours = np.stack([colours[cells[enough]] for colours in self.colours])
+        colours[~seen] = np.inf  # sorts behind what is seen
+        middle = np.take_along_axis(np.sort(colours, axis=0), (last // 2)[None, :, None], axis=0)
+        away = np.where(seen, np.linalg.norm(colours - middle, axis=-1), np.inf)
+        most = (AGREEING * last).astype(int)
+        spread[enough] = np.take_along_axis(np.sort(away, axis=0), most[None], axis=0)[0]
+        return spread
+
+
+def _median(values: np.ndarray) -> float:
+    """Of those that are known; NaN: none is."""
+    known = values[~np.isnan(values)]
+    return float(np.median(known)) if len(known) else np.nan
+
+
+def _coarser(cells: np.ndarray, finer: int) -> np.ndarray:
+    """[K/f, K/f, K/f] bool: any of f³ cells."""
+    size = cells.shape[0] // finer
+    return cells.reshape(size, finer, size, finer, size, finer).any((1, 3, 5))
+
+
+def _means(pixels: np.ndarray, size: int) -> np.ndarray:
+    """Means of blocks of `size`² pixels [H, W, C]; those at the border may be smaller."""
+    height, width = pixels.shape[:2]
+    rows = np.add.reduceat(pixels, np.arange(0, height, size), axis=0)
+    sums = np.add.reduceat(rows, np.arange(0, width, size), axis=1)
+    ones = np.minimum(size, height - np.arange(0, height, size))[:, None] * np.minimum(
+        size, width - np.arange(0, width, size)
+    )
+    return sums / ones[..., None]
