@@ -61,11 +61,8 @@ def install_result(
     item[JOB] = str(job.root)
     scene = (collection and scene_of(collection)) or context.scene
     view_layer = context.view_layer if scene == context.scene else scene.view_layers[0]
-    home = collection if collection is not None and not collection.library else scene.collection
+    home = _home(collection, scene, view_layer)
     home.objects.link(item)
-    view_layer.update()
-    if item.name not in view_layer.objects:  # the capture is switched off there; a result is not
-        scene.collection.objects.link(item)
     parent = None if collection is None else root_of(collection)
     matrix = None if collection is None else _from_file(job, manifest, collection)
     if matrix is not None:
@@ -78,11 +75,29 @@ def install_result(
     if scene.world is not None:
         scene.world.use_fake_user = True
     scene.world = world
+    view_layer.update()
     for other in view_layer.objects.selected:
         other.select_set(False, view_layer=view_layer)
     item.select_set(True, view_layer=view_layer)
     view_layer.objects.active = item
     return InstalledAsset(item, material, world, manifest)
+
+
+def _home(
+    collection: bpy.types.Collection | None, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer
+) -> bpy.types.Collection:
+    """The capture's collection, or the scene's own where that is linked, switched off or not rendered."""
+    if collection is None or collection.library:
+        return scene.collection
+    return collection if _is_shown(collection, view_layer.layer_collection) else scene.collection
+
+
+def _is_shown(collection: bpy.types.Collection, layer: bpy.types.LayerCollection) -> bool:
+    """True if what is in a collection is seen and rendered in a view layer, or in this part of one."""
+    shown = layer.collection
+    if layer.exclude or layer.hide_viewport or shown.hide_viewport or shown.hide_render:
+        return False
+    return shown == collection or any(_is_shown(collection, child) for child in layer.children)
 
 
 def _from_file(job: JobFolder, manifest: dict, collection: bpy.types.Collection) -> Matrix | None:
