@@ -27,7 +27,7 @@ from .jobs.create import create_job, last_job_root, new_job_root
 from .jobs.process import run_blocking, start_job
 from .runtime import RuntimeMissing, bootstrap_script, clean_environment
 from .scene.cameras import size_of
-from .scene.capture_collection import import_capture, photo_names
+from .scene.capture_collection import import_capture, photo_paths
 from .scene.install import InstalledAsset, install_result
 from .scene.match_solver import match_resolution, match_solver
 
@@ -180,7 +180,7 @@ def take_up_job(
         JobError: it was begun otherwise.
     """
     photos = {camera.image_path.name for camera in capture_of(job).cameras if camera.image_path}
-    if photos != photo_names(collection):
+    if photos != {path.name for path in photo_paths(collection)}:
         raise JobError(f"{job.root}: this is a job of other photos; give another --job.")
     asked = {
         "preset": options.preset, "device": options.device, "seed": options.seed,

@@ -7,9 +7,9 @@ from pathlib import Path
 import bpy
 
 from ..nmf_addon.jobs.monitor import monitor
-from ..nmf_addon.scene.capture_collection import active_capture, capture_of_job
 from ..nmf_addon.scene.install import install_result
-from ..solver.job.folder import JobError
+from ..nmf_addon.scene.job_capture import capture_of_job
+from ..solver.job.folder import JobError, JobFolder
 
 
 class NMF_OT_install_result(bpy.types.Operator):
@@ -34,10 +34,10 @@ class NMF_OT_install_result(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Install with the capture the job was made from, else the active one."""
+        """Install with the capture the job was made from, else by itself."""
         folder = Path(bpy.path.abspath(self.job or self.directory))
         try:
-            install_result(context, folder, capture_of_job(folder.name) or active_capture(context))
+            install_result(context, folder, capture_of_job(context, JobFolder(folder)))
         except (JobError, RuntimeError) as error:
             if not self.job and not monitor.running and (folder / "job.json").is_file():
                 monitor.look_at(str(folder))  # if it is not finished, the panel can resume it

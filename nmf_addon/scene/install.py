@@ -10,7 +10,8 @@ import numpy as np
 from mathutils import Matrix
 
 from ...solver.job.folder import JobError, JobFolder
-from .capture_collection import file_placement, root_of, scene_of
+from .capture_collection import root_of, scene_of
+from .job_capture import file_placement
 from .material import build_material
 from .world import build_world
 
