@@ -13,9 +13,8 @@ from ...solver.job.folder import JobError, JobFolder
 from .capture_collection import root_of, scene_of
 from .job_capture import file_placement
 from .material import build_material
-from .world import build_world
-
-JOB = "nmf_job"
+from .replace import JOB, installed_before, replace_asset
+from .world import build_world, turn_with
 
 
 @dataclass(frozen=True)
@@ -32,6 +31,8 @@ def install_result(
     context: bpy.types.Context, job_root: Path, collection: bpy.types.Collection | None = None
 ) -> InstalledAsset:
     """Add the asset of a job to the scene and light it by the recovered World.
+
+    If it was installed before, the object stays as and where it is, and gets the new mesh and material.
 
     Args:
         collection: the capture it belongs to: the object is placed under its transform and in its
@@ -58,30 +59,54 @@ def install_result(
     mesh = build_mesh(name, positions, normals, uvs, faces)
     material = build_material(name, folder, manifest["textures"])
     mesh.materials.append(material)
-    item = bpy.data.objects.new(name, mesh)
-    item[JOB] = str(job.root)
-    scene = (collection and scene_of(collection)) or context.scene
-    view_layer = context.view_layer if scene == context.scene else scene.view_layers[0]
-    home = _home(collection, scene, view_layer)
-    home.objects.link(item)
-    parent = None if collection is None else root_of(collection)
-    matrix = None if collection is None else _from_file(job, manifest, collection)
-    if matrix is not None:
-        frame = bpy.data.objects.new(f"{name} Frame", None)
-        frame.empty_display_type, frame.parent, frame.matrix_local = "ARROWS", parent, matrix
-        home.objects.link(frame)
-        parent = frame
-    item.parent = parent
-    world = build_world(f"{name} light", folder / manifest["environment"]["file"], parent)
-    if scene.world is not None:
+    world = build_world(f"{name} light", folder / manifest["environment"]["file"])
+    item = installed_before(job)
+    if item is None:
+        item = _place(context, job, mesh, manifest, collection)
+    else:
+        replace_asset(item, mesh, material, world)
+    for block in (item, mesh, material, world):
+        block[JOB] = str(job.root)
+    if item.parent is not None:
+        turn_with(world, item.parent)
+    scene = context.scene if context.scene in item.users_scene else item.users_scene[0]
+    if scene.world not in (None, world):
         scene.world.use_fake_user = True
     scene.world = world
+    _make_active(item, _view_layer(context, scene))
+    return InstalledAsset(item, material, world, manifest)
+
+
+def _place(
+    context: bpy.types.Context, job: JobFolder, mesh: bpy.types.Mesh, manifest: dict,
+    collection: bpy.types.Collection | None,
+) -> bpy.types.Object:  # fmt: skip
+    """A new object in the scene: under its capture, or by itself."""
+    item = bpy.data.objects.new(job.root.name, mesh)
+    scene = (collection and scene_of(collection)) or context.scene
+    home = _home(collection, scene, _view_layer(context, scene))
+    home.objects.link(item)
+    if collection is None:
+        return item
+    item.parent = root_of(collection)
+    matrix = _from_file(job, manifest, collection)
+    if matrix is not None:
+        frame = bpy.data.objects.new(f"{item.name} Frame", None)
+        frame.empty_display_type, frame.parent, frame.matrix_local = "ARROWS", item.parent, matrix
+        home.objects.link(frame)
+        item.parent = frame
+    return item
+
+
+def _make_active(item: bpy.types.Object, view_layer: bpy.types.ViewLayer) -> None:
+    """Select an object, and nothing else, where it is seen at all."""
     view_layer.update()
+    if item.name not in view_layer.objects:
+        return
     for other in view_layer.objects.selected:
         other.select_set(False, view_layer=view_layer)
     item.select_set(True, view_layer=view_layer)
     view_layer.objects.active = item
-    return InstalledAsset(item, material, world, manifest)
 
 
 def _home(
@@ -99,6 +124,11 @@ def _is_shown(collection: bpy.types.Collection, layer: bpy.types.LayerCollection
     if layer.exclude or layer.hide_viewport or shown.hide_viewport or shown.hide_render:
         return False
     return shown == collection or any(_is_shown(collection, child) for child in layer.children)
+
+
+def _view_layer(context: bpy.types.Context, scene: bpy.types.Scene) -> bpy.types.ViewLayer:
+    """The view layer of a scene that the person looks at, else its first."""
+    return context.view_layer if scene == context.scene else scene.view_layers[0]
 
 
 def _from_file(job: JobFolder, manifest: dict, collection: bpy.types.Collection) -> Matrix | None:

@@ -9,16 +9,13 @@ import bpy
 from .images import load_image
 
 
-def build_world(name: str, path: Path, follow: bpy.types.Object | None = None) -> bpy.types.World:
-    """A World lit by an equirectangular HDRI, strength 1, linear Rec.709.
-
-    Args:
-        follow: an object whose turns the light follows, such as a capture's empty; else unrotated.
+def build_world(name: str, path: Path) -> bpy.types.World:
+    """A World lit by an equirectangular HDRI, strength 1, linear Rec.709, unrotated.
 
     Raises:
         RuntimeError: Blender cannot load the image.
     """
-    image = load_image(path, check_existing=True)
+    image = load_image(path)
     if path.suffix.lower() in (".exr", ".hdr"):
         image.colorspace_settings.name = "Linear Rec.709"
     world = bpy.data.worlds.new(name)
@@ -31,15 +28,15 @@ def build_world(name: str, path: Path, follow: bpy.types.Object | None = None) -
     background = tree.nodes.new("ShaderNodeBackground")
     output = tree.nodes.new("ShaderNodeOutputWorld")
     texture.location, background.location, output.location = (-600, 0), (-250, 0), (0, 0)
-    if follow is not None:
-        _turn_with(tree, texture, follow)
     tree.links.new(texture.outputs["Color"], background.inputs["Color"])
     tree.links.new(background.outputs["Background"], output.inputs["Surface"])
     return world
 
 
-def _turn_with(tree: bpy.types.NodeTree, texture: bpy.types.Node, item: bpy.types.Object) -> None:
-    """Look the light up in the axes of `item`, by drivers, so that it keeps to them."""
+def turn_with(world: bpy.types.World, item: bpy.types.Object) -> None:
+    """Look a World's light up in the axes of `item`, by drivers, so that it follows its turns."""
+    tree = world.node_tree
+    texture = next(node for node in tree.nodes if node.type == "TEX_ENVIRONMENT")
     coordinates = tree.nodes.new("ShaderNodeTexCoord")
     mapping = tree.nodes.new("ShaderNodeMapping")
     mapping.vector_type = "TEXTURE"  # the inverse of the turn: from the world's axes to the item's
