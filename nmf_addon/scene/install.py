@@ -14,6 +14,7 @@ from .capture_collection import root_of, scene_of
 from .job_capture import file_placement
 from .material import build_material
 from .replace import JOB, installed_before, replace_asset
+from .result import job_of_result, read_manifest, read_ply
 from .world import build_world, turn_with
 
 
@@ -35,25 +36,15 @@ def install_result(
     If it was installed before, the object stays as and where it is, and gets the new mesh and material.
 
     Args:
+        job_root: the job's folder, its folder `result`, or a copy of that.
         collection: the capture it belongs to: the object is placed under its transform and in its
             scene. None: in the context's scene.
 
     Raises:
         JobError: no complete result, or one of its files is missing or damaged; nothing is added.
     """
-    job = JobFolder(job_root)
-    manifest = job.manifest()
-    folder = job.result_dir
-    try:
-        files = [manifest["mesh"], manifest["environment"]["file"]]
-        files += [entry["file"] for entry in manifest["textures"].values()]
-    except (KeyError, TypeError, AttributeError) as error:
-        raise JobError(
-            f"{job.manifest_path}: it is incomplete ({error}); run the job again."
-        ) from error
-    missing = [name for name in files if not (folder / name).is_file()]
-    if missing:
-        raise JobError(f"{folder}: {missing[0]} is missing; copy the whole job folder.")
+    job = job_of_result(job_root)
+    manifest, folder = read_manifest(job), job.result_dir
     positions, normals, uvs, faces = read_ply(folder / manifest["mesh"])
     name = job.root.name
     mesh = build_mesh(name, positions, normals, uvs, faces)
@@ -140,29 +131,6 @@ def _from_file(job: JobFolder, manifest: dict, collection: bpy.types.Collection)
         return None
     origin = manifest.get("origin", (0.0, 0.0, 0.0))
     return file_placement(collection, Path(capture), np.asarray(origin, dtype=np.float64))
-
-
-def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Positions, normals [V, 3], UVs [V, 2] and triangles [F, 3] of the solver's mesh.ply.
-
-    Raises:
-        JobError: the file is cut off or of another layout.
-    """
-    data = path.read_bytes()
-    header, marker, body = data.partition(b"end_header\n")
-    words = [line.split() for line in header.decode("ascii", "replace").splitlines()]
-    counts = {w[1]: int(w[2]) for w in words if len(w) == 3 and w[0] == "element"}
-    names = [w[2] for w in words if len(w) == 3 and w[0] == "property"]
-    vertices, triangles = counts.get("vertex", 0), counts.get("face", 0)
-    if (
-        not marker
-        or names != "x y z nx ny nz s t".split()
-        or len(body) != vertices * 32 + triangles * 13
-    ):
-        raise JobError(f"{path}: the mesh is damaged or not of this solver; run the job again.")
-    vertex = np.frombuffer(body, "<f4", vertices * 8).reshape(-1, 8)
-    face = np.frombuffer(body, [("n", "u1"), ("v", "<i4", 3)], triangles, vertices * 32)["v"]
-    return vertex[:, :3], vertex[:, 3:6], vertex[:, 6:], np.ascontiguousarray(face)
 
 
 def build_mesh(name, positions, normals, uvs, faces) -> bpy.types.Mesh:

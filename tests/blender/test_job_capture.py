@@ -1,6 +1,7 @@
 """Install Result: a result stands in the capture it was made from, and by itself where that is not."""
 
 import json
+import shutil
 from pathlib import Path
 
 import bpy
@@ -13,7 +14,7 @@ import pytest
 @pytest.fixture
 def find(extension):
     """The capture that `capture_of_job` finds for a folder."""
-    part, folder = extension("scene.job_capture"), extension("scene.install").JobFolder
+    part, folder = extension("scene.job_capture"), extension("scene.result").job_of_result
     return lambda root: part.capture_of_job(bpy.context, folder(root))
 
 
@@ -83,3 +84,28 @@ def test_a_result_of_the_command_line_finds_the_capture_of_its_file(capture, fin
     bpy.ops.nmf.import_capture(filepath=str(other))
     imported, bpy.context.scene.nmf.capture = bpy.context.scene.nmf.capture, capture
     assert find(job) == imported
+
+
+def test_a_result_folder_and_an_exported_one_can_be_chosen(capture, extension, tmp_path):
+    job = finished_job(tmp_path / "job", paths_of_photos(capture))
+    assert bpy.ops.nmf.install_result(directory=str(job / "result")) == {"FINISHED"}
+    root = extension("scene.capture_collection").root_of(capture)
+    item = bpy.context.view_layer.objects.active
+    assert (item.name, item.parent) == ("job", root)
+    exported = shutil.copytree(job / "result", tmp_path / "duck for you")
+    assert bpy.ops.nmf.install_result(directory=str(exported)) == {"FINISHED"}
+    item = bpy.context.view_layer.objects.active
+    assert (item.name, item.parent) == ("duck for you", None)
+
+
+def test_a_result_waits_for_object_mode(result_job):
+    """Else two objects would be active in two modes, and the person could not leave the first one's."""
+    data = bpy.data.meshes.new("mine")
+    mine = bpy.data.objects.new("mine", data)
+    bpy.context.scene.collection.objects.link(mine)
+    bpy.context.view_layer.objects.active = mine
+    bpy.ops.object.mode_set(mode="EDIT")
+    with pytest.raises(RuntimeError, match="Object Mode first"):
+        bpy.ops.nmf.install_result(directory=str(result_job))
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert bpy.ops.nmf.install_result(directory=str(result_job)) == {"FINISHED"}
