@@ -21,7 +21,7 @@ from ...solver.capture.placement import placed, suggest_placement
 from ...solver.capture.read import read_capture
 from .background import is_distorted, turn_of, undistorted_copy
 from .cameras import add_camera, photo_of, photo_path, to_solver
-from .images import load_image
+from .images import load_image, nothing_left_behind
 from .region import new_region_box, place_box, region_box
 
 SOURCE, ROOT, WARNINGS = "nmf_source", "nmf_root", "nmf_warnings"
@@ -101,18 +101,16 @@ def warnings_of(collection: bpy.types.Collection) -> list[str]:
 
 def _load_photos(cameras: list[Camera]) -> dict[Path, bpy.types.Image]:
     """Images of the cameras' photos; those that were loaded go again if one cannot be."""
-    before = set(bpy.data.images)
     images = {}
-    for camera in cameras:
-        try:
-            image = load_image(camera.image_path, check_existing=True)
-        except RuntimeError as error:
-            for image in set(bpy.data.images) - before:
-                bpy.data.images.remove(image)
-            raise CaptureError(
-                camera.image_path, "", "Blender cannot open the photo", "replace or convert it"
-            ) from error
-        images[camera.image_path] = image
+    with nothing_left_behind(bpy.data.images):
+        for camera in cameras:
+            try:
+                image = load_image(camera.image_path, check_existing=True)
+            except RuntimeError as error:
+                raise CaptureError(
+                    camera.image_path, "", "Blender cannot open the photo", "replace or convert it"
+                ) from error
+            images[camera.image_path] = image
     return images
 
 

@@ -11,6 +11,7 @@ from mathutils import Matrix
 
 from ...solver.job.folder import JobError, JobFolder
 from .capture_collection import root_of, scene_of
+from .images import nothing_left_behind
 from .job_capture import file_placement
 from .material import build_material
 from .replace import JOB, installed_before, replace_asset
@@ -42,15 +43,20 @@ def install_result(
 
     Raises:
         JobError: no complete result, or one of its files is missing or damaged; nothing is added.
+        RuntimeError: Blender cannot read one of its pictures; nothing is added.
     """
     job = job_of_result(job_root)
     manifest, folder = read_manifest(job), job.result_dir
     positions, normals, uvs, faces = read_ply(folder / manifest["mesh"])
     name = job.root.name
-    mesh = build_mesh(name, positions, normals, uvs, faces)
-    material = build_material(name, folder, manifest["textures"])
-    mesh.materials.append(material)
-    world = build_world(f"{name} light", folder / manifest["environment"]["file"])
+    data = bpy.data
+    with nothing_left_behind(
+        data.meshes, data.materials, data.node_groups, data.images, data.worlds
+    ):
+        mesh = build_mesh(name, positions, normals, uvs, faces)
+        material = build_material(name, folder, manifest["textures"])
+        mesh.materials.append(material)
+        world = build_world(f"{name} light", folder / manifest["environment"]["file"])
     item = installed_before(job)
     if item is None:
         item = _place(context, job, mesh, manifest, collection)
@@ -129,8 +135,8 @@ def _from_file(job: JobFolder, manifest: dict, collection: bpy.types.Collection)
         capture = JobFolder.open(job.root).request.capture
     except JobError:
         return None
-    origin = manifest.get("origin", (0.0, 0.0, 0.0))
-    return file_placement(collection, Path(capture), np.asarray(origin, dtype=np.float64))
+    origin = np.array(manifest.get("origin", (0.0, 0.0, 0.0)), dtype=np.float64)
+    return file_placement(collection, Path(capture), origin)
 
 
 def build_mesh(name, positions, normals, uvs, faces) -> bpy.types.Mesh:

@@ -11,15 +11,24 @@ from pathlib import Path
 
 import bpy
 
-from .images import load_image
+from .images import load_picture
 
 GROUP_NAME = "NMF Surface"
+GROUP_INPUTS = {
+    "Albedo": "NodeSocketColor", "F0": "NodeSocketColor", "Roughness": "NodeSocketFloat",
+    "Normal": "NodeSocketVector",
+}  # fmt: skip
+GROUP_OUTPUT = "Surface"
 PRINCIPLED_F0 = 0.04  # of Principled's index of refraction 1.5
 MODEL_SCALE, MODEL_POWER, MODEL_OFFSET = 0.0271, 2.65, 0.0005
 
 
 def build_material(name: str, folder: Path, textures: dict) -> bpy.types.Material:
-    """A material of the result's textures (`manifest["textures"]`)."""
+    """A material of the result's textures (`manifest["textures"]`).
+
+    Raises:
+        RuntimeError: Blender cannot read one of them.
+    """
     material = bpy.data.materials.new(name)
     if material.node_tree is None:
         material.use_nodes = True
@@ -48,23 +57,23 @@ def build_material(name: str, folder: Path, textures: dict) -> bpy.types.Materia
 
     principled = _principled(tree, images, normal, float(textures["f0"]["scale"]))
     portable_output = _output(tree, "ALL", principled.outputs["BSDF"], (420, 320))
-    _output(tree, "CYCLES", exact.outputs["Surface"], (420, -120))
+    _output(tree, "CYCLES", exact.outputs[GROUP_OUTPUT], (420, -120))
     portable_output.is_active_output = True
     return material
 
 
 def surface_group() -> bpy.types.NodeTree:
-    """The node group "NMF Surface": the solver's surface model; made once per file."""
-    existing = bpy.data.node_groups.get(GROUP_NAME)
-    if existing is not None:
-        return existing
+    """The node group "NMF Surface": the solver's surface model; made once per file.
+
+    One that is linked from a library, or that has other sockets, is somebody else's.
+    """
+    for existing in bpy.data.node_groups:
+        if existing.name.startswith(GROUP_NAME) and not existing.library and _has_sockets(existing):
+            return existing
     group = bpy.data.node_groups.new(GROUP_NAME, "ShaderNodeTree")
-    for name, kind in (
-        ("Albedo", "NodeSocketColor"), ("F0", "NodeSocketColor"),
-        ("Roughness", "NodeSocketFloat"), ("Normal", "NodeSocketVector"),
-    ):  # fmt: skip
+    for name, kind in GROUP_INPUTS.items():
         group.interface.new_socket(name, in_out="INPUT", socket_type=kind)
-    group.interface.new_socket("Surface", in_out="OUTPUT", socket_type="NodeSocketShader")
+    group.interface.new_socket(GROUP_OUTPUT, in_out="OUTPUT", socket_type="NodeSocketShader")
     nodes, links = group.nodes, group.links
     inputs, output = nodes.new("NodeGroupInput"), nodes.new("NodeGroupOutput")
     inputs.location, output.location = (-1000, 0), (600, 0)
@@ -86,9 +95,20 @@ def surface_group() -> bpy.types.NodeTree:
     both = nodes.new("ShaderNodeAddShader")
     links.new(diffuse.outputs[0], both.inputs[0])
     links.new(metallic.outputs[0], both.inputs[1])
-    links.new(both.outputs[0], output.inputs["Surface"])
+    links.new(both.outputs[0], output.inputs[GROUP_OUTPUT])
     diffuse.location, metallic.location, both.location = (100, 150), (100, -150), (350, 0)
     return group
+
+
+def _has_sockets(group: bpy.types.NodeTree) -> bool:
+    """True if a node group takes and gives what "NMF Surface" does."""
+    sockets = {
+        (item.name, item.in_out, item.socket_type)
+        for item in group.interface.items_tree
+        if item.item_type == "SOCKET"
+    }
+    ours = {(name, "INPUT", kind) for name, kind in GROUP_INPUTS.items()}
+    return sockets == ours | {(GROUP_OUTPUT, "OUTPUT", "NodeSocketShader")}
 
 
 def _angular_share(group: bpy.types.NodeTree, normal: bpy.types.NodeSocket):
@@ -173,7 +193,7 @@ def _colour_result(mix: bpy.types.Node) -> bpy.types.NodeSocket:
 
 def _texture_node(tree, folder: Path, key: str, entry: dict) -> bpy.types.Node:
     node = tree.nodes.new("ShaderNodeTexImage")
-    node.image = load_image(folder / entry["file"])
+    node.image = load_picture(folder / entry["file"])
     node.image.colorspace_settings.name = entry["colour_space"]
     node.label = key
     return node

@@ -8,6 +8,8 @@ import numpy as np
 
 from ...solver.job.folder import JobError, JobFolder
 
+TEXTURES = ("albedo", "f0", "roughness", "normal")
+
 
 def job_of_result(folder: Path) -> JobFolder:
     """The job that a folder is, is part of (JOB/result), or was exported from: then a job of nothing
@@ -26,13 +28,20 @@ def read_manifest(job: JobFolder) -> dict:
     """The manifest of a job's result.
 
     Raises:
-        JobError: there is no complete result, or one of its files is missing.
+        JobError: there is no complete result, the manifest lacks something, or a file is missing.
     """
     manifest = job.manifest()
     try:
         files = [manifest["mesh"], manifest["environment"]["file"]]
-        files += [entry["file"] for entry in manifest["textures"].values()]
-    except (KeyError, TypeError, AttributeError) as error:
+        files += [manifest["textures"][name]["file"] for name in TEXTURES]
+        spaces = [manifest["textures"][name]["colour_space"] for name in TEXTURES]
+        scale = float(manifest["textures"]["f0"]["scale"])
+        origin = [float(value) for value in manifest.get("origin", (0, 0, 0))]
+        if not all(isinstance(text, str) for text in files + spaces):
+            raise TypeError("a name is no text")
+        if not (np.isfinite([scale, *origin]).all() and scale > 0 and len(origin) == 3):
+            raise ValueError("scale or origin")
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise JobError(
             f"{job.manifest_path}: it is incomplete ({error}); run the job again."
         ) from error

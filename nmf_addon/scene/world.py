@@ -6,16 +6,16 @@ from pathlib import Path
 
 import bpy
 
-from .images import load_image
+from .images import load_picture
 
 
 def build_world(name: str, path: Path) -> bpy.types.World:
     """A World lit by an equirectangular HDRI, strength 1, linear Rec.709, unrotated.
 
     Raises:
-        RuntimeError: Blender cannot load the image.
+        RuntimeError: Blender cannot read the picture; nothing is added.
     """
-    image = load_image(path)
+    image = load_picture(path)
     if path.suffix.lower() in (".exr", ".hdr"):
         image.colorspace_settings.name = "Linear Rec.709"
     world = bpy.data.worlds.new(name)
