@@ -131,7 +131,9 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
                 shutil.rmtree(job.root, ignore_errors=True)
             raise
     asset = install_result(bpy.context, job.root, collection)
-    match_solver(bpy.context.scene, asset.manifest["bounces"])
+    left = match_solver(bpy.context.scene, asset.manifest.get("bounces", 2))
+    if left:
+        print(f"Warning: {left}", file=sys.stderr)
     match_capture_resolution(collection)
     bpy.ops.file.pack_all()
     save(out)

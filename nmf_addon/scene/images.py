@@ -8,6 +8,8 @@ from pathlib import Path
 
 import bpy
 
+from .colour import set_colour_space
+
 
 def load_image(path: Path, check_existing: bool = False) -> bpy.types.Image:
     """An image of a file, by a path relative to a saved .blend if the person's preferences say so.
@@ -27,14 +29,19 @@ def load_image(path: Path, check_existing: bool = False) -> bpy.types.Image:
     return image
 
 
-def load_picture(path: Path) -> bpy.types.Image:
+def load_picture(path: Path, colour_space: str | None = None) -> bpy.types.Image:
     """An image of a file that Blender can decode, which this makes sure of.
+
+    Args:
+        colour_space: as Blender's own configuration names it; None: what Blender takes it for.
 
     Raises:
         RuntimeError: it cannot; no image is left.
     """
     with nothing_left_behind(bpy.data.images):
         image = load_image(path)
+        if colour_space is not None:
+            set_colour_space(image, colour_space)
         if 0 in image.size:
             raise RuntimeError(
                 f"{path}: Blender cannot read this picture; it is damaged or of another kind."

@@ -193,8 +193,7 @@ def _colour_result(mix: bpy.types.Node) -> bpy.types.NodeSocket:
 
 def _texture_node(tree, folder: Path, key: str, entry: dict) -> bpy.types.Node:
     node = tree.nodes.new("ShaderNodeTexImage")
-    node.image = load_picture(folder / entry["file"])
-    node.image.colorspace_settings.name = entry["colour_space"]
+    node.image = load_picture(folder / entry["file"], entry["colour_space"])
     node.label = key
     return node
 

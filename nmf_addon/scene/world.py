@@ -15,9 +15,8 @@ def build_world(name: str, path: Path) -> bpy.types.World:
     Raises:
         RuntimeError: Blender cannot read the picture; nothing is added.
     """
-    image = load_picture(path)
-    if path.suffix.lower() in (".exr", ".hdr"):
-        image.colorspace_settings.name = "Linear Rec.709"
+    linear = path.suffix.lower() in (".exr", ".hdr")
+    image = load_picture(path, "Linear Rec.709" if linear else None)
     world = bpy.data.worlds.new(name)
     if world.node_tree is None:
         world.use_nodes = True
