@@ -62,6 +62,23 @@ def build_material(name: str, folder: Path, textures: dict) -> bpy.types.Materia
     return material
 
 
+def f0_of(material: bpy.types.Material) -> tuple[bpy.types.Image, float] | None:
+    """The picture and the factor whose product is a material's F0; None if the material is not ours."""
+    nodes = material.node_tree.nodes if material.node_tree is not None else ()
+    for node in nodes:
+        if node.type != "GROUP" or node.node_tree is None or not _has_sockets(node.node_tree):
+            continue
+        links = node.inputs["F0"].links
+        mix = links[0].from_node if links else None
+        if mix is None or mix.type != "MIX" or mix.blend_type != "MULTIPLY":
+            continue
+        colour, factor = (socket for socket in mix.inputs if socket.type == "RGBA")
+        image = getattr(colour.links[0].from_node, "image", None) if colour.links else None
+        if image is not None:
+            return image, factor.default_value[0]
+    return None
+
+
 def surface_group() -> bpy.types.NodeTree:
     """The node group "NMF Surface": the solver's surface model; made once per file.
 
@@ -169,10 +186,18 @@ def _principled(tree, images, normal, f0_scale: float):
     tree.links.new(images["albedo"].outputs["Color"], node.inputs["Base Color"])
     tree.links.new(images["roughness"].outputs["Color"], node.inputs["Roughness"])
     tree.links.new(normal.outputs["Normal"], node.inputs["Normal"])
-    tint = _mix_multiply(tree, images["f0"].outputs["Color"], f0_scale / PRINCIPLED_F0)
-    tint.location = (-300, 420)
-    tree.links.new(_colour_result(tint), node.inputs["Specular Tint"])
+    tint_with_f0(node, images["f0"].outputs["Color"], f0_scale).location = (-300, 420)
     return node
+
+
+def tint_with_f0(
+    principled: bpy.types.Node, colour: bpy.types.NodeSocket, scale: float
+) -> bpy.types.Node:
+    """Make `scale` × a colour the F0 of a Principled BSDF; returns the node that multiplies."""
+    tree = principled.id_data
+    tint = _mix_multiply(tree, colour, scale / PRINCIPLED_F0)
+    tree.links.new(_colour_result(tint), principled.inputs["Specular Tint"])
+    return tint
 
 
 def _mix_multiply(tree, colour, factor: float) -> bpy.types.Node:
