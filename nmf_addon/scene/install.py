@@ -14,6 +14,7 @@ from .capture_collection import root_of, scene_of
 from .images import nothing_left_behind
 from .job_capture import file_placement
 from .material import build_material
+from .pictures import named_pictures
 from .replace import JOB, installed_before, replace_asset
 from .result import job_of_result, read_manifest, read_ply
 from .world import build_world, turn_with
@@ -46,17 +47,18 @@ def install_result(
         RuntimeError: Blender cannot read one of its pictures; nothing is added.
     """
     job = job_of_result(job_root)
-    manifest, folder = read_manifest(job), job.result_dir
-    positions, normals, uvs, faces = read_ply(folder / manifest["mesh"])
+    manifest = read_manifest(job)
+    positions, normals, uvs, faces = read_ply(job.result_dir / manifest["mesh"])
+    pictures = named_pictures(job, manifest)
     name = job.root.name
     data = bpy.data
     with nothing_left_behind(
         data.meshes, data.materials, data.node_groups, data.images, data.worlds
     ):
         mesh = build_mesh(name, positions, normals, uvs, faces)
-        material = build_material(name, folder, manifest["textures"])
+        material = build_material(name, pictures, manifest["textures"])
         mesh.materials.append(material)
-        world = build_world(f"{name} light", folder / manifest["environment"]["file"])
+        world = build_world(f"{name} light", pictures["environment"])
     item = installed_before(job)
     if item is None:
         item = _place(context, job, mesh, manifest, collection)

@@ -23,8 +23,12 @@ PRINCIPLED_F0 = 0.04  # of Principled's index of refraction 1.5
 MODEL_SCALE, MODEL_POWER, MODEL_OFFSET = 0.0271, 2.65, 0.0005
 
 
-def build_material(name: str, folder: Path, textures: dict) -> bpy.types.Material:
-    """A material of the result's textures (`manifest["textures"]`).
+def build_material(name: str, pictures: dict[str, Path], textures: dict) -> bpy.types.Material:
+    """A material of a result's textures.
+
+    Args:
+        pictures: files of "albedo", "roughness", "f0" and "normal".
+        textures: what they are (`manifest["textures"]`).
 
     Raises:
         RuntimeError: Blender cannot read one of them.
@@ -34,8 +38,9 @@ def build_material(name: str, folder: Path, textures: dict) -> bpy.types.Materia
         material.use_nodes = True
     tree = material.node_tree
     tree.nodes.clear()
-    images = {key: _texture_node(tree, folder, key, entry) for key, entry in textures.items()}
+    images = {}
     for row, key in enumerate(("albedo", "roughness", "f0", "normal")):
+        images[key] = _texture_node(tree, key, pictures[key], textures[key]["colour_space"])
         images[key].location = (-900, 300 - 280 * row)
 
     f0 = _mix_multiply(tree, images["f0"].outputs["Color"], float(textures["f0"]["scale"]))
@@ -216,10 +221,9 @@ def _colour_result(mix: bpy.types.Node) -> bpy.types.NodeSocket:
     return next(socket for socket in mix.outputs if socket.type == "RGBA")
 
 
-def _texture_node(tree, folder: Path, key: str, entry: dict) -> bpy.types.Node:
+def _texture_node(tree, label: str, path: Path, colour_space: str) -> bpy.types.Node:
     node = tree.nodes.new("ShaderNodeTexImage")
-    node.image = load_picture(folder / entry["file"], entry["colour_space"])
-    node.label = key
+    node.image, node.label = load_picture(path, colour_space), label
     return node
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ TEXTURES = ("albedo", "f0", "roughness", "normal")
 def job_of_result(folder: Path) -> JobFolder:
     """The job that a folder is, is part of (JOB/result), or was exported from: then a job of nothing
     but its result."""
-    job = JobFolder(folder)
+    job = JobFolder(os.path.normpath(Path(folder).absolute()))  # paths are compared
     if job.is_complete() or not (job.root / "manifest.json").is_file():
         return job
     around = JobFolder(job.root.parent)
