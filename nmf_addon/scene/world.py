@@ -8,6 +8,9 @@ import bpy
 
 from .images import load_picture
 
+HDRI = "nmf_hdri"
+"""path of the picture that a World was made of by `relight`"""
+
 
 def build_world(name: str, path: Path) -> bpy.types.World:
     """A World lit by an equirectangular HDRI, strength 1, linear Rec.709, unrotated.
@@ -52,9 +55,26 @@ def turn_with(world: bpy.types.World, item: bpy.types.Object) -> None:
         target.rotation_mode, target.transform_space = "XYZ", "WORLD_SPACE"
 
 
+def _relit_before(path: Path) -> bpy.types.World | None:
+    """The World that `relight` made of an HDRI, showing what the file holds now."""
+    for world in bpy.data.worlds:
+        if world.get(HDRI) != str(path.resolve()) or world.library:
+            continue
+        for node in world.node_tree.nodes:
+            if node.type == "TEX_ENVIRONMENT" and node.image and path.is_file():
+                node.image.reload()
+                return world
+    return None
+
+
 def relight(scene: bpy.types.Scene, path: Path) -> bpy.types.World:
-    """Light the scene by another HDRI; the World it had stays in the file."""
-    world = build_world(path.stem, path)
+    """Light the scene by another HDRI, once more by the same World; the one it had stays in the file.
+
+    Raises:
+        RuntimeError: Blender cannot read the picture; nothing is changed.
+    """
+    world = _relit_before(path) or build_world(path.stem, path)
+    world[HDRI] = str(path.resolve())
     if scene.world is not None:
         scene.world.use_fake_user = True
     scene.world = world
