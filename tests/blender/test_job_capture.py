@@ -109,3 +109,38 @@ def test_a_result_waits_for_object_mode(result_job):
         bpy.ops.nmf.install_result(directory=str(result_job))
     bpy.ops.object.mode_set(mode="OBJECT")
     assert bpy.ops.nmf.install_result(directory=str(result_job)) == {"FINISHED"}
+
+
+def switched_off(how, capture, parent):
+    """Hide a capture by one of the switches of the outliner, its own or those of what it lies in."""
+    layer = bpy.context.view_layer.layer_collection.children[parent.name]
+    match how:
+        case "exclude":
+            layer.exclude = True
+        case "eye":
+            layer.children[capture.name].hide_viewport = True
+        case "eye of its parent":
+            layer.hide_viewport = True
+        case "viewport":
+            capture.hide_viewport = True
+        case "render":
+            capture.hide_render = True
+
+
+@pytest.mark.parametrize("how", ["exclude", "eye", "eye of its parent", "viewport", "render"])
+def test_a_result_is_seen_and_rendered_although_its_capture_is_switched_off(
+    capture, fake_solver, tick, how
+):
+    parent = bpy.data.collections.new("Captures")
+    bpy.context.scene.collection.children.link(parent)
+    bpy.context.scene.collection.children.unlink(capture)
+    parent.children.link(capture)
+    next(item for item in capture.objects if item.get("nmf_root")).location.z = 2
+    bpy.ops.nmf.reconstruct()
+    switched_off(how, capture, parent)
+    tick()
+    layer = bpy.context.view_layer
+    item = layer.objects.active
+    assert item.get("nmf_job") and item.visible_get(view_layer=layer)
+    assert not any(home.hide_render for home in item.users_collection)
+    assert item.matrix_world.translation.z == pytest.approx(2), "it stands where its capture does"

@@ -59,41 +59,6 @@ def test_a_result_and_its_light_come_to_the_scene_of_their_capture(capture, fake
     assert second.world == mine and first.world is not None
 
 
-def switched_off(how, capture, parent):
-    """Hide a capture by one of the switches of the outliner, its own or those of what it lies in."""
-    layer = bpy.context.view_layer.layer_collection.children[parent.name]
-    match how:
-        case "exclude":
-            layer.exclude = True
-        case "eye":
-            layer.children[capture.name].hide_viewport = True
-        case "eye of its parent":
-            layer.hide_viewport = True
-        case "viewport":
-            capture.hide_viewport = True
-        case "render":
-            capture.hide_render = True
-
-
-@pytest.mark.parametrize("how", ["exclude", "eye", "eye of its parent", "viewport", "render"])
-def test_a_result_is_seen_and_rendered_although_its_capture_is_switched_off(
-    capture, fake_solver, tick, how
-):
-    parent = bpy.data.collections.new("Captures")
-    bpy.context.scene.collection.children.link(parent)
-    bpy.context.scene.collection.children.unlink(capture)
-    parent.children.link(capture)
-    next(item for item in capture.objects if item.get("nmf_root")).location.z = 2
-    bpy.ops.nmf.reconstruct()
-    switched_off(how, capture, parent)
-    tick()
-    (item,) = results()
-    layer = bpy.context.view_layer
-    assert item.visible_get(view_layer=layer) and layer.objects.active == item
-    assert not any(home.hide_render for home in item.users_collection)
-    assert item.matrix_world.translation.z == pytest.approx(2), "it stands where its capture does"
-
-
 def test_install_result_does_not_stay_with_the_job_that_was_installed_by_itself():
     """Blender offers an operator's last properties to the next press of its button."""
     properties = bpy.ops.nmf.install_result.get_rna_type().properties
