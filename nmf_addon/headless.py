@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import shutil
 import sys
+import tempfile
 from pathlib import Path
 
 import bpy
@@ -26,7 +27,7 @@ from .jobs.create import create_job, last_job_root, new_job_root
 from .jobs.process import run_blocking, start_job
 from .runtime import RuntimeMissing, bootstrap_script, clean_environment
 from .scene.cameras import size_of
-from .scene.capture_collection import import_capture, photo_names
+from .scene.capture_collection import import_capture, photo_paths
 from .scene.install import InstalledAsset, install_result
 from .scene.match_solver import match_resolution, match_solver
 
@@ -55,6 +56,9 @@ def main(arguments: list[str]) -> int:
     except OSError as error:
         print(f"{error.filename or options.out}: {error.strerror}.", file=sys.stderr)
         return BAD_INPUT
+    except RuntimeError as error:  # what Blender's operators raise
+        print(error, file=sys.stderr)
+        return FAILED
     except KeyboardInterrupt:
         print("Cancelled.", file=sys.stderr)
         return CANCELLED
@@ -88,14 +92,17 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
 
     Raises:
         CaptureError, JobError, RuntimeMissing, SolverFailed.
+        RuntimeError: OUT.blend cannot be saved; an older one is as it was.
     """
     out = options.out.absolute()
+    if out.is_dir():
+        raise JobError(f"{out}: this is a folder; give the name of a .blend.")
     if out.exists() and not options.overwrite:
         raise JobError(f"{out}: it exists already; give another name or --overwrite.")
     if any("=" not in text for text in options.sets):
         raise JobError("--set: write settings as section.field=value.")
     python = preferences.solver_python()
-    out.parent.mkdir(parents=True, exist_ok=True)
+    check_writable(out.parent)
     bpy.ops.wm.read_factory_settings(use_empty=True)
     photos, masks = (
         None if folder is None else folder.absolute() for folder in (options.photos, options.masks)
@@ -124,11 +131,46 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
                 shutil.rmtree(job.root, ignore_errors=True)
             raise
     asset = install_result(bpy.context, job.root, collection)
-    match_solver(bpy.context.scene, asset.manifest["bounces"])
+    left = match_solver(bpy.context.scene, asset.manifest.get("bounces", 2))
+    if left:
+        print(f"Warning: {left}", file=sys.stderr)
     match_capture_resolution(collection)
     bpy.ops.file.pack_all()
-    bpy.ops.wm.save_as_mainfile(filepath=str(out), compress=True)
+    save(out)
     return asset
+
+
+def check_writable(folder: Path) -> None:
+    """Make a folder and see that a file can be written there, before the solver works for minutes.
+
+    Raises:
+        JobError: none can.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise JobError(
+            f"{folder}: no file can be written there ({error.strerror}); give another place."
+        ) from error
+
+
+def save(out: Path) -> None:
+    """Save the open file.
+
+    Raises:
+        RuntimeError: it cannot be written whole; a file that was there is as it was.
+    """
+    try:
+        # Not compressed: Blender does not notice when a compressed file is cut off by a full disk.
+        bpy.ops.wm.save_as_mainfile(filepath=str(out), compress=False)
+    except RuntimeError as error:
+        reason = str(error).removeprefix("Error: ").strip()
+        raise RuntimeError(
+            f"{out}: Blender could not save it ({reason}); make room, then run the same command "
+            "with --resume."
+        ) from error
 
 
 def take_up_job(
@@ -140,7 +182,7 @@ def take_up_job(
         JobError: it was begun otherwise.
     """
     photos = {camera.image_path.name for camera in capture_of(job).cameras if camera.image_path}
-    if photos != photo_names(collection):
+    if photos != {path.name for path in photo_paths(collection)}:
         raise JobError(f"{job.root}: this is a job of other photos; give another --job.")
     asked = {
         "preset": options.preset, "device": options.device, "seed": options.seed,

@@ -20,6 +20,7 @@ from ..operators import (
 from . import panels, preferences, properties, runtime, setup_monitor, thumbnails
 from .jobs import monitor, side_task
 from .names import BASE_PACKAGE
+from .scene import usd
 
 _class_modules = (
     properties, preferences, import_capture, solve_cameras, region, set_scale, check_capture,
@@ -57,7 +58,7 @@ def _register() -> None:
             continue
         bpy.utils.register_class(cls)
         _undo.append(lambda cls=cls: bpy.utils.unregister_class(cls))
-    for module in (properties, thumbnails, monitor, side_task):
+    for module in (properties, thumbnails, monitor, side_task, usd):
         module.register()
         _undo.append(module.unregister)
     _undo.append(setup_monitor.unregister)

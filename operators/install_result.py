@@ -7,8 +7,9 @@ from pathlib import Path
 import bpy
 
 from ..nmf_addon.jobs.monitor import monitor
-from ..nmf_addon.scene.capture_collection import active_capture, capture_of_job
 from ..nmf_addon.scene.install import install_result
+from ..nmf_addon.scene.job_capture import capture_of_job
+from ..nmf_addon.scene.result import job_of_result
 from ..solver.job.folder import JobError
 
 
@@ -21,11 +22,17 @@ class NMF_OT_install_result(bpy.types.Operator):
 
     job: bpy.props.StringProperty(
         name="Job",
-        description="Folder of the finished job",
+        description="Folder of the finished job, or of an exported result",
         subtype="DIR_PATH",
         options={"SKIP_SAVE"},
     )
     directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """In Object Mode: the result becomes the active object."""
+        cls.poll_message_set("Switch to Object Mode first: the result becomes the active object")
+        return context.mode == "OBJECT"
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the folder, starting at the last job."""
@@ -34,10 +41,10 @@ class NMF_OT_install_result(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Install with the capture the job was made from, else the active one."""
+        """Install with the capture the job was made from, else by itself."""
         folder = Path(bpy.path.abspath(self.job or self.directory))
         try:
-            install_result(context, folder, capture_of_job(folder.name) or active_capture(context))
+            install_result(context, folder, capture_of_job(context, job_of_result(folder)))
         except (JobError, RuntimeError) as error:
             if not self.job and not monitor.running and (folder / "job.json").is_file():
                 monitor.look_at(str(folder))  # if it is not finished, the panel can resume it

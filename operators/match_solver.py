@@ -21,7 +21,13 @@ class NMF_OT_match_solver(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Change the scene's settings."""
-        match_solver(context.scene, self.bounces)
+        try:
+            left = match_solver(context.scene, self.bounces)
+        except RuntimeError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        if left:
+            self.report({"WARNING"}, left)
         return {"FINISHED"}
 
 

@@ -21,7 +21,7 @@ from ...solver.capture.placement import placed, suggest_placement
 from ...solver.capture.read import read_capture
 from .background import is_distorted, turn_of, undistorted_copy
 from .cameras import add_camera, photo_of, photo_path, to_solver
-from .images import load_image
+from .images import load_image, nothing_left_behind
 from .region import new_region_box, place_box, region_box
 
 SOURCE, ROOT, WARNINGS = "nmf_source", "nmf_root", "nmf_warnings"
@@ -101,18 +101,16 @@ def warnings_of(collection: bpy.types.Collection) -> list[str]:
 
 def _load_photos(cameras: list[Camera]) -> dict[Path, bpy.types.Image]:
     """Images of the cameras' photos; those that were loaded go again if one cannot be."""
-    before = set(bpy.data.images)
     images = {}
-    for camera in cameras:
-        try:
-            image = load_image(camera.image_path, check_existing=True)
-        except RuntimeError as error:
-            for image in set(bpy.data.images) - before:
-                bpy.data.images.remove(image)
-            raise CaptureError(
-                camera.image_path, "", "Blender cannot open the photo", "replace or convert it"
-            ) from error
-        images[camera.image_path] = image
+    with nothing_left_behind(bpy.data.images):
+        for camera in cameras:
+            try:
+                image = load_image(camera.image_path, check_existing=True)
+            except RuntimeError as error:
+                raise CaptureError(
+                    camera.image_path, "", "Blender cannot open the photo", "replace or convert it"
+                ) from error
+            images[camera.image_path] = image
     return images
 
 
@@ -153,11 +151,6 @@ def active_capture(context: bpy.types.Context) -> bpy.types.Collection | None:
     return next(iter(capture_collections(context.scene)), whole if is_capture(whole) else None)
 
 
-def capture_of_job(job: str) -> bpy.types.Collection | None:
-    """The capture that was last reconstructed in a job's folder of this name, in any scene."""
-    return next((c for c in bpy.data.collections if c.get(LAST_JOB) == job and is_capture(c)), None)
-
-
 def scene_of(collection: bpy.types.Collection) -> bpy.types.Scene | None:
     """The first scene that a collection is in."""
     return next((s for s in bpy.data.scenes if collection in s.collection.children_recursive), None)
@@ -166,25 +159,6 @@ def scene_of(collection: bpy.types.Collection) -> bpy.types.Scene | None:
 def root_of(collection: bpy.types.Collection) -> bpy.types.Object | None:
     """The empty with the capture's similarity transform; None for foreign cameras."""
     return next((item for item in collection.all_objects if item.get(ROOT)), None)
-
-
-def file_placement(
-    collection: bpy.types.Collection, capture: Path, origin: np.ndarray
-) -> Matrix | None:
-    """From coordinates of the capture's file, counted from `origin` [3], to capture space.
-
-    None if the collection was not imported from the file (or folder) `capture`.
-    """
-    root, source = root_of(collection), collection.get(SOURCE)
-    if root is None or not source or FILE_TO_CAPTURE not in root:
-        return None
-    file = Path(source).resolve()
-    if capture.resolve() not in (file, *file.parents):
-        return None
-    # In double precision: both may be far away.
-    matrix = np.array(root[FILE_TO_CAPTURE], dtype=np.float64).reshape(4, 4)
-    matrix[:3, 3] += matrix[:3, :3] @ origin
-    return Matrix(matrix)
 
 
 def to_capture_space(collection: bpy.types.Collection) -> Matrix:
@@ -212,9 +186,9 @@ def write_capture(collection: bpy.types.Collection, folder: Path) -> Path:
     return path
 
 
-def photo_names(collection: bpy.types.Collection) -> set[str]:
-    """The file names of the photos of a collection's cameras."""
-    return {photo_path(photo_of(item)).name for item in _photo_cameras(collection)}
+def photo_paths(collection: bpy.types.Collection) -> set[Path]:
+    """Where the photos of a collection's cameras lie."""
+    return {photo_path(photo_of(item)).resolve() for item in _photo_cameras(collection)}
 
 
 def add_region_box(

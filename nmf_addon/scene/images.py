@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import bpy
+
+from .colour import set_colour_space
 
 
 def load_image(path: Path, check_existing: bool = False) -> bpy.types.Image:
@@ -23,6 +27,43 @@ def load_image(path: Path, check_existing: bool = False) -> bpy.types.Image:
     if relative and not image.library:
         image.filepath = stored_path(path)
     return image
+
+
+def load_picture(path: Path, colour_space: str | None = None) -> bpy.types.Image:
+    """An image of a file that Blender can decode, which this makes sure of.
+
+    Args:
+        colour_space: as Blender's own configuration names it; None: what Blender takes it for.
+
+    Raises:
+        RuntimeError: it cannot; no image is left.
+    """
+    with nothing_left_behind(bpy.data.images):
+        image = load_image(path)
+        if colour_space is not None:
+            set_colour_space(image, colour_space)
+        if 0 in image.size:
+            raise RuntimeError(
+                f"{path}: Blender cannot read this picture; it is damaged or of another kind."
+            )
+    return image
+
+
+@contextmanager
+def nothing_left_behind(*kinds: bpy.types.bpy_prop_collection) -> Iterator[None]:
+    """Takes away again what was added meanwhile if something fails.
+
+    Args:
+        kinds: where that may be, such as `bpy.data.images`.
+    """
+    before = [set(kind) for kind in kinds]
+    try:
+        yield
+    except Exception:
+        for kind, there in zip(kinds, before, strict=True):
+            for block in set(kind) - there:
+                kind.remove(block)
+        raise
 
 
 def stored_path(path: Path, blend: str | None = None) -> str:

@@ -10,11 +10,14 @@ import numpy as np
 from mathutils import Matrix
 
 from ...solver.job.folder import JobError, JobFolder
-from .capture_collection import file_placement, root_of, scene_of
+from .capture_collection import root_of, scene_of
+from .images import nothing_left_behind
+from .job_capture import file_placement
 from .material import build_material
-from .world import build_world
-
-JOB = "nmf_job"
+from .pictures import named_pictures
+from .replace import JOB, installed_before, replace_asset
+from .result import job_of_result, read_manifest, read_ply
+from .world import build_world, turn_with
 
 
 @dataclass(frozen=True)
@@ -32,57 +35,99 @@ def install_result(
 ) -> InstalledAsset:
     """Add the asset of a job to the scene and light it by the recovered World.
 
+    If it was installed before, the object stays as and where it is, and gets the new mesh and material.
+
     Args:
+        job_root: the job's folder, its folder `result`, or a copy of that.
         collection: the capture it belongs to: the object is placed under its transform and in its
             scene. None: in the context's scene.
 
     Raises:
         JobError: no complete result, or one of its files is missing or damaged; nothing is added.
+        RuntimeError: Blender cannot read one of its pictures; nothing is added.
     """
-    job = JobFolder(job_root)
-    manifest = job.manifest()
-    folder = job.result_dir
-    try:
-        files = [manifest["mesh"], manifest["environment"]["file"]]
-        files += [entry["file"] for entry in manifest["textures"].values()]
-    except (KeyError, TypeError, AttributeError) as error:
-        raise JobError(
-            f"{job.manifest_path}: it is incomplete ({error}); run the job again."
-        ) from error
-    missing = [name for name in files if not (folder / name).is_file()]
-    if missing:
-        raise JobError(f"{folder}: {missing[0]} is missing; copy the whole job folder.")
-    positions, normals, uvs, faces = read_ply(folder / manifest["mesh"])
+    job = job_of_result(job_root)
+    manifest = read_manifest(job)
+    positions, normals, uvs, faces = read_ply(job.result_dir / manifest["mesh"])
+    pictures = named_pictures(job, manifest)
     name = job.root.name
-    mesh = build_mesh(name, positions, normals, uvs, faces)
-    material = build_material(name, folder, manifest["textures"])
-    mesh.materials.append(material)
-    item = bpy.data.objects.new(name, mesh)
-    item[JOB] = str(job.root)
-    scene = (collection and scene_of(collection)) or context.scene
-    view_layer = context.view_layer if scene == context.scene else scene.view_layers[0]
-    home = collection if collection is not None and not collection.library else scene.collection
-    home.objects.link(item)
-    view_layer.update()
-    if item.name not in view_layer.objects:  # the capture is switched off there; a result is not
-        scene.collection.objects.link(item)
-    parent = None if collection is None else root_of(collection)
-    matrix = None if collection is None else _from_file(job, manifest, collection)
-    if matrix is not None:
-        frame = bpy.data.objects.new(f"{name} Frame", None)
-        frame.empty_display_type, frame.parent, frame.matrix_local = "ARROWS", parent, matrix
-        home.objects.link(frame)
-        parent = frame
-    item.parent = parent
-    world = build_world(f"{name} light", folder / manifest["environment"]["file"], parent)
-    if scene.world is not None:
+    data = bpy.data
+    with nothing_left_behind(
+        data.meshes, data.materials, data.node_groups, data.images, data.worlds
+    ):
+        mesh = build_mesh(name, positions, normals, uvs, faces)
+        material = build_material(name, pictures, manifest["textures"])
+        mesh.materials.append(material)
+        world = build_world(f"{name} light", pictures["environment"])
+    item = installed_before(job)
+    if item is None:
+        item = _place(context, job, mesh, manifest, collection)
+    else:
+        replace_asset(item, mesh, material, world)
+    for block in (item, mesh, material, world):
+        block[JOB] = str(job.root)
+    if item.parent is not None:
+        turn_with(world, item.parent)
+    scene = context.scene if context.scene in item.users_scene else item.users_scene[0]
+    if scene.world not in (None, world):
         scene.world.use_fake_user = True
     scene.world = world
+    _make_active(item, _view_layer(context, scene))
+    return InstalledAsset(item, material, world, manifest)
+
+
+def _place(
+    context: bpy.types.Context, job: JobFolder, mesh: bpy.types.Mesh, manifest: dict,
+    collection: bpy.types.Collection | None,
+) -> bpy.types.Object:  # fmt: skip
+    """A new object in the scene: under its capture, or by itself."""
+    item = bpy.data.objects.new(job.root.name, mesh)
+    scene = (collection and scene_of(collection)) or context.scene
+    home = _home(collection, scene, _view_layer(context, scene))
+    home.objects.link(item)
+    if collection is None:
+        return item
+    item.parent = root_of(collection)
+    matrix = _from_file(job, manifest, collection)
+    if matrix is not None:
+        frame = bpy.data.objects.new(f"{item.name} Frame", None)
+        frame.empty_display_type, frame.parent, frame.matrix_local = "ARROWS", item.parent, matrix
+        home.objects.link(frame)
+        item.parent = frame
+    return item
+
+
+def _make_active(item: bpy.types.Object, view_layer: bpy.types.ViewLayer) -> None:
+    """Select an object, and nothing else, where it is seen at all."""
+    view_layer.update()
+    if item.name not in view_layer.objects:
+        return
     for other in view_layer.objects.selected:
         other.select_set(False, view_layer=view_layer)
     item.select_set(True, view_layer=view_layer)
     view_layer.objects.active = item
-    return InstalledAsset(item, material, world, manifest)
+
+
+def _home(
+    collection: bpy.types.Collection | None, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer
+) -> bpy.types.Collection:
+    """The capture's collection, or the scene's own where that is linked, switched off or not rendered."""
+    if collection is None or collection.library:
+        return scene.collection
+    return collection if _is_shown(collection, view_layer.layer_collection) else scene.collection
+
+
+def _is_shown(collection: bpy.types.Collection, layer: bpy.types.LayerCollection) -> bool:
+    """True if what is in a collection is seen and rendered in a view layer, or in this part of one."""
+    shown = layer.collection
+    if layer.exclude or layer.hide_viewport or shown.hide_viewport or shown.hide_render:
+        return False
+    return shown == collection or any(_is_shown(collection, child) for child in layer.children)
+
+
+def _view_layer(context: bpy.types.Context, scene: bpy.types.Scene) -> bpy.types.ViewLayer:
+    """The view layer of a scene that the person looks at, else its first."""
+    return context.view_layer if scene == context.scene else scene.view_layers[0]
 
 
 def _from_file(job: JobFolder, manifest: dict, collection: bpy.types.Collection) -> Matrix | None:
@@ -92,31 +137,8 @@ def _from_file(job: JobFolder, manifest: dict, collection: bpy.types.Collection)
         capture = JobFolder.open(job.root).request.capture
     except JobError:
         return None
-    origin = manifest.get("origin", (0.0, 0.0, 0.0))
-    return file_placement(collection, Path(capture), np.asarray(origin, dtype=np.float64))
-
-
-def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Positions, normals [V, 3], UVs [V, 2] and triangles [F, 3] of the solver's mesh.ply.
-
-    Raises:
-        JobError: the file is cut off or of another layout.
-    """
-    data = path.read_bytes()
-    header, marker, body = data.partition(b"end_header\n")
-    words = [line.split() for line in header.decode("ascii", "replace").splitlines()]
-    counts = {w[1]: int(w[2]) for w in words if len(w) == 3 and w[0] == "element"}
-    names = [w[2] for w in words if len(w) == 3 and w[0] == "property"]
-    vertices, triangles = counts.get("vertex", 0), counts.get("face", 0)
-    if (
-        not marker
-        or names != "x y z nx ny nz s t".split()
-        or len(body) != vertices * 32 + triangles * 13
-    ):
-        raise JobError(f"{path}: the mesh is damaged or not of this solver; run the job again.")
-    vertex = np.frombuffer(body, "<f4", vertices * 8).reshape(-1, 8)
-    face = np.frombuffer(body, [("n", "u1"), ("v", "<i4", 3)], triangles, vertices * 32)["v"]
-    return vertex[:, :3], vertex[:, 3:6], vertex[:, 6:], np.ascontiguousarray(face)
+    origin = np.array(manifest.get("origin", (0.0, 0.0, 0.0)), dtype=np.float64)
+    return file_placement(collection, Path(capture), origin)
 
 
 def build_mesh(name, positions, normals, uvs, faces) -> bpy.types.Mesh:

@@ -4,13 +4,25 @@ from __future__ import annotations
 
 import bpy
 
+from .colour import set_plain_view
+
 BLACKMAN_HARRIS_WIDTH = 1.5  # pixels
 
 
-def match_solver(scene: bpy.types.Scene, bounces: int = 2) -> None:
-    """Cycles without clamping, blurred glossies or a view transform; the solver's bounces."""
+def match_solver(scene: bpy.types.Scene, bounces: int = 2) -> str:
+    """Cycles without clamping, blurred glossies or a view transform; the solver's bounces.
+
+    Returns: what could not be set, as a sentence for the person; empty if all is.
+
+    Raises:
+        RuntimeError: there is no Cycles; nothing is changed.
+    """
+    cycles = getattr(scene, "cycles", None)
+    if cycles is None:
+        raise RuntimeError(
+            "Cycles is switched off: enable 'Cycles Render Engine' in Preferences > Add-ons."
+        )
     scene.render.engine = "CYCLES"
-    cycles = scene.cycles
     cycles.max_bounces = max(bounces - 1, 0)
     cycles.diffuse_bounces = cycles.glossy_bounces = cycles.max_bounces
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
@@ -20,9 +32,15 @@ def match_solver(scene: bpy.types.Scene, bounces: int = 2) -> None:
     cycles.filter_width = BLACKMAN_HARRIS_WIDTH
     scene.render.film_transparent = True
     view = scene.view_settings
-    view.view_transform, view.look = "Standard", "None"
+    view.look = "None"
     view.exposure, view.gamma = 0.0, 1.0
     scene.render.dither_intensity = 0.0
+    if set_plain_view(view):
+        return ""
+    return (
+        f"The view transform stays '{view.view_transform}', since this colour configuration has none like "
+        "Blender's 'Standard': renders look different from the photos."
+    )
 
 
 def match_resolution(scene: bpy.types.Scene, width: int, height: int, aspect: float = 1.0) -> None:

@@ -11,22 +11,36 @@ from pathlib import Path
 
 import bpy
 
-from .images import load_image
+from .images import load_picture
 
 GROUP_NAME = "NMF Surface"
+GROUP_INPUTS = {
+    "Albedo": "NodeSocketColor", "F0": "NodeSocketColor", "Roughness": "NodeSocketFloat",
+    "Normal": "NodeSocketVector",
+}  # fmt: skip
+GROUP_OUTPUT = "Surface"
 PRINCIPLED_F0 = 0.04  # of Principled's index of refraction 1.5
 MODEL_SCALE, MODEL_POWER, MODEL_OFFSET = 0.0271, 2.65, 0.0005
 
 
-def build_material(name: str, folder: Path, textures: dict) -> bpy.types.Material:
-    """A material of the result's textures (`manifest["textures"]`)."""
+def build_material(name: str, pictures: dict[str, Path], textures: dict) -> bpy.types.Material:
+    """A material of a result's textures.
+
+    Args:
+        pictures: files of "albedo", "roughness", "f0" and "normal".
+        textures: what they are (`manifest["textures"]`).
+
+    Raises:
+        RuntimeError: Blender cannot read one of them.
+    """
     material = bpy.data.materials.new(name)
     if material.node_tree is None:
         material.use_nodes = True
     tree = material.node_tree
     tree.nodes.clear()
-    images = {key: _texture_node(tree, folder, key, entry) for key, entry in textures.items()}
+    images = {}
     for row, key in enumerate(("albedo", "roughness", "f0", "normal")):
+        images[key] = _texture_node(tree, key, pictures[key], textures[key]["colour_space"])
         images[key].location = (-900, 300 - 280 * row)
 
     f0 = _mix_multiply(tree, images["f0"].outputs["Color"], float(textures["f0"]["scale"]))
@@ -48,23 +62,40 @@ def build_material(name: str, folder: Path, textures: dict) -> bpy.types.Materia
 
     principled = _principled(tree, images, normal, float(textures["f0"]["scale"]))
     portable_output = _output(tree, "ALL", principled.outputs["BSDF"], (420, 320))
-    _output(tree, "CYCLES", exact.outputs["Surface"], (420, -120))
+    _output(tree, "CYCLES", exact.outputs[GROUP_OUTPUT], (420, -120))
     portable_output.is_active_output = True
     return material
 
 
+def f0_of(material: bpy.types.Material) -> tuple[bpy.types.Image, float] | None:
+    """The picture and the factor whose product is a material's F0; None if the material is not ours."""
+    nodes = material.node_tree.nodes if material.node_tree is not None else ()
+    for node in nodes:
+        if node.type != "GROUP" or node.node_tree is None or not _has_sockets(node.node_tree):
+            continue
+        links = node.inputs["F0"].links
+        mix = links[0].from_node if links else None
+        if mix is None or mix.type != "MIX" or mix.blend_type != "MULTIPLY":
+            continue
+        colour, factor = (socket for socket in mix.inputs if socket.type == "RGBA")
+        image = getattr(colour.links[0].from_node, "image", None) if colour.links else None
+        if image is not None:
+            return image, factor.default_value[0]
+    return None
+
+
 def surface_group() -> bpy.types.NodeTree:
-    """The node group "NMF Surface": the solver's surface model; made once per file."""
-    existing = bpy.data.node_groups.get(GROUP_NAME)
-    if existing is not None:
-        return existing
+    """The node group "NMF Surface": the solver's surface model; made once per file.
+
+    One that is linked from a library, or that has other sockets, is somebody else's.
+    """
+    for existing in bpy.data.node_groups:
+        if existing.name.startswith(GROUP_NAME) and not existing.library and _has_sockets(existing):
+            return existing
     group = bpy.data.node_groups.new(GROUP_NAME, "ShaderNodeTree")
-    for name, kind in (
-        ("Albedo", "NodeSocketColor"), ("F0", "NodeSocketColor"),
-        ("Roughness", "NodeSocketFloat"), ("Normal", "NodeSocketVector"),
-    ):  # fmt: skip
+    for name, kind in GROUP_INPUTS.items():
         group.interface.new_socket(name, in_out="INPUT", socket_type=kind)
-    group.interface.new_socket("Surface", in_out="OUTPUT", socket_type="NodeSocketShader")
+    group.interface.new_socket(GROUP_OUTPUT, in_out="OUTPUT", socket_type="NodeSocketShader")
     nodes, links = group.nodes, group.links
     inputs, output = nodes.new("NodeGroupInput"), nodes.new("NodeGroupOutput")
     inputs.location, output.location = (-1000, 0), (600, 0)
@@ -86,9 +117,20 @@ def surface_group() -> bpy.types.NodeTree:
     both = nodes.new("ShaderNodeAddShader")
     links.new(diffuse.outputs[0], both.inputs[0])
     links.new(metallic.outputs[0], both.inputs[1])
-    links.new(both.outputs[0], output.inputs["Surface"])
+    links.new(both.outputs[0], output.inputs[GROUP_OUTPUT])
     diffuse.location, metallic.location, both.location = (100, 150), (100, -150), (350, 0)
     return group
+
+
+def _has_sockets(group: bpy.types.NodeTree) -> bool:
+    """True if a node group takes and gives what "NMF Surface" does."""
+    sockets = {
+        (item.name, item.in_out, item.socket_type)
+        for item in group.interface.items_tree
+        if item.item_type == "SOCKET"
+    }
+    ours = {(name, "INPUT", kind) for name, kind in GROUP_INPUTS.items()}
+    return sockets == ours | {(GROUP_OUTPUT, "OUTPUT", "NodeSocketShader")}
 
 
 def _angular_share(group: bpy.types.NodeTree, normal: bpy.types.NodeSocket):
@@ -149,10 +191,18 @@ def _principled(tree, images, normal, f0_scale: float):
     tree.links.new(images["albedo"].outputs["Color"], node.inputs["Base Color"])
     tree.links.new(images["roughness"].outputs["Color"], node.inputs["Roughness"])
     tree.links.new(normal.outputs["Normal"], node.inputs["Normal"])
-    tint = _mix_multiply(tree, images["f0"].outputs["Color"], f0_scale / PRINCIPLED_F0)
-    tint.location = (-300, 420)
-    tree.links.new(_colour_result(tint), node.inputs["Specular Tint"])
+    tint_with_f0(node, images["f0"].outputs["Color"], f0_scale).location = (-300, 420)
     return node
+
+
+def tint_with_f0(
+    principled: bpy.types.Node, colour: bpy.types.NodeSocket, scale: float
+) -> bpy.types.Node:
+    """Make `scale` × a colour the F0 of a Principled BSDF; returns the node that multiplies."""
+    tree = principled.id_data
+    tint = _mix_multiply(tree, colour, scale / PRINCIPLED_F0)
+    tree.links.new(_colour_result(tint), principled.inputs["Specular Tint"])
+    return tint
 
 
 def _mix_multiply(tree, colour, factor: float) -> bpy.types.Node:
@@ -171,11 +221,9 @@ def _colour_result(mix: bpy.types.Node) -> bpy.types.NodeSocket:
     return next(socket for socket in mix.outputs if socket.type == "RGBA")
 
 
-def _texture_node(tree, folder: Path, key: str, entry: dict) -> bpy.types.Node:
+def _texture_node(tree, label: str, path: Path, colour_space: str) -> bpy.types.Node:
     node = tree.nodes.new("ShaderNodeTexImage")
-    node.image = load_image(folder / entry["file"])
-    node.image.colorspace_settings.name = entry["colour_space"]
-    node.label = key
+    node.image, node.label = load_picture(path, colour_space), label
     return node
 
 

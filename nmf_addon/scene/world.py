@@ -6,21 +6,20 @@ from pathlib import Path
 
 import bpy
 
-from .images import load_image
+from .images import load_picture
+
+HDRI = "nmf_hdri"
+"""path of the picture that a World was made of by `relight`"""
 
 
-def build_world(name: str, path: Path, follow: bpy.types.Object | None = None) -> bpy.types.World:
-    """A World lit by an equirectangular HDRI, strength 1, linear Rec.709.
-
-    Args:
-        follow: an object whose turns the light follows, such as a capture's empty; else unrotated.
+def build_world(name: str, path: Path) -> bpy.types.World:
+    """A World lit by an equirectangular HDRI, strength 1, linear Rec.709, unrotated.
 
     Raises:
-        RuntimeError: Blender cannot load the image.
+        RuntimeError: Blender cannot read the picture; nothing is added.
     """
-    image = load_image(path, check_existing=True)
-    if path.suffix.lower() in (".exr", ".hdr"):
-        image.colorspace_settings.name = "Linear Rec.709"
+    linear = path.suffix.lower() in (".exr", ".hdr")
+    image = load_picture(path, "Linear Rec.709" if linear else None)
     world = bpy.data.worlds.new(name)
     if world.node_tree is None:
         world.use_nodes = True
@@ -31,15 +30,15 @@ def build_world(name: str, path: Path, follow: bpy.types.Object | None = None) -
     background = tree.nodes.new("ShaderNodeBackground")
     output = tree.nodes.new("ShaderNodeOutputWorld")
     texture.location, background.location, output.location = (-600, 0), (-250, 0), (0, 0)
-    if follow is not None:
-        _turn_with(tree, texture, follow)
     tree.links.new(texture.outputs["Color"], background.inputs["Color"])
     tree.links.new(background.outputs["Background"], output.inputs["Surface"])
     return world
 
 
-def _turn_with(tree: bpy.types.NodeTree, texture: bpy.types.Node, item: bpy.types.Object) -> None:
-    """Look the light up in the axes of `item`, by drivers, so that it keeps to them."""
+def turn_with(world: bpy.types.World, item: bpy.types.Object) -> None:
+    """Look a World's light up in the axes of `item`, by drivers, so that it follows its turns."""
+    tree = world.node_tree
+    texture = next(node for node in tree.nodes if node.type == "TEX_ENVIRONMENT")
     coordinates = tree.nodes.new("ShaderNodeTexCoord")
     mapping = tree.nodes.new("ShaderNodeMapping")
     mapping.vector_type = "TEXTURE"  # the inverse of the turn: from the world's axes to the item's
@@ -56,9 +55,26 @@ def _turn_with(tree: bpy.types.NodeTree, texture: bpy.types.Node, item: bpy.type
         target.rotation_mode, target.transform_space = "XYZ", "WORLD_SPACE"
 
 
+def _relit_before(path: Path) -> bpy.types.World | None:
+    """The World that `relight` made of an HDRI, showing what the file holds now."""
+    for world in bpy.data.worlds:
+        if world.get(HDRI) != str(path.resolve()) or world.library:
+            continue
+        for node in world.node_tree.nodes:
+            if node.type == "TEX_ENVIRONMENT" and node.image and path.is_file():
+                node.image.reload()
+                return world
+    return None
+
+
 def relight(scene: bpy.types.Scene, path: Path) -> bpy.types.World:
-    """Light the scene by another HDRI; the World it had stays in the file."""
-    world = build_world(path.stem, path)
+    """Light the scene by another HDRI, once more by the same World; the one it had stays in the file.
+
+    Raises:
+        RuntimeError: Blender cannot read the picture; nothing is changed.
+    """
+    world = _relit_before(path) or build_world(path.stem, path)
+    world[HDRI] = str(path.resolve())
     if scene.world is not None:
         scene.world.use_fake_user = True
     scene.world = world

@@ -212,6 +212,34 @@ def test_headless_resumes_only_what_was_asked(extension, duck, tmp_path, fake_so
     assert json.loads((job / "job.json").read_text())["time_limit"] == 77
 
 
+def test_headless_says_that_a_blend_was_cut_off_and_keeps_the_older_one(
+    extension, duck, tmp_path, fake_solver, capsys
+):
+    resource = pytest.importorskip("resource", reason="limits of files are POSIX")
+    out = tmp_path / "x.blend"
+    out.write_text("precious")
+    before, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, most))
+    try:
+        code = extension("headless").main(["reconstruct", str(duck), str(out), "--overwrite"])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (before, most))
+    message = capsys.readouterr().err.splitlines()[-1]
+    assert code == 1 and "x.blend: Blender could not save it" in message and "--resume" in message
+    assert out.read_text() == "precious"
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="no folder that nobody can write to")
+def test_headless_does_not_start_where_it_cannot_save(
+    extension, duck, tmp_path, fake_solver, capsys
+):
+    job = tmp_path / "job"
+    command = ["reconstruct", str(duck), "/proc/x.blend", "--job", str(job)]
+    assert extension("headless").main(command) == 2
+    assert "/proc: no file can be written there" in capsys.readouterr().err
+    assert not job.exists()
+
+
 def test_the_script_runs_in_plain_python(duck, tmp_path, fake_solver):
     result = subprocess.run(
         [sys.executable, str(ROOT / "samples" / "reconstruct.py"), "--", str(duck), str(tmp_path / "o.blend")],

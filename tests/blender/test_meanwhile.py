@@ -59,15 +59,6 @@ def test_a_result_and_its_light_come_to_the_scene_of_their_capture(capture, fake
     assert second.world == mine and first.world is not None
 
 
-def test_a_result_is_seen_although_its_capture_is_switched_off(capture, fake_solver, tick):
-    bpy.ops.nmf.reconstruct()
-    layer = bpy.context.view_layer
-    layer.layer_collection.children[capture.name].exclude = True
-    tick()
-    (item,) = results()
-    assert item.name in layer.objects and layer.objects.active == item
-
-
 def test_install_result_does_not_stay_with_the_job_that_was_installed_by_itself():
     """Blender offers an operator's last properties to the next press of its button."""
     properties = bpy.ops.nmf.install_result.get_rna_type().properties

@@ -90,7 +90,8 @@ def test_the_recovered_light_turns_with_the_capture(extension, capture, result_j
     sky[..., 0], sky[..., 1] = 0.5 + 0.4 * np.cos(azimuth), 0.5 + 0.4 * np.sin(azimuth)
     OpenEXR.File({}, {"RGB": sky}).write(str(tmp_path / "sky.exr"))
     root = scene.root_of(capture)
-    bpy.context.scene.world = world.build_world("sky", tmp_path / "sky.exr", root)
+    bpy.context.scene.world = world.build_world("sky", tmp_path / "sky.exr")
+    world.turn_with(bpy.context.scene.world, root)
     data = bpy.data.cameras.new("eye")
     data.lens = 200
     eye = bpy.data.objects.new("eye", data)

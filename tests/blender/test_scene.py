@@ -239,6 +239,17 @@ def test_relighting_keeps_the_recovered_light_in_the_file(extension, result_job,
     assert asset.world.use_fake_user
 
 
+def test_relighting_by_the_same_hdri_uses_its_world_again(extension, result_job, duck):
+    recovered = extension("scene.install").install_result(bpy.context, result_job).world
+    relight, scene = extension("scene.world").relight, bpy.context.scene
+    studio = relight(scene, duck / "relight_studio.exr")
+    studio.node_tree.nodes["Background"].inputs["Strength"].default_value = 2
+    light = relight(scene, result_job / "result" / "environment.exr")
+    assert relight(scene, duck / "relight_studio.exr") == studio == scene.world
+    assert set(bpy.data.worlds) == {recovered, studio, light}
+    assert studio.node_tree.nodes["Background"].inputs["Strength"].default_value == 2
+
+
 def test_gltf_export_keeps_f0(extension, result_job, tmp_path):
     import json
 

@@ -1,0 +1,45 @@
+"""Colour spaces and views by whatever name the person's OpenColorIO configuration has for them."""
+
+from __future__ import annotations
+
+import bpy
+
+NON_COLOUR = "Non-Color"
+NAMES = {
+    "sRGB": ("sRGB", "sRGB - Texture", "Utility - sRGB - Texture", "sRGB Encoded Rec.709 (sRGB)"),
+    "Linear Rec.709": (
+        "Linear Rec.709", "Linear Rec.709 (sRGB)", "Utility - Linear - Rec.709",
+        "Utility - Linear - sRGB", "Linear",
+    ),
+}  # fmt: skip
+"""of Blender, of ACES 1.3 and 2.0, of ACES 1.2 and before"""
+PLAIN_VIEWS = ("Standard", "Un-tone-mapped", "sRGB", "Output - sRGB")
+
+
+def set_colour_space(image: bpy.types.Image, name: str) -> None:
+    """Take an image's values for those of a colour space that Blender's own configuration names so.
+
+    Where the configuration has none of that kind, the image keeps what Blender gives to pictures of its
+    depth, which is sRGB for 8 bits and linear for floating point in every usual one.
+    """
+    settings = image.colorspace_settings
+    if name == NON_COLOUR:
+        settings.is_data = True
+        return
+    for known in NAMES.get(name, (name,)):
+        if _set(settings, "name", known):
+            return
+
+
+def set_plain_view(settings: bpy.types.ColorManagedViewSettings) -> bool:
+    """Show the scene's light as sRGB, without tone mapping; False if there is no such view."""
+    return any(_set(settings, "view_transform", name) for name in PLAIN_VIEWS)
+
+
+def _set(settings: bpy.types.bpy_struct, field: str, name: str) -> bool:
+    """Set a field if the configuration knows the name, which cannot be asked in all versions."""
+    try:
+        setattr(settings, field, name)
+    except TypeError:
+        return False
+    return True

@@ -1,0 +1,53 @@
+"""Pictures of a result under file names that are theirs alone.
+
+In every result the albedo is called albedo.png. Blender copies pictures by their names into one folder when
+it unpacks them or exports USD, OBJ or FBX, and of two objects both would show one's.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from itertools import count
+from pathlib import Path
+
+import bpy
+
+from ...solver.job.folder import JobFolder
+from .result import TEXTURES
+
+
+def named_pictures(job: JobFolder, manifest: dict) -> dict[str, Path]:
+    """The textures' and the environment's files by what they are, in JOB/textures under names of their own.
+
+    They are hard links where the file system has them, else copies, and the result's own files where
+    nothing can be written.
+    """
+    entries = {key: manifest["textures"][key] for key in TEXTURES}
+    entries["environment"] = manifest["environment"]
+    files = {key: job.result_dir / entry["file"] for key, entry in entries.items()}
+    folder = job.root / "textures"
+    stem = _free_stem(job.root.name, [file.name for file in files.values()], folder)
+    try:
+        folder.mkdir(exist_ok=True)
+        return {key: _link(file, folder / f"{stem}_{file.name}") for key, file in files.items()}
+    except OSError:
+        return files
+
+
+def _free_stem(name: str, files: list[str], folder: Path) -> str:
+    """A job's name, with a number where pictures of another job of this name are in the open file."""
+    paths = [bpy.path.abspath(image.filepath, library=image.library) for image in bpy.data.images]
+    taken = {Path(path).name for path in paths if Path(os.path.normpath(path)).parent != folder}
+    stems = (name if number == 1 else f"{name}_{number}" for number in count(1))
+    return next(stem for stem in stems if taken.isdisjoint(f"{stem}_{file}" for file in files))
+
+
+def _link(file: Path, link: Path) -> Path:
+    """Make `link` the same file as `file`, whatever it was; returns it."""
+    link.unlink(missing_ok=True)
+    try:
+        os.link(file, link)
+    except OSError:
+        shutil.copyfile(file, link)
+    return link

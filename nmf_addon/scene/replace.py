@@ -1,0 +1,72 @@
+"""A job that is installed once more: what it brings takes the place of what it brought before."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ...solver.job.folder import JobFolder
+
+JOB = "nmf_job"
+"""path of the job's folder, on all that was installed from it"""
+
+
+def installed_before(job: JobFolder) -> bpy.types.Object | None:
+    """The object that a job was installed as, if it still is in a scene."""
+    for item in bpy.data.objects:
+        editable = item.type == "MESH" and not item.library and not item.data.library
+        if editable and item.users_scene and _is_of(item, job):
+            return item
+    return None
+
+
+def _is_of(block: bpy.types.ID, job: JobFolder) -> bool:
+    """True if a data-block was installed from a job, also one that has moved since."""
+    path = block.get(JOB)
+    if not path:
+        return False
+    return Path(path) == job.root or (Path(path).name == job.root.name and not Path(path).exists())
+
+
+def replace_asset(
+    item: bpy.types.Object,
+    mesh: bpy.types.Mesh,
+    material: bpy.types.Material,
+    world: bpy.types.World,
+) -> None:
+    """Put a new mesh, material and World in the place of those that an object was installed with.
+
+    Whatever else uses the earlier ones, such as linked duplicates, uses the new ones then.
+    """
+    job, earlier_mesh = item[JOB], item.data
+    materials = [m for m in earlier_mesh.materials if m is not None and _is_ours(m, job)]
+    worlds = [w for w in bpy.data.worlds if _is_ours(w, job)]
+    images = {image for block in (*materials, *worlds) for image in _images(block)}
+    _supersede(bpy.data.meshes, earlier_mesh, mesh)
+    for earlier in materials:
+        _supersede(bpy.data.materials, earlier, material)
+    for earlier in worlds:
+        _supersede(bpy.data.worlds, earlier, world)
+    for image in images:
+        if image.users == 0:
+            bpy.data.images.remove(image)
+    for image in {*_images(material), *_images(world)}:
+        image.name = Path(image.filepath).name
+
+
+def _is_ours(block: bpy.types.ID, job: str) -> bool:
+    return block.get(JOB) == job and not block.library
+
+
+def _images(block: bpy.types.Material | bpy.types.World) -> list[bpy.types.Image]:
+    """Pictures that a material or World shows."""
+    nodes = block.node_tree.nodes
+    return [n.image for n in nodes if n.type in ("TEX_IMAGE", "TEX_ENVIRONMENT") and n.image]
+
+
+def _supersede(blocks, earlier: bpy.types.ID, new: bpy.types.ID) -> None:
+    name = earlier.name
+    earlier.user_remap(new)
+    blocks.remove(earlier)
+    new.name = name

@@ -1,0 +1,75 @@
+"""A finished result on disk: where it is, whether it is whole, its mesh. No bpy in here."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from ...solver.job.folder import JobError, JobFolder
+
+TEXTURES = ("albedo", "f0", "roughness", "normal")
+
+
+def job_of_result(folder: Path) -> JobFolder:
+    """The job that a folder is, is part of (JOB/result), or was exported from: then a job of nothing
+    but its result."""
+    job = JobFolder(os.path.normpath(Path(folder).absolute()))  # paths are compared
+    if job.is_complete() or not (job.root / "manifest.json").is_file():
+        return job
+    around = JobFolder(job.root.parent)
+    if job.root == around.result_dir:
+        return around
+    job.result_dir, job.manifest_path = job.root, job.root / "manifest.json"
+    return job
+
+
+def read_manifest(job: JobFolder) -> dict:
+    """The manifest of a job's result.
+
+    Raises:
+        JobError: there is no complete result, the manifest lacks something, or a file is missing.
+    """
+    manifest = job.manifest()
+    try:
+        files = [manifest["mesh"], manifest["environment"]["file"]]
+        files += [manifest["textures"][name]["file"] for name in TEXTURES]
+        spaces = [manifest["textures"][name]["colour_space"] for name in TEXTURES]
+        scale = float(manifest["textures"]["f0"]["scale"])
+        origin = [float(value) for value in manifest.get("origin", (0, 0, 0))]
+        if not all(isinstance(text, str) for text in files + spaces):
+            raise TypeError("a name is no text")
+        if not (np.isfinite([scale, *origin]).all() and scale > 0 and len(origin) == 3):
+            raise ValueError("scale or origin")
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise JobError(
+            f"{job.manifest_path}: it is incomplete ({error}); run the job again."
+        ) from error
+    missing = [name for name in files if not (job.result_dir / name).is_file()]
+    if missing:
+        raise JobError(f"{job.result_dir}: {missing[0]} is missing; copy the whole job folder.")
+    return manifest
+
+
+def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Positions, normals [V, 3], UVs [V, 2] and triangles [F, 3] of the solver's mesh.ply.
+
+    Raises:
+        JobError: the file is cut off or of another layout.
+    """
+    data = path.read_bytes()
+    header, marker, body = data.partition(b"end_header\n")
+    words = [line.split() for line in header.decode("ascii", "replace").splitlines()]
+    counts = {w[1]: int(w[2]) for w in words if len(w) == 3 and w[0] == "element"}
+    names = [w[2] for w in words if len(w) == 3 and w[0] == "property"]
+    vertices, triangles = counts.get("vertex", 0), counts.get("face", 0)
+    if (
+        not marker
+        or names != "x y z nx ny nz s t".split()
+        or len(body) != vertices * 32 + triangles * 13
+    ):
+        raise JobError(f"{path}: the mesh is damaged or not of this solver; run the job again.")
+    vertex = np.frombuffer(body, "<f4", vertices * 8).reshape(-1, 8)
+    face = np.frombuffer(body, [("n", "u1"), ("v", "<i4", 3)], triangles, vertices * 32)["v"]
+    return vertex[:, :3], vertex[:, 3:6], vertex[:, 6:], np.ascontiguousarray(face)

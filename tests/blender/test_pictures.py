@@ -1,0 +1,83 @@
+"""Two results in one file: unpacked and exported, each keeps its own pictures."""
+
+import os
+from pathlib import Path
+
+import bpy
+import fake_result
+import pytest
+
+RED, GREEN = (255, 0, 0), (0, 255, 0)
+
+
+@pytest.fixture
+def two_jobs(tmp_path):
+    """Installed results of two folders of the same name, a red and a green one; the .blend is saved."""
+    jobs = []
+    for folder, colour in (("a", RED), ("b", GREEN)):
+        jobs.append(tmp_path / folder / "job")
+        fake_result.write_result(jobs[-1])
+        fake_result.write_png(jobs[-1] / "result" / "albedo.png", colour)
+        assert bpy.ops.nmf.install_result(directory=str(jobs[-1])) == {"FINISHED"}
+    (tmp_path / "blend").mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "blend" / "x.blend"))
+    return jobs
+
+
+def albedos():
+    """First pixels of the albedos, by file name."""
+    images = [image for image in bpy.data.images if image.filepath.endswith("albedo.png")]
+    return {Path(bpy.path.abspath(i.filepath)).name: tuple(i.pixels[:2]) for i in images}
+
+
+def test_pictures_that_are_unpacked_stay_those_of_their_object(two_jobs, tmp_path):
+    bpy.ops.file.pack_all()
+    bpy.ops.file.unpack_all(method="USE_LOCAL")
+    for image in bpy.data.images:
+        image.reload()
+    assert sorted(albedos().values()) == [(0, 1), (1, 0)]
+    assert len(list((tmp_path / "blend" / "textures").iterdir())) == 10
+
+
+def exported_albedos(folder):
+    return {path.read_bytes() for path in folder.rglob("*albedo.png")}
+
+
+def test_exported_pictures_stay_those_of_their_object(two_jobs, tmp_path):
+    expected = {(job / "result" / "albedo.png").read_bytes() for job in two_jobs}
+    for name in ("usd", "obj"):
+        (tmp_path / name).mkdir()
+    bpy.ops.wm.usd_export(filepath=str(tmp_path / "usd" / "x.usda"))
+    bpy.ops.wm.obj_export(filepath=str(tmp_path / "obj" / "x.obj"), path_mode="COPY")
+    assert exported_albedos(tmp_path / "usd") == expected
+    assert exported_albedos(tmp_path / "obj") == expected
+
+
+def test_pictures_have_names_of_their_own_and_take_no_room(two_jobs):
+    for number, job in enumerate(two_jobs):
+        names = {path.name for path in (job / "textures").iterdir()}
+        stem = ("job", "job_2")[number]
+        files = ("albedo.png", "f0.png", "roughness.png", "normal.png", "environment.exr")
+        assert names == {f"{stem}_{file}" for file in files}
+        same = job / "textures" / f"{stem}_albedo.png", job / "result" / "albedo.png"
+        assert os.path.samefile(*same)
+
+
+def test_a_job_installed_again_keeps_the_names_of_its_pictures(two_jobs):
+    for job in two_jobs:
+        bpy.ops.nmf.install_result(directory=str(job / ".." / "job"))
+    assert set(albedos()) == {"job_albedo.png", "job_2_albedo.png"}
+    assert all(len(list((job / "textures").iterdir())) == 5 for job in two_jobs)
+
+
+@pytest.mark.parametrize("fails", ["links", "everything"])
+def test_a_result_is_installed_where_no_link_can_be_made(result_job, part, monkeypatch, fails):
+    def refuse(*_):
+        raise PermissionError("read only")
+
+    monkeypatch.setattr(os, "link", refuse)
+    if fails == "everything":
+        monkeypatch.setattr(part("scene.pictures").shutil, "copyfile", refuse)
+    assert bpy.ops.nmf.install_result(directory=str(result_job)) == {"FINISHED"}
+    (name,) = albedos()
+    assert name == ("jöb 1_albedo.png" if fails == "links" else "albedo.png")
