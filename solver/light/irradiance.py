@@ -127,7 +127,11 @@ def bright_lobes(harmonics: torch.Tensor, radiance: torch.Tensor) -> torch.Tenso
     lobes = patches(radiance.device).lobes
     height = math.isqrt(len(radiance) // 2)
     weighted = (harmonics * radiance).view(-1, height, 2 * height)
-    sums = power(prefix_sums(weighted, weighted.new_ones(height, dtype=precise(radiance.device))))
+    if precise(radiance.device) != torch.float64:
+        # Of a dark patch beside a sun, single precision leaves noise, and that may have no direction.
+        weighted = weighted.cpu()
+    sums = power(prefix_sums(weighted, weighted.new_ones(height, dtype=torch.float64)))
+    sums = sums.to(radiance.device)
     whole = sums[:, :1] / lobes[:, :1]
     return torch.where(whole > 0, sums / whole.clamp(min=1e-30), lobes)
 
