@@ -15,6 +15,7 @@ from ..capture.capture import Capture
 from ..capture.photos import Photo, at_sizes_of, load_photos
 from ..job.apart import ApartError
 from ..job.control import Cancelled, Control
+from ..job.events import clock
 from ..job.folder import JobFolder, JobRequest
 from ..job.inputs import capture_of, region_of
 from ..kernels.backend import fast
@@ -39,6 +40,8 @@ POINTS_LIMIT = 0.2
 """of a time limit that this may take: with less left, the fit would be the worse for it"""
 PREVIEW_PAUSE = 20.0
 """time between two previews, at least, in times that the last one took"""
+FEW_STEPS = 0.05
+"""share of a fit's steps below which a person is told"""
 STAGES = ("photos", "compile", "geometry", "fit", "asset", "report")
 
 
@@ -72,6 +75,16 @@ def run_job(
         settings.photos.most_pixels,
     )  # fmt: skip
     capture = at_sizes_of(photos, capture)
+    without = [
+        camera.name
+        for camera, photo in zip(capture.cameras, photos, strict=True)
+        if not photo.has_alpha
+    ]
+    if settings.fit.use_masks and 0 < len(without) < len(photos):
+        progress.warning(
+            f"{len(without)} of {len(photos)} photos have no mask ('{without[0]}' is one), so those of the "
+            "others are not used; add the missing ones"
+        )
 
     progress.stage("compile", "compiling kernels (once on this machine)")
     if fast(torch.empty(0, device=device)):
@@ -108,13 +121,23 @@ def run_job(
     limit = None
     if request.time_limit is not None:
         left = request.time_limit - before - (time.monotonic() - started)
-        limit = seconds_to_fit(
-            request.time_limit, left,
-            finishing_seconds(trainer.scene, settings, capture.cameras if trainer.fog else ()),
-            trainer.fog,
-        )  # fmt: skip
+        finishing = finishing_seconds(
+            trainer.scene, settings, capture.cameras if trainer.fog else ()
+        )
+        limit = seconds_to_fit(request.time_limit, left, finishing, trainer.fog)
+        if limit > left - finishing:
+            longer = request.time_limit - left + limit + finishing
+            progress.warning(
+                f"a time limit of {clock(request.time_limit)} is too short for a fit with mesh and "
+                f"textures; it will take about {clock(longer)}"
+            )
     if not (state and state["done"]):
         fit(trainer, job, progress, control, limit, before)
+    if trainer.step < FEW_STEPS * settings.fit.steps:
+        progress.warning(
+            f"there was time for {trainer.step} of {settings.fit.steps} steps; for a better result, "
+            "give it more"
+        )
 
     def told(done: float, text: str = "") -> None:
         progress.fraction(done, text)
@@ -186,11 +209,11 @@ def fit(
     """
     settings = trainer.settings
     steps = settings.fit.steps
-    clock = FitClock(settings, trainer.fraction, limit, trainer.fog)
+    timer = FitClock(settings, trainer.fraction, limit, trainer.fog)
     last_preview = last_checkpoint = time.monotonic()
     smooth_psnr, preview_took = None, 0.0
     while True:
-        now, elapsed, done = time.monotonic(), clock.elapsed, clock.fraction(trainer.step)
+        now, elapsed, done = time.monotonic(), timer.elapsed, timer.fraction(trainer.step)
         if done >= 1:
             break
         terms = trainer.advance(done)
@@ -198,7 +221,7 @@ def fit(
             write_snapshot(trainer, job.root / "snapshots", done)
         smooth = terms["psnr"] if smooth_psnr is None else 0.95 * smooth_psnr + 0.05 * terms["psnr"]
         smooth_psnr = smooth
-        progress.fit(trainer.step, steps, done, clock.seconds_left(trainer.step), smooth_psnr)
+        progress.fit(trainer.step, steps, done, timer.seconds_left(trainer.step), smooth_psnr)
         if control.should_stop:
             checkpoint.save_checkpoint(
                 trainer, job.checkpoint_dir, seconds_before + elapsed, done=False
@@ -218,7 +241,7 @@ def fit(
             last_checkpoint = time.monotonic()
     trainer.refresh_occupancy()
     trainer.refresh_probes()
-    seconds = seconds_before + clock.elapsed
+    seconds = seconds_before + timer.elapsed
     checkpoint.save_checkpoint(trainer, job.checkpoint_dir, seconds, done=True)
     progress.checkpoint(trainer.step)
     write_previews(trainer, job.preview_dir)

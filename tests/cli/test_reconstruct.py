@@ -155,3 +155,28 @@ def test_large_photos_are_made_smaller_for_fit_and_report(tmp_path):
     assert shown.height == 50
     manifest = json.loads((job / "result" / "manifest.json").read_text())
     assert manifest["region"]["max"][0] < 2
+
+
+def test_a_limit_too_short_is_told_with_what_it_will_take_and_what_it_left(tmp_path):
+    result = solver(
+        "reconstruct", DUCK, "--out", tmp_path / "job", "--time-limit", 1, *TINY,
+        "--set", "fit.steps=100000",
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    short, few = result.stderr.splitlines()
+    assert "a time limit of 0:01 is too short" in short and "it will take about 0:" in short
+    assert "of 100000 steps; " in few
+
+
+def test_photos_without_a_mask_among_others_are_told(tmp_path):
+    content = json.loads((DUCK / "transforms_train.json").read_text())
+    content["frames"] = content["frames"][::6]
+    for number, frame in enumerate(content["frames"]):
+        image = Image.open(DUCK / f"{frame['file_path']}.png").resize((50, 50))
+        frame["file_path"] = f"{number}.png"
+        (image if number else image.convert("RGB")).save(tmp_path / f"{number}.png")
+    for key in ("w", "h", "fl_x", "fl_y", "cx", "cy"):
+        content.pop(key, None)
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    result = solver("reconstruct", tmp_path, "--out", tmp_path / "job", *TINY)
+    assert "1 of 10 photos have no mask ('0' is one)" in result.stderr
