@@ -82,7 +82,9 @@ def held_by_silhouettes(
     votes = np.zeros(hull.size, dtype=np.int16)
     for camera, photo in zip(cameras, photos, strict=True):
         mask = photo.pixels[..., 3] > 0.5
-        row, column = np.nonzero(mask & ~scipy.ndimage.binary_erosion(mask))
+        # What the frame cuts off has no silhouette there.
+        inner = scipy.ndimage.binary_erosion(mask, border_value=1)
+        row, column = np.nonzero(mask & ~inner)
         distance = np.linalg.norm(camera.position - centre)
         stride = max(1, int(edge * max(camera.fx, camera.fy) / distance))
         origins, directions = camera.rays(column[::stride] + 0.5, row[::stride] + 0.5)
