@@ -39,6 +39,8 @@ FEWEST = 20
 """cells that a pass has to carve for another one to follow"""
 BETTER = 0.4
 """share of the lid's disagreement that may be left below it. Carving a mirror finds nothing of the kind"""
+SMALLEST = 0.01
+"""share of the hull that a hollow has at least; photos disagree about a few cells for many reasons"""
 OPENED = 0.005
 """share of what masks show that may be seen through: beyond it, carving has gone through a wall"""
 
@@ -162,6 +164,8 @@ class _Carving:
         believed = np.zeros_like(self.hull)
         for part in range(1, count + 1):
             cells = parts == part
+            if cells.sum() < SMALLEST * self.hull.sum():
+                continue
             lid, floor = lids[cells], floors[scipy.ndimage.binary_dilation(cells, whole) & kept]
             if _median(floor) <= BETTER * _median(lid):
                 believed |= cells
