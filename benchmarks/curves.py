@@ -120,7 +120,11 @@ def main() -> None:
     curves = {
         s.resolve().name: curve(s, settings, options.seed, options.until) for s in options.scenes
     }
-    title = f"Preset `{options.preset}`, seed {options.seed}; {describe_machine()}."
+    steps = settings.fit.steps
+    title = (
+        f"Preset `{options.preset}`, the first {round(steps * options.until)} of its {steps} steps, "
+        f"seed {options.seed}; {describe_machine()}."
+    )
     results = options.out.with_suffix(".json")
     old = json.loads(results.read_text(encoding="utf-8")) if results.is_file() else {}
     curves = old.get("curves", {}) | curves

@@ -11,7 +11,7 @@ from .compat import PATH_OPTIONS
 from .names import BASE_PACKAGE
 from .setup_monitor import setup_state
 
-SIZE_TEXT = "about 2 GB"
+SIZE_TEXT = "1 to 4 GB"
 
 
 class NMF_preferences(bpy.types.AddonPreferences):

@@ -10,7 +10,7 @@ from ..nmf_addon import preferences, runtime, setup_monitor
 
 
 class NMF_OT_setup_solver(bpy.types.Operator):
-    """Download the solver's packages (about 2 GB, once per computer) into a private folder"""
+    """Download the solver's packages (1 to 4 GB, once per computer) into a private folder"""
 
     bl_idname = "nmf.setup_solver"
     bl_label = "Set Up Solver"

@@ -28,7 +28,7 @@ class Camera:
         lens: one of `LENSES`.
         distortion: OpenCV's k1 k2 p1 p2 k3 k4 k5 k6 (`opencv`) or k1 k2 k3 k4 (`opencv_fisheye`);
             other lenses' numbers in the order `closed_lenses`, `prism_lenses` and `brown_lens` give.
-        mask_path: a picture of the object's coverage, multiplied into the photo's alpha.
+        mask_path: a picture of the object's coverage: the photo's alpha is no more than that.
     """
 
     name: str

@@ -120,7 +120,7 @@ def load_photos(
         most_pixels: photos with more are made smaller (see `Camera.no_larger`); 0: none is.
 
     Raises:
-        CaptureError: as `load_photo`; also if no photo shows anything.
+        CaptureError: as `load_photo`; also if one is transparent all over.
     """
 
     def load(camera: Camera) -> Photo:

@@ -181,9 +181,9 @@ def _light_scores(scene: Scene, path: Path, albedo_factor: np.ndarray | None) ->
 def _relight_scores(
     scene: Scene, settings: Settings, capture: Capture, rays: int, neural: float | None
 ) -> dict[str, dict]:
-    """Scores under every other light there is, by the paper's protocol (§4).
+    """Scores under every other light there is; one least-squares factor per channel for all its images.
 
-    One least-squares factor per channel for all images of a light, of linear radiance as it is seen.
+    The paper's protocol (§4), but that the factor is of linear radiance as it is seen, clipped to [0, 1].
     """
     results = {}
     own_light = scene.environment

@@ -168,7 +168,7 @@ class FitSettings:
     snapshots: tuple[int, ...] = ()
     """steps at which pictures of render, weights and light are kept (paper's Fig. 'snapshots')"""
     preview_every: float = 20.0
-    """seconds between pictures of the current state"""
+    """seconds between pictures of the current state, at least; they take a twentieth of the time at most"""
     checkpoint_every: float = 30.0
     """seconds between checkpoints"""
 

@@ -55,7 +55,7 @@ class Estimate:
     photo_bytes: int
     cores: int
     memory: int | None
-    note: str = "an estimate for the processor; a graphics card is faster, other work slows it down"
+    note: str = "an estimate for the processor; other work slows it down"
 
     def as_json(self) -> dict:
         """For `--json`: the fields, and `text`, a sentence."""
