@@ -41,8 +41,12 @@ BETTER = 0.4
 """share of the lid's disagreement that may be left below it. Carving a mirror finds nothing of the kind"""
 SMALLEST = 0.01
 """share of the hull that a hollow has at least; photos disagree about a few cells for many reasons"""
+NEARLY = 1.1
+"""times the least disagreement about a floor that the first one may have that is carved down to"""
 OPENED = 0.005
 """share of what masks show that may be seen through: beyond it, carving has gone through a wall"""
+WHOLE = np.ones((3, 3, 3), dtype=bool)
+"""all neighbours of a cell, across edges and corners too"""
 
 
 def carve_hollows(
@@ -68,8 +72,10 @@ def carve_hollows(
     loose = surface & ~held
     if loose.sum() < LEAST_LOOSE * surface.sum():
         return hull
-    carving = _Carving(cameras, photos, coarse, box)
-    carved = carving.believed(carving.run(held))
+    carving = _Carving(cameras, photos, coarse, box, held)
+    carved = carving.believed(carving.until_photos_agree(coarse))
+    if carved.any():
+        carved = coarse & ~carving.deepened(coarse & ~carved)
     return hull & ~carved.repeat(finer, 0).repeat(finer, 1).repeat(finer, 2)
 
 
@@ -107,8 +113,10 @@ class _Carving:
     """Cells of a hull, and what each photo shows where they are."""
 
     def __init__(
-        self, cameras: list[Camera], photos: list[Photo], hull: np.ndarray, box: np.ndarray
-    ):
+        self, cameras: list[Camera], photos: list[Photo], hull: np.ndarray, box: np.ndarray,
+        held: np.ndarray,
+    ):  # fmt: skip
+        self.held, self.tolerance = held, None
         self.hull, self.edge = hull, float((box[1] - box[0]).max()) / hull.shape[0]
         self.index = np.flatnonzero(hull)
         self.number = np.zeros(hull.size, dtype=np.int64)
@@ -135,49 +143,77 @@ class _Carving:
         # A pixel or two within the outline, where a hull of cells covers all.
         self.masks.append(scipy.ndimage.binary_erosion(reduced[..., 3] > 0.99, iterations=2))
 
-    def run(self, held: np.ndarray) -> np.ndarray:
-        """Cells [K, K, K] that are left when photos agree about all that they see and is not `held`."""
-        kept, before, tolerance = self.hull.copy(), self.hull, None
+    def until_photos_agree(self, kept: np.ndarray) -> np.ndarray:
+        """Cells [K, K, K] of `kept` that are left when photos agree about all that they see and that is
+        not held."""
+        before = kept
         while True:
-            cells, spread, opened = self._disagreement(kept)
+            cells, spread, _, opened = self._disagreement(kept)
             if opened > OPENED:
                 return before
-            is_held = held.ravel()[self.index[cells]]
-            if tolerance is None:
+            is_held = self.held.ravel()[self.index[cells]]
+            if self.tolerance is None:
                 usual = np.nan_to_num(SHINY * _median(spread[is_held]), nan=TOLERANCE[1])
-                tolerance = np.clip(usual, *TOLERANCE)
-            wrong = cells[(spread > tolerance) & ~is_held]
+                self.tolerance = np.clip(usual, *TOLERANCE)
+            wrong = cells[(spread > self.tolerance) & ~is_held]
             if len(wrong) < FEWEST:
                 return kept
-            before = kept.copy()
+            before, kept = kept, kept.copy()
             kept.ravel()[self.index[wrong]] = False
 
     def believed(self, kept: np.ndarray) -> np.ndarray:
         """Cells [K, K, K] that were carved where photos agree much better about what came to light."""
         lids, floors = (np.full(self.hull.size, np.nan) for _ in range(2))
         for spread, occupied in ((lids, self.hull), (floors, kept)):
-            cells, values, _ = self._disagreement(occupied)
+            cells, values, *_ = self._disagreement(occupied)
             spread[self.index[cells]] = values
         lids, floors = lids.reshape(self.hull.shape), floors.reshape(self.hull.shape)
-        whole = np.ones((3, 3, 3), dtype=bool)
-        parts, count = scipy.ndimage.label(self.hull & ~kept, whole)
+        parts, count = scipy.ndimage.label(self.hull & ~kept, WHOLE)
         believed = np.zeros_like(self.hull)
         for part in range(1, count + 1):
             cells = parts == part
             if cells.sum() < SMALLEST * self.hull.sum():
                 continue
-            lid, floor = lids[cells], floors[scipy.ndimage.binary_dilation(cells, whole) & kept]
+            lid, floor = lids[cells], floors[scipy.ndimage.binary_dilation(cells, WHOLE) & kept]
             if _median(floor) <= BETTER * _median(lid):
                 believed |= cells
         return believed
 
-    def _disagreement(self, occupied: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    def deepened(self, kept: np.ndarray) -> np.ndarray:
+        """Cells [K, K, K] of `kept` without what lies above the floor that photos agree about best.
+
+        Carving stops at the first floor that photos agree about well enough, and about one of one colour
+        they do at many depths. So it goes on, layer by layer, to where they agree best, or nearly.
+        """
+        wall = scipy.ndimage.binary_dilation(self.held)
+        floors = []
+        while True:
+            carved = scipy.ndimage.binary_dilation(self.hull & ~kept, WHOLE)
+            cells, spread, times, opened = self._disagreement(kept)
+            bare = scipy.ndimage.binary_dilation(carved, WHOLE) & ~self.held
+            floor = bare.ravel()[self.index[cells]] & ~np.isnan(spread)
+            if opened > OPENED or not floor.any():
+                break
+            floors.append((np.average(spread[floor], weights=times[floor]), kept))
+            seen = np.zeros(self.hull.size, dtype=bool)
+            seen[self.index[cells[~np.isnan(spread)]]] = True
+            layer = seen.reshape(kept.shape) & carved & ~wall
+            if layer.sum() < FEWEST:
+                break
+            kept = self.until_photos_agree(kept & ~layer)
+        least = min((disagreement for disagreement, _ in floors), default=0.0)
+        good = (floor for disagreement, floor in floors if disagreement <= NEARLY * least)
+        return next(good, kept)
+
+    def _disagreement(
+        self, occupied: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
         """Numbers of the surface's cells, how far from their median most photos' colours are (NaN: too few
-        see a cell), and the share of masks where nothing is seen."""
+        see a cell), how many photos see it, and the share of masks where nothing is seen."""
         surface = occupied & ~scipy.ndimage.binary_erosion(occupied)
         cells = self.number[np.flatnonzero(surface)]
         seen, opened = self._seen(cells)
-        return cells, self._spread(cells, seen), opened
+        return cells, self._spread(cells, seen), seen.sum(0), opened
 
     def _seen(self, cells: np.ndarray) -> tuple[np.ndarray, float]:
         """[photos, cells] bool: nothing is before a cell; and the share of masks where nothing is seen."""
