@@ -10,9 +10,11 @@ nothing holds and photos disagree about is carved, until they agree: space carvi
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import scipy.ndimage
+import skimage.measure
 
 from ..capture.camera import Camera
 from ..capture.photos import Photo, linear_to_srgb
@@ -68,12 +70,11 @@ def carve_hollows(
         return hull
     coarse = _coarser(hull, finer)
     held = _coarser(held_by_silhouettes(cameras, photos, hull, box), finer)
-    surface = coarse & ~scipy.ndimage.binary_erosion(coarse)
-    loose = surface & ~held
-    if loose.sum() < LEAST_LOOSE * surface.sum():
+    surface = _surface(coarse)
+    if (surface & ~held).sum() < LEAST_LOOSE * surface.sum():
         return hull
     carving = _Carving(cameras, photos, coarse, box, held)
-    carved = carving.believed(carving.until_photos_agree(coarse))
+    carved = carving.believed(carving.until_photos_agree(carving.lids))
     if carved.any():
         carved = coarse & ~carving.deepened(coarse & ~carved)
     return hull & ~carved.repeat(finer, 0).repeat(finer, 1).repeat(finer, 2)
@@ -109,6 +110,24 @@ def held_by_silhouettes(
     return (votes >= max(2, HELD_BY * len(cameras))) & hull
 
 
+class _Surface(NamedTuple):
+    """What photos say of the surface of some of a hull's cells.
+
+    Attributes:
+        kept: [K, K, K] bool, the cells.
+        cells: [N] numbers of those at the surface.
+        spread: [N] how far from their median most photos' colours are; NaN: too few see the cell.
+        times: [N] how many photos see it.
+        opened: share of the masks where nothing is seen.
+    """
+
+    kept: np.ndarray
+    cells: np.ndarray
+    spread: np.ndarray
+    times: np.ndarray
+    opened: float
+
+
 class _Carving:
     """Cells of a hull, and what each photo shows where they are."""
 
@@ -116,8 +135,8 @@ class _Carving:
         self, cameras: list[Camera], photos: list[Photo], hull: np.ndarray, box: np.ndarray,
         held: np.ndarray,
     ):  # fmt: skip
-        self.held, self.tolerance = held, None
-        self.hull, self.edge = hull, float((box[1] - box[0]).max()) / hull.shape[0]
+        self.hull, self.held = hull, held
+        self.edge = float((box[1] - box[0]).max()) / hull.shape[0]
         self.index = np.flatnonzero(hull)
         self.number = np.zeros(hull.size, dtype=np.int64)
         self.number[self.index] = np.arange(len(self.index))
@@ -125,13 +144,16 @@ class _Carving:
         self.colours, self.depths, self.pixels, self.masks = [], [], [], []
         for camera, photo in zip(cameras, photos, strict=True):
             self._add(camera, photo, points)
+        self.lids = self.look_at(hull)
+        usual = SHINY * _median(self.lids.spread[self._among(held, self.lids)])
+        self.tolerance = np.clip(np.nan_to_num(usual, nan=TOLERANCE[1]), *TOLERANCE)
 
     def _add(self, camera: Camera, photo: Photo, points: np.ndarray) -> None:
         pixel, depth = camera.project(points)
         per_cell = self.edge * max(camera.fx, camera.fy) / np.median(depth)
         smaller = max(1, round(per_cell))
         height, width = (math.ceil(n / smaller) for n in photo.pixels.shape[:2])
-        reduced = _means(photo.pixels, smaller)
+        reduced = skimage.measure.block_reduce(photo.pixels, (smaller, smaller, 1), np.mean)
         straight = reduced[..., :3] / np.maximum(reduced[..., 3:], 1e-3)
         colours = linear_to_srgb(straight).clip(0, 1).reshape(-1, 3)
         column, row = np.floor(np.nan_to_num(pixel, nan=-1) / smaller).astype(np.int64).T
@@ -143,39 +165,39 @@ class _Carving:
         # A pixel or two within the outline, where a hull of cells covers all.
         self.masks.append(scipy.ndimage.binary_erosion(reduced[..., 3] > 0.99, iterations=2))
 
-    def until_photos_agree(self, kept: np.ndarray) -> np.ndarray:
-        """Cells [K, K, K] of `kept` that are left when photos agree about all that they see and that is
-        not held."""
-        before = kept
-        while True:
-            cells, spread, _, opened = self._disagreement(kept)
-            if opened > OPENED:
-                return before
-            is_held = self.held.ravel()[self.index[cells]]
-            if self.tolerance is None:
-                usual = np.nan_to_num(SHINY * _median(spread[is_held]), nan=TOLERANCE[1])
-                self.tolerance = np.clip(usual, *TOLERANCE)
-            wrong = cells[(spread > self.tolerance) & ~is_held]
-            if len(wrong) < FEWEST:
-                return kept
-            before, kept = kept, kept.copy()
-            kept.ravel()[self.index[wrong]] = False
+    def look_at(self, kept: np.ndarray) -> _Surface:
+        """What photos say of the surface of the cells `kept` [K, K, K]."""
+        cells = self.number[np.flatnonzero(_surface(kept))]
+        seen, opened = self._seen(cells)
+        return _Surface(kept, cells, self._spread(cells, seen), seen.sum(0), opened)
 
-    def believed(self, kept: np.ndarray) -> np.ndarray:
+    def until_photos_agree(self, surface: _Surface) -> _Surface:
+        """What is left when photos agree about all that they see and that is not held."""
+        before = surface
+        while surface.opened <= OPENED:
+            wrong = (surface.spread > self.tolerance) & ~self._among(self.held, surface)
+            if wrong.sum() < FEWEST:
+                return surface
+            kept = surface.kept & ~self._grid(surface.cells[wrong])
+            before, surface = surface, self.look_at(kept)
+        return before
+
+    def believed(self, floors: _Surface) -> np.ndarray:
         """Cells [K, K, K] that were carved where photos agree much better about what came to light."""
-        lids, floors = (np.full(self.hull.size, np.nan) for _ in range(2))
-        for spread, occupied in ((lids, self.hull), (floors, kept)):
-            cells, values, *_ = self._disagreement(occupied)
-            spread[self.index[cells]] = values
-        lids, floors = lids.reshape(self.hull.shape), floors.reshape(self.hull.shape)
-        parts, count = scipy.ndimage.label(self.hull & ~kept, WHOLE)
+        spreads = []
+        for surface in (self.lids, floors):
+            spread = np.full(self.hull.size, np.nan)
+            spread[self.index[surface.cells]] = surface.spread
+            spreads.append(spread.reshape(self.hull.shape))
+        lids, bottoms = spreads
+        parts, count = scipy.ndimage.label(self.hull & ~floors.kept, WHOLE)
         believed = np.zeros_like(self.hull)
         for part in range(1, count + 1):
             cells = parts == part
             if cells.sum() < SMALLEST * self.hull.sum():
                 continue
-            lid, floor = lids[cells], floors[scipy.ndimage.binary_dilation(cells, WHOLE) & kept]
-            if _median(floor) <= BETTER * _median(lid):
+            bottom = bottoms[scipy.ndimage.binary_dilation(cells, WHOLE) & floors.kept]
+            if _median(bottom) <= BETTER * _median(lids[cells]):
                 believed |= cells
         return believed
 
@@ -186,34 +208,34 @@ class _Carving:
         they do at many depths. So it goes on, layer by layer, to where they agree best, or nearly.
         """
         wall = scipy.ndimage.binary_dilation(self.held)
-        floors = []
-        while True:
-            carved = scipy.ndimage.binary_dilation(self.hull & ~kept, WHOLE)
-            cells, spread, times, opened = self._disagreement(kept)
+        surface, floors = self.look_at(kept), []
+        while surface.opened <= OPENED:
+            carved = scipy.ndimage.binary_dilation(self.hull & ~surface.kept, WHOLE)
             bare = scipy.ndimage.binary_dilation(carved, WHOLE) & ~self.held
-            floor = bare.ravel()[self.index[cells]] & ~np.isnan(spread)
-            if opened > OPENED or not floor.any():
+            seen = ~np.isnan(surface.spread)
+            floor = seen & self._among(bare, surface)
+            if not floor.any():
                 break
-            floors.append((np.average(spread[floor], weights=times[floor]), kept))
-            seen = np.zeros(self.hull.size, dtype=bool)
-            seen[self.index[cells[~np.isnan(spread)]]] = True
-            layer = seen.reshape(kept.shape) & carved & ~wall
+            disagreement = np.average(surface.spread[floor], weights=surface.times[floor])
+            floors.append((disagreement, surface.kept))
+            layer = self._grid(surface.cells[seen]) & carved & ~wall
             if layer.sum() < FEWEST:
                 break
-            kept = self.until_photos_agree(kept & ~layer)
-        least = min((disagreement for disagreement, _ in floors), default=0.0)
-        good = (floor for disagreement, floor in floors if disagreement <= NEARLY * least)
-        return next(good, kept)
+            surface = self.until_photos_agree(self.look_at(surface.kept & ~layer))
+        if not floors:
+            return kept
+        least = min(disagreement for disagreement, _ in floors)
+        return next(kept for disagreement, kept in floors if disagreement <= NEARLY * least)
 
-    def _disagreement(
-        self, occupied: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-        """Numbers of the surface's cells, how far from their median most photos' colours are (NaN: too few
-        see a cell), how many photos see it, and the share of masks where nothing is seen."""
-        surface = occupied & ~scipy.ndimage.binary_erosion(occupied)
-        cells = self.number[np.flatnonzero(surface)]
-        seen, opened = self._seen(cells)
-        return cells, self._spread(cells, seen), seen.sum(0), opened
+    def _among(self, marked: np.ndarray, surface: _Surface) -> np.ndarray:
+        """[N] bool: which of a surface's cells are `marked` [K, K, K]."""
+        return marked.ravel()[self.index[surface.cells]]
+
+    def _grid(self, cells: np.ndarray) -> np.ndarray:
+        """[K, K, K] bool: the cells of these numbers."""
+        grid = np.zeros(self.hull.size, dtype=bool)
+        grid[self.index[cells]] = True
+        return grid.reshape(self.hull.shape)
 
     def _seen(self, cells: np.ndarray) -> tuple[np.ndarray, float]:
         """[photos, cells] bool: nothing is before a cell; and the share of masks where nothing is seen."""
@@ -252,18 +274,11 @@ def _median(values: np.ndarray) -> float:
     return float(np.median(known)) if len(known) else np.nan
 
 
+def _surface(cells: np.ndarray) -> np.ndarray:
+    """Those of the cells [K, K, K] that have a neighbour which is none of them."""
+    return cells & ~scipy.ndimage.binary_erosion(cells)
+
+
 def _coarser(cells: np.ndarray, finer: int) -> np.ndarray:
     """[K/f, K/f, K/f] bool: any of f³ cells."""
-    size = cells.shape[0] // finer
-    return cells.reshape(size, finer, size, finer, size, finer).any((1, 3, 5))
-
-
-def _means(pixels: np.ndarray, size: int) -> np.ndarray:
-    """Means of blocks of `size`² pixels [H, W, C]; those at the border may be smaller."""
-    height, width = pixels.shape[:2]
-    rows = np.add.reduceat(pixels, np.arange(0, height, size), axis=0)
-    sums = np.add.reduceat(rows, np.arange(0, width, size), axis=1)
-    ones = np.minimum(size, height - np.arange(0, height, size))[:, None] * np.minimum(
-        size, width - np.arange(0, width, size)
-    )
-    return sums / ones[..., None]
+    return skimage.measure.block_reduce(cells, finer, np.any)

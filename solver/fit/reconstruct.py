@@ -75,16 +75,8 @@ def run_job(
         settings.photos.most_pixels,
     )  # fmt: skip
     capture = at_sizes_of(photos, capture)
-    without = [
-        camera.name
-        for camera, photo in zip(capture.cameras, photos, strict=True)
-        if not photo.has_alpha
-    ]
-    if settings.fit.use_masks and 0 < len(without) < len(photos):
-        progress.warning(
-            f"{len(without)} of {len(photos)} photos have no mask ('{without[0]}' is one), so those of the "
-            "others are not used; add the missing ones"
-        )
+    if settings.fit.use_masks:
+        _tell_of_missing_masks(capture, photos, progress)
 
     progress.stage("compile", "compiling kernels (once on this machine)")
     if fast(torch.empty(0, device=device)):
@@ -168,6 +160,17 @@ def run_job(
         }
     )  # fmt: skip
     return job.manifest_path
+
+
+def _tell_of_missing_masks(capture: Capture, photos: list[Photo], progress: Progress) -> None:
+    without = [
+        c.name for c, photo in zip(capture.cameras, photos, strict=True) if not photo.has_alpha
+    ]
+    if 0 < len(without) < len(photos):
+        progress.warning(
+            f"{len(without)} of {len(photos)} photos have no mask ('{without[0]}' is one), so those of the "
+            "others are not used; add the missing ones"
+        )
 
 
 def _at_start(

@@ -116,23 +116,32 @@ def test_blenders_way_of_starting_finds_points_in_photos_without_masks(tmp_path)
     assert max(e["fraction"] for e in events if e.get("stage") == "geometry") > 0.3
 
 
-@pytest.mark.parametrize("level, words", [(0, None), (255, "as white, so masks cannot be made")])
-def test_a_plain_backdrop_makes_masks_or_a_warning(level, words, tmp_path):
-    """The sample before black, and before white with half of its photos white as well."""
+def write_small_photos(folder, change):
+    """Every sixth photo of the sample, 50 × 50, as `change(number, image)` makes it."""
     content = json.loads((DUCK / "transforms_train.json").read_text())
     content["frames"] = content["frames"][::6]
     for number, frame in enumerate(content["frames"]):
         image = Image.open(DUCK / f"{frame['file_path']}.png").resize((50, 50))
+        frame["file_path"] = f"{number}.png"
+        change(number, image).save(folder / f"{number}.png")
+    for key in ("w", "h", "fl_x", "fl_y", "cx", "cy"):
+        content.pop(key, None)
+    (folder / "transforms.json").write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize("level, words", [(0, None), (255, "as white, so masks cannot be made")])
+def test_a_plain_backdrop_makes_masks_or_a_warning(level, words, tmp_path):
+    """The sample before black, and before white with half of its photos white as well."""
+
+    def laid_over(number, image):
         pixels = np.asarray(image).astype(float)
         alpha = pixels[..., 3:] / 255
         over = pixels[..., :3] * alpha + level * (1 - alpha)
         if level and number % 2:
             over[:, :25] = level
-        frame["file_path"] = f"{number}.png"
-        Image.fromarray(np.round(over).astype(np.uint8)).save(tmp_path / f"{number}.png")
-    for key in ("w", "h", "fl_x", "fl_y", "cx", "cy"):
-        content.pop(key, None)
-    (tmp_path / "transforms.json").write_text(json.dumps(content))
+        return Image.fromarray(np.round(over).astype(np.uint8))
+
+    write_small_photos(tmp_path, laid_over)
     result = solver("reconstruct", tmp_path, "--out", tmp_path / "job", *TINY)
     events = (tmp_path / "job" / "events.jsonl").read_text(encoding="utf-8")
     if words is None:
@@ -169,14 +178,6 @@ def test_a_limit_too_short_is_told_with_what_it_will_take_and_what_it_left(tmp_p
 
 
 def test_photos_without_a_mask_among_others_are_told(tmp_path):
-    content = json.loads((DUCK / "transforms_train.json").read_text())
-    content["frames"] = content["frames"][::6]
-    for number, frame in enumerate(content["frames"]):
-        image = Image.open(DUCK / f"{frame['file_path']}.png").resize((50, 50))
-        frame["file_path"] = f"{number}.png"
-        (image if number else image.convert("RGB")).save(tmp_path / f"{number}.png")
-    for key in ("w", "h", "fl_x", "fl_y", "cx", "cy"):
-        content.pop(key, None)
-    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    write_small_photos(tmp_path, lambda number, image: image if number else image.convert("RGB"))
     result = solver("reconstruct", tmp_path, "--out", tmp_path / "job", *TINY)
     assert "1 of 10 photos have no mask ('0' is one)" in result.stderr
