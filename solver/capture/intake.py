@@ -41,7 +41,7 @@ class Found:
         stated: what the file calls its photo.
         photo: the picture; None if there is none.
         camera_to_world: [4, 4] or [3, 4], OpenGL camera axes; checked by `assemble`.
-        intrinsics: for the photo as the file knew it; None only if there is no photo.
+        intrinsics: for the photo as the file knew it; None if a camera without a photo is of no use.
         mask: the mask the file names, as `PhotoFinder.mask_of` gives it; None looks for one.
     """
 
@@ -58,10 +58,10 @@ def assemble(
     points: np.ndarray | None = None, up: tuple[float, float, float] | None = None,
     metric: bool = False, warnings: tuple[str, ...] = (),
 ) -> Capture:  # fmt: skip
-    """A capture of all cameras whose photos are there.
+    """A capture of all cameras whose photos are there, or of all where `photos` are not wanted.
 
-    Cameras without a photo are left out with a warning, as long as half of them and as many as
-    `photos` asks for are there. Intrinsics follow a photo that was made smaller or larger since.
+    Cameras without a photo that is wanted are left out with a warning, as long as half of them and
+    as many as `photos` asks for are there. Intrinsics follow a photo that was made smaller or larger since.
 
     Args:
         source: the camera file. format: the reader's name.
@@ -75,8 +75,8 @@ def assemble(
     if not found:
         raise CaptureError(source, "cameras", "there are none in it", "export the cameras again")
     found = _in_their_folders(found)
-    missing = [item.stated for item in found if item.photo is None]
-    there = [item for item in found if item.photo is not None]
+    there = [item for item in found if photos.serves(item.photo)]
+    missing = [item.stated for item in found if not photos.serves(item.photo)]
     if len(there) < photos.fewest or len(missing) > len(there):
         if missing:
             other = photos.unreadable(missing[0])
@@ -107,14 +107,17 @@ def assemble(
         intrinsics, changed = _for_photo(source, item)
         if changed:
             resized.append(item.photo.name)
-        mask = item.mask if item.mask is not None else photos.mask_of(item.photo)
+        mask = item.mask
+        if mask is None and item.photo is not None:
+            mask = photos.mask_of(item.photo)
+        file_name = "".join(parts_of(item.stated)[-1:]) if item.photo is None else item.photo.name
         cameras.append(
             Camera(
-                name=_unique_name(item.photo.name, names), image_path=item.photo,
+                name=_unique_name(file_name, names), image_path=item.photo,
                 camera_to_world=pose, mask_path=mask, **vars(intrinsics),
             )
         )  # fmt: skip
-    if not any(camera.mask_path for camera in cameras):
+    if photos.wanted and not any(camera.mask_path for camera in cameras):
         if photos.masks.masks is not None:
             raise CaptureError(
                 photos.masks.masks, "masks", "no mask there has a photo's name",
@@ -176,7 +179,7 @@ def _in_their_folders(found: list[Found]) -> list[Found]:
 
 
 def _for_photo(source: Path, item: Found) -> tuple[Intrinsics, bool]:
-    """Intrinsics for the picture as it is now, and whether they had to be scaled."""
+    """Intrinsics for the picture as it is now, if there is one, and whether they had to be scaled."""
     intrinsics = item.intrinsics
     if intrinsics is None:
         raise CaptureError(source, item.where, "the camera has no lens", "export it again")
@@ -192,6 +195,8 @@ def _for_photo(source: Path, item: Found) -> tuple[Intrinsics, bool]:
         or max(intrinsics.width, intrinsics.height) > 1e6
     ):
         raise CaptureError(source, item.where, "the photo has no size", "export it again")
+    if item.photo is None:
+        return intrinsics, False
     width, height = image_size(item.photo)
     told = (intrinsics.width, intrinsics.height)
     may_turn = image_orientation(item.photo) >= 5

@@ -53,18 +53,20 @@ class PhotoFinder:
         masks: a folder of masks; None: all folders below `folder` that are named as such.
         anywhere: names may be absolute paths to anywhere; only for files this program wrote.
         fewest: photos that are of use together.
+        wanted: cameras are of use only with their photos; else for pictures that are to be made, and
+            there may be none, or several that could be meant.
     """
 
     def __init__(
         self, folder: Path, masks: Path | None = None, anywhere: bool = False,
-        fewest: int = MIN_PHOTOS,
+        fewest: int = MIN_PHOTOS, wanted: bool = True,
     ):  # fmt: skip
         self.folder = Path(os.path.normpath(folder.absolute()))
         self.masks = MaskFinder(
             self.folder, None if masks is None else Path(os.path.normpath(masks.absolute()))
         )
         self.anywhere = anywhere
-        self.fewest = fewest
+        self.fewest, self.wanted = fewest, wanted
         self._by_stem: dict[str, list[Path]] | None = None
         self._folders: set[tuple[str, ...]] = set()
         self._of_masks: dict[Path, bool] = {}
@@ -76,7 +78,7 @@ class PhotoFinder:
             beside: the camera file, if its names are relative to its folder.
 
         Raises:
-            CaptureError: several pictures fit equally well.
+            CaptureError: several pictures fit equally well, and they are wanted.
         """
         stated = stated.strip()
         if not stated or "\0" in stated:
@@ -96,7 +98,7 @@ class PhotoFinder:
             if max(agreement(folders, told) for folders in self._folders) > best[0][0][0]:
                 return None  # these are copies; it is missing from the folder where it should be
             largest = largest_copy([path for fit, path in best if fit == best[0][0]])
-            if largest is not None:
+            if largest is not None or not self.wanted:
                 return largest
             raise CaptureError(
                 self.folder, shown(stated), f"'{best[0][1].relative_to(self.folder)}' and "
@@ -104,6 +106,10 @@ class PhotoFinder:
                 "leave one of them in the folder, or give the folder of the photos",
             )  # fmt: skip
         return best[0][1]
+
+    def serves(self, photo: Path | None) -> bool:
+        """True if a camera with this photo, or with none, is of use."""
+        return photo is not None or not self.wanted
 
     def unreadable(self, stated: str) -> Path | None:
         """A photo of that name in a format that cannot be read."""

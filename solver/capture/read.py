@@ -86,7 +86,7 @@ def has_split(path: Path | str, split: str) -> bool:
 
 def read_capture(
     path: Path | str, split: str = "train", photos: Path | None = None, masks: Path | None = None,
-    trusted: bool = False, fewest: int = MIN_PHOTOS,
+    trusted: bool = False, fewest: int = MIN_PHOTOS, wanted: bool = True,
 ) -> Capture:  # fmt: skip
     """Read a capture from a folder or a camera file.
 
@@ -96,6 +96,8 @@ def read_capture(
         masks: where their masks are, if not in a folder `masks` there.
         trusted: this program wrote the file; it may name photos anywhere by absolute paths.
         fewest: cameras that there must be; those of pictures to be made may be fewer than a capture's.
+        wanted: leave out cameras without photos; else all are meant for pictures that are to be made, and
+            photos are asked for their size at most.
 
     Raises:
         CaptureError: with file, field and remedy.
@@ -119,10 +121,10 @@ def read_capture(
     else:
         folder = Path(path) if Path(path).is_dir() else capture_folder(file)
     mask_folder = None if masks is None else Path(masks)
-    finder = PhotoFinder(folder, mask_folder, trusted, fewest)
+    finder = PhotoFinder(folder, mask_folder, trusted, fewest, wanted)
     if photos is None and MODEL_FOLDERS.fullmatch(finder.folder.name) and not finder.pictures():
         # The folder of the model was given, not that of the capture.
-        finder = PhotoFinder(capture_folder(file), mask_folder, trusted, fewest)
+        finder = PhotoFinder(capture_folder(file), mask_folder, trusted, fewest, wanted)
     try:
         return reader.read(file, finder)
     except (

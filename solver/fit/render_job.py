@@ -70,7 +70,7 @@ def _cameras_of(file: Path, out: Path) -> Capture:
     Raises:
         CaptureError: unusable cameras. JobError: `out` is a file, or their photos lie there.
     """
-    capture = read_capture(file, trusted=True, fewest=1)  # of photos only their size may be asked
+    capture = read_capture(file, trusted=True, fewest=1, wanted=False)
     if out.exists() and not out.is_dir():
         raise JobError(f"{out}: this is a file; give a folder for the pictures.")
     if out.resolve() in {c.image_path.resolve().parent for c in capture.cameras if c.image_path}:

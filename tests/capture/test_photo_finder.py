@@ -267,3 +267,16 @@ def test_an_archive_is_to_be_unpacked(tmp_path):
         archive.writestr("transforms.json", "{}")
     with pytest.raises(CaptureError, match="this is an archive; unpack it"):
         read_capture(tmp_path / "capture.zip")
+
+
+def test_cameras_of_pictures_to_be_made_need_no_photo_to_be_the_only_one_of_its_name(tmp_path):
+    for i in range(3):
+        for split in ("train", "test"):
+            save(tmp_path / split / f"r_{i}.png")
+    file = write_cameras(tmp_path, [f"path/r_{i}" for i in range(3)], w=40, h=30)
+    with pytest.raises(CaptureError, match="could both be meant"):
+        read_capture(file)
+    cameras = read_capture(file, wanted=False).cameras
+    assert [(c.name, c.width, c.height, c.image_path) for c in cameras] == [
+        (f"r_{i}", 40, 30, None) for i in range(3)
+    ]

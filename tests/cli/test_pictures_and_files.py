@@ -70,6 +70,21 @@ def test_one_camera_can_be_rendered_but_never_over_its_photo(job, tmp_path):
     assert solver("render", job, *few, "--out", tmp_path / "out").returncode == 0
 
 
+def test_cameras_that_never_took_a_photo_can_be_rendered_if_they_say_how_large(job, tmp_path):
+    content = json.loads((DUCK / "transforms_test.json").read_text())
+    content["frames"] = [{**content["frames"][0], "file_path": "path/0001"}]
+    cameras = tmp_path / "path.json"
+    size = {"w": 24, "h": 16}
+    cameras.write_text(json.dumps({k: v for k, v in content.items() if k not in size}))
+    result = solver("render", job, "--cameras", cameras, "--rays", 1, "--out", tmp_path / "out")
+    assert result.returncode == 2 and "add w and h" in result.stderr
+    cameras.write_text(json.dumps({**content, **size}))
+    result = solver("render", job, "--cameras", cameras, "--rays", 1, "--out", tmp_path / "out")
+    assert result.returncode == 0, result.stderr
+    with Image.open(tmp_path / "out" / "0001.png") as picture:
+        assert picture.size == (24, 16)
+
+
 def test_evaluate_scores_all_that_has_a_truth_and_agrees_with_what_render_writes(
     job, cameras, tmp_path
 ):

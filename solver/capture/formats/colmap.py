@@ -61,7 +61,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         stated = image.name if folder is None else f"{folder}/{image.name}"
         photo = photos.find(stated) if image.name.strip() else None
         intrinsics = pose = None
-        if photo is not None:
+        if photos.serves(photo):
             if image.sensor not in sensors:
                 raise CaptureError(
                     files["images"], image.where, f"there is no camera {image.sensor}",

@@ -91,7 +91,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             lost.append(stated)
             continue
         photo = photos.find(stated, beside=path)
-        if photo is not None and key not in read_lenses:
+        if photos.serves(photo) and key not in read_lenses:
             read_lenses[key] = _intrinsics(path, *lenses[key], version)
         found.append(
             Found(where, stated, photo, pose_opengl_from_opencv(pose), read_lenses.get(key))

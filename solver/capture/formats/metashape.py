@@ -83,7 +83,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         matrix = numbers(path, f"{where}, transform", transform.text, 16).reshape(4, 4)
         photo = photos.find(label, beside=path)
         key = camera.get("sensor_id")
-        if photo is not None and key not in lenses:
+        if photos.serves(photo) and key not in lenses:
             if key not in sensors:
                 raise CaptureError(path, where, "its sensor is missing", "export the cameras again")
             lenses[key] = _intrinsics(path, sensors[key], warnings.append)

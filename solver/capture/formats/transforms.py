@@ -116,8 +116,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             )
         photo = photos.find(stated, beside=path)
         intrinsics = mask = None
-        if photo is not None:
+        if photos.serves(photo):
             intrinsics = _intrinsics(path, where, {**content, **frame}, photo)
+        if photo is not None:
             mask = photos.mask_of(photo, frame.get("mask_path"), beside=path)
         found.append(
             Found(f"{where}.transform_matrix", stated, photo, frame.get("transform_matrix"),
@@ -209,7 +210,7 @@ def _number(path: Path, where: str, values: dict, key: str) -> float | None:
     return checked_number(path, f"{where}.{key}", value)
 
 
-def _intrinsics(path: Path, where: str, values: dict, image: Path) -> Intrinsics:
+def _intrinsics(path: Path, where: str, values: dict, image: Path | None) -> Intrinsics:
     """Size, focal lengths, principal point and lens of a frame, its own values first."""
 
     def number(key: str) -> float | None:
@@ -218,6 +219,11 @@ def _intrinsics(path: Path, where: str, values: dict, image: Path) -> Intrinsics
     width, height = number("w"), number("h")
     cx, cy = number("cx"), number("cy")
     if width is None or height is None:
+        if image is None:
+            raise CaptureError(
+                path, f"{where}.w", "neither the picture's size nor a photo of that size is there",
+                "add w and h, in pixels",
+            )  # fmt: skip
         width, height = _size_meant(image_size(image), cx, cy)
     width, height = int(width), int(height)
     if width < 1 or height < 1:
