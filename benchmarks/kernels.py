@@ -9,7 +9,8 @@ cache, by the same compiler), and, for lookups all over a table, the cache lines
 independent random reads from an array of that size. Bytes and lines count every node that a lookup
 touches, as if none were met twice; operations are counted in the source; both are single precision's, also
 for kernels in double. Kernels and limits are those of one thread, since a fit gives each chunk of a step a
-thread of its own. All is measured in one run, by the best of a few.
+thread of its own. All is measured in one run, by the best of a few. Which kernels matter, a second table says:
+their shares of a real step.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
 
 from solver.threads import let_idle_threads_sleep  # noqa: E402
 
@@ -33,6 +35,7 @@ import numpy as np  # noqa: E402
 import torch  # noqa: E402
 
 from benchmarks.machine import describe_machine  # noqa: E402
+from benchmarks.shares import shares_of_a_step  # noqa: E402
 from solver.field.smoothing import gaussian_taps  # noqa: E402
 from solver.kernels import vm  # noqa: E402
 from solver.kernels.adam import Moments, Rates, adam_step  # noqa: E402
@@ -46,6 +49,7 @@ from solver.kernels.visibility import look_around  # noqa: E402
 SIZE, DENSITY, FEATURES, LIGHT = 160, 16, 24, 256
 FLOAT, LINE = 4, 64  # bytes
 REPEATS = 7
+MOST_SHOWN = 10  # kernels of a step
 
 
 class Case(NamedTuple):
@@ -232,7 +236,11 @@ def cases(points: int) -> list[Case]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--points", type=int, default=20_000, help="density samples of a step")
-    parser.add_argument("--short", action="store_true", help="few points, few repeats")
+    parser.add_argument("--short", action="store_true", help="few points, few repeats, no step")
+    parser.add_argument(
+        "--capture", type=Path, default=ROOT / "samples" / "duck", help="of the step"
+    )
+    parser.add_argument("--preset", default="draft", help="of the step")
     parser.add_argument("--out", type=Path, help="a Markdown file to write")
     options = parser.parse_args()
     points = 2_000 if options.short else options.points
@@ -262,6 +270,17 @@ def main() -> None:
             f"| {case.name} | {1e3 * seconds:.2f} | {1e3 * limit:.2f} ({by}) | "
             f"{100 * limit / seconds:.0f} % | {ratio} |"
         )
+    if not options.short:
+        step, shares = shares_of_a_step(options.capture, options.preset)
+        lines += [
+            "", f"A step of `{options.preset}` on its finest grid ({options.capture.resolve().name}) takes "
+            f"{1e3 * step:.0f} ms, of which these kernels have most:", "",
+            "| kernel | ms a step | share of the step |", "| --- | ---: | ---: |",
+        ]  # fmt: skip
+        lines += [
+            f"| {name} | {1e3 * seconds:.2f} | {100 * seconds / step:.1f} % |"
+            for name, seconds in shares.most_common(MOST_SHOWN)
+        ]
     text = "\n".join(lines) + "\n"
     print(text)
     if options.out:

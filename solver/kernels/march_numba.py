@@ -11,7 +11,7 @@ import math
 import numba
 import numpy as np
 
-from .vm_point_numba import raw_density
+from .vm_point_numba import ONE, raw_density
 from .walk_numba import box_span, walk
 
 BLOCK = 256  # rays of a task
@@ -19,9 +19,9 @@ BLOCK = 256  # rays of a task
 
 @numba.njit(inline="always", fastmath=True)
 def extinction(raw, shift, scale):
-    """σ = scale · softplus(raw + shift), per world unit."""
-    x = raw + shift
-    return scale * (x if x > 20.0 else math.log1p(math.exp(x)))
+    """σ = scale · softplus(raw + shift), per world unit; single precision, to end walks by."""
+    x = raw + np.float32(shift)
+    return scale * (x if x > np.float32(20.0) else math.log(ONE + math.exp(x)))
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
@@ -38,13 +38,15 @@ def march(
     step_cells = step / cell
     nodes = planes.shape[1] - 1
     capacity = distance.shape[1]
+    # Optical depths add up: no exponential a sample.
+    least, most = -math.log1p(-min_alpha), -math.log(max(min_transmittance, 1e-30))
     for r in numba.prange(origins.shape[0]):
         ox, oy, oz = origins[r, 0], origins[r, 1], origins[r, 2]
         dx, dy, dz = directions[r, 0], directions[r, 1], directions[r, 2]
         near, far = box_span(ox, oy, oz, dx, dy, dz)
         near = max(near, start[r])
         count = 0
-        transmittance = 1.0
+        depth = 0.0
         t = near + jitter[r] * step
         while t < far and count < capacity:
             x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
@@ -56,13 +58,13 @@ def march(
                 t += step * (int((ahead - 1) / step_cells) + 1)
                 continue
             density = raw_density(x * nodes, y * nodes, z * nodes, planes, lines)
-            keep = math.exp(-extinction(density, shift, scale) * step)
-            if 1.0 - keep >= min_alpha:
+            own = extinction(density, shift, scale) * step
+            if own >= least:
                 distance[r, count] = t
                 raw[r, count] = density
                 count += 1
-                transmittance *= keep
-                if transmittance < min_transmittance:
+                depth += own
+                if depth > most:
                     break
             t += step
         counts[r] = count
