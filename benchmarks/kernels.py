@@ -9,8 +9,8 @@ cache, by the same compiler), and, for lookups all over a table, the cache lines
 independent random reads from an array of that size. Bytes and lines count every node that a lookup
 touches, as if none were met twice; operations are counted in the source; both are single precision's, also
 for kernels in double. Kernels and limits are those of one thread, since a fit gives each chunk of a step a
-thread of its own. All is measured in one run, by the best of a few. Which kernels matter, a second table says:
-their shares of a real step.
+thread of its own. All is measured in one run, by the best of a few.
+Which kernels matter, a second table says: their shares of a real step.
 """
 
 from __future__ import annotations
