@@ -23,7 +23,6 @@ from solver.asset.tangent import decode_normals, encode_normals, texel_frames
 from solver.asset.unwrap import rasterise, unwrap
 from solver.capture.decoding import decode
 from solver.capture.photos import read_exr, srgb_to_linear
-from solver.light.turned import turned
 
 LEVEL = 30.0
 SETTINGS = AssetSettings(cells=64, triangles=4000, texture_size=256)
@@ -292,54 +291,6 @@ def test_both_sides_are_drawn_where_a_mesh_is_open_and_no_texture_repeats(built,
         document, _ = read_glb(path / "asset.glb")
         assert document["materials"][0]["doubleSided"] is double_sided
         assert document["samplers"] == [{"wrapS": 33071, "wrapT": 33071}]
-
-
-@pytest.fixture(scope="module")
-def turned_over(built, tmp_path_factory):
-    """The same where what is up in the capture is −Y, half the size, elsewhere; its folder and manifest."""
-    placement = np.array([[0.5, 0, 0, 3], [0, 0, 0.5, 4], [0, -0.5, 0, 5], [0, 0, 0, 1]])
-    folder = tmp_path_factory.mktemp("turned over")
-    silent = lambda fraction, text: None  # noqa: E731
-    parts = build_asset(ONE, built[2], LEVEL, folder, SETTINGS, silent, "tea pot", placement)
-    return folder, parts, placement
-
-
-def test_the_glb_stands_where_the_placement_puts_it_and_all_else_as_it_was(built, turned_over):
-    folder, parts, placement = turned_over
-    assert parts["placement"] == placement.tolist()
-    as_captured, placed = (attributes_of(f / "asset.glb") for f in (built[0], folder))
-    from_gltf = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # +Y up to +Z up
-
-    def moved(name):
-        return as_captured[name][:, :3] @ from_gltf.T @ placement[:3, :3].T
-
-    def shown(name):
-        return placed[name][:, :3] @ from_gltf.T
-
-    np.testing.assert_allclose(shown("POSITION"), moved("POSITION") + placement[:3, 3], atol=1e-6)
-    np.testing.assert_allclose(shown("NORMAL"), 2 * moved("NORMAL"), atol=1e-6)
-    np.testing.assert_allclose(shown("TANGENT"), 2 * moved("TANGENT"), atol=1e-3)
-    for name in ("TEXCOORD_0", "indices"):
-        np.testing.assert_array_equal(placed[name], as_captured[name])
-    same = {path.name for path in built[0].iterdir()} - {"asset.glb"}
-    for name in same:
-        assert (folder / name).read_bytes() == (built[0] / name).read_bytes(), name
-
-
-def test_the_light_is_there_upright_too_where_a_placement_turns_it(built, turned_over, tmp_path):
-    folder, parts, placement = turned_over
-    assert parts["environment_upright"] == {
-        "file": "environment_upright.exr", "colour_space": "Linear Rec.709",
-    }  # fmt: skip
-    light, _ = read_exr(folder / "environment_upright.exr")
-    np.testing.assert_array_equal(light, turned(built[2], 2 * placement[:3, :3]))
-    assert "environment_upright" not in built[1]
-    assert not (built[0] / "environment_upright.exr").exists()
-    only_moved = np.diag([3.0, 3, 3, 1])
-    few = AssetSettings(cells=16, triangles=100, texture_size=16)
-    silent = lambda fraction, text: None  # noqa: E731
-    build_asset(ONE, built[2], LEVEL, tmp_path, few, silent, "tea pot", only_moved)
-    assert not (tmp_path / "environment_upright.exr").exists()
 
 
 def test_glb_is_valid_and_keeps_f0(built):
