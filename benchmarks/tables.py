@@ -198,8 +198,8 @@ def _mean(values: list[float]) -> float | None:
 _HEAD = """# Benchmarks: quality
 
 Written by `make benchmark`; do not edit. The same numbers are in the JSON file beside this page;
-`JOB/metrics.json` has those of every view. Views are held out, 8-bit sRGB over white; what each metric
-is, is said in `solver/metrics` and `docs/method.md`. A dash: not measured (no truth, or LPIPS without
+`JOB/metrics.json` has those of every view. Views are held out; [metrics.md](metrics.md) defines every
+column. A dash: not measured (no truth, or LPIPS without
 its weights; or no albedo, where all is metal: means of albedo MAE are of the scenes that have one).
 Scenes are our own unless a line *paper* stands below: a name may be shared with a scene of the paper.
 
@@ -210,8 +210,8 @@ _GLANCE_NOTE = """Means over scenes, presets as they come. A time is that of one
 have had other work; the tables below say on which."""
 _EARLIER_NOTE = """What presets were like before a change: means below, oldest first; then scene by
 scene, the last change first."""
-_ABLATION_NOTE = """Mean over scenes of setting − default. The paper's are those of its own 14 scenes
-(6 for relighting), at its own length of training: compare signs, not sizes."""
+_ABLATION_NOTE = """Mean over scenes of setting − default. The paper's are those of its own 14 scenes,
+at its own length of training: compare signs, not sizes. It relights none of its ablations."""
 _TIME_NOTE = """Wall minutes of `reconstruct`, asset and report included, on a machine that may have had
 other work; CPU minutes are the process's own. Only the default bakes a full asset, the others a
 token one."""

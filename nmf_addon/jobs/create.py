@@ -13,7 +13,7 @@ import bpy
 from ...solver import __version__
 from ...solver.job.folder import JobFolder, JobRequest
 from ..names import user_folder
-from ..scene.capture_collection import region_of, write_capture
+from ..scene.capture_collection import placement_of, region_of, write_capture
 
 
 def jobs_folder() -> Path:
@@ -42,7 +42,7 @@ def _job_roots(name: str, parent: Path | None) -> Iterator[Path]:
 
 
 def create_job(collection: bpy.types.Collection, root: Path, **settings) -> JobFolder:
-    """Write a job folder for a capture collection: its cameras, region and settings.
+    """Write a job folder for a capture collection: its cameras, region, placement and settings.
 
     Args:
         settings: fields of `JobRequest`.
@@ -53,8 +53,9 @@ def create_job(collection: bpy.types.Collection, root: Path, **settings) -> JobF
     JobFolder.check_new(root)
     folder = root / "capture"
     request = JobRequest(
-        capture=str(folder), region=region_of(collection), code_version=__version__, **settings
-    )
+        capture=str(folder), region=region_of(collection), placement=placement_of(collection),
+        code_version=__version__, **settings,
+    )  # fmt: skip
     request.check()
     request.capture = str(write_capture(collection, folder))
     return JobFolder.create(root, request)

@@ -7,11 +7,12 @@ collection is the truth the solver is started from.
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import bpy
 import numpy as np
-from mathutils import Matrix
+from mathutils import Matrix, Vector
 
 from ...solver.capture.camera import Camera
 from ...solver.capture.capture import Capture, region_seen_by
@@ -165,6 +166,18 @@ def to_capture_space(collection: bpy.types.Collection) -> Matrix:
     """World to capture space."""
     root = root_of(collection)
     return root.matrix_world.inverted() if root is not None else Matrix.Identity(4)
+
+
+def placement_of(collection: bpy.types.Collection) -> list[list[float]]:
+    """Rows of the similarity [4][4] from capture space to the world; where a person has scaled the empty
+    unevenly, with the mean of its scales."""
+    root = root_of(collection)
+    if root is None:
+        return [list(row) for row in Matrix.Identity(4)]
+    bpy.context.view_layer.update()
+    place, turn, scale = root.matrix_world.decompose()
+    even = abs(math.prod(scale)) ** (1 / 3)
+    return [list(row) for row in Matrix.LocRotScale(place, turn, Vector((even, even, even)))]
 
 
 def write_capture(collection: bpy.types.Collection, folder: Path) -> Path:

@@ -86,9 +86,10 @@ def _place(
     home = _home(collection, scene, _view_layer(context, scene))
     home.objects.link(item)
     if collection is None:
-        return item
-    item.parent = root_of(collection)
-    matrix = _from_file(job, manifest, collection)
+        matrix = _upright(manifest)
+    else:
+        item.parent = root_of(collection)
+        matrix = _from_file(job, manifest, collection)
     if matrix is not None:
         frame = bpy.data.objects.new(f"{item.name} Frame", None)
         frame.empty_display_type, frame.parent, frame.matrix_local = "ARROWS", item.parent, matrix
@@ -128,6 +129,12 @@ def _is_shown(collection: bpy.types.Collection, layer: bpy.types.LayerCollection
 def _view_layer(context: bpy.types.Context, scene: bpy.types.Scene) -> bpy.types.ViewLayer:
     """The view layer of a scene that the person looks at, else its first."""
     return context.view_layer if scene == context.scene else scene.view_layers[0]
+
+
+def _upright(manifest: dict) -> Matrix | None:
+    """What stands the mesh upright where its capture is not there to do so; None if it does already."""
+    matrix = Matrix(manifest.get("placement", Matrix.Identity(4)))
+    return None if matrix == Matrix.Identity(4) else matrix
 
 
 def _from_file(job: JobFolder, manifest: dict, collection: bpy.types.Collection) -> Matrix | None:

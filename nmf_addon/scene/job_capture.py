@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ...solver.capture.placement import counted_from
 from ...solver.job.folder import JobError, JobFolder
 from .capture_collection import (
     FILE_TO_CAPTURE,
@@ -62,10 +63,7 @@ def file_placement(
     root = root_of(collection)
     if root is None or FILE_TO_CAPTURE not in root or not _is_imported_from(collection, capture):
         return None
-    # In double precision: both may be far away.
-    matrix = np.array(root[FILE_TO_CAPTURE], dtype=np.float64).reshape(4, 4)
-    matrix[:3, 3] += matrix[:3, :3] @ origin
-    return Matrix(matrix)
+    return Matrix(counted_from(np.reshape(root[FILE_TO_CAPTURE], (4, 4)), origin))
 
 
 def _is_imported_from(collection: bpy.types.Collection, capture: Path) -> bool:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...solver.job.folder import JobError, JobFolder
+from ...solver.job.folder import JobError, JobFolder, is_similarity
 
 TEXTURES = ("albedo", "f0", "roughness", "normal")
 
@@ -38,6 +38,8 @@ def read_manifest(job: JobFolder) -> dict:
         spaces = [manifest["textures"][name]["colour_space"] for name in TEXTURES]
         scale = float(manifest["textures"]["f0"]["scale"])
         origin = [float(value) for value in manifest.get("origin", (0, 0, 0))]
+        if not is_similarity(manifest.get("placement", np.eye(4).tolist())):
+            raise ValueError("placement")
         if not all(isinstance(text, str) for text in files + spaces):
             raise TypeError("a name is no text")
         if not (np.isfinite([scale, *origin]).all() and scale > 0 and len(origin) == 3):

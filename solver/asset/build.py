@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ..capture.placement import scale_and_rotation
+from ..light.turned import turned
 from .bake import fill_texture, gather
 from .files import write_exr, write_fine_texture, write_ply, write_texture
 from .gltf import write_glb
@@ -16,17 +18,26 @@ from .surface import SurfaceField, extract_surface
 from .tangent import encode_normals, texel_frames
 from .unwrap import rasterise, unwrap
 
+TURN = 1e-5
+"""rad; less moves no light by a hundredth of a texel"""
+
 
 def build_asset(
     field: SurfaceField, environment: np.ndarray, level: float, folder: Path,
-    settings: AssetSettings, progress: Callable[[float, str], None], name: str = "Object",
+    settings: AssetSettings, progress: Callable[[float, str], None], name: str,
+    placement: np.ndarray,
 ) -> dict[str, Any]:  # fmt: skip
     """Write mesh.ply, textures, environment.exr and asset.glb; returns their part of the manifest.
+
+    The mesh and the light are in the field's world; the GLB stands where `placement` puts it, and where
+    that turns it, the light is written once more as it then is, as environment_upright.exr.
 
     Args:
         environment: [H, W, 3] linear Rec.709 radiance, Blender's equirect convention.
         level: extinction per world unit at which the surface stands (`from_scene.surface_level`).
         name: of the object in asset.glb.
+        placement: [4, 4] similarity from the field's world to the GLB's, which has +Z up until it is
+            written.
 
     Raises:
         EmptySurfaceError: the field has no surface.
@@ -65,10 +76,10 @@ def build_asset(
     write_exr(folder / "environment.exr", {"RGB": environment})
     progress(0.95, "writing files")
     write_glb(
-        folder / "asset.glb", unwrapped, albedo, roughness, f0, f0_scale, normal, name,
-        mesh.is_watertight,
+        folder / "asset.glb", unwrapped.placed(placement), albedo, roughness, f0, f0_scale, normal,
+        name, mesh.is_watertight,
     )  # fmt: skip
-    return {
+    parts = {
         "mesh": "mesh.ply",
         "textures": {
             "albedo": {"file": "albedo.png", "colour_space": "sRGB"},
@@ -78,5 +89,12 @@ def build_asset(
         },
         "environment": {"file": "environment.exr", "colour_space": "Linear Rec.709"},
         "glb": "asset.glb",
+        "placement": placement.tolist(),
         "triangles": len(unwrapped.faces),
     }
+    rotation = scale_and_rotation(placement)[1]
+    if not np.allclose(rotation, np.eye(3), atol=TURN):
+        upright = {**parts["environment"], "file": "environment_upright.exr"}
+        write_exr(folder / upright["file"], {"RGB": turned(environment, rotation)})
+        parts["environment_upright"] = upright
+    return parts

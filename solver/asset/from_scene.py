@@ -86,20 +86,21 @@ class SceneSurface:
 
 def asset_of(
     scene: Scene, render: RenderSettings, cameras: list[Camera], folder: Path, asset: AssetSettings,
-    progress: Callable[[float, str], None], name: str,
+    progress: Callable[[float, str], None], name: str, placement: np.ndarray,
 ) -> dict[str, Any]:  # fmt: skip
     """Write a scene's asset; returns its part of the manifest (see `build_asset`).
 
     Args:
         cameras: of the photos it was fitted to, in the scene's world, at the sizes it was fitted at.
         name: of the object in asset.glb.
+        placement: [4, 4] similarity from the scene's world to the GLB's.
 
     Raises:
         EmptySurfaceError: there is no surface.
     """
     level = surface_level(scene, render, cameras)
     surface, light = SceneSurface(scene, cameras), scene.environment.image()
-    return build_asset(surface, light, level, folder, asset, progress, name)
+    return build_asset(surface, light, level, folder, asset, progress, name, placement)
 
 
 def surface_level(scene: Scene, settings: RenderSettings, cameras: list[Camera]) -> float:

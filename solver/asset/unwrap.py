@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
 import xatlas
+
+from ..capture.placement import scale_and_rotation
 
 LEAST_CHARTS = 30
 """xatlas grows a chart in time with the square of its triangles: without a limit to their area, a smooth
@@ -29,6 +31,17 @@ class UnwrappedMesh:
     uvs: np.ndarray
     faces: np.ndarray
     original: np.ndarray
+
+    def placed(self, matrix: np.ndarray) -> UnwrappedMesh:
+        """The mesh in another world: `matrix` [4, 4] is a similarity from its own to that."""
+        if np.array_equal(matrix, np.eye(4)):
+            return self
+        rotation = scale_and_rotation(matrix)[1]
+        positions = self.positions @ matrix[:3, :3].T + matrix[:3, 3]
+        return replace(
+            self, positions=positions.astype(np.float32),
+            normals=(self.normals @ rotation.T).astype(np.float32),
+        )  # fmt: skip
 
 
 def unwrap(mesh: trimesh.Trimesh, normals: np.ndarray, texture_size: int) -> UnwrappedMesh:

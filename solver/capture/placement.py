@@ -46,8 +46,8 @@ def suggest_placement(capture: Capture) -> np.ndarray:
 
 def placed(capture: Capture, matrix: np.ndarray) -> Capture:
     """The capture in another world: `matrix` [4, 4] is a similarity from its own to that."""
-    scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
-    rotation, shift = matrix[:3, :3] / scale, matrix[:3, 3]
+    scale, rotation = scale_and_rotation(matrix)
+    shift = matrix[:3, 3]
     cameras = []
     for camera in capture.cameras:
         pose = np.eye(4)
@@ -60,6 +60,20 @@ def placed(capture: Capture, matrix: np.ndarray) -> Capture:
         capture, cameras=tuple(cameras), points=points, up=up,
         region=region_seen_by(cameras, points), metric=capture.metric and abs(scale - 1) < 1e-9,
     )  # fmt: skip
+
+
+def scale_and_rotation(matrix: np.ndarray) -> tuple[float, np.ndarray]:
+    """What a similarity [4, 4] does to lengths, and its rotation [3, 3]."""
+    scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
+    return scale, matrix[:3, :3] / scale
+
+
+def counted_from(matrix: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """The similarity `matrix` [4, 4] for coordinates that are counted from `origin` [3]."""
+    # In double precision: both may be far away.
+    moved = np.array(matrix, dtype=np.float64)
+    moved[:3, 3] += moved[:3, :3] @ origin
+    return moved
 
 
 def far_origin(capture: Capture) -> np.ndarray:

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 from .. import __version__
 from ..asset.export import new_folder
 from ..asset.from_scene import asset_of
+from ..capture.placement import counted_from
 from ..job.folder import JobFolder, write_json_atomic
-from ..job.inputs import capture_of
+from ..job.inputs import capture_of, placement_of
 from .errors import SettingsError
 from .load import load_job
 from .settings import overridden
@@ -38,12 +41,17 @@ def bake_again(
                 f"Setting '{key}': only those of the asset can be changed after a fit; start a new job."
             )
         settings = overridden(settings, key, value)
-    fitted = (c.no_larger(settings.photos.most_pixels) for c in capture_of(job).cameras)
+    capture = capture_of(job)
+    fitted = (c.no_larger(settings.photos.most_pixels) for c in capture.cameras)
     cameras = [camera.seen_from(scene.origin) for camera in fitted]
+    placement = manifest.get("placement")
+    if placement is None:  # a result from before there was one
+        placement = counted_from(placement_of(job.request, capture), scene.origin)
     with new_folder(out) as part:
         parts = asset_of(
-            scene, settings.render, cameras, part, settings.asset, progress, job.root.name
-        )
+            scene, settings.render, cameras, part, settings.asset, progress, job.root.name,
+            np.asarray(placement, dtype=np.float64),
+        )  # fmt: skip
         del parts["triangles"]
         manifest.pop("report", None)
         write_json_atomic(

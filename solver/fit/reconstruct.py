@@ -13,11 +13,12 @@ from .. import __version__
 from ..asset.from_scene import asset_of
 from ..capture.capture import Capture
 from ..capture.photos import Photo, at_sizes_of, load_photos
+from ..capture.placement import counted_from
 from ..job.apart import ApartError
 from ..job.control import Cancelled, Control
 from ..job.events import clock
 from ..job.folder import JobFolder, JobRequest
-from ..job.inputs import capture_of, region_of
+from ..job.inputs import capture_of, placement_of, region_of
 from ..kernels.backend import fast
 from ..kernels.warm_up import compile_kernels
 from . import checkpoint
@@ -68,6 +69,7 @@ def run_job(
     if request.device not in ("auto", device):
         progress.warning(f"this machine has no '{request.device}'; the job goes on on '{device}'")
     capture = capture_of(job)
+    placement = placement_of(request, capture)
     for warning in capture.warnings:
         progress.warning(warning)
     photos = load_photos(
@@ -139,8 +141,9 @@ def run_job(
     scene = trainer.scene
     cameras = [camera.seen_from(scene.origin) for camera in capture.cameras]
     parts = asset_of(
-        scene, settings.render, cameras, job.result_dir, settings.asset, told, job.root.name
-    )
+        scene, settings.render, cameras, job.result_dir, settings.asset, told, job.root.name,
+        counted_from(placement, scene.origin),
+    )  # fmt: skip
 
     progress.stage("report", "report")
     numbers = {

@@ -18,6 +18,8 @@ from typing import Any
 
 SCHEMA_VERSION = 1
 MOST_SEED = (1 << 63) - 1
+EVEN = 1e-3
+"""how far the axes of a similarity may be from square and even, as a share of their length"""
 
 
 class JobError(ValueError):
@@ -32,6 +34,8 @@ class JobRequest:
         capture: absolute path of the capture's folder or camera file.
         photos, masks: absolute paths of their folders, if they are not below the capture's.
         region: world box {"min": [3], "max": [3]} that holds the object, or None to find it.
+        placement: similarity [4][4] from the capture's world to the one that asset.glb is to stand in,
+            or None to find out which way is up.
         overrides: settings by `section.field`.
         time_limit: seconds of wall time, asset included, or None.
     """
@@ -44,6 +48,7 @@ class JobRequest:
     photos: str | None = None
     masks: str | None = None
     region: dict[str, list[float]] | None = None
+    placement: list[list[float]] | None = None
     overrides: dict[str, Any] = field(default_factory=dict)
     code_version: str = ""
     schema_version: int = SCHEMA_VERSION
@@ -91,6 +96,7 @@ class JobRequest:
             "photos": self.photos is None or isinstance(self.photos, str),
             "masks": self.masks is None or isinstance(self.masks, str),
             "region": self.region is None or _is_box(self.region),
+            "placement": self.placement is None or is_similarity(self.placement),
             "overrides": isinstance(self.overrides, dict),
             "code_version": isinstance(self.code_version, str),
         }
@@ -110,6 +116,26 @@ def _is_box(region: Any) -> bool:
         if not (isinstance(corner, list) and len(corner) == 3 and all(map(_is_number, corner))):
             return False
     return all(a < b for a, b in zip(low, high, strict=True))
+
+
+def is_similarity(matrix: Any) -> bool:
+    """True for rows [4][4] of a motion that turns, moves and scales evenly, and does not mirror."""
+    if not (isinstance(matrix, list) and len(matrix) == 4):
+        return False
+    for row in matrix:
+        if not (isinstance(row, list) and len(row) == 4 and all(map(_is_number, row))):
+            return False
+    x, y, z = (row[:3] for row in matrix[:3])
+    size = math.hypot(*x)
+    # A rotation's third row is the cross product of the others.
+    across = [x[i - 2] * y[i - 1] - x[i - 1] * y[i - 2] for i in range(3)]
+    return (
+        matrix[3] == [0, 0, 0, 1]
+        and size > 0
+        and abs(sum(a * b for a, b in zip(x, y, strict=True))) < EVEN * size**2
+        and abs(math.hypot(*y) - size) < EVEN * size
+        and math.dist(across, [size * value for value in z]) < EVEN * size**2
+    )
 
 
 class JobFolder:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..capture.capture import Capture
+from ..capture.placement import suggest_placement
 from ..capture.read import read_capture
 from .folder import JobFolder, JobRequest
 
@@ -32,3 +33,13 @@ def capture_of(job: JobFolder, split: str = "train") -> Capture:
 def region_of(request: JobRequest) -> np.ndarray | None:
     """World box [2, 3] that holds the object, if a job was asked for one."""
     return request.region and np.array([request.region["min"], request.region["max"]], np.float64)
+
+
+def placement_of(request: JobRequest, capture: Capture) -> np.ndarray:
+    """The similarity [4, 4] from the world of a job's capture to the one that asset.glb stands upright in.
+
+    Where a job does not say, it is that by which Blender's import places the capture.
+    """
+    if request.placement is None:
+        return suggest_placement(capture)
+    return np.array(request.placement, dtype=np.float64)

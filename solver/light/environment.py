@@ -46,6 +46,12 @@ def equirect_directions(height: int, width: int, device=None) -> torch.Tensor:
     return torch.from_numpy(direction_from_equirect(uv)).to(device)
 
 
+def texel_solid_angles(height: int) -> torch.Tensor:
+    """Solid angle [H] double of a texel of every row of a map that is twice as wide as high, sr."""
+    edges = torch.cos(torch.arange(height + 1, dtype=torch.float64) * math.pi / height)
+    return (edges[:-1] - edges[1:]) * (math.pi / height)
+
+
 class _MapConstants(NamedTuple):
     """What depends on a map's size alone."""
 
@@ -57,8 +63,7 @@ class _MapConstants(NamedTuple):
 @lru_cache(maxsize=16)
 def _map_constants(height: int, device: torch.device) -> _MapConstants:
     width = 2 * height
-    edges = torch.cos(torch.arange(height + 1, dtype=torch.float64) * math.pi / height)
-    texel = (edges[:-1] - edges[1:]) * (2 * math.pi / width)
+    texel = texel_solid_angles(height)
     rows = torch.cat([torch.zeros(1, dtype=torch.float64), texel.cumsum(0)])
     basis = sh_basis(equirect_directions(height, width), 2)
     lobe = torch.tensor(COSINE_LOBE, dtype=torch.float64)

@@ -177,7 +177,7 @@ def built(tmp_path_factory):
     folder = tmp_path_factory.mktemp("asset é x") / "result"
     light = np.random.default_rng(0).random((16, 32, 3)).astype(np.float32) * 5
     silent = lambda fraction, text: None  # noqa: E731
-    parts = build_asset(ONE, light, LEVEL, folder, SETTINGS, silent, "tea pot")
+    parts = build_asset(ONE, light, LEVEL, folder, SETTINGS, silent, "tea pot", np.eye(4))
     return folder, parts, light
 
 
@@ -285,7 +285,8 @@ def test_both_sides_are_drawn_where_a_mesh_is_open_and_no_texture_repeats(built,
     bowl = Bowl(*ONE.balls)
     bowl.surrounded = True
     few = AssetSettings(cells=32, triangles=500, texture_size=64)
-    build_asset(bowl, built[2], LEVEL, tmp_path, few, lambda fraction, text: None)
+    silent = lambda fraction, text: None  # noqa: E731
+    build_asset(bowl, built[2], LEVEL, tmp_path, few, silent, "bowl", np.eye(4))
     for path, double_sided in ((tmp_path, True), (built[0], False)):
         document, _ = read_glb(path / "asset.glb")
         assert document["materials"][0]["doubleSided"] is double_sided

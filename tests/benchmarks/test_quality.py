@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.quality import SETTINGS, stage_seconds
-from benchmarks.tables import PAPER, ablation_table, quality_table, write_page
+from benchmarks.tables import METRICS, PAPER, ablation_table, quality_table, write_page
 from tests.cli.command import DUCK, ROOT, TINY
 
 
@@ -36,6 +36,12 @@ def test_the_paper_stands_beside_its_own_scenes_only():
     table = quality_table([row(paper_scene="ball", psnr=30.0, normal_mae=1.0)])
     assert f"| *paper* | {PAPER['default']['psnr']['ball']:.2f} |" in table
     assert "| ball | default | 30.00 | 1.00 |" in table
+
+
+def test_every_column_of_the_tables_is_defined():
+    definitions = (ROOT / "docs" / "metrics.md").read_text(encoding="utf-8")
+    for title, key, *_ in METRICS:
+        assert re.search(rf"^\| {re.escape(title)} \| `{key}`", definitions, re.MULTILINE), title
 
 
 def test_differences_are_means_over_scenes_that_have_both():

@@ -36,6 +36,7 @@ def blocks():
         lambda m: m["textures"]["albedo"].update(file=3),
         lambda m: m.update(textures=[]),
         lambda m: m.update(origin=[1, 2]),
+        lambda m: m.update(placement=[[1, 0, 0, 0]]),
         lambda m: m.pop("environment"),
     ],
 )

@@ -9,6 +9,7 @@ import fake_capture
 import fake_result
 import numpy as np
 import pytest
+from mathutils import Euler
 
 
 @pytest.fixture
@@ -50,6 +51,25 @@ def test_a_result_of_another_capture_stands_by_itself(capture, extension, tmp_pa
     assert item.parent is None and item.users_collection == (bpy.context.scene.collection,)
     np.testing.assert_array_equal(item.matrix_world, np.eye(4))
     assert not any(n.type == "MAPPING" for n in bpy.context.scene.world.node_tree.nodes)
+
+
+def test_a_result_by_itself_stands_upright_with_its_light(extension, tmp_path):
+    """Here +X is up in the capture, whose unit is half a metre."""
+    job = finished_job(tmp_path / "elsewhere" / "job", ["/photos of a duck/a.png"])
+    placement = [[0, 0, -0.5, 1], [0, 0.5, 0, 2], [0.5, 0, 0, 3], [0, 0, 0, 1]]
+    manifest = job / "result" / "manifest.json"
+    content = json.loads(manifest.read_text(encoding="utf-8"))
+    manifest.write_text(json.dumps({**content, "placement": placement}), encoding="utf-8")
+    for _ in range(2):  # installed again, it stays where it is
+        assert bpy.ops.nmf.install_result(directory=str(job)) == {"FINISHED"}
+        item = bpy.context.view_layer.objects.active
+        bpy.context.view_layer.update()
+        np.testing.assert_allclose(item.matrix_world, placement, atol=1e-6)
+        world = bpy.context.scene.world
+        mapping = next(n for n in world.node_tree.nodes if n.type == "MAPPING")
+        evaluated = world.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        turn = Euler(evaluated.node_tree.nodes[mapping.name].inputs["Rotation"].default_value)
+        np.testing.assert_allclose(turn.to_matrix(), 2 * np.array(placement)[:3, :3], atol=1e-5)
 
 
 def test_a_result_finds_its_capture_by_its_photos(capture, find, tmp_path):

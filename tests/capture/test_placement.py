@@ -12,6 +12,7 @@ from solver.capture.camera import Camera
 from solver.capture.capture import Capture, region_seen_by
 from solver.capture.placement import (
     SIZE,
+    counted_from,
     estimate_up,
     placed,
     rotation_between,
@@ -106,6 +107,13 @@ def test_a_capture_at_the_other_end_of_the_world_is_moved_to_the_origin():
     moved = placed(capture, suggest_placement(capture))
     assert np.abs(moved.region).max() < 10
     assert moved.metric
+
+
+def test_a_placement_for_coordinates_from_another_origin_leads_to_the_same_place():
+    matrix, origin = similarity(2), np.array([412345.0, 5212345.0, 120.0])
+    point = np.array([0.3, -0.2, 0.1, 1.0])
+    there = matrix @ (point + [*origin, 0])
+    np.testing.assert_allclose(counted_from(matrix, origin) @ point, there, rtol=1e-12)
 
 
 def test_placing_moves_cameras_points_and_what_they_project_to_alike():

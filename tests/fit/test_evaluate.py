@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from solver.fit.evaluate import _material_scores
+from solver.fit.evaluate import _material_scores, image_scores
+from solver.fit.preview import over_plain
 
 
 def scores_of(folder, metalness):
@@ -34,3 +35,18 @@ def test_what_is_metal_in_part_has_one(tmp_path):
     factor, scores = scores_of(tmp_path, (255, 0))
     np.testing.assert_allclose(factor, 0.25 / 0.3, rtol=0.02)
     assert scores["albedo_mae"] == pytest.approx(0.25, abs=0.005)
+
+
+def test_pictures_are_clipped_and_then_laid_over_their_background_in_srgb():
+    lamp = np.array([[[2.0, 2.0, 2.0, 0.5]]])  # premultiplied: radiance 4
+    np.testing.assert_allclose(over_plain(lamp), 1.0)
+    np.testing.assert_allclose(over_plain(lamp, "black"), 0.5)
+    dark = np.array([[[0.107, 0.107, 0.107, 0.5]]])
+    np.testing.assert_allclose(over_plain(dark), 0.75, atol=1e-3)  # sRGB 0.5, half of it
+
+
+def test_the_prediction_alone_is_rounded_to_eight_bits():
+    one = np.full((16, 16, 3), 0.5)  # between two codes
+    step = 0.5 / 255
+    assert image_scores(one, one)["psnr"] == pytest.approx(-20 * np.log10(step))
+    assert image_scores(one + 0.4 * step, one)["psnr"] == image_scores(one + step, one)["psnr"]

@@ -24,6 +24,10 @@ requests = st.builds(
     seed=st.integers(0, 2**40),
     time_limit=st.none() | st.floats(1, 1e6),
     region=st.none() | st.just({"min": [-1.0, -2.0, -3.0], "max": [1.0, 2.0, 3.0]}),
+    placement=st.none()
+    | st.just(
+        [[0.0, -2.0, 0.0, 5.0], [2.0, 0.0, 0.0, 6.0], [0.0, 0.0, 2.0, 7.0], [0.0, 0.0, 0.0, 1.0]]
+    ),
     overrides=st.dictionaries(st.text(max_size=10), st.text(max_size=10) | number, max_size=3),
     code_version=st.text(max_size=10),
 )
@@ -42,7 +46,8 @@ def test_the_request_file_is_plain_json_with_the_documented_fields(tmp_path):
     content = json.loads((tmp_path / "job" / "job.json").read_text(encoding="utf-8"))
     assert content == {
         "schema_version": 1, "capture": "/photos", "preset": "draft", "device": "auto", "seed": 0,
-        "time_limit": 60.0, "photos": None, "masks": None, "region": None, "overrides": {}, "code_version": "",
+        "time_limit": 60.0, "photos": None, "masks": None, "region": None, "placement": None, "overrides": {},
+        "code_version": "",
     }  # fmt: skip
     assert sorted(entry.name for entry in job.root.iterdir()) == ["job.json"]
 
@@ -176,6 +181,25 @@ def test_the_job_modules_need_the_standard_library_alone():
         cwd=os.path.dirname(os.path.dirname(os.path.dirname(folder.__file__))),
     )  # fmt: skip
     assert answer.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]],
+        [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 2]],
+        [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]],
+        [[1, 0, 0, 0], [0, 2, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+        [[1, 0.5, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+        [[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1]],
+        [[1, 0, 0, "a"], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+        [[1, 0, 0, float("nan")], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+    ],
+    ids=["short", "projective", "mirrored", "uneven", "sheared", "flat", "text", "nan"],
+)
+def test_a_placement_that_is_no_similarity_is_refused(tmp_path, rows):
+    with pytest.raises(JobError, match="placement"):
+        JobFolder.create(tmp_path / "job", JobRequest(capture="/p", placement=rows))
 
 
 def test_every_field_of_a_request_is_checked_when_read():
