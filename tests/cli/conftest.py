@@ -6,11 +6,14 @@ from pathlib import Path
 
 import pytest
 
+from solver.kernels.warm_up import compile_kernels
 from tests.cli.command import DUCK, TINY, solver
 
 
 @pytest.fixture(scope="session")
 def job(tmp_path_factory):
+    # A process that compiles kernels computes with other roundings than those that find them on disk.
+    compile_kernels()
     root = tmp_path_factory.mktemp("space and ü") / "job"
     result = solver("reconstruct", DUCK, "--out", root, *TINY)
     assert result.returncode == 0, result.stderr
