@@ -32,6 +32,8 @@ from .scene.install import InstalledAsset, install_result
 from .scene.match_solver import match_resolution, match_solver
 
 DONE, FAILED, BAD_INPUT, CANCELLED = 0, 1, 2, 3
+MOST_PACKED = 200_000_000
+"""bytes of photos that are packed into a .blend; if they have more, they stay where they are"""
 
 
 class SolverFailed(RuntimeError):
@@ -135,7 +137,7 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
     if left:
         print(f"Warning: {left}", file=sys.stderr)
     match_capture_resolution(collection)
-    bpy.ops.file.pack_all()
+    pack_pictures(photo_paths(collection))
     save(out)
     return asset
 
@@ -154,6 +156,24 @@ def check_writable(folder: Path) -> None:
         raise JobError(
             f"{folder}: no file can be written there ({error.strerror}); give another place."
         ) from error
+
+
+def pack_pictures(photos: set[Path]) -> None:
+    """Pack all pictures that are there into the open file; `photos` only if they do not make it huge."""
+    large = sum(path.stat().st_size for path in photos if path.is_file())
+    if large <= MOST_PACKED:
+        photos = set()
+    else:
+        print(
+            f"The photos ({large / 1e6:.0f} MB) are not packed; the file goes by where they lie.",
+            file=sys.stderr,
+        )
+    for image in bpy.data.images:
+        if image.source != "FILE" or image.packed_file is not None:
+            continue
+        path = Path(bpy.path.abspath(image.filepath)).resolve()
+        if path not in photos and path.is_file():
+            image.pack()
 
 
 def save(out: Path) -> None:

@@ -81,3 +81,20 @@ def test_a_result_is_installed_where_no_link_can_be_made(result_job, part, monke
     assert bpy.ops.nmf.install_result(directory=str(result_job)) == {"FINISHED"}
     (name,) = albedos()
     assert name == ("jöb 1_albedo.png" if fails == "links" else "albedo.png")
+
+
+@pytest.mark.parametrize("most, packed", [(200_000_000, True), (0, False)])
+def test_photos_are_packed_unless_they_make_the_file_huge_and_all_else_is_always(
+    capture, two_jobs, extension, monkeypatch, capsys, most, packed
+):
+    headless = extension("headless")
+    photos = extension("scene.capture_collection").photo_paths(capture)
+    monkeypatch.setattr(headless, "MOST_PACKED", most)
+    gone = min(photos)
+    gone.unlink()  # while the solver was at work
+    headless.pack_pictures(photos)
+    for image in bpy.data.images:
+        path = Path(bpy.path.abspath(image.filepath)).resolve()
+        wanted = path != gone and (packed or path not in photos)
+        assert (image.packed_file is not None) == wanted, image.name
+    assert len(photos) == 3 and ("not packed" in capsys.readouterr().err) != packed
