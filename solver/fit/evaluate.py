@@ -10,6 +10,7 @@ transforms_relight_X.json, else those that bear the names of this camera file's.
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -71,18 +72,22 @@ def evaluate_job(
             f"{job.root}: this job is not finished; its checkpoint is evaluated.", file=sys.stderr
         )
     photos = load_photos(capture, settings=settings.photos)
-    rendered = list(render_cameras(scene, settings, capture.cameras, rays, neural))
     behind = background_shown(photos, background_of_job(job))
-    views = {}
+    views, materials = {}, MaterialScores()
+    # View by view: all buffers of the paper's 200 views would take 9 GB.
+    rendered = render_cameras(scene, settings, capture.cameras, rays, neural)
     for (camera, view), photo in zip(rendered, photos, strict=True):
         exposed = brought_to(view, photo, behind, settings.fit.exposure)
         views[camera.name] = scores = image_scores(
             display(exposed, behind), over_plain(photo.pixels, behind)
         )
         scores.update(_normal_scores(camera, view, photo))
+        scores.update(materials.add(camera, view, photo.pixels[..., 3]))
         print(camera.name, _text(scores), flush=True)
     result = {"views": views, "code_version": __version__, "cameras": str(cameras)}
-    factor = _material_scores(rendered, photos, views)
+    factor = materials.albedo_factor
+    for name, error in materials.albedo_errors():
+        views[name]["albedo_mae"] = error
     mean = _mean(list(views.values()))
     if factor is not None:
         result["albedo_factor"] = factor.tolist()
@@ -128,41 +133,58 @@ def _normal_scores(camera: Camera, view: RenderedView, photo: Photo) -> dict[str
     return {name: value for name, value in scores.items() if value is not None}
 
 
-def _material_scores(rendered, photos, views) -> np.ndarray | None:
-    """Add albedo_mae, f0_mae and roughness_mae to views; returns the albedo's factor [3].
+class MaterialScores:
+    """Errors of materials where their truth lies beside a photo.
 
-    A base colour b with metalness m means albedo b(1 − m) and F0 = 0.04(1 − m) + b·m, linear. Where it is
-    metal all over, no albedo is scored and there is no factor: one of zero would make any albedo right.
+    A base colour b with metalness m means albedo b(1 − m) and F0 = 0.04(1 − m) + b·m, linear. Albedos are
+    known up to one factor per channel for all views, so they are scored when all have been taken in; where
+    it is metal all over, none is scored and there is no factor: one of zero would make any albedo right.
     """
-    fitted, truths, brightest = LeastSquaresFactor(), {}, 0.0
-    for (camera, view), photo in zip(rendered, photos, strict=True):
-        alpha = photo.pixels[..., 3]
+
+    def __init__(self):
+        self._fitted, self._brightest = LeastSquaresFactor(), 0.0
+        self._albedos: list[tuple[Camera, np.ndarray, np.ndarray]] = []
+
+    def add(self, camera: Camera, view: RenderedView, cover: np.ndarray) -> dict[str, float]:
+        """Take in a view, each pixel by its photo's `cover` [H, W]; returns roughness_mae and f0_mae."""
+        scores = {}
         roughness = _map(camera, "_roughness")
         if roughness is not None:
-            error = weighted_mae(np.sqrt(view.alpha), roughness[..., 0], alpha)
-            views[camera.name]["roughness_mae"] = error
-        base = _map(camera, "_albedo")
-        if base is None:
-            continue
-        if _beside(camera, "_albedo.png").is_file():
-            base = srgb_to_linear(base)
-        base, metallic = base[..., :3], _map(camera, "_metallic")
-        metallic = np.zeros_like(base[..., :1]) if metallic is None else metallic[..., :1]
-        albedo = base * (1 - metallic)
-        f0 = DIELECTRIC_F0 * (1 - metallic) + base * metallic
-        views[camera.name]["f0_mae"] = weighted_mae(view.f0, f0, alpha)
-        truths[camera.name] = albedo
-        fitted.add(view.albedo, albedo, alpha)
-        brightest = max(brightest, float((albedo * alpha[..., None]).max()))
-    if brightest < BLACK:
+            scores["roughness_mae"] = weighted_mae(np.sqrt(view.alpha), roughness[..., 0], cover)
+        truth = _true_albedo_and_f0(camera)
+        if truth is not None:
+            albedo, f0 = truth
+            scores["f0_mae"] = weighted_mae(view.f0, f0, cover)
+            self._fitted.add(view.albedo, albedo, cover)
+            self._brightest = max(self._brightest, float((albedo * cover[..., None]).max()))
+            self._albedos.append((camera, view.albedo, cover))
+        return scores
+
+    @property
+    def albedo_factor(self) -> np.ndarray | None:
+        """The least-squares factor [3] of all views' albedos; None: there is no true albedo."""
+        return None if self._brightest < BLACK else self._fitted.value
+
+    def albedo_errors(self) -> Iterator[tuple[str, float]]:
+        """Name and albedo_mae of every view that has a true albedo."""
+        factor = self.albedo_factor
+        if factor is None:
+            return
+        for camera, fitted, cover in self._albedos:
+            truth, _ = _true_albedo_and_f0(camera)
+            yield camera.name, weighted_mae(fitted * factor, truth, cover)
+
+
+def _true_albedo_and_f0(camera: Camera) -> tuple[np.ndarray, np.ndarray] | None:
+    """Linear [H, W, 3] each."""
+    base = _map(camera, "_albedo")
+    if base is None:
         return None
-    for (camera, view), photo in zip(rendered, photos, strict=True):
-        if camera.name in truths:
-            error = weighted_mae(
-                view.albedo * fitted.value, truths[camera.name], photo.pixels[..., 3]
-            )
-            views[camera.name]["albedo_mae"] = error
-    return fitted.value
+    if _beside(camera, "_albedo.png").is_file():
+        base = srgb_to_linear(base)
+    base, metallic = base[..., :3], _map(camera, "_metallic")
+    metallic = np.zeros_like(base[..., :1]) if metallic is None else metallic[..., :1]
+    return base * (1 - metallic), DIELECTRIC_F0 * (1 - metallic) + base * metallic
 
 
 def _light_scores(scene: Scene, path: Path, albedo_factor: np.ndarray | None) -> dict[str, float]:
@@ -195,17 +217,16 @@ def _relight_scores(
             continue
         photos = load_photos(relit, settings=settings.photos)
         scene.environment = load_light(light, scene.device)
-        rendered = list(render_cameras(scene, settings, relit.cameras, rays, neural))
-        predictions = np.concatenate([view.radiance.reshape(-1, 3) for _, view in rendered])
-        truths = np.concatenate([photo.pixels[..., :3].reshape(-1, 3) for photo in photos])
-        factor = clipped_factor(predictions, truths)
+        rendered = [  # linear RGBA, premultiplied
+            np.concatenate([view.radiance, view.opacity[..., None]], axis=-1)
+            for _, view in render_cameras(scene, settings, relit.cameras, rays, neural)
+        ]
+        factor = _factor_of_all(rendered, photos)
         views = {}
-        for (camera, view), photo in zip(rendered, photos, strict=True):
-            truth = over_plain(photo.pixels)
-            cover = view.opacity[..., None]
-            scaled = np.concatenate([view.radiance * factor, cover], axis=-1)
-            views[camera.name] = image_scores(over_plain(scaled), truth)
-            plain = np.round(display(view) * 255) / 255
+        for camera, picture, photo in zip(relit.cameras, rendered, photos, strict=True):
+            truth, scale = over_plain(photo.pixels), np.append(factor, 1)
+            views[camera.name] = image_scores(over_plain(picture * scale), truth)
+            plain = np.round(over_plain(picture) * 255) / 255
             views[camera.name]["psnr_without_factor"] = psnr(plain, truth)
         mean = _mean(list(views.values()))
         name = folder.name.removeprefix("relight_")
@@ -213,6 +234,17 @@ def _relight_scores(
         results[name] = {"mean": mean, "factor": factor.tolist(), "views": views}
     scene.environment = own_light
     return results
+
+
+def _factor_of_all(rendered: list[np.ndarray], photos: list[Photo]) -> np.ndarray:
+    """`clipped_factor` [3] of all pictures [H, W, 4] together."""
+    predictions, truths = [], []
+    for picture, photo in zip(rendered, photos, strict=True):
+        # Where there is nothing in either, any factor is as good.
+        filled = (picture[..., :3] != 0).any(-1) | (photo.pixels[..., :3] != 0).any(-1)
+        predictions.append(picture[filled, :3])
+        truths.append(photo.pixels[filled, :3])
+    return clipped_factor(np.concatenate(predictions), np.concatenate(truths))
 
 
 def _beside(camera: Camera, ending: str) -> Path:

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from PIL import Image
 
 from solver.asset.export import export_result
 from solver.capture.photos import read_exr
+from solver.fit import evaluate
 from solver.job.folder import JobError, JobFolder
 from tests.cli.command import DUCK, solver
 
@@ -119,6 +121,20 @@ def test_evaluate_scores_all_that_has_a_truth_and_agrees_with_what_render_writes
         mae.append((angle * photo[..., 3]).sum() / photo[..., 3].sum())
     assert abs(np.mean(psnr) - scores["mean"]["psnr"]) < 0.01
     assert abs(np.mean(mae) - scores["mean"]["normal_mae"]) < 0.05
+
+
+def test_evaluate_keeps_no_view_it_has_scored(job, cameras, monkeypatch):
+    rendered, views = evaluate.render_cameras, []
+
+    def watched(*arguments):
+        for camera, view in rendered(*arguments):
+            views.append(weakref.ref(view))
+            assert sum(view() is not None for view in views) <= 3
+            yield camera, view
+
+    monkeypatch.setattr(evaluate, "render_cameras", watched)
+    assert evaluate.evaluate_job(JobFolder.open(job), cameras, rays=1)["mean"]["albedo_mae"] > 0
+    assert len(views) == 9  # three by their own light, and by two others
 
 
 def test_two_jobs_are_composed_under_another_jobs_light(job, cameras, tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from solver.fit.evaluate import _material_scores, image_scores
+from solver.fit.evaluate import MaterialScores, image_scores
 from solver.fit.preview import over_plain
 
 
@@ -20,9 +20,10 @@ def scores_of(folder, metalness):
     view = SimpleNamespace(
         albedo=np.full((*size, 3), 0.3), f0=np.full((*size, 3), 0.45), alpha=np.full(size, 0.1)
     )
-    photo = SimpleNamespace(pixels=np.ones((*size, 4)))
-    views = {"a": {}}
-    return _material_scores([(camera, view)], [photo], views), views["a"]
+    materials = MaterialScores()
+    scores = materials.add(camera, view, np.ones(size))
+    scores.update(("albedo_mae", error) for _, error in materials.albedo_errors())
+    return materials.albedo_factor, scores
 
 
 def test_what_is_metal_all_over_has_no_error_of_albedo(tmp_path):
