@@ -263,6 +263,17 @@ def test_a_decoder_can_be_taken_over_and_stays_as_it_is(tmp_path):
         start(dataclasses.replace(SMALL, fit=fit, field=fields))
 
 
+@pytest.mark.parametrize("heights, last", [((8, 16), 16), ((8, 12, 24), 24), ((8,), 8)])
+def test_a_fit_so_short_that_it_skips_a_grid_ends_with_the_last_light_all_the_same(heights, last):
+    field = dataclasses.replace(SMALL.field, sizes=(12, 14, 16), size_starts=(0.0, 0.3, 0.6))
+    light = dataclasses.replace(SMALL.light, heights=heights)
+    trainer = start(dataclasses.replace(SMALL, field=field, light=light))
+    trainer.advance(0.0)
+    assert trainer.scene.environment.height == 8
+    trainer.advance(0.9)
+    assert (trainer.scene.field.size, trainer.scene.environment.height) == (16, last)
+
+
 def test_snapshots_show_render_weights_and_light(tmp_path):
     trainer = start(SMALL)
     write_snapshot(trainer, tmp_path, 0.0)
