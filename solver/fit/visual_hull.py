@@ -155,8 +155,11 @@ def decompose(
     Each of the three pairs takes a third, so that all have a share in what is learned later; then in
     turn the best approximation of what the other two leave over (block coordinate descent; for one
     pair Eckart & Young 1936 is exact).
+
+    Components beyond the grid's size have planes of 0 and lines of others, so that they can still learn.
     """
     size = target.shape[0]
+    used = min(components, size)
     orders = [(*plane, line) for plane, line in zip(PLANE_AXES, LINE_AXES, strict=True)]
     planes, lines = (
         target.new_zeros(3, size, size, components),
@@ -168,12 +171,12 @@ def decompose(
             left = target - sum(parts[other] for other in range(3) if other != k)
             matrix = left.permute(order).reshape(size * size, size)
             _, vectors = torch.linalg.eigh((matrix.T @ matrix).double())
-            vectors = vectors[:, -components:].flip(1).to(target.dtype)
+            vectors = vectors[:, -used:].flip(1).to(target.dtype)
             scores = matrix @ vectors
             # Plane and line of a component are to be equally large in the mean square.
             balance = (scores.norm(dim=0) / size**0.5).clamp(min=1e-6).sqrt()
-            planes[k] = (scores / balance).view(size, size, -1)
-            lines[k] = vectors * balance
+            planes[k, ..., :used] = (scores / balance).view(size, size, -1)
+            lines[k] = (vectors * balance)[:, torch.arange(components) % used]
             back = [order.index(axis) for axis in range(3)]
             parts[k] = (scores @ vectors.T).view(size, size, size).permute(back)
     return planes, lines

@@ -25,6 +25,17 @@ def test_a_volume_that_is_a_sum_of_products_is_decomposed_without_a_rest():
     torch.testing.assert_close(vm_sum(nodes, *found).view(9, 9, 9), target, atol=1e-3, rtol=1e-3)
 
 
+def test_a_grid_smaller_than_its_components_starts_as_the_volume_and_all_of_them_can_learn():
+    torch.manual_seed(0)
+    target = torch.randn(6, 6, 6)
+    planes, lines = (factor.requires_grad_() for factor in decompose(target, 16))
+    nodes = torch.stack(torch.meshgrid(*[torch.arange(6.0)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    found = vm_sum(nodes, planes, lines)
+    torch.testing.assert_close(found.view(6, 6, 6), target, atol=1e-3, rtol=1e-3)
+    found.square().sum().backward()
+    assert (planes.grad.abs().amax((0, 1, 2)) + lines.grad.abs().amax((0, 1)) > 0).all()
+
+
 @pytest.mark.parametrize("size", [40, 65])
 def test_the_start_has_the_hulls_shape(size):
     torch.manual_seed(0)
