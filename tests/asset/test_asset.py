@@ -10,7 +10,7 @@ import trimesh
 from solver.asset.bake import fill_texture, gather
 from solver.asset.build import build_asset
 from solver.asset.errors import EmptySurfaceError
-from solver.asset.files import write_exr, write_fine_texture
+from solver.asset.files import write_exr, write_fine_png
 from solver.asset.gltf import portable_base_colour
 from solver.asset.settings import AssetSettings
 from solver.asset.surface import (
@@ -213,7 +213,7 @@ def test_baked_normals_are_fine_enough_for_a_mirror(built, unwrapped):
 
 def test_a_texture_that_cannot_be_written_is_an_error_that_names_it(tmp_path):
     with pytest.raises(OSError, match="normal.png"):
-        write_fine_texture(tmp_path / "missing" / "normal.png", np.zeros((4, 4, 3)))
+        write_fine_png(tmp_path / "missing" / "normal.png", np.zeros((4, 4, 3)))
 
 
 def test_environment_exr_round_trips(built):
