@@ -10,6 +10,7 @@ import torch
 import torch.nn.functional as F
 
 from ..capture.camera import Camera
+from ..capture.errors import listed
 from ..field.field import MicrofacetField
 from ..kernels.vm_torch import LINE_AXES, PLANE_AXES
 from .seen_space import cell_centres
@@ -25,6 +26,14 @@ FINER, MUCH_SMALLER = 4, 0.8
 THIN_CELLS = 2
 """cells around the hull within which it is not too thin for its cells' centres, but ends"""
 BELONG_TOGETHER = "check that masks and cameras belong together, or enlarge the region"
+
+
+def not_all_masked(without: list[str], count: int) -> str:
+    """What to tell of the photos `without` a mask, by name, among `count`, of which others have one."""
+    return (
+        f"{len(without)} of {count} photos have no mask ({listed(without)}), so the masks of the others "
+        "are not used either; add the missing ones"
+    )
 
 
 def carve(
