@@ -27,12 +27,12 @@ def extinction(raw, shift, scale):
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
 def march(
     origins, directions, start, jitter, step, cell, free, planes, lines, shift, scale,
-    min_transmittance, min_alpha, distance, raw, counts,
+    min_transmittance, distance, raw, counts,
 ):  # fmt: skip
     """Distances and raw densities [R, capacity] of every ray's samples in occupied space.
 
-    Samples lie at t = entry + (i + jitter)·step. Those where `free` is not 0, and ones more
-    transparent than `min_alpha`, are left out; the walk ends below `min_transmittance`.
+    Samples lie at t = entry + (i + jitter)·step. Those where `free` is not 0 are left out; the walk ends
+    below `min_transmittance`.
     """
     cells = free.shape[0]
     step_cells = step / cell
@@ -57,13 +57,12 @@ def march(
                 continue
             density = raw_density(x * nodes, y * nodes, z * nodes, planes, lines)
             keep = math.exp(-extinction(density, shift, scale) * step)
-            if 1.0 - keep >= min_alpha:
-                distance[r, count] = t
-                raw[r, count] = density
-                count += 1
-                transmittance *= keep
-                if transmittance < min_transmittance:
-                    break
+            distance[r, count] = t
+            raw[r, count] = density
+            count += 1
+            transmittance *= keep
+            if transmittance < min_transmittance:
+                break
             t += step
         counts[r] = count
 
