@@ -6,7 +6,14 @@ import scipy.ndimage
 import torch
 
 from solver.field.field import MicrofacetField
-from solver.fit.visual_hull import carve, decompose, hull_box, start_from_hull, whole_hull
+from solver.fit.visual_hull import (
+    carve,
+    decompose,
+    hull_box,
+    signed_distance,
+    start_from_hull,
+    whole_hull,
+)
 from solver.kernels.vm import vm_sum
 from tests.cameras.box_scene import box_camera, look_at
 
@@ -34,6 +41,13 @@ def test_a_grid_smaller_than_its_components_starts_as_the_volume_and_all_of_them
     torch.testing.assert_close(found.view(6, 6, 6), target, atol=1e-3, rtol=1e-3)
     found.square().sum().backward()
     assert (planes.grad.abs().amax((0, 1, 2)) + lines.grad.abs().amax((0, 1)) > 0).all()
+
+
+def test_the_signed_distance_is_that_of_cells_centres_from_the_face_between_them():
+    half = np.zeros((40, 12, 12), bool)
+    half[:20] = True
+    expected = np.arange(40) - 19.5
+    np.testing.assert_allclose(signed_distance(half)[8:32, 6, 6], expected[8:32], atol=0.01)
 
 
 @pytest.mark.parametrize("size", [40, 65])
