@@ -65,7 +65,7 @@ def test_a_surface_is_seen_where_cameras_look_at_it_and_nothing_is_before_it():
     points = 0.5 * np.stack([facing, behind, half, -0.4 * facing])  # the last is within the ball
     np.testing.assert_array_equal(surface.seen(points, normals), [True, False, True, False])
     # The grid's cells are coarse: a surface does not hide itself, though its cell may reach beyond it.
-    assert surface.seen(0.4 * facing[None], facing[None])
+    assert surface.seen(0.33 * facing[None], facing[None])
     narrow = replace(camera, fx=640.0, fy=640.0)  # its photo ends 0.2 units from the axis
     np.testing.assert_array_equal(
         SceneSurface(scene, [narrow] * 3).seen(points, normals), [True, False, False, False]
