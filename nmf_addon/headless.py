@@ -19,6 +19,7 @@ import bpy
 
 from ..solver.capture.errors import CaptureError
 from ..solver.job.events import Event, clock
+from ..solver.job.exit_codes import BAD_INPUT, CANCELLED, DONE, FAILED
 from ..solver.job.folder import JobError, JobFolder
 from ..solver.job.inputs import capture_of
 from ..solver.job.resume import take_up
@@ -31,7 +32,6 @@ from .scene.capture_collection import import_capture, photo_paths
 from .scene.install import InstalledAsset, install_result
 from .scene.match_solver import match_resolution, match_solver
 
-DONE, FAILED, BAD_INPUT, CANCELLED = 0, 1, 2, 3
 MOST_PACKED = 200_000_000
 """bytes of photos that are packed into a .blend; if they have more, they stay where they are"""
 

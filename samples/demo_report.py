@@ -21,9 +21,10 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
+from solver.asset.files import write_png  # noqa: E402
 from solver.capture.photos import load_photos, read_exr  # noqa: E402
 from solver.capture.read import read_capture  # noqa: E402
-from solver.fit.preview import over_plain, save_png, tone_mapped  # noqa: E402
+from solver.fit.preview import over_plain, tone_mapped  # noqa: E402
 from solver.job.folder import JobFolder, write_json_atomic  # noqa: E402
 from solver.metrics.image import psnr, ssim  # noqa: E402
 from solver.metrics.normals import normal_mae  # noqa: E402
@@ -52,7 +53,7 @@ class Page:
         files = []
         for caption, pixels in pictures.items():
             file = f"pictures/{prefix}_{re.sub(r'[^a-z0-9]+', '_', caption.lower()).strip('_')}.png"
-            save_png(pixels, self.out / file)
+            write_png(self.out / file, pixels)
             files.append((caption, file))
         self.rows.append(Row(title, files))
 
@@ -75,9 +76,8 @@ def main(out: Path, seconds: float | None) -> int:
         relit_rows(
             page, name, [camera.name for camera in capture.cameras], camera.image_path.parent
         )
-    save_png(
-        overview(page, photos[[c.name for c in capture.cameras].index(SHOWN)]), out / "overview.png"
-    )
+    shown = photos[[c.name for c in capture.cameras].index(SHOWN)]
+    write_png(out / "overview.png", overview(page, shown))
     numbers = {name: round(float(np.mean(values)), 3) for name, values in page.scores.items()}
     job = JobFolder.open(out / "job")
     solver = json.loads((job.result_dir / "report.json").read_text(encoding="utf-8"))
@@ -112,7 +112,7 @@ def overview(page: Page, photo) -> np.ndarray:
 def strip(page: Page) -> None:
     """turntable.png: the frames side by side."""
     frames = [displayed(path) for path in sorted((page.renders / "turntable").glob("*.exr"))]
-    save_png(np.concatenate(frames, axis=1), page.out / "turntable.png")
+    write_png(page.out / "turntable.png", np.concatenate(frames, axis=1))
     page.rows.append(Row("In Cycles, under the recovered light", [("turntable", "turntable.png")]))
 
 
@@ -141,7 +141,7 @@ def held_out_row(page: Page, camera, photo_pixels: np.ndarray) -> None:
 def relit_rows(page: Page, name: str, views: list[str], test: Path) -> None:
     """relit_NAME.png, and rows of the original and the reconstruction under that light."""
     folder = page.renders / name
-    save_png(displayed(folder / "large.exr"), page.out / f"relit_{name}.png")
+    write_png(page.out / f"relit_{name}.png", displayed(folder / "large.exr"))
     light, _ = read_exr(test.parent / f"relight_{name}.exr")
     pictures = {}
     scores = []

@@ -14,11 +14,12 @@ from pathlib import Path
 
 from . import __version__
 from .cameras.command import add_solve
+from .job.exit_codes import CANCELLED, DONE, FAILED
 from .job.folder import MOST_SEED, JobError, JobFolder, JobRequest
 from .job.resume import take_up
 from .job.status import process_is_alive, read_status
 from .preflight.command import add_check
-from .session import CANCELLED, DONE, FAILED, KNOWN_FAILURES, explain, session
+from .session import KNOWN_FAILURES, explain, session
 from .threads import let_idle_threads_sleep
 
 

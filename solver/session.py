@@ -16,13 +16,13 @@ from .capture.errors import CaptureError
 from .fit.errors import SettingsError
 from .job.control import Cancelled, Control
 from .job.events import EventStream, take_stdout_for_events
+from .job.exit_codes import BAD_INPUT, CANCELLED, DONE, FAILED, OUT_OF_MEMORY
 from .job.folder import JobError
 from .job.status import Heartbeat
 
 if TYPE_CHECKING:
     from .fit.progress import Progress
 
-DONE, FAILED, BAD_INPUT, CANCELLED, OUT_OF_MEMORY = 0, 1, 2, 3, 4
 KNOWN_FAILURES = (EmptySurfaceError,)
 _DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ...solver.job.events import Event, clock
+from ...solver.job.exit_codes import CANCELLED, DONE, OUT_OF_MEMORY
 from ...solver.job.folder import JobFolder
 from ...solver.job.status import process_is_alive, read_status
 
@@ -17,8 +18,6 @@ STAGE_TEXTS = {
     "mapping": "Placing cameras", "adjustment": "Refining cameras",
     "asset": "Making mesh and textures", "report": "Writing the report",
 }  # fmt: skip
-CANCELLED = 3  # the solver's exit codes
-OUT_OF_MEMORY = 4
 
 
 @dataclass
@@ -83,7 +82,7 @@ class JobModel:
             said_bye: it ended by itself, with its last event; else it crashed or was killed.
         """
         self.seconds_left = None
-        if exit_code == 0:
+        if exit_code == DONE:
             self.state, self.text, self.overall = "done", "Done", 1.0
         elif exit_code == CANCELLED or (self.cancelling and not said_bye):
             self.state, self.text, self.error = "cancelled", "Cancelled", ""

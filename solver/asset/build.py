@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from ..capture.colour import linear_to_srgb
 from ..capture.placement import scale_and_rotation
 from ..light.turned import turned
 from .bake import fill_texture, gather
-from .files import write_exr, write_fine_texture, write_ply, write_texture
+from .files import write_exr, write_fine_png, write_ply, write_png
 from .gltf import write_glb
 from .settings import AssetSettings
 from .surface import SurfaceField, extract_surface
@@ -68,11 +69,11 @@ def build_asset(
     roughness = texture(np.sqrt(samples.alpha)[:, None])
     normal = texture(encode_normals(samples.normals, texel_frames(unwrapped, texels)))
     write_ply(folder / "mesh.ply", unwrapped)
-    write_texture(folder / "albedo.png", albedo, srgb=True)
-    write_texture(folder / "f0.png", f0, srgb=True)
-    write_texture(folder / "roughness.png", roughness, srgb=False)
+    write_png(folder / "albedo.png", linear_to_srgb(albedo))
+    write_png(folder / "f0.png", linear_to_srgb(f0))
+    write_png(folder / "roughness.png", roughness)
     # In 8 bits a slow tilt is a staircase, each step of which a mirror shows.
-    write_fine_texture(folder / "normal.png", normal)
+    write_fine_png(folder / "normal.png", normal)
     write_exr(folder / "environment.exr", {"RGB": environment})
     progress(0.95, "writing files")
     write_glb(

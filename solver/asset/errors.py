@@ -2,4 +2,10 @@
 
 
 class EmptySurfaceError(RuntimeError):
-    """The field holds nothing dense enough to be a surface."""
+    """The field holds nothing dense enough to be a surface; one sentence with the way out."""
+
+    def __init__(self):
+        super().__init__(
+            "The fit found no opaque surface; check the masks, the region and the cameras, and give it "
+            "more time if that was short."
+        )

@@ -9,12 +9,9 @@ import OpenEXR
 import OpenImageIO
 from PIL import Image
 
-from ..capture.photos import linear_to_srgb
+from ..capture.colour import REC709
 from ..job.folder import replace_file
 from .unwrap import UnwrappedMesh
-
-# Rec.709 primaries and D65, so that no reader needs to guess what the numbers mean.
-REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 
 
 def write_ply(path: Path, mesh: UnwrappedMesh) -> None:
@@ -32,18 +29,22 @@ def write_ply(path: Path, mesh: UnwrappedMesh) -> None:
     replace_file(part, path)
 
 
-def write_texture(path: Path, values: np.ndarray, srgb: bool) -> None:
-    """Write values [S, S, C] in [0, 1] as an 8-bit PNG, sRGB-encoded or plain."""
-    encoded = linear_to_srgb(values) if srgb else values
-    pixels = (np.clip(encoded, 0, 1) * 255 + 0.5).astype(np.uint8)
-    picture = Image.fromarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels)
+def picture_of(values: np.ndarray) -> Image.Image:
+    """An 8-bit picture of values [H, W, C] in [0, 1], C = 1 or 3, as they are."""
+    pixels = (np.clip(values, 0, 1) * 255 + 0.5).astype(np.uint8)
+    return Image.fromarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels)
+
+
+def write_png(path: Path, values: np.ndarray) -> None:
+    """Write values [H, W, C] in [0, 1], as they are, as an 8-bit PNG, renamed into place."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(path.stem + ".part.png")
-    picture.save(part)
+    picture_of(values).save(part)
     replace_file(part, path)
 
 
-def write_fine_texture(path: Path, values: np.ndarray) -> None:
-    """Write plain values [S, S, 3] in [0, 1] as a 16-bit PNG: what Pillow cannot.
+def write_fine_png(path: Path, values: np.ndarray) -> None:
+    """Write values [S, S, 3] in [0, 1], as they are, as a 16-bit PNG: what Pillow cannot.
 
     Raises:
         OSError: it cannot be written.
@@ -61,7 +62,7 @@ def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
     data = {name: np.ascontiguousarray(values, np.float32) for name, values in channels.items()}
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage,
-        "chromaticities": REC709_CHROMATICITIES,
+        "chromaticities": REC709,  # so that no reader needs to guess what the numbers mean
     }  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(path.stem + ".part.exr")

@@ -111,7 +111,7 @@ def surface_level(scene: Scene, settings: RenderSettings, cameras: list[Camera])
     half opaque.
 
     Raises:
-        EmptySurfaceError: no ray meets anything opaque.
+        EmptySurfaceError: no ray meets anything opaque, or all go through fog.
     """
     pixels = sum(camera.width * camera.height for camera in cameras)
     stride = max(1, int(np.sqrt(pixels / MAX_RAYS)))
@@ -128,12 +128,12 @@ def surface_level(scene: Scene, settings: RenderSettings, cameras: list[Camera])
         peaks.append(peak)
     opacity, peak = np.concatenate(opacities), np.concatenate(peaks)
     if not (opacity > 0.5).any():
-        raise EmptySurfaceError(
-            "The fit found no opaque surface; check the masks, the region and the cameras, and give it "
-            "more time if that was short."
-        )
+        raise EmptySurfaceError
     border = (opacity > 0.3) & (opacity < 0.7)
     if border.sum() < MIN_BORDER_RAYS:
         # The object fills every photo: any level between empty and solid will do.
-        return float(0.2 * np.median(peak[opacity > 0.9]))
+        solid = peak[opacity > 0.9]
+        if len(solid) == 0:
+            raise EmptySurfaceError
+        return float(0.2 * np.median(solid))
     return float(np.median(peak[border]))

@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from .. import __version__
 from ..brdf.microfacet import DIELECTRIC_F0
-from ..capture.photos import linear_to_srgb
+from ..capture.colour import linear_to_srgb
 from ..job.folder import replace_file
+from .files import picture_of
 from .tangent import vertex_tangents
 from .unwrap import UnwrappedMesh
 
@@ -127,5 +127,5 @@ def write_glb(
 
 def _png(values: np.ndarray) -> bytes:
     stream = io.BytesIO()
-    Image.fromarray((np.clip(values, 0, 1) * 255 + 0.5).astype(np.uint8)).save(stream, "PNG")
+    picture_of(values).save(stream, "PNG")
     return stream.getvalue()

@@ -55,7 +55,6 @@ def marching_cubes(field: SurfaceField, cells: int, level: float) -> trimesh.Tri
     interpolation between grid nodes places the surface well only where the values are even.
     """
     low, high = field.region.astype(np.float64)
-    # One layer of empty nodes all round closes surfaces that touch the region's border.
     ticks = [np.linspace(low[a], high[a], cells + 1, dtype=np.float32) for a in range(3)]
     density = np.empty((cells + 1,) * 3, dtype=np.float32)
     layers = max(1, POINTS_PER_CALL // (cells + 1) ** 2)
@@ -66,10 +65,9 @@ def marching_cubes(field: SurfaceField, cells: int, level: float) -> trimesh.Tri
             len(x), cells + 1, cells + 1
         )
     if not (density > level).any():
-        raise EmptySurfaceError(
-            "The fit found no opaque surface; check the masks, the region and the cameras."
-        )
+        raise EmptySurfaceError
     floor = 1e-3 * level
+    # One layer of empty nodes all round closes surfaces that touch the region's border.
     values = np.log(np.maximum(np.pad(density, 1), floor))
     vertices, faces, _, _ = skimage.measure.marching_cubes(values, np.log(level))
     vertices = low + (vertices - 1) * ((high - low) / cells)

@@ -7,8 +7,9 @@ import sys
 from pathlib import Path
 
 from ..capture.errors import CaptureError
+from ..job.exit_codes import CANCELLED
 from ..job.status import process_is_alive, read_status
-from ..session import CANCELLED, session
+from ..session import session
 from .folder import CAMERA_MODELS, MATCHERS, SolveFolder, SolveRequest, photos_below
 
 

@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..capture.errors import listed
+
 FEW_FEATURES, SHARE_OF_MEDIAN = 100, 0.1
 FEW_MATCHES = 30
 """matches that agree with one another; COLMAP places a photo from about as many"""
-_NAMED = 5
 
 
 @dataclass(frozen=True)
@@ -57,9 +58,3 @@ def unplaced(evidence: list[Evidence], placed: set[str]) -> tuple[str, str]:
     problem = f"{len(missing)} of {len(evidence)} photos could not be placed: "
     problem += "; ".join(f"{listed(names)} – {why}" for names, why, _ in kinds)
     return problem, ", and ".join(remedy for _, _, remedy in kinds)
-
-
-def listed(names: list[str]) -> str:
-    """The first names and how many more."""
-    more = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")

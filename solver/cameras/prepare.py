@@ -9,6 +9,7 @@ import numpy as np
 import scipy.ndimage
 from PIL import Image
 
+from ..capture.image_header import image_orientation
 from ..capture.photo_finder import PhotoFinder
 from ..capture.reduced import load_reduced, load_reduced_mask, read_header
 
@@ -83,7 +84,7 @@ def write_prepared(photo: Prepared, pictures: Path, masks: Path) -> None:
     colour, alpha = load_reduced(photo.path, max(size))
     shown = None if alpha is None or alpha.min() == 255 else _resized(alpha, size)
     if photo.mask is not None:
-        mask = load_reduced_mask(photo.mask, size[::-1])
+        mask = load_reduced_mask(photo.mask, size[::-1], image_orientation(photo.path))
         shown = mask if shown is None else np.minimum(shown, mask)
     grey = _resized(np.asarray(Image.fromarray(np.ascontiguousarray(colour)).convert("L")), size)
     if shown is not None:

@@ -1,9 +1,11 @@
-"""The one error for captures that cannot be read."""
+"""The one error for captures that cannot be read, and what sentences for people are made of."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
+
+_NAMED = 6
 
 
 class CaptureError(ValueError):
@@ -25,3 +27,9 @@ def shown(value: Any, limit: int = 60) -> str:
         text = f"a {type(value).__name__}"  # nested too deeply, or an integer too long to print
     text = "".join(c if c.isprintable() else "?" for c in text[: limit + 1])
     return text if len(text) <= limit else text[: limit - 1] + "…"
+
+
+def listed(names: list[str]) -> str:
+    """The first names and how many more."""
+    more = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")

@@ -1,4 +1,4 @@
-"""Photos at a reduced size: decoded fast, upright, in eight bits. For looking at many of them."""
+"""Photos at a reduced size: decoded fast, turned, in eight bits. For looking at many of them."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageOps
+from PIL import Image
 
+from .colour import linear_to_srgb
 from .decoding import Decoded, decode
 from .errors import CaptureError
-from .image_header import image_size
+from .image_header import image_orientation, image_size
 from .masks import coverage, no_mask
+from .orientation import oriented, turn_for
 
 _DECODED_WHOLE = (".exr", ".hdr", ".tif", ".tiff")
 _ORIENTATION, _CAMERA_FIELDS, _FOCAL_LENGTH_35MM = 0x0112, 0x8769, 0xA405
@@ -52,8 +54,14 @@ def read_header(path: Path) -> PhotoHeader:
     return PhotoHeader(*((height, width) if turned else (width, height)), focal)
 
 
-def load_reduced(path: Path, longest: int) -> tuple[np.ndarray, np.ndarray | None]:
-    """A photo no longer than `longest` pixels, turned as its EXIF says.
+def load_reduced(
+    path: Path, longest: int, seen: tuple[int, int] | None = None
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """A photo no longer than `longest` pixels.
+
+    Args:
+        seen: width and height of its camera, as which it is turned (`orientation.turn_for`); None: upright,
+            as its EXIF says.
 
     Returns:
         colour [H, W, 3] uint8 sRGB and alpha [H, W] uint8, None if it has none.
@@ -61,47 +69,67 @@ def load_reduced(path: Path, longest: int) -> tuple[np.ndarray, np.ndarray | Non
     Raises:
         CaptureError: it cannot be decoded.
     """
+    turn = image_orientation(path)
+    if seen is not None:
+        turn = turn_for(image_size(path), turn, *seen) or turn
+    colour, alpha = _as_it_lies(path, longest)
+    return oriented(colour, turn), None if alpha is None else oriented(alpha, turn)
+
+
+def _as_it_lies(path: Path, longest: int) -> tuple[np.ndarray, np.ndarray | None]:
+    """Colour and alpha of `load_reduced`, not turned."""
     if path.suffix.lower() in _DECODED_WHOLE:
         return _every_nth(path, longest)
     try:
         with Image.open(path) as picture:
             # A JPEG is decoded at a half, a quarter or an eighth at a fraction of the time.
             picture.draft("RGB", (longest, longest))
-            upright = ImageOps.exif_transpose(picture)
-            if upright.mode.startswith("I") or upright.mode == "F":
-                grey = np.asarray(upright, dtype=np.float64)
+            small = picture
+            if small.mode.startswith("I") or small.mode == "F":
+                grey = np.asarray(small, dtype=np.float64)
                 grey = grey / 257 if grey.max() > 255 else grey
-                upright = Image.fromarray(np.clip(grey, 0, 255).astype(np.uint8))
-            has_alpha = "A" in upright.getbands() or "transparency" in upright.info
-            upright = upright.convert("RGBA" if has_alpha else "RGB")
-            upright.thumbnail((longest, longest), Image.Resampling.BOX, reducing_gap=2.0)
-            pixels = np.asarray(upright)
+                small = Image.fromarray(np.clip(grey, 0, 255).astype(np.uint8))
+            has_alpha = "A" in small.getbands() or "transparency" in small.info
+            small = small.convert("RGBA" if has_alpha else "RGB")
+            small.thumbnail((longest, longest), Image.Resampling.BOX, reducing_gap=2.0)
+            pixels = np.asarray(small)
     except Exception as error:  # every decoder has its own exceptions
         raise _unreadable(path, error) from error
     return pixels[..., :3], pixels[..., 3] if has_alpha else None
 
 
-def load_reduced_mask(path: Path, shape: tuple[int, int]) -> np.ndarray:
-    """A mask [H, W] uint8 at a given size (rows, columns), read as for a fit.
+def load_reduced_mask(path: Path, shape: tuple[int, int], orientation: int = 1) -> np.ndarray:
+    """A mask [H, W] uint8 at a given size (rows, columns), read and turned as for a fit.
+
+    Args:
+        orientation: the photo's; its mask may lie as the photo does.
 
     Raises:
         CaptureError: it is not there or cannot be decoded.
     """
     if not path.is_file():
         raise no_mask(path)
-    colour, alpha = load_reduced(path, max(shape))
+    colour, alpha = _as_it_lies(path, max(shape))
     channels = [colour] if alpha is None else [colour, alpha[..., None]]
     decoded = Decoded(np.concatenate(channels, axis=2), None if alpha is None else 3)
-    mask = Image.fromarray(np.round(255 * coverage(decoded)).astype(np.uint8))
-    return np.asarray(mask.resize((shape[1], shape[0]), Image.Resampling.BOX))
+    mask = np.round(255 * coverage(decoded)).astype(np.uint8)
+    candidates = [oriented(mask, turn) for turn in (1, image_orientation(path), orientation)]
+    fitting = next((c for c in candidates if _has_shape(c, shape)), mask)
+    resized = Image.fromarray(np.ascontiguousarray(fitting)).resize(
+        shape[::-1], Image.Resampling.BOX
+    )
+    return np.asarray(resized)
+
+
+def _has_shape(image: np.ndarray, shape: tuple[int, int]) -> bool:
+    """True if an image has the proportions of a size (rows, columns), but for rounding to whole pixels."""
+    (height, width), (rows, columns) = image.shape, shape
+    return abs(width / columns - height / rows) <= 1 / columns + 1 / rows
 
 
 def _every_nth(path: Path, longest: int) -> tuple[np.ndarray, np.ndarray | None]:
-    from .orientation import oriented
-    from .photos import linear_to_srgb
-
     decoded = decode(path)
-    pixels = oriented(decoded.pixels, decoded.orientation)
+    pixels = decoded.pixels
     # Every n-th pixel of n: good enough to look at, and radiances do not average well.
     every = -(-max(pixels.shape[:2]) // longest)
     pixels = np.nan_to_num(pixels[::every, ::every].astype(np.float64) / decoded.largest)

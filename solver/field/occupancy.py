@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-from ..kernels.skipping import blocking_grid, dilated, free_distance
+from ..kernels.skipping import blocking_grid, dilated, free_distance, values_at
 from .field import MicrofacetField
 
 
@@ -55,8 +55,7 @@ class Occupancy(nn.Module):
 
     def is_allowed(self, box_points: torch.Tensor) -> torch.Tensor:
         """True [N] where something may be, at box points [N, 3]."""
-        cell = (box_points * self.cells).long().clamp(0, self.cells - 1)
-        return self.allowed[cell[:, 0], cell[:, 1], cell[:, 2]]
+        return values_at(self.allowed, box_points)
 
     def allow_only(self, grid: torch.Tensor, dilation: int) -> None:
         """Restrict to a boolean grid [H, H, H] over the same box, grown by `dilation` of its cells.
@@ -67,7 +66,7 @@ class Occupancy(nn.Module):
         resized = (
             F.adaptive_max_pool3d(grown, self.cells)
             if len(grid) >= self.cells
-            else (F.interpolate(grown, size=(self.cells,) * 3, mode="nearest"))
+            else F.interpolate(grown, size=(self.cells,) * 3, mode="nearest")
         )
         self.allowed = (resized[0, 0] > 0).to(self.occupied.device)
 

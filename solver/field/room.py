@@ -15,6 +15,7 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+from ..kernels.skipping import values_at
 from ..kernels.vm import vm_products, vm_sum
 from .smoothing import upsample
 
@@ -82,9 +83,7 @@ class Room(nn.Module):
     def extinction(self, contracted: torch.Tensor) -> torch.Tensor:
         """σ [N] per unit of contracted length at contracted points [N, 3]; 0 where not allowed."""
         raw = vm_sum(self._nodes(contracted), self.planes, self.lines)
-        cells = self.allowed.shape[0]
-        cell = ((contracted / EXTENT + 1) * (0.5 * cells)).long().clamp(0, cells - 1)
-        allowed = self.allowed[cell[:, 0], cell[:, 1], cell[:, 2]]
+        allowed = values_at(self.allowed, 0.5 * (contracted / EXTENT + 1))
         return self.extinction_scale * F.softplus(raw + self.shift) * allowed
 
     def radiance(self, contracted: torch.Tensor) -> torch.Tensor:

@@ -33,7 +33,7 @@ class Chunk(NamedTuple):
     colour: torch.Tensor | None  # [P, 3] sRGB behind the object, where it is random
     log_gain: (
         torch.Tensor | None
-    )  # [P, C] logarithms of the photos' exposures, where they are found
+    )  # [photos, C] logarithms of their exposures, where those are found
     share: float  # of the step's pixels
     retraced: int  # secondary rays to be traced through the field
     step: int
@@ -45,7 +45,7 @@ class Taken(NamedTuple):
 
     image: float  # its image loss
     samples: tuple[int, int, int]  # density samples, retraced rays, their samples
-    to_exposures: torch.Tensor | None  # [P, C] gradient of the photos' log gains
+    to_exposures: torch.Tensor | None  # [photos, C] gradient of their log gains
 
 
 @dataclass(frozen=True)

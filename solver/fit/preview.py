@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from ..asset.files import picture_of, write_png
 from ..capture.photos import linear_to_srgb
-from ..job.folder import replace_file
 from ..render.image import RenderedView, render_view
 from ..render.scene import StepTables
 from .chunk import SURROUNDED
@@ -46,30 +46,23 @@ def tone_mapped(radiance: np.ndarray) -> np.ndarray:
     return np.clip(linear_to_srgb(1.4 * radiance / (1 + radiance)), 0, 1)
 
 
-def save_png(pixels: np.ndarray, path: Path) -> None:
-    """Write pixels [H, W, 3] in [0, 1] as 8-bit PNG, renamed into place."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.stem + ".part.png")
-    Image.fromarray((np.clip(pixels, 0, 1) * 255 + 0.5).astype(np.uint8)).save(part)
-    replace_file(part, path)
-
-
 def write_previews(trainer: Trainer, folder: Path) -> None:
     """Write `render.png` (photo | render | normals) and `environment.png`."""
     scene, bank = trainer.scene, trainer.bank
     camera, photo = bank.preview_camera, bank.preview_photo
-    settings = dataclasses.replace(
-        picture_settings(trainer.settings, rays=16, fraction=trainer.fraction),
-        emission=trainer.emission(trainer.fraction), pixel_grid=1,
-    )  # fmt: skip
+    fraction = trainer.fraction
+    settings = picture_settings(
+        trainer.settings, rays=16, fraction=fraction, emission=trainer.emission(fraction)
+    )
+    settings = dataclasses.replace(settings, pixel_grid=1)
     view = render_view(scene, StepTables.of(scene), settings, camera.no_larger(PREVIEW_PIXELS))
-    picture = Image.fromarray((over_plain(photo, trainer.background) * 255).astype(np.uint8))
+    picture = picture_of(over_plain(photo, trainer.background))
     size = (view.opacity.shape[1], view.opacity.shape[0])
     reference = np.asarray(picture.resize(size, Image.Resampling.BOX)).astype(np.float32) / 255
     normals = view.normal * 0.5 + 0.5
     normals = normals * view.opacity[..., None] + (1 - view.opacity[..., None])
-    save_png(
-        np.concatenate([reference, display(view, trainer.background), normals], axis=1),
+    write_png(
         folder / "render.png",
+        np.concatenate([reference, display(view, trainer.background), normals], axis=1),
     )
-    save_png(tone_mapped(scene.environment.image()), folder / "environment.png")
+    write_png(folder / "environment.png", tone_mapped(scene.environment.image()))

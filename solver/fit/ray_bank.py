@@ -21,9 +21,7 @@ class RayBatch(NamedTuple):
     directions: torch.Tensor  # [B, n, 3] world, unit
     colour: torch.Tensor  # [B, 3] sRGB-encoded, straight (not premultiplied)
     alpha: torch.Tensor  # [B] coverage; 1 where the photo has none
-    alpha_known: (
-        torch.Tensor
-    )  # [B] false where it may as well be 0: as plain as the photo's backdrop
+    alpha_known: torch.Tensor  # [B] false where it may as well be 0: as plain as the backdrop
     clipped: torch.Tensor  # [B, 3] true where the photo is saturated
     pixel_angle: torch.Tensor  # [B] angular width of the pixel, rad
     photo: torch.Tensor  # [B] long, index of the photo

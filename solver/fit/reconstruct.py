@@ -34,6 +34,7 @@ from .settings import Settings
 from .snapshots import write_figure, write_snapshot
 from .start import new_trainer, starts_from_points, trainer_for
 from .trainer import Trainer
+from .visual_hull import not_all_masked
 
 POINTS_SHARE = 0.9
 """of the time in which a fit without masks is begun: finding sparse points"""
@@ -170,10 +171,7 @@ def _tell_of_missing_masks(capture: Capture, photos: list[Photo], progress: Prog
         c.name for c, photo in zip(capture.cameras, photos, strict=True) if not photo.has_alpha
     ]
     if 0 < len(without) < len(photos):
-        progress.warning(
-            f"{len(without)} of {len(photos)} photos have no mask ('{without[0]}' is one), so those of the "
-            "others are not used; add the missing ones"
-        )
+        progress.warning(not_all_masked(without, len(photos)))
 
 
 def _at_start(

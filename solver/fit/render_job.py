@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ..asset.files import write_exr
+from ..asset.files import write_exr, write_png
 from ..capture.capture import Capture
 from ..capture.read import read_capture
 from ..job.folder import JobError, JobFolder
 from ..render.composition import Composition, Placement
 from ..render.image import RenderedView
 from .load import load_job, load_light, render_cameras
-from .preview import display, save_png
+from .preview import display
 
 
 def render_job(
@@ -80,7 +80,7 @@ def _cameras_of(file: Path, out: Path) -> Capture:
 
 def write_view(view: RenderedView, name: str, folder: Path) -> None:
     """Write NAME.png, NAME_linear.exr, _normal, _albedo, _roughness and _f0 of a view."""
-    save_png(display(view), folder / f"{name}.png")
+    write_png(folder / f"{name}.png", display(view))
     premultiplied = np.concatenate([view.radiance, view.opacity[..., None]], axis=-1)
     write_exr(folder / f"{name}_linear.exr", {"RGBA": premultiplied})
     write_exr(folder / f"{name}_normal.exr", {"RGB": view.normal})

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..asset.files import write_png
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
 from ..capture.photos import Photo, load_photos, resized
@@ -19,7 +20,7 @@ from ..render.image import render_view
 from ..render.scene import Scene, StepTables
 from ..report import Row, write_report
 from .exposure import brought_to
-from .preview import display, over_plain, save_png, tone_mapped
+from .preview import display, over_plain, tone_mapped
 from .schedule import picture_settings
 from .settings import Settings
 from .start import background_shown
@@ -39,7 +40,7 @@ def write_job_report(
         background: what stands behind the object in the photos that were fitted.
         numbers: to be told besides.
     """
-    held_out = False
+    held_out, warnings = False, warnings_of(job)
     chosen = _spread(capture.cameras)
     cameras, images = [capture.cameras[i] for i in chosen], [photos[i] for i in chosen]
     if has_split(job.request.capture, "test"):
@@ -48,9 +49,9 @@ def write_job_report(
             test = replace(test, cameras=tuple(test.cameras[i] for i in _spread(test.cameras)))
             images = load_photos(test, settings=settings.photos)
             cameras, held_out = list(test.cameras), True
-        except CaptureError:
+        except CaptureError as error:
             # A broken test split must not cost the person a finished reconstruction.
-            held_out = False
+            warnings.append(f"the photos that were held out cannot be shown: {error}".rstrip("."))
     render_settings = picture_settings(settings)
     tables = StepTables.of(scene)
     behind = background_shown(images, background)
@@ -72,11 +73,11 @@ def write_job_report(
         files = []
         for name, pixels in pictures.items():
             file = folder / f"{camera.name}_{name.split()[0]}.png"
-            save_png(pixels, file)
+            write_png(file, pixels)
             files.append((name, f"report/{file.name}"))
         rows.append(Row(f"{camera.name}: {score:.1f} dB", files))
         progress((done + 1) / len(cameras))
-    save_png(tone_mapped(scene.environment.image()), folder / "environment.png")
+    write_png(folder / "environment.png", tone_mapped(scene.environment.image()))
     rows.append(Row("Recovered light", [("environment", "report/environment.png")]))
     kind = "held-out views" if held_out else "training photos"
     if settings.fit.exposure != "fixed":
@@ -88,7 +89,6 @@ def write_job_report(
         ),
         f"SSIM (mean of {len(cameras)} {kind})": round(float(np.mean([s[1] for s in scores])), 4),
     }
-    warnings = warnings_of(job)
     write_json_atomic(job.result_dir / "report.json", {**numbers, "warnings": warnings})
     write_report(
         job.result_dir / "report.html", "Reconstruction",

@@ -59,14 +59,17 @@ def pixel_grid(settings: Settings, fraction: float) -> int:
 
 
 def picture_settings(
-    settings: Settings, rays: int = 64, fraction: float = 1.0, neural: float | None = None
-) -> RenderSettings:
+    settings: Settings, rays: int = 64, fraction: float = 1.0, neural: float | None = None,
+    emission: float = 0.0,
+) -> RenderSettings:  # fmt: skip
     """Render settings of whole pictures at a fraction of the fit.
 
     Args:
         rays: secondary rays a pixel.
         neural: share of the neural term; None: as it is at that fraction.
+        emission: share of emission, which pictures of a fit on its way have (`ChunkLoss.emission`).
     """
     neural = neural_share(settings.fit, fraction) if neural is None else neural
     render = dataclasses.replace(settings.render, pixel_grid=pixel_grid(settings, fraction))
-    return image_settings(render, rays, neural)
+    pictures = image_settings(render, rays, neural)
+    return dataclasses.replace(pictures, emission=emission)

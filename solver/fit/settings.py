@@ -68,7 +68,8 @@ class LightSettings:
     """The environment map."""
 
     heights: tuple[int, ...] = (64, 128, 256)
-    """rows of the map, coarse to fine, at the fractions of `field.size_starts`, one for each size"""
+    """rows of the map, coarse to fine, at the fractions of `field.size_starts`; where there are fewer than
+    sizes, the last one stays, and where there are more, the others are never reached"""
     initial: float = 0.5
     """radiance of every texel at the start"""
 

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from ..asset.files import write_png
 from ..render.image import render_view
 from ..render.scan_line import scan_line_weights
 from ..render.scene import StepTables
-from .preview import display, save_png, tone_mapped
+from .preview import display, tone_mapped
 from .schedule import picture_settings
 from .trainer import Trainer
 
@@ -26,16 +27,16 @@ def write_snapshot(trainer: Trainer, folder: Path, fraction: float) -> None:
     the render).
     """
     scene, camera = trainer.scene, trainer.bank.preview_camera
-    settings = picture_settings(trainer.settings, 32, fraction)
+    settings = picture_settings(trainer.settings, 32, fraction, emission=trainer.emission(fraction))
     view = render_view(scene, StepTables.of(scene), settings, camera)
     picture = display(view, trainer.background)
     row = camera.height // 2
     picture[row, ::4] = (1.0, 0.3, 0.0)
     step = f"{trainer.step:06d}.png"
-    save_png(picture, folder / f"render_{step}")
+    write_png(folder / f"render_{step}", picture)
     weights = scan_line_weights(scene, settings, camera, row, camera.height)
-    save_png(np.repeat(1 - weights[..., None] ** 0.5, 3, axis=-1), folder / f"weights_{step}")
-    save_png(tone_mapped(scene.environment.image()), folder / f"environment_{step}")
+    write_png(folder / f"weights_{step}", np.repeat(1 - weights[..., None] ** 0.5, 3, axis=-1))
+    write_png(folder / f"environment_{step}", tone_mapped(scene.environment.image()))
 
 
 def write_figure(folder: Path) -> Path | None:
@@ -52,5 +53,5 @@ def write_figure(folder: Path) -> Path | None:
         columns.append(np.concatenate([x for p in scaled for x in (np.asarray(p), gap)], axis=0))
     gap = np.full((columns[0].shape[0], GAP, 3), 255, np.uint8)
     figure = np.concatenate([x for column in columns for x in (column, gap)], axis=1)
-    save_png(figure.astype(np.float32) / 255, folder / FIGURE)
+    write_png(folder / FIGURE, figure.astype(np.float32) / 255)
     return folder / FIGURE

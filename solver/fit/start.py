@@ -21,6 +21,7 @@ from ..field.room import EXTENT, Room, expand
 from ..job.folder import JobFolder
 from ..light.environment import EnvironmentMap
 from ..render.scene import Scene
+from .checkpoint import load_scene
 from .chunk import SURROUNDED
 from .cut_out import backdrop_behind
 from .errors import SettingsError
@@ -149,8 +150,6 @@ def take_decoder(scene: Scene, job: Path, device: str) -> None:
     Raises:
         JobError: there is no job. SettingsError: its networks have another shape.
     """
-    from .checkpoint import load_scene
-
     other, _, _ = load_scene(JobFolder.open(job).checkpoint_dir, device)
     try:
         scene.field.basis.load_state_dict(other.field.basis.state_dict())

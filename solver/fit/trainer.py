@@ -199,7 +199,8 @@ class Trainer:
         self.scene.field.upsample(sizes[level])
         if self.scene.room is not None:
             self.scene.room.upsample(sizes[level])
-        if level < len(heights):
-            self.scene.environment = self.scene.environment.resized(heights[level])
+        height = heights[min(level, len(heights) - 1)]
+        if height != self.scene.environment.height:
+            self.scene.environment = self.scene.environment.resized(height)
         self.batching.restart()
         self._begin_level()

@@ -10,6 +10,7 @@ import torch
 import torch.nn.functional as F
 
 from ..capture.camera import Camera
+from ..capture.errors import listed
 from ..field.field import MicrofacetField
 from ..kernels.vm_torch import LINE_AXES, PLANE_AXES
 from .seen_space import cell_centres
@@ -25,6 +26,14 @@ FINER, MUCH_SMALLER = 4, 0.8
 THIN_CELLS = 2
 """cells around the hull within which it is not too thin for its cells' centres, but ends"""
 BELONG_TOGETHER = "check that masks and cameras belong together, or enlarge the region"
+
+
+def not_all_masked(without: list[str], count: int) -> str:
+    """What to tell of the photos `without` a mask, by name, among `count`, of which others have one."""
+    return (
+        f"{len(without)} of {count} photos have no mask ({listed(without)}), so the masks of the others "
+        "are not used either; add the missing ones"
+    )
 
 
 def carve(
@@ -155,8 +164,11 @@ def decompose(
     Each of the three pairs takes a third, so that all have a share in what is learned later; then in
     turn the best approximation of what the other two leave over (block coordinate descent; for one
     pair Eckart & Young 1936 is exact).
+
+    Components beyond the grid's size have planes of 0 and lines of others, so that they can still learn.
     """
     size = target.shape[0]
+    used = min(components, size)
     orders = [(*plane, line) for plane, line in zip(PLANE_AXES, LINE_AXES, strict=True)]
     planes, lines = (
         target.new_zeros(3, size, size, components),
@@ -168,12 +180,12 @@ def decompose(
             left = target - sum(parts[other] for other in range(3) if other != k)
             matrix = left.permute(order).reshape(size * size, size)
             _, vectors = torch.linalg.eigh((matrix.T @ matrix).double())
-            vectors = vectors[:, -components:].flip(1).to(target.dtype)
+            vectors = vectors[:, -used:].flip(1).to(target.dtype)
             scores = matrix @ vectors
             # Plane and line of a component are to be equally large in the mean square.
             balance = (scores.norm(dim=0) / size**0.5).clamp(min=1e-6).sqrt()
-            planes[k] = (scores / balance).view(size, size, -1)
-            lines[k] = vectors * balance
+            planes[k, ..., :used] = (scores / balance).view(size, size, -1)
+            lines[k] = (vectors * balance)[:, torch.arange(components) % used]
             back = [order.index(axis) for axis in range(3)]
             parts[k] = (scores @ vectors.T).view(size, size, size).permute(back)
     return planes, lines

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from .events import say
+from .exit_codes import CANCELLED
 from .standard_input import next_bytes
 
 
@@ -40,7 +41,6 @@ class Control:
     INTERVAL = 0.25
     ENDED_AT_START = 0.05  # seconds
     GRACE = 0.8  # seconds
-    EXIT_CODE = 3
 
     def __init__(self, cancel_path: Path, has_parent: bool = True):
         self.cancelled = False
@@ -114,7 +114,7 @@ class Control:
                 if self.parent_gone:
                     say("Standard input was closed: whoever started this job is gone, so it stops.")
                     time.sleep(self.GRACE)
-                    os._exit(self.EXIT_CODE)
+                    os._exit(CANCELLED)
                 return
             *lines, rest = (rest + data).split(b"\n")
             for line in lines:

@@ -13,6 +13,9 @@ import torch
 from . import march_torch
 from .backend import fast, kernels
 
+MOST_SAMPLES = 4096
+"""of a ray; what lies beyond them is not seen"""
+
 
 class Segments(NamedTuple):
     """Samples of R rays in flat form: those of ray r are `offsets[r]:offsets[r + 1]`."""
@@ -27,7 +30,7 @@ class Segments(NamedTuple):
 def march(
     origins: torch.Tensor, directions: torch.Tensor, start: torch.Tensor, jitter: torch.Tensor,
     step: float, cell: float, free: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor,
-    shift: float, scale: float, min_transmittance: float = 1e-3, min_alpha: float = 0.0,
+    shift: float, scale: float, min_transmittance: float = 1e-3,
 ) -> Segments:  # fmt: skip
     """Sample rays [R, 3] where `free` [K, K, K] is 0, up to the first opaque point.
 
@@ -40,12 +43,12 @@ def march(
     """
     planes, lines = planes.detach(), lines.detach()
     shortest = float(directions.abs().amax(-1).min()) if len(directions) else 1.0
-    capacity = max(4, math.ceil(math.sqrt(3.0) / max(shortest * step, 1e-9) / 1.0) + 2)
-    capacity = min(capacity, 4096)
+    capacity = max(4, math.ceil(math.sqrt(3.0) / max(shortest * step, 1e-9)) + 2)
+    capacity = min(capacity, MOST_SAMPLES)
     if not fast(planes):
         return Segments(*march_torch.march(
             origins, directions, start, jitter, step, cell, free, planes, lines, shift, scale,
-            min_transmittance, min_alpha, capacity,
+            min_transmittance, capacity,
         ))  # fmt: skip
     origins, directions = origins.contiguous(), directions.contiguous()
     rays, run = len(origins), kernels("march", origins.device)
@@ -53,8 +56,7 @@ def march(
     counts = torch.empty(rays, dtype=torch.long, device=origins.device)
     run.march(
         origins, directions, start.contiguous(), jitter.contiguous(), step, cell, free,
-        planes.contiguous(), lines.contiguous(), shift, scale, min_transmittance, min_alpha, distance,
-        raw, counts,
+        planes.contiguous(), lines.contiguous(), shift, scale, min_transmittance, distance, raw, counts,
     )  # fmt: skip
     offsets = torch.cat([counts.new_zeros(1), counts.cumsum(0)])
     count = int(offsets[-1])

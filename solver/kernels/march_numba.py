@@ -27,19 +27,19 @@ def extinction(raw, shift, scale):
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
 def march(
     origins, directions, start, jitter, step, cell, free, planes, lines, shift, scale,
-    min_transmittance, min_alpha, distance, raw, counts,
+    min_transmittance, distance, raw, counts,
 ):  # fmt: skip
     """Distances and raw densities [R, capacity] of every ray's samples in occupied space.
 
-    Samples lie at t = entry + (i + jitter)·step. Those where `free` is not 0, and ones more
-    transparent than `min_alpha`, are left out; the walk ends below `min_transmittance`.
+    Samples lie at t = entry + (i + jitter)·step. Those where `free` is not 0 are left out; the walk ends
+    below `min_transmittance`.
     """
     cells = free.shape[0]
     step_cells = step / cell
     nodes = planes.shape[1] - 1
     capacity = distance.shape[1]
     # Optical depths add up: no exponential a sample.
-    least, most = -math.log1p(-min_alpha), -math.log(max(min_transmittance, 1e-30))
+    most = -math.log(max(min_transmittance, 1e-30))
     for r in numba.prange(origins.shape[0]):
         ox, oy, oz = origins[r, 0], origins[r, 1], origins[r, 2]
         dx, dy, dz = directions[r, 0], directions[r, 1], directions[r, 2]
@@ -58,14 +58,12 @@ def march(
                 t += step * (int((ahead - 1) / step_cells) + 1)
                 continue
             density = raw_density(x * nodes, y * nodes, z * nodes, planes, lines)
-            own = extinction(density, shift, scale) * step
-            if own >= least:
-                distance[r, count] = t
-                raw[r, count] = density
-                count += 1
-                depth += own
-                if depth > most:
-                    break
+            distance[r, count] = t
+            raw[r, count] = density
+            count += 1
+            depth += extinction(density, shift, scale) * step
+            if depth > most:
+                break
             t += step
         counts[r] = count
 

@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 
 from .backend import precise
-from .skipping import optical_depths
+from .skipping import optical_depths, values_at
 from .vm_torch import vm_sum
 
 
@@ -21,15 +21,9 @@ def box_span(origins: torch.Tensor, directions: torch.Tensor) -> tuple[torch.Ten
     return torch.where(missed, 1.0, near), torch.where(missed, 0.0, far)
 
 
-def _cell_values(grid: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
-    cells = grid.shape[0]
-    index = (points * cells).long().clamp(0, cells - 1)
-    return grid[index[..., 0], index[..., 1], index[..., 2]]
-
-
 def march(
     origins, directions, start, jitter, step, cell, free, planes, lines, shift, scale,
-    min_transmittance, min_alpha, capacity,
+    min_transmittance, capacity,
 ):  # fmt: skip
     """See `march_numba.march`; returns flat distances, raw densities, points, ray indices, offsets."""
     near, far = box_span(origins, directions)
@@ -37,12 +31,11 @@ def march(
     most = int(torch.ceil(((far - near).clamp(min=0) / step).max()).item()) + 1 if len(near) else 0
     t = near[:, None] + (torch.arange(most, device=near.device) + jitter[:, None]) * step
     points = origins[:, None] + t[..., None] * directions[:, None]
-    inside = (t < far[:, None]) & (_cell_values(free, points) == 0)
+    inside = (t < far[:, None]) & (values_at(free, points) == 0)
     raw = torch.zeros_like(t)
     nodes = planes.shape[1] - 1
     raw[inside] = vm_sum(points[inside] * nodes, planes, lines)
     depth = scale * F.softplus(raw + shift) * step
-    inside &= 1 - torch.exp(-depth) >= min_alpha
     depth = torch.where(inside, depth, torch.zeros_like(depth))
     before = torch.exp(-(torch.cumsum(depth, -1) - depth))
     inside &= before >= min_transmittance
@@ -66,7 +59,7 @@ def through_grid(origins, directions, start, step, depths) -> tuple[torch.Tensor
     most = int(torch.ceil(((far - near).clamp(min=0) / step).max()).item()) + 1 if len(near) else 0
     t = near[:, None] + torch.arange(most, device=near.device) * step
     points = origins[:, None] + t[..., None] * directions[:, None]
-    return t, torch.where(t < far[:, None], _cell_values(depths, points), 0.0)
+    return t, torch.where(t < far[:, None], values_at(depths, points), 0.0)
 
 
 def composite(optical_depth: torch.Tensor, offsets: torch.Tensor):

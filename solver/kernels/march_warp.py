@@ -77,8 +77,7 @@ def _march(
     start: wp.array(dtype=float), jitter: wp.array(dtype=float), step: float, cell: float,
     free: wp.array3d(dtype=wp.uint8), planes: wp.array4d(dtype=float),
     lines: wp.array3d(dtype=float), shift: float, scale: float, min_transmittance: float,
-    min_alpha: float, distance: wp.array2d(dtype=float), raw: wp.array2d(dtype=float),
-    counts: wp.array(dtype=wp.int64),
+    distance: wp.array2d(dtype=float), raw: wp.array2d(dtype=float), counts: wp.array(dtype=wp.int64),
 ):  # fmt: skip
     r = wp.tid()
     origin = row_of(origins, r)
@@ -99,12 +98,11 @@ def _march(
         else:
             density = raw_density(point * nodes, planes, lines)
             keep = wp.exp(-extinction(density, shift, scale) * step)
-            if 1.0 - keep >= min_alpha:
-                distance[r, count] = t
-                raw[r, count] = density
-                count += 1
-                transmittance *= keep
-                walking = transmittance >= min_transmittance
+            distance[r, count] = t
+            raw[r, count] = density
+            count += 1
+            transmittance *= keep
+            walking = transmittance >= min_transmittance
             t += step
     counts[r] = wp.int64(count)
 
@@ -196,11 +194,11 @@ def _composite_backward(
 
 def march(
     origins, directions, start, jitter, step, cell, free, planes, lines, shift, scale,
-    min_transmittance, min_alpha, distance, raw, counts,
+    min_transmittance, distance, raw, counts,
 ) -> None:  # fmt: skip
     launch(
         _march, len(origins), origins, directions, start, jitter, step, cell, free, planes, lines,
-        shift, scale, min_transmittance, min_alpha, distance, raw, counts,
+        shift, scale, min_transmittance, distance, raw, counts,
     )  # fmt: skip
 
 

@@ -10,13 +10,15 @@ import torch
 
 DEPTHS_PER_UNIT = 32
 EMPTY = 128
-_GROWTHS = (
-    1,
-    2,
-    4,
-    8,
-    16,
-)  # each at most the sum of those before plus one: no gaps, even at a border
+# Each at most the sum of those before plus one: no gaps, even at a border.
+_GROWTHS = (1, 2, 4, 8, 16)
+
+
+def values_at(grid: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
+    """Values [...] of a grid [K, K, K] at box points [..., 3]; beyond the box, those at its border."""
+    cells = grid.shape[0]
+    index = (points * cells).long().clamp(0, cells - 1)
+    return grid[index[..., 0], index[..., 1], index[..., 2]]
 
 
 def free_distance(blocked: torch.Tensor) -> torch.Tensor:

@@ -138,7 +138,7 @@ def bright_lobes(harmonics: torch.Tensor, radiance: torch.Tensor) -> torch.Tenso
 
 def middles(lobes: torch.Tensor) -> torch.Tensor:
     """The mean directions [J, 3] of lobes [J, 9], unit, world: what their first band says."""
-    return torch.nn.functional.normalize(lobes[:, [3, 1, 2]], dim=-1)
+    return F.normalize(lobes[:, [3, 1, 2]], dim=-1)
 
 
 def arriving_harmonics(table: torch.Tensor, arriving: Arriving) -> torch.Tensor:

@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 
-DONE = 0
+from ..job.exit_codes import DONE
 
 
 def add_check(commands: argparse._SubParsersAction) -> None:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-_NAMED = 6
-
 
 @dataclass(frozen=True)
 class Finding:
@@ -35,9 +33,3 @@ def warning(text: str, photo: str | None = None) -> Finding:
 def note(text: str, photo: str | None = None) -> Finding:
     """A finding that is good to know."""
     return Finding("note", photo, text)
-
-
-def listed(names: list[str]) -> str:
-    """The first names and how many more."""
-    more = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")

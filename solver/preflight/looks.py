@@ -14,6 +14,7 @@ from PIL import Image
 from ..capture.backdrop import backdrop_of, border_of, object_before
 from ..capture.camera import Camera
 from ..capture.capture import Capture
+from ..capture.image_header import image_orientation
 from ..capture.photos import srgb_to_linear
 from ..capture.reduced import load_reduced, load_reduced_mask
 from ..fit.cut_out import fit_together
@@ -98,12 +99,13 @@ def look_at(camera: Camera, region: np.ndarray, cut_out: bool = False) -> Look:
         region: [2, 3] world box of the object.
         cut_out: without alpha and mask, what stands out from plain white or black is taken as such.
     """
-    colour, alpha = load_reduced(camera.image_path, LONGEST)
+    path = camera.image_path
+    colour, alpha = load_reduced(path, LONGEST, (camera.width, camera.height))
     height, width = colour.shape[:2]
     if alpha is not None and alpha.min() == 255:
         alpha = None
     if camera.mask_path is not None:
-        mask = load_reduced_mask(camera.mask_path, (height, width))
+        mask = load_reduced_mask(camera.mask_path, (height, width), image_orientation(path))
         alpha = mask if alpha is None else np.minimum(alpha, mask)
     backdrop = None
     if alpha is None and cut_out:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..capture.capture import Capture
-from .findings import Finding, listed, note, warning
+from ..capture.errors import listed
+from ..fit.visual_hull import not_all_masked
+from .findings import Finding, note, warning
 from .looks import Look
 
 BLUR = 1.8
@@ -122,10 +124,7 @@ def masks(looks: list[Look]) -> list[Finding]:
     else:
         found = [note(f"{len(looks) - len(without)} of {len(looks)} photos have a mask or alpha")]
     if without:
-        found.append(
-            warning(f"{len(without)} photos have no mask ({listed(without)}), so the masks of the "
-                    "others are not used either; add the missing ones")
-        )  # fmt: skip
+        found.append(warning(not_all_masked(without, len(looks))))
     sizes = [look.coverage for look in looks if look.coverage is not None]
     usual = float(np.median(sizes))
     for look in looks:

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from ..capture.camera import Camera
-from ..kernels.march import composite, march
+from ..kernels.march import composite
 from .pixels import (
     keys_of_rays,
     mean_of_rays,
@@ -131,20 +131,10 @@ def ray_peaks(
 
 def _ray_peaks(
     scene: Scene, settings: RenderSettings, origins: torch.Tensor, directions: torch.Tensor
-) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
-    field = scene.field
-    box_origins, box_directions = field.to_box(origins), field.directions_to_box(directions)
-    count = len(origins)
-    step = 0.5 * settings.step * field.voxel
-    segments = march(
-        box_origins, box_directions, origins.new_zeros(count), origins.new_full((count,), 0.5),
-        step, scene.cell, scene.occupancy.free, field.density_planes, field.density_lines,
-        field.density_shift, field.density_scale, 1e-3,
-    )  # fmt: skip
-    box_points = (
-        box_origins[segments.ray] + segments.distance[:, None] * box_directions[segments.ray]
-    )
-    sigma = field.extinction(field.raw_density(box_points))
-    _, transmittance = composite(sigma * step, segments.offsets)
-    peak = origins.new_zeros(count).scatter_reduce(0, segments.ray, sigma, "amax")
-    return 1 - transmittance, peak
+) -> tuple[torch.Tensor, torch.Tensor]:
+    count, half_step = len(origins), 0.5 * settings.step
+    start, offset = origins.new_zeros(count), origins.new_full((count,), 0.5)
+    steps = scene.sample(origins, directions, start, offset, half_step, 1e-3)
+    _, transmittance = composite(steps.depth, steps.offsets)
+    deepest = origins.new_zeros(count).scatter_reduce(0, steps.ray, steps.depth, "amax")
+    return 1 - transmittance, deepest / (half_step * scene.field.voxel)

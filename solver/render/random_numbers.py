@@ -11,11 +11,10 @@ import copy
 import torch
 
 from ..kernels.hashing import uniform
+from ..kernels.march import MOST_SAMPLES
 
 OFFSET, ALLOCATION, ROTATION, NEIGHBOUR, SECONDARY_OFFSET, CHOICE = range(6)
 DEPTH, SECONDARY_DEPTH, ROOM_OFFSET, ROOM_DIRECTION = range(6, 10)
-SAMPLES_PER_RAY = 4096
-"""room for the samples of a ray in a key; marching takes no more"""
 
 
 class RandomNumbers:
@@ -49,4 +48,4 @@ def sample_keys(
 ) -> torch.Tensor:
     """Keys [K] of samples at indices `index` [K] of a flat form, on rays `ray` [K], from those of
     the rays [R]."""
-    return ray_keys[ray] * SAMPLES_PER_RAY + (index - offsets[ray])
+    return ray_keys[ray] * MOST_SAMPLES + (index - offsets[ray])

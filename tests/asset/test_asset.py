@@ -10,7 +10,7 @@ import trimesh
 from solver.asset.bake import fill_texture, gather
 from solver.asset.build import build_asset
 from solver.asset.errors import EmptySurfaceError
-from solver.asset.files import write_exr, write_fine_texture
+from solver.asset.files import write_exr, write_fine_png
 from solver.asset.gltf import portable_base_colour
 from solver.asset.settings import AssetSettings
 from solver.asset.surface import (
@@ -20,7 +20,7 @@ from solver.asset.surface import (
     marching_cubes,
 )
 from solver.asset.tangent import decode_normals, encode_normals, texel_frames
-from solver.asset.unwrap import rasterise, unwrap
+from solver.asset.unwrap import UnwrappedMesh, rasterise, unwrap
 from solver.capture.decoding import decode
 from solver.capture.photos import read_exr, srgb_to_linear
 
@@ -166,6 +166,46 @@ def test_normal_map_decodes_to_the_normals_that_were_baked(unwrapped):
     assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 1.0
 
 
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_frames_follow_the_uv_map_also_where_it_is_mirrored(mirrored):
+    """Tangent along u, bitangent along v, as renderers have it; of a square in the plane of x and y."""
+    corners = np.float32([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    uvs = corners[:, :2] * 0.8 + 0.1
+    if mirrored:
+        uvs[:, 0] = 1 - uvs[:, 0]
+    square = UnwrappedMesh(
+        corners,
+        np.tile(np.float32([0, 0, 1]), (4, 1)),
+        uvs,
+        np.int32([[0, 1, 2], [0, 2, 3]]),
+        np.arange(4),
+    )
+    frames = texel_frames(square, rasterise(square, 32))
+    along_u = -1.0 if mirrored else 1.0
+    expected = np.float64([[along_u, 0, 0], [0, 1, 0], [0, 0, 1]])
+    np.testing.assert_allclose(frames, np.broadcast_to(expected, frames.shape), atol=1e-6)
+    tilted = np.tile([0.6, 0.0, 0.8], (len(frames), 1))
+    np.testing.assert_allclose(
+        encode_normals(tilted, frames)[0], [0.5 + 0.3 * along_u, 0.5, 0.9], atol=1e-6
+    )
+
+
+def test_a_thin_body_has_the_colour_of_its_field_though_it_lets_most_light_through():
+    class Mist(Balls):
+        def density(self, points):
+            return np.full(len(points), 0.5, np.float32)
+
+        def materials(self, points):
+            grey = np.full((len(points), 3), 0.4, np.float32)
+            return grey, np.full(len(points), 0.3, np.float32), 0.1 * grey
+
+    points = np.float32([[0.6, 0, 0], [0, 0.6, 0]])
+    found = gather(Mist(((0.0, 0.0, 0.0), 0.6)), points, points / np.float32(0.6), SETTINGS)
+    np.testing.assert_allclose(found.albedo, 0.4, rtol=1e-5)
+    np.testing.assert_allclose(found.alpha, 0.3, rtol=1e-5)
+    np.testing.assert_allclose(found.f0, 0.04, rtol=1e-5)
+
+
 def test_dilation_copies_the_nearest_covered_texel():
     row, column = np.array([2, 2]), np.array([2, 6])
     texture = fill_texture(8, row, column, np.array([[1.0], [5.0]]))
@@ -213,7 +253,7 @@ def test_baked_normals_are_fine_enough_for_a_mirror(built, unwrapped):
 
 def test_a_texture_that_cannot_be_written_is_an_error_that_names_it(tmp_path):
     with pytest.raises(OSError, match="normal.png"):
-        write_fine_texture(tmp_path / "missing" / "normal.png", np.zeros((4, 4, 3)))
+        write_fine_png(tmp_path / "missing" / "normal.png", np.zeros((4, 4, 3)))
 
 
 def test_environment_exr_round_trips(built):

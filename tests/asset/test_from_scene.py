@@ -3,14 +3,17 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import torch
 
+from solver.asset.errors import EmptySurfaceError
 from solver.asset.from_scene import SceneSurface, surface_level
 from solver.asset.surface import marching_cubes
 from solver.capture.camera import Camera
+from solver.render.image import ray_peaks
 from solver.render.scene import RenderSettings
 from tests.capture.test_capture import pose
-from tests.render.scenes import ball
+from tests.render.scenes import ball, fill_everywhere
 
 
 def cameras():
@@ -32,14 +35,23 @@ def test_the_mesh_has_the_silhouette_that_rays_see():
     level = surface_level(scene, RenderSettings(), cameras())
     mesh = marching_cubes(SceneSurface(scene, cameras()), 64, level)
     radius = np.linalg.norm(mesh.vertices, axis=1).mean()
-    from solver.asset.from_scene import ray_peaks
-
     offsets = torch.linspace(0.3, 0.7, 400)
     origins = torch.stack([offsets, torch.zeros(400), torch.full((400,), 3.0)], -1)
     directions = torch.tensor([0.0, 0.0, -1.0]).expand(400, 3).contiguous()
     opacity, _ = ray_peaks(scene, RenderSettings(), origins, directions)
     seen = offsets[np.flatnonzero(opacity > 0.5)[-1]]
     assert abs(radius - float(seen)) < 0.01
+
+
+def test_a_fog_without_any_surface_is_an_error_with_a_way_out():
+    """Every ray is more than half opaque, none is nearly so: there is nothing to be a mesh."""
+    scene = ball(radius=0.5, sharpness=0.0)
+    with torch.no_grad():
+        scene.field.density_planes[0] = 0.55
+    fill_everywhere(scene)
+    narrow = [replace(camera, fx=800.0, fy=800.0) for camera in cameras()]
+    with pytest.raises(EmptySurfaceError, match="more time"):
+        surface_level(scene, RenderSettings(), narrow)
 
 
 def test_a_surface_is_seen_where_cameras_look_at_it_and_nothing_is_before_it():
@@ -52,6 +64,8 @@ def test_a_surface_is_seen_where_cameras_look_at_it_and_nothing_is_before_it():
     normals = np.stack([facing, behind, half, facing])
     points = 0.5 * np.stack([facing, behind, half, -0.4 * facing])  # the last is within the ball
     np.testing.assert_array_equal(surface.seen(points, normals), [True, False, True, False])
+    # The grid's cells are coarse: a surface does not hide itself, though its cell may reach beyond it.
+    assert surface.seen(0.33 * facing[None], facing[None])
     narrow = replace(camera, fx=640.0, fy=640.0)  # its photo ends 0.2 units from the axis
     np.testing.assert_array_equal(
         SceneSurface(scene, [narrow] * 3).seen(points, normals), [True, False, False, False]

@@ -292,7 +292,7 @@ def test_each_reason_for_an_unplaced_photo_has_its_own_words():
     assert "in smaller steps" in remedy and "sharp" in remedy
     assert unplaced(evidence[:6], {f"good{i}" for i in range(6)}) == ("", "")
     many = [Evidence(f"p{i}", 0) for i in range(9)]
-    assert "and 4 more" in unplaced(many, set())[0]
+    assert "and 3 more" in unplaced(many, set())[0]
 
 
 def test_what_is_masked_is_left_out_with_a_border(tmp_path):

@@ -50,6 +50,22 @@ def test_a_warning_is_told_off_a_terminal_and_every_warning_of_a_job_is_in_its_r
     assert "<ul>" not in (job / "result" / "report.html").read_text()
 
 
+def test_a_report_says_why_it_does_not_show_photos_that_were_held_out(job, tmp_path):
+    again, duck = shutil.copytree(job, tmp_path / "job"), shutil.copytree(DUCK, tmp_path / "duck")
+    shutil.rmtree(again / "result")
+    (duck / "transforms_test.json").write_text("{}")
+    request = json.loads((again / "job.json").read_text())
+    (again / "job.json").write_text(json.dumps(request | {"capture": str(duck)}))
+    result = solver("run", again)
+    assert result.returncode == 0, result.stderr
+    report = json.loads((again / "result" / "report.json").read_text())
+    (warning,) = report["warnings"]
+    assert "held out cannot be shown" in warning and "transforms_test.json" in warning
+    assert any("training photos" in name for name in report)
+    before = json.loads((job / "result" / "report.json").read_text())
+    assert before["warnings"] == [] and any("held-out views" in name for name in before)
+
+
 def test_the_paper_preset_goes_all_the_way_and_keeps_its_neural_term(cameras, tmp_path):
     small = [
         "--set",
@@ -180,4 +196,4 @@ def test_a_limit_too_short_is_told_with_what_it_will_take_and_what_it_left(tmp_p
 def test_photos_without_a_mask_among_others_are_told(tmp_path):
     write_small_photos(tmp_path, lambda number, image: image if number else image.convert("RGB"))
     result = solver("reconstruct", tmp_path, "--out", tmp_path / "job", *TINY)
-    assert "1 of 10 photos have no mask ('0' is one)" in result.stderr
+    assert "1 of 10 photos have no mask (0), so" in result.stderr

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import torch
 
+from solver.asset.files import write_png
 from solver.fit.presets import settings_for
-from solver.fit.preview import over_plain, save_png
+from solver.fit.preview import over_plain
 from solver.fit.reconstruct import run_job
 from solver.fit.render_job import compose_jobs, render_job
 from solver.fit.start import new_trainer
@@ -97,8 +98,8 @@ def ball_folder(tmp_path):
     capture, photos = ball_capture()
     frames = []
     for camera, photo in zip(capture.cameras, photos, strict=True):
-        save_png(over_plain(photo.pixels), folder / f"{camera.name}.png")
-        save_png(np.repeat(photo.pixels[..., 3:], 3, -1), folder / f"{camera.name}.mask.png")
+        write_png(folder / f"{camera.name}.png", over_plain(photo.pixels))
+        write_png(folder / f"{camera.name}.mask.png", np.repeat(photo.pixels[..., 3:], 3, -1))
         frames.append(
             {"file_path": f"{camera.name}.png", "mask_path": f"{camera.name}.mask.png",
              "transform_matrix": camera.camera_to_world.tolist()}

@@ -43,6 +43,17 @@ def test_below_the_floor_steps_shrink_with_the_gradient_and_above_they_stay():
     assert (floored[1].abs() < 1e-2 * floored[0].abs()).all()
 
 
+def test_the_floor_is_a_share_of_the_mean_gradient_from_the_first_step_on():
+    """Adam's mean of squares starts at 0, and so would the floor if that were not made up for."""
+    values = torch.nn.Parameter(torch.zeros(1, 4))
+    optimiser = Adam([{"params": [values], "base": 0.1, "floor": 0.5}])
+    for step in range(1, 4):
+        values.grad = torch.full((1, 4), 3.0)
+        optimiser.step()
+        # Every step is rate · g/(g + g/2).
+        torch.testing.assert_close(values.detach(), torch.full((1, 4), -0.1 * step / 1.5))
+
+
 def test_smoothing_leaves_a_constant_step_as_it_is():
     for constant in (torch.full((3, 16, 16, 2), 0.3), torch.full((3, 16, 2), 0.3)):
         torch.testing.assert_close(step_smoothing(2.0)(constant), constant)

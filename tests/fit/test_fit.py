@@ -14,7 +14,7 @@ from solver.capture.photos import Photo
 from solver.fit import checkpoint
 from solver.fit.clock import FitClock
 from solver.fit.errors import SettingsError
-from solver.fit.losses import photometric
+from solver.fit.losses import photometric, total_loss
 from solver.fit.presets import PRESETS, settings_for
 from solver.fit.ray_bank import RayBank, RayBatch
 from solver.fit.schedule import neural_share, smoothing_width
@@ -22,6 +22,7 @@ from solver.fit.settings import Settings
 from solver.fit.start import background_of, masks_of, new_trainer, trainer_for
 from solver.fit.visual_hull import bounding_box, carve, signed_distance
 from solver.job.folder import JobError
+from solver.render.radiance import RayBuffers
 from tests.capture.test_capture import pose
 
 RADIUS, SIZE = 0.6, 32
@@ -261,6 +262,51 @@ def test_a_saturated_pixel_forgives_more_light_but_not_less():
         return float(photometric(buffers, batch, torch.ones(1, 3)))
 
     assert loss(3.0) == 0 and loss(0.5) > 0.01
+
+
+def test_opacity_is_held_to_alpha_only_where_that_is_known():
+    opacity = torch.full((2,), 0.3, requires_grad=True)
+    buffers = RayBuffers(
+        torch.zeros(2, 3), opacity, torch.zeros(2, 3), torch.zeros(2, 3), torch.zeros(2),
+        torch.zeros(2, 3), torch.zeros(2), torch.zeros(2), 0, 0, 0,
+    )  # fmt: skip
+    ones = torch.ones(2)
+    batch = RayBatch(
+        None, None, torch.ones(2, 3), ones, torch.tensor([True, False]), torch.zeros(2, 3).bool(), ones,
+        torch.zeros(2).long(),
+    )  # fmt: skip
+    fit = dataclasses.replace(
+        SMALL.fit, mask_weight=2.0, opacity_weight=0.0, orientation_weight=0.0
+    )
+
+    def pull(use_masks):
+        white = torch.ones(2, 3)
+        masked, _ = total_loss(buffers, batch, fit, use_masks, 0.0, white)
+        (gradient,) = torch.autograd.grad(masked - photometric(buffers, batch, white), opacity)
+        return gradient.tolist()
+
+    assert pull(True) == pytest.approx([2.0 * (0.3 - 1), 0.0])
+    assert pull(False) == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.5, 1.0])
+def test_smoothness_fades_to_its_end(fraction):
+    parts = torch.tensor([0.2, 0.4]), torch.tensor([1.0, 3.0])
+    empty, flat = torch.zeros(2, 3), torch.zeros(2)
+    ones = torch.ones(2)
+    batch = RayBatch(None, None, empty, ones, ones > 0, empty.bool(), ones, ones.long())
+    fit = dataclasses.replace(
+        SMALL.fit, bend_weight=2.0, unevenness_weight=0.5, smoothness_end=0.25
+    )
+
+    def loss(bending, unevenness):
+        buffers = RayBuffers(
+            empty, flat, empty, empty, flat, empty, flat, flat, 0, 0, 0, bending, unevenness
+        )
+        return float(total_loss(buffers, batch, fit, True, fraction, empty)[0])
+
+    expected = 0.25**fraction * (2.0 * 0.3 + 0.5 * 2.0)
+    assert loss(*parts) - loss(None, None) == pytest.approx(expected, rel=1e-5)
 
 
 def mean_material(name, steps, fraction, **changes):

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from solver.capture.photos import Photo, linear_to_srgb
 from solver.capture.placement import placed
@@ -13,6 +14,7 @@ from solver.fit.preview import display, over_plain
 from solver.fit.schedule import emission_share, picture_settings
 from solver.fit.seen_space import seen_cells, walked_through
 from solver.fit.settings import FitSettings
+from solver.fit.snapshots import write_snapshot
 from solver.fit.start import background_of, new_trainer
 from solver.metrics.image import psnr
 from solver.render.image import image_settings, render_view
@@ -59,6 +61,22 @@ def test_emission_fades_for_a_fog_and_pictures_never_have_it():
     )
     assert emission_share(PAPER.fit, 0.0) == 0
     assert image_settings(RenderSettings(emission=1.0)).emission == 0
+
+
+def test_a_snapshot_of_a_fog_shows_it_shine(tmp_path):
+    trainer = new_trainer(*room_capture(), SMALL, 0, None, "cpu", lambda fraction: None)
+    write_snapshot(trainer, tmp_path, 0.0)
+    shown = np.asarray(Image.open(tmp_path / "render_000000.png")).astype(np.float32) / 255
+
+    def picture(emission):
+        settings = picture_settings(trainer.settings, 32, 0.0, emission=emission)
+        scene, camera = trainer.scene, trainer.bank.preview_camera
+        return display(render_view(scene, StepTables.of(scene), settings, camera), "room")
+
+    line = trainer.bank.preview_camera.height // 2  # dotted
+    others = np.delete(np.arange(len(shown)), line)
+    np.testing.assert_allclose(shown[others], picture(1.0)[others], atol=1 / 255)
+    assert np.abs(shown - picture(0.0))[others].max() > 3 / 255
 
 
 @pytest.mark.parametrize("masked", [True, False])

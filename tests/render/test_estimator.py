@@ -145,9 +145,13 @@ def test_two_mirrors_facing_each_other_in_a_white_furnace_are_white(visibility):
         mirror.environment,
     )
     settings = dataclasses.replace(FULL, neural=0.0, visibility=visibility)
-    buffers = rendered(pair, settings, camera_rays(9, extent=0.25))
+    # Where the first mirror shows the middle of the second, which shows the sky.
+    origins, directions = camera_rays(5, extent=0.012)
+    rays = origins + torch.tensor([0.0, 0.32, 0.0]), directions
+    alone = rendered(mirror, settings, rays)
+    buffers = rendered(pair, settings, rays)
     radiance = buffers.radiance / buffers.opacity[:, None]
-    assert buffers.retraced > 0
+    assert buffers.retraced_samples > 2 * alone.retraced_samples
     torch.testing.assert_close(radiance, torch.ones_like(radiance), atol=0.08, rtol=0)
     assert abs(float(radiance.detach().mean()) - 1) < 0.03
 

@@ -147,6 +147,41 @@ def test_a_placed_scene_looks_as_from_the_camera_placed_the_other_way():
     assert np.abs(composed.radiance - alone.radiance).mean() < 5e-3
 
 
+def test_distances_of_a_placed_scene_are_those_of_the_world():
+    """A part twice as large, turned and moved: what it says of world rays is what it says of its own."""
+    scene = lumpy()
+    placement = Placement((0.5, -0.2, 0.3), 2.0, math.pi / 2)
+    world = Composition([scene], [placement], scene.environment)
+    torch.manual_seed(0)
+    origins = 0.4 * torch.nn.functional.normalize(torch.randn(50, 3), dim=-1)
+    directions = torch.nn.functional.normalize(torch.randn(50, 3), dim=-1)
+    start = 0.3 * torch.rand(50)
+    turn = placement.rotation("cpu").T
+    placed = 2.0 * origins @ turn + torch.tensor(placement.position)
+    turned = directions @ turn
+
+    passing = scene.grid_transmittance(origins, directions, start)
+    assert 0.2 < float((passing < 0.5).float().mean()) < 0.95
+    agreeing = world.grid_transmittance(placed, turned, 2 * start) - passing
+    assert float((agreeing.abs() < 1e-3).float().mean()) > 0.95
+
+    offset = torch.full((50,), 0.5)
+    own = scene.sample(origins, directions, start, offset, 0.5, 1e-3)
+    found = world.sample(placed, turned, 2 * start, offset, 0.5, 1e-3)
+    first, there = own.offsets[:-1], own.offsets.diff().gt(0) & found.offsets.diff().gt(0)
+    assert there.sum() > 20
+    torch.testing.assert_close(
+        found.distance[found.offsets[:-1][there]], 2 * own.distance[first[there]], atol=0.05, rtol=0
+    )
+
+    share, distance = scene.look_around(origins, directions)
+    seen, where = world.look_around(placed, turned)
+    both = distance.isfinite() & where.isfinite()
+    assert float((distance.isfinite() == where.isfinite()).float().mean()) > 0.98 and both.any()
+    assert float((where[both] - 2 * distance[both]).abs().median()) < 1e-3
+    assert float((seen - share).abs().mean()) < 0.01
+
+
 def test_parts_that_interpenetrate_add_their_densities():
     scene = ball(sharpness=20.0)
     double = ball(sharpness=20.0)
@@ -182,3 +217,12 @@ def test_scan_line_weights_sum_to_the_opacity():
     weights = scan_line_weights(scene, SETTINGS, camera(), 10)
     np.testing.assert_allclose(weights.sum(0), view.opacity[10], atol=2e-3)
     assert weights.min() >= 0
+
+
+def test_a_scan_line_has_what_is_near_at_the_bottom():
+    """The box reaches from the near end of its diagonal to the far one; the ball's front is before its middle."""
+    view = camera(size=20, position=(3.0, 0.0, 0.001))
+    weights = scan_line_weights(ball(sharpness=2000.0), SETTINGS, view, 10, bins=200)[:, 10]
+    row = (weights * (np.arange(200) + 0.5)).sum() / weights.sum()
+    before_middle = 0.5 / (2 * 3**0.5)
+    np.testing.assert_allclose(row / 200, 0.5 + before_middle, atol=0.03)

@@ -9,7 +9,7 @@ from solver.field.heads import Materials
 from solver.kernels.backend import plain_torch
 from solver.light.environment import EnvironmentMap, equirect_directions
 from solver.render.random_numbers import RandomNumbers
-from solver.render.reflection import reflected
+from solver.render.reflection import choose_noisy_largest, reflected
 from solver.render.scene import RenderSettings, Samples, StepTables, Surface
 from tests.render.scenes import ball
 
@@ -67,6 +67,74 @@ def test_retraced_rays_carry_the_same_gradients_through_directions_and_weights()
     # A budget for all: which rays are chosen may hang on the last digit.
     settings = RenderSettings(neural=0.0, retraced_rays=8 * COUNT)
     compare(setting(0.3), settings, None, trace)
+
+
+def radiance_of(arguments, settings, random, trace, rays=8):
+    scene, samples, view, (normals, alpha, f0) = arguments
+    surface = Surface(normals, torch.zeros(COUNT, 4), Materials(f0, alpha, f0), 0.1)
+    with torch.no_grad():
+        return reflected(
+            scene, StepTables.of(scene), settings, random, samples, surface, normals, view,
+            torch.ones(COUNT), rays, trace,
+        )  # fmt: skip
+
+
+def test_what_a_small_budget_retraces_is_all_of_it_on_average():
+    def trace(origins, directions, keys, start):
+        return 2 + torch.sin(3 * directions), torch.zeros(len(directions))
+
+    arguments = setting(0.3)
+    few, all_of_them = (
+        RenderSettings(neural=0.0, retraced_rays=budget) for budget in (40, 8 * COUNT)
+    )
+    random = RandomNumbers(3)
+    difference = [
+        radiance_of(arguments, few, random.at(step), trace).mean()
+        - radiance_of(arguments, all_of_them, random.at(step), trace).mean()
+        for step in range(100)
+    ]
+    brought = (
+        radiance_of(arguments, all_of_them, random, trace).mean()
+        - radiance_of(arguments, all_of_them, random, None).mean()
+    )
+    assert brought > 0.02
+    assert abs(torch.stack(difference).mean()) < 0.05 * brought
+
+
+@pytest.mark.parametrize("passing", [0.0, 0.3, 1.0])
+def test_without_visibility_what_a_traced_ray_meets_takes_the_place_of_the_light_behind(passing):
+    """As bright as the sky, an obstacle changes nothing, however much passes it; black, it darkens."""
+    scene, *others = setting(0.3)
+    scene.environment = EnvironmentMap(32, 1.0)
+    arguments = (scene, *others)
+    settings = RenderSettings(neural=0.0, retraced_rays=8 * COUNT, visibility=False)
+
+    def obstacle(brightness):
+        def trace(origins, directions, keys, start):
+            return torch.full_like(directions, brightness * (1 - passing)), torch.full(
+                (len(directions),), passing
+            )
+
+        return radiance_of(arguments, settings, RandomNumbers(3), trace)
+
+    free = radiance_of(arguments, settings, RandomNumbers(3), None)
+    torch.testing.assert_close(obstacle(1.0), free, rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(obstacle(0.0), passing * free, rtol=1e-4, atol=1e-5)
+
+
+def test_the_papers_choice_takes_the_largest_whatever_their_unit_and_its_noise_varies_the_rest():
+    torch.manual_seed(0)
+    scores, noise = torch.rand(200) ** 4, torch.rand(200)
+    silent = choose_noisy_largest(scores, 20, torch.zeros(200))
+    assert set(silent.tolist()) == set(scores.topk(20).indices.tolist())
+    chosen = set(choose_noisy_largest(scores, 20, noise).tolist())
+    assert chosen == set(choose_noisy_largest(1e-5 * scores, 20, noise).tolist())
+    assert len(chosen) == 20 and chosen != set(silent.tolist())
+    # Scaled to sum to the budget, what stands out by more than the noise is never left out.
+    scaled, taken = scores * (20 / scores.sum()), torch.zeros(200, dtype=torch.bool)
+    taken[list(chosen)] = True
+    assert float(scaled[~taken].max()) < float(scaled[taken].min()) + 1
+    assert len(choose_noisy_largest(scores, 0, noise)) == 0
 
 
 def compare(arguments, settings, spread, trace=None):
