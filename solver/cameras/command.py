@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
@@ -45,7 +46,8 @@ def run_solve(options: argparse.Namespace) -> int:
     Raises:
         CaptureError: no use of photos or folder, or no cameras in the photos.
     """
-    photos = options.photos.absolute()
+    # Without '..', as photos are told.
+    photos = Path(os.path.normpath(options.photos.absolute()))
     folder = SolveFolder(options.out or photos / "cameras")
     if options.masks is not None and not options.masks.is_dir():
         raise CaptureError(options.masks, "masks", "there is no such folder", "check its path")

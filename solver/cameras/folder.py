@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,7 +57,7 @@ class SolveFolder:
     """Paths of a solve's folder."""
 
     def __init__(self, root: Path):
-        self.root = root.absolute()
+        self.root = Path(os.path.normpath(root.absolute()))
         self.request_path = self.root / "solve.json"
         self.database_path = self.root / "database.db"
         self.sparse_dir = self.root / "sparse"
@@ -126,7 +127,7 @@ def photos_below(folder: Path, besides: Path) -> tuple[str, ...]:
     """
     if not folder.is_dir():
         raise CaptureError(folder, "", "there is no such folder", "give the folder of the photos")
-    root, besides = folder.absolute(), besides.absolute()
+    root, besides = (Path(os.path.normpath(path.absolute())) for path in (folder, besides))
     found = [path for path in PhotoFinder(folder).pictures() if not path.is_relative_to(besides)]
     if len(found) < FEWEST_PHOTOS:
         raise CaptureError(

@@ -264,6 +264,8 @@ def test_photos_are_ordered_as_people_count_and_masks_are_none(tmp_path):
         Image.new("RGB", (4, 4)).save(tmp_path / name)
     names = photos_below(tmp_path, tmp_path / "cameras")
     assert names == ("IMG_1.png", "IMG_2.jpg", "IMG_10.jpg")
+    roundabout = tmp_path / "masks" / ".."
+    assert photos_below(roundabout, roundabout / "cameras") == names
     with pytest.raises(CaptureError, match="at least 3"):
         photos_below(tmp_path / "masks", tmp_path / "cameras")
     with pytest.raises(CaptureError, match="no such folder"):
