@@ -13,6 +13,7 @@ from solver.fit.clock import (
     work_done,
 )
 from solver.fit.presets import DRAFT
+from solver.fit.reconstruct import too_few_steps
 from tests.capture.test_capture import camera
 from tests.render.scenes import ball
 
@@ -115,3 +116,10 @@ def test_a_fog_gets_the_steps_it_needs_to_become_an_object_however_short_the_lim
         fog.fraction(50) == 50 / LEAST_STEPS_FROM_FOG and fog.fraction(LEAST_STEPS_FROM_FOG) == 1.0
     )
     assert fog.seconds_left(50) == 0.0
+
+
+def test_fits_of_few_steps_are_told_and_those_from_a_fog_earlier():
+    assert too_few_steps(1000, 2800, fog=True) is None
+    assert too_few_steps(200, 2800, fog=False) is None
+    assert "200 of 2800 steps, too few for an object" in too_few_steps(200, 2800, fog=True)
+    assert "100 of 2800 steps; for a better" in too_few_steps(100, 2800, fog=False)
