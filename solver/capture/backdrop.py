@@ -43,7 +43,11 @@ def object_before(colour: np.ndarray, backdrop: str) -> np.ndarray:
     plain = _is_plain(colour, LEVELS[backdrop])
     parts, _ = scipy.ndimage.label(plain)
     edge = np.unique(border_of(parts[..., None]))
-    shown = ~np.isin(parts, edge[edge > 0])
+    return without_dust(~np.isin(parts, edge[edge > 0]))
+
+
+def without_dust(shown: np.ndarray) -> np.ndarray:
+    """What is `shown` [H, W] but for its smallest parts."""
     parts, count = scipy.ndimage.label(shown, np.ones((3, 3)))
     if count > 1:
         sizes = np.bincount(parts.ravel())
@@ -52,13 +56,16 @@ def object_before(colour: np.ndarray, backdrop: str) -> np.ndarray:
     return shown
 
 
-def coverage_before(colour: np.ndarray, shown: np.ndarray, backdrop: str) -> np.ndarray:
+def coverage_before(
+    colour: np.ndarray, shown: np.ndarray, behind: float | np.ndarray
+) -> np.ndarray:
     """Coverage [H, W] float32 of the object: whole but for the pixels next to the backdrop.
 
     Such a pixel mixes the backdrop with the object, of whose colour the nearest pixel further in tells.
 
     Args:
         colour: [H, W, 3] sRGB. shown: [H, W] bool, as `object_before` has it.
+        behind: the backdrop's sRGB level, or its colours [H, W, 3].
     """
     edge = shown & scipy.ndimage.binary_dilation(~shown, np.ones((3, 3)))
     inner = shown & ~edge
@@ -66,11 +73,12 @@ def coverage_before(colour: np.ndarray, shown: np.ndarray, backdrop: str) -> np.
     if not inner.any() or not edge.any():
         return coverage
     at = scipy.ndimage.distance_transform_edt(~inner, return_distances=False, return_indices=True)
-    mixed = colour[edge] - LEVELS[backdrop]
-    whole = colour[at[0][edge], at[1][edge]] - LEVELS[backdrop]
+    plain = np.broadcast_to(behind, colour.shape)[edge]
+    mixed = colour[edge] - plain
+    whole = colour[at[0][edge], at[1][edge]] - plain
     square = (whole * whole).sum(-1)
     share = (mixed * whole).sum(-1) / np.maximum(square, 1e-6)
-    # An object as white as the backdrop tells nothing.
+    # An object of the backdrop's colour tells nothing.
     coverage[edge] = np.where(square > SURE**2, np.clip(share, 0.02, 1), 1)
     return coverage
 

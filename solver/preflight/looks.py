@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -16,8 +16,9 @@ from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.image_header import image_orientation
 from ..capture.photos import srgb_to_linear
+from ..capture.plain_surroundings import EVEN_BORDER, surroundings_of
 from ..capture.reduced import load_reduced, load_reduced_mask
-from ..fit.cut_out import fit_together
+from ..fit.cut_out import fit_together, mended
 from ..threads import usable_cores
 
 LONGEST = 960
@@ -42,7 +43,7 @@ class Look:
         across: pixels of the photo that the mask's box measures, its longer side; None without.
         thumbnail: [32, 32, 3] int16.
         mask: [H, W] bool, reduced; None without.
-        backdrop: 'white' or 'black', if the mask is what stands out from that.
+        backdrop: 'white', 'black' or 'plain' (any other), if the mask is what stands out from that.
     """
 
     camera: Camera
@@ -70,25 +71,41 @@ def look_at_photos(
     Raises:
         CaptureError: one cannot be decoded.
     """
-    looks = _look_at_all(capture, True, progress)
-    before = {look.backdrop for look in looks}
-    if before == {None}:
-        return looks
+    looks = _look_at_all(capture.cameras, capture.region, True, progress)
+    if (cut_out := _with_common_backdrop(capture, looks)) is not None:
+        return cut_out
+    wrong = [look.camera for look in looks if look.backdrop is not None]
+    again = iter(_look_at_all(wrong, capture.region, False, None))
+    return [look if look.backdrop is None else next(again) for look in looks]
+
+
+def _with_common_backdrop(capture: Capture, looks: list[Look]) -> list[Look] | None:
+    """The looks, with masks of what stands out from one backdrop if the fit takes it as such; else None."""
+    if len({look.backdrop for look in looks}) > 1 or looks[0].backdrop is None:
+        return None
     masks = [look.mask for look in looks]
-    if len(before) == 1 and fit_together(capture.cameras, masks, capture.region):
-        return looks
-    return _look_at_all(capture, False, None)
+    if looks[0].backdrop == "plain":
+        if np.median([look.cut for look in looks]) > 1 - EVEN_BORDER:
+            return None
+        masks = mended(capture.cameras, masks, capture.region)
+    if masks is None or not fit_together(capture.cameras, masks, capture.region):
+        return None
+    return [
+        replace(look, mask=mask, coverage=float(mask.mean()), cut=_border_share(mask))
+        for look, mask in zip(looks, masks, strict=True)
+    ]
 
 
 def _look_at_all(
-    capture: Capture, cut_out: bool, progress: Callable[[int, int], None] | None
-) -> list[Look]:
+    cameras: Sequence[Camera], region: np.ndarray, cut_out: bool,
+    progress: Callable[[int, int], None] | None,
+) -> list[Look]:  # fmt: skip
     looks = []
     with ThreadPoolExecutor(max_workers=min(usable_cores(), 8)) as pool:
-        for look in pool.map(lambda c: look_at(c, capture.region, cut_out), capture.cameras):
+        for look in pool.map(lambda camera: look_at(camera, region, cut_out), cameras):
             looks.append(look)
             if progress is not None:
-                progress(len(looks), len(capture.cameras))
+                progress(len(looks), len(cameras))
     return looks
 
 
@@ -97,7 +114,7 @@ def look_at(camera: Camera, region: np.ndarray, cut_out: bool = False) -> Look:
 
     Args:
         region: [2, 3] world box of the object.
-        cut_out: without alpha and mask, what stands out from plain white or black is taken as such.
+        cut_out: without alpha and mask, what stands out from a plain backdrop is taken as such.
     """
     path = camera.image_path
     colour, alpha = load_reduced(path, LONGEST, (camera.width, camera.height))
@@ -113,6 +130,8 @@ def look_at(camera: Camera, region: np.ndarray, cut_out: bool = False) -> Look:
         backdrop = backdrop_of([border_of(levels)])
         if backdrop is not None:
             alpha = object_before(levels, backdrop) * np.uint8(255)
+        elif (around := surroundings_of(levels)) is not None:
+            backdrop, alpha = "plain", around.shown * np.uint8(255)
     scale = camera.width / width
     inside = np.zeros((height, width), bool)
     inside[frame_of(camera, region, scale, (height, width))] = True

@@ -10,17 +10,21 @@ from solver.capture.backdrop import backdrop_of, border_of, object_before
 from solver.capture.camera import Camera
 from solver.capture.capture import Capture
 from solver.capture.photos import Photo, linear_to_srgb, srgb_to_linear
-from solver.fit.cut_out import cut_out
+from solver.capture.plain_surroundings import surroundings_of
+from solver.fit.cut_out import cut_out, mended
 from solver.fit.ray_bank import RayBank
 from solver.fit.start import background_of, new_trainer
 from tests.capture.test_capture import pose
 from tests.fit.test_fit import SMALL
 
 SIZE, RADIUS, FINE = 64, 0.6, 4
+ROWS = np.repeat(np.arange(SIZE * FINE), SIZE * FINE)[:, None]
+SWEEP = (0.55 + 0.25 * ROWS / (SIZE * FINE)) * np.array([1.0, 0.95, 0.9])
+"""a paper sweep that gets brighter towards its foot"""
 
 
 def ball(backdrop, paint=None, views=12):
-    """Photos of a coloured ball before a backdrop (a grey level, sRGB), and its true coverage.
+    """Photos of a coloured ball before a backdrop (sRGB, one level or [H·W·16, 3]), and its true coverage.
 
     Args:
         paint: changes the ball's sRGB colours [N, 3] at points [N, 3] of it that a camera sees.
@@ -105,7 +109,7 @@ def test_an_object_that_loses_a_part_to_its_backdrop_is_left_as_it_is():
 
 
 def test_photos_with_alpha_or_before_anything_else_stay_as_they_are():
-    capture, photos, _ = ball(0.5)
+    capture, photos, _ = ball(ROWS // 24 % 2 * 0.3 + 0.3)
     assert background_of(photos) == "room" and cut_out(capture, photos) is photos
     capture, photos, _ = ball(1.0)
     assert cut_out(capture, found := cut_out(capture, photos)) is found
@@ -114,6 +118,39 @@ def test_photos_with_alpha_or_before_anything_else_stay_as_they_are():
     # What is transparent is no black.
     some = [*cut_out(capture, photos)[1:], photos[0]]
     assert background_of(some) == "room"
+
+
+def test_an_object_before_an_unevenly_lit_sweep_gets_its_coverage_as_alpha():
+    capture, photos, coverages = ball(SWEEP)
+    found = cut_out(capture, photos)
+    assert background_of(photos) == "room" and background_of(found) == "white"
+    for photo, truth in zip(found, coverages, strict=True):
+        alpha = photo.pixels[..., 3]
+        assert ((alpha > 0.5) == (truth > 0.5)).mean() > 0.99
+        edge = (truth > 0.05) & (truth < 0.95)
+        assert np.abs(alpha - truth)[edge].mean() < 0.15
+
+
+def test_what_looks_like_the_backdrop_in_one_photo_is_told_by_the_others():
+    def chrome(points, colour, camera):
+        mirrors = (camera.name == "c3") & (points[:, 2:] > 0.1) & (points[:, 2:] < 0.5)
+        return np.where(mirrors, SWEEP, colour)
+
+    capture, photos, coverages = ball(SWEEP, chrome, views=20)
+    alone = surroundings_of(linear_to_srgb(photos[3].pixels[..., :3])).shown
+    truth = coverages[3] > 0.5
+    assert (truth & ~alone).sum() > 0.2 * truth.sum()
+    alpha = cut_out(capture, photos)[3].pixels[..., 3]
+    assert (truth & (alpha < 0.5)).sum() < 0.05 * truth.sum()
+
+
+def test_what_stands_out_from_the_backdrop_beside_the_object_is_none_of_it():
+    capture, photos, coverages = ball(SWEEP)
+    masks = [coverage > 0.5 for coverage in coverages]
+    folded = [mask.copy() for mask in masks]
+    folded[0][60, 10:50] = True
+    for mask, whole in zip(mended(capture.cameras, folded, capture.region), masks, strict=True):
+        np.testing.assert_array_equal(mask, whole)
 
 
 def test_dust_on_the_backdrop_is_no_object():
@@ -126,7 +163,7 @@ def test_dust_on_the_backdrop_is_no_object():
     assert shown.sum() == 15 * 20 and not shown[5, 5]
 
 
-@pytest.mark.parametrize("level", [0.0, 1.0])
+@pytest.mark.parametrize("level", [0.0, 1.0, SWEEP])
 def test_a_fit_before_a_plain_backdrop_finds_the_shape(level):
     capture, photos, coverages = ball(level)
     photos = cut_out(capture, photos)

@@ -220,13 +220,18 @@ def test_mixed_empty_full_and_cut_masks_are_told_apart(pictures, tmp_path):
     assert [f.level for f in found] == ["note"] and "no photo has a mask" in found[0].text
 
 
-@pytest.mark.parametrize("name, level", [("white", 255), ("black", 0)])
+@pytest.mark.parametrize(
+    "name, level", [("plain white", 255), ("plain black", 0), ("a plain backdrop", None)]
+)
 def test_what_stands_before_a_plain_backdrop_has_masks(name, level, pictures, tmp_path):
     def before(index, colour, mask):
+        if level is None:
+            fading = np.linspace(60, 110, len(colour))[:, None, None] * (1.0, 0.95, 0.9)
+            return np.where(mask[..., None], colour, fading).astype(np.uint8), None
         return np.where(mask[..., None], np.clip(colour, 20, 235), level).astype(np.uint8), None
 
     report = check(write(tmp_path, pictures, before, masked=False))
-    assert any(f"before plain {name}" in finding.text for finding in report.findings)
+    assert any(f"before {name}" in finding.text for finding in report.findings)
     truth = np.array([-HALF, HALF]) + [0, 0, HALF[2]]
     assert (report.box[0] < truth[0]).all() and (report.box[1] > truth[1]).all()
     assert warnings(report.findings) == []
