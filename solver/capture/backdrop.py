@@ -73,7 +73,7 @@ def coverage_before(
     if not inner.any() or not edge.any():
         return coverage
     at = scipy.ndimage.distance_transform_edt(~inner, return_distances=False, return_indices=True)
-    plain = np.broadcast_to(behind, colour.shape)[edge]
+    plain = np.broadcast_to(np.asarray(behind, dtype=colour.dtype), colour.shape)[edge]
     mixed = colour[edge] - plain
     whole = colour[at[0][edge], at[1][edge]] - plain
     square = (whole * whole).sum(-1)
