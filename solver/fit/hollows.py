@@ -4,12 +4,14 @@ Two things tell a lid from a surface. Each ray along a photo's silhouette touche
 where such rays pass through little of the hull, they hold its surface in place; a lid they only pass along.
 And what lies below a lid moves beneath it from photo to photo, so photos disagree about its colours. What
 nothing holds and photos disagree about is carved, until they agree: space carving (Kutulakos and Seitz
-2000, doi:10.1023/A:1008191222954) where silhouettes say nothing.
+2000, doi:10.1023/A:1008191222954) where silhouettes say nothing. A flat gloss looks different from photo to
+photo, too, but in one colour all over.
 """
 
 from __future__ import annotations
 
 import math
+import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -41,6 +43,9 @@ FEWEST = 20
 """cells that a pass has to carve for another one to follow"""
 BETTER = 0.4
 """share of the lid's disagreement that may be left below it. Carving a mirror finds nothing of the kind"""
+SHEEN = 0.35
+"""share of the lid's disagreement that may be left at least when each photo is taken to show all of it in
+another colour: so does a flat gloss, but not what lies in a hollow"""
 SMALLEST = 0.01
 """share of the hull that a hollow has at least; photos disagree about a few cells for many reasons"""
 NEARLY = 1.1
@@ -73,7 +78,7 @@ def carve_hollows(
     surface = _surface(coarse)
     if (surface & ~held).sum() < LEAST_LOOSE * surface.sum():
         return hull
-    carving = _Carving(cameras, photos, coarse, box, held)
+    carving = Carving(cameras, photos, coarse, box, held)
     carved = carving.believed(carving.until_photos_agree(carving.lids))
     if carved.any():
         carved = coarse & ~carving.deepened(coarse & ~carved)
@@ -128,7 +133,7 @@ class _Surface(NamedTuple):
     opened: float
 
 
-class _Carving:
+class Carving:
     """Cells of a hull, and what each photo shows where they are."""
 
     def __init__(
@@ -168,7 +173,7 @@ class _Carving:
     def look_at(self, kept: np.ndarray) -> _Surface:
         """What photos say of the surface of the cells `kept` [K, K, K]."""
         cells = self.number[np.flatnonzero(_surface(kept))]
-        seen, opened = self._seen(cells)
+        seen, opened = self.seen_from(cells)
         return _Surface(kept, cells, self._spread(cells, seen), seen.sum(0), opened)
 
     def until_photos_agree(self, surface: _Surface) -> _Surface:
@@ -190,6 +195,7 @@ class _Carving:
             spread[self.index[surface.cells]] = surface.spread
             spreads.append(spread.reshape(self.hull.shape))
         lids, bottoms = spreads
+        seen, _ = self.seen_from(self.lids.cells)
         parts, count = scipy.ndimage.label(self.hull & ~floors.kept, WHOLE)
         believed = np.zeros_like(self.hull)
         for part in range(1, count + 1):
@@ -197,7 +203,10 @@ class _Carving:
             if cells.sum() < SMALLEST * self.hull.sum():
                 continue
             bottom = bottoms[scipy.ndimage.binary_dilation(cells, WHOLE) & floors.kept]
-            if _median(bottom) <= BETTER * _median(lids[cells]):
+            if _median(bottom) > BETTER * _median(lids[cells]):
+                continue
+            lid = self._among(cells, self.lids)
+            if not self.is_sheen(self.lids.cells[lid], seen[:, lid]):
                 believed |= cells
         return believed
 
@@ -227,6 +236,16 @@ class _Carving:
         least = min(disagreement for disagreement, _ in floors)
         return next(kept for disagreement, kept in floors if disagreement <= NEARLY * least)
 
+    def is_sheen(self, cells: np.ndarray, seen: np.ndarray) -> bool:
+        """True if photos disagree about `cells` [N] hardly more than by one colour for all of them each."""
+        colours = np.stack([colours[cells] for colours in self.colours])
+        colours[~seen] = np.nan
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of cells and photos that see none
+            shift = np.nanmedian(colours - np.nanmedian(colours, axis=0), axis=1)
+        left = self._spread(cells, seen, np.nan_to_num(shift))
+        return _median(left) < SHEEN * _median(self._spread(cells, seen))
+
     def _among(self, marked: np.ndarray, surface: _Surface) -> np.ndarray:
         """[N] bool: which of a surface's cells are `marked` [K, K, K]."""
         return marked.ravel()[self.index[surface.cells]]
@@ -237,7 +256,7 @@ class _Carving:
         grid[self.index[cells]] = True
         return grid.reshape(self.hull.shape)
 
-    def _seen(self, cells: np.ndarray) -> tuple[np.ndarray, float]:
+    def seen_from(self, cells: np.ndarray) -> tuple[np.ndarray, float]:
         """[photos, cells] bool: nothing is before a cell; and the share of masks where nothing is seen."""
         seen = np.zeros((len(self.masks), len(cells)), dtype=bool)
         opened = shown = 0
@@ -251,8 +270,14 @@ class _Carving:
             seen[i] = np.isfinite(depth) & (depth <= nearest.ravel()[place] + 1.5 * self.edge)
         return seen, opened / max(shown, 1)
 
-    def _spread(self, cells: np.ndarray, seen: np.ndarray) -> np.ndarray:
-        """[cells] how far from their median most photos' colours are; NaN: too few see a cell."""
+    def _spread(
+        self, cells: np.ndarray, seen: np.ndarray, shift: np.ndarray | None = None
+    ) -> np.ndarray:
+        """[cells] how far from their median most photos' colours are; NaN: too few see a cell.
+
+        Args:
+            shift: [photos, 3] sRGB, taken away from what each photo shows.
+        """
         count = seen.sum(0)
         enough = count >= SEEN_BY
         spread = np.full(len(cells), np.nan)
@@ -260,6 +285,8 @@ class _Carving:
             return spread
         seen, last = seen[:, enough], count[enough] - 1
         colours = np.stack([colours[cells[enough]] for colours in self.colours])
+        if shift is not None:
+            colours -= shift[:, None]
         colours[~seen] = np.inf  # sorts behind what is seen
         middle = np.take_along_axis(np.sort(colours, axis=0), (last // 2)[None, :, None], axis=0)
         away = np.where(seen, np.linalg.norm(colours - middle, axis=-1), np.inf)

@@ -7,7 +7,7 @@ import pytest
 
 from solver.capture.camera import Camera
 from solver.capture.photos import Photo, srgb_to_linear
-from solver.fit.hollows import carve_hollows, held_by_silhouettes
+from solver.fit.hollows import Carving, carve_hollows, held_by_silhouettes
 from solver.fit.seen_space import cell_centres
 from solver.fit.visual_hull import carve
 from tests.cameras.box_scene import look_at
@@ -95,6 +95,28 @@ def test_what_has_no_hollow_stays_as_it_is(shape, colour):
     cameras, photos, hull = photographed(shape, colour)
     kept = carve_hollows(cameras, photos, hull, BOX)
     assert shares(shape, hull, kept)[1] > 0.99
+
+
+def stump(points):
+    """A ball cut off flat."""
+    return ball(points) & (points[:, 2] < 0.3)
+
+
+def flat_gloss(points, directions):
+    """sRGB of something dull whose flat top is a soft mirror."""
+    top = 0.5 + 0.4 * np.sin(4 * directions * [1, 1, -1] + [0, 1, 2])
+    return np.where(points[:, 2:] > 0.25, top, [0.6, 0.2, 0.15])
+
+
+@pytest.mark.parametrize("shape, colour, sheen", [(stump, flat_gloss, True), (cup, painted, False)])
+def test_a_flat_gloss_is_told_from_a_lid_though_photos_disagree_about_both(shape, colour, sheen):
+    cameras, photos, hull = photographed(shape, colour)
+    held = held_by_silhouettes(cameras, photos, hull, BOX)
+    carving = Carving(cameras, photos, hull, BOX, held)
+    lids = carving.lids
+    loose = (lids.spread > carving.tolerance) & ~held.ravel()[carving.index[lids.cells]]
+    assert loose.sum() > 200
+    assert carving.is_sheen(lids.cells[loose], carving.seen_from(lids.cells)[0][:, loose]) == sheen
 
 
 def test_a_finer_hull_is_carved_at_its_own_cells():
