@@ -1,4 +1,4 @@
-"""Photos as features are sought in them: upright, reduced, grey, with what is masked left out."""
+"""Photos as features are sought in them: turned as for a fit, reduced, grey, without what is masked out."""
 
 from __future__ import annotations
 
@@ -81,7 +81,8 @@ def write_prepared(photo: Prepared, pictures: Path, masks: Path) -> None:
         CaptureError: it cannot be decoded.
     """
     size = (photo.small_width, photo.small_height)
-    colour, alpha = load_reduced(photo.path, max(size))
+    # Turned as a fit turns it, which leaves half turns as they lie.
+    colour, alpha = load_reduced(photo.path, max(size), (photo.width, photo.height))
     shown = None if alpha is None or alpha.min() == 255 else _resized(alpha, size)
     if photo.mask is not None:
         mask = load_reduced_mask(photo.mask, size[::-1], image_orientation(photo.path))

@@ -13,6 +13,7 @@ import numpy as np
 
 from .camera import Camera
 from .capture import Capture, region_seen_by
+from .image_header import image_orientation
 
 UP = np.array([0.0, 0.0, 1.0])
 SIZE = 2.0
@@ -103,7 +104,7 @@ def estimate_up(cameras: list[Camera]) -> np.ndarray:
     held level, else the one that lets cameras look down.
     """
     across = np.stack([camera.camera_to_world[:3, 0] for camera in cameras])
-    upward = np.stack([camera.camera_to_world[:3, 1] for camera in cameras])
+    upward = np.stack([_way_up(camera) * camera.camera_to_world[:3, 1] for camera in cameras])
     forward = np.stack([camera.view_direction for camera in cameras])
     positions = np.stack([camera.position for camera in cameras])
     guesses = [upward.mean(0)]
@@ -131,6 +132,12 @@ def estimate_up(cameras: list[Camera]) -> np.ndarray:
     if abs(vote) < 1e-6:
         vote = -float((forward @ best).sum())
     return best if vote >= 0 else -best
+
+
+def _way_up(camera: Camera) -> int:
+    """−1 where a photo lies upside down in its file, as its header says, and so does its camera; else 1."""
+    path = camera.image_path
+    return -1 if path is not None and image_orientation(path) in (3, 4) else 1
 
 
 def rotation_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -18,6 +18,7 @@ from solver.cameras.folder import SolveFolder, SolveRequest, photos_below
 from solver.cameras.pairs import pairs_of
 from solver.cameras.prepare import look_at, write_prepared
 from solver.capture.errors import CaptureError
+from solver.capture.orientation import as_camera_saw
 from solver.capture.read import read_capture
 from tests.cameras.box_scene import align, orbit, write_photos
 from tests.cli.command import wait_for
@@ -316,6 +317,19 @@ def test_what_is_masked_is_left_out_with_a_border(tmp_path):
     assert not inside[:, :42].any() and inside[5:-5, 46:70].all()
     both = np.asarray(Image.open(tmp_path / "m" / "000002.png.png")) > 0
     assert not both[30:].any() and not both[:, :42].any() and both[5:20, 50:70].all()
+
+
+@pytest.mark.parametrize("tag", [1, 2, 3, 4, 6, 8])
+def test_features_are_sought_in_photos_turned_as_a_fit_turns_them(tmp_path, tag):
+    exif = Image.Exif()
+    exif[0x0112] = tag
+    noise = np.random.default_rng(0).integers(0, 255, (6, 8), np.uint8).repeat(8, 0).repeat(8, 1)
+    Image.fromarray(noise).save(tmp_path / "a.jpg", exif=exif, quality=98)
+    photo = look_at(tmp_path, ("a.jpg",), None, 64)[0]
+    write_prepared(photo, tmp_path, tmp_path)
+    sought = np.asarray(Image.open(tmp_path / "000001.png")).astype(float)
+    fitted = as_camera_saw(noise, tag, photo.width, photo.height)
+    assert sought.shape == fitted.shape and np.abs(sought - fitted).mean() < 3
 
 
 def test_large_photos_are_reduced_and_their_focal_length_is_read(tmp_path):

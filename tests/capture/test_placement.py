@@ -1,5 +1,6 @@
 """Which way is up, how big and where: captures stand upright whatever their file's world was."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -69,6 +70,16 @@ def test_up_is_found_within_two_degrees_in_any_world_and_however_photos_are_held
     rotation = similarity(seed)[:3, :3]
     truth = rotation[:, 2] / np.linalg.norm(rotation[:, 2])
     assert estimate_up(list(moved.cameras)) @ truth > np.cos(np.radians(2))
+
+
+def test_up_is_found_from_photos_that_all_lie_upside_down_in_their_files(tmp_path):
+    exif = Image.Exif()
+    exif[0x0112] = 3
+    Image.new("RGB", (8, 6)).save(tmp_path / "a.jpg", exif=exif)
+    cameras = [replace(c, image_path=tmp_path / "a.jpg") for c in ring(roll=lambda i: math.pi)]
+    assert estimate_up(cameras) @ [0, 0, 1] > 0.99
+    Image.new("RGB", (8, 6)).save(tmp_path / "a.jpg")
+    assert estimate_up(cameras) @ [0, 0, 1] < -0.99
 
 
 def test_cameras_that_look_one_way_still_have_an_up():
