@@ -50,7 +50,7 @@ def unplaced(evidence: list[Evidence], placed: set[str]) -> tuple[str, str]:
         (plain, "too few features (blurred, or nothing with texture in view)",
          "take them again sharp, with a patterned floor or background in view"),
         (alone, "no overlap with any other photo", "take photos in between"),
-        (weak, "too few matches with other photos", "take photos in between, in smaller steps"),
+        (weak, "too few matches with other photos", "take smaller steps from photo to photo"),
         (apart, "matches, but not enough with the photos that were placed",
          "take photos that join them to the others"),
     ]  # fmt: skip

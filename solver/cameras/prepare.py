@@ -13,6 +13,9 @@ from ..capture.image_header import image_orientation
 from ..capture.photo_finder import PhotoFinder
 from ..capture.reduced import load_reduced, load_reduced_mask, read_header
 
+SMALL, MOST_ENLARGED = 800, 4
+"""longer side, in pixels, to which smaller photos are enlarged, and by how much at most: features have a
+size in pixels below which none are found"""
 _BORDER = 4
 """pixels inside a mask's edge where features would be the edge's, not the object's"""
 
@@ -63,8 +66,9 @@ def look_at(
     for number, name in enumerate(names, start=1):
         path = folder / name
         header = read_header(path)
-        factor = min(1.0, longest / max(header.width, header.height))
-        small = [max(1, round(side * factor)) for side in (header.width, header.height)]
+        side = max(header.width, header.height)
+        factor = min(longest / side, max(1.0, min(SMALL / side, MOST_ENLARGED)))
+        small = [max(1, round(length * factor)) for length in (header.width, header.height)]
         mask = None if masks is None else finder.mask_of(path)
         found.append(
             Prepared(
@@ -96,7 +100,9 @@ def write_prepared(photo: Prepared, pictures: Path, masks: Path) -> None:
 
 def _resized(pixels: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     picture = Image.fromarray(np.ascontiguousarray(pixels))
-    return np.asarray(picture.resize(size, Image.Resampling.BOX, reducing_gap=None))
+    enlarged = size[0] > picture.width
+    filtered = Image.Resampling.BICUBIC if enlarged else Image.Resampling.BOX
+    return np.asarray(picture.resize(size, filtered))
 
 
 def _save(pixels: np.ndarray, path: Path) -> None:

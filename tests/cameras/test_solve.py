@@ -292,7 +292,7 @@ def test_each_reason_for_an_unplaced_photo_has_its_own_words():
     for text in ("plain – too few features", "alone – no overlap", "weak – too few matches",
                  "apart – matches, but"):  # fmt: skip
         assert text in problem
-    assert "in smaller steps" in remedy and "sharp" in remedy
+    assert "take smaller steps" in remedy and "sharp" in remedy
     assert unplaced(evidence[:6], {f"good{i}" for i in range(6)}) == ("", "")
     many = [Evidence(f"p{i}", 0) for i in range(9)]
     assert "and 3 more" in unplaced(many, set())[0]
@@ -308,7 +308,7 @@ def test_what_is_masked_is_left_out_with_a_border(tmp_path):
     mask[:30] = 255
     Image.fromarray(mask).save(tmp_path / "masks" / "1.png")
     names = ("0.png", "1.png", "2.png")
-    first, second, _ = look_at(tmp_path, names, tmp_path / "masks", 1600)
+    first, second, _ = look_at(tmp_path, names, tmp_path / "masks", 80)
     (tmp_path / "p").mkdir()
     (tmp_path / "m").mkdir()
     for photo in (first, second):
@@ -347,3 +347,16 @@ def test_large_photos_are_reduced_and_their_focal_length_is_read(tmp_path):
     write_prepared(photo, tmp_path / "p", tmp_path)
     assert Image.open(tmp_path / "p" / "000001.png").size == (150, 200)
     assert not (tmp_path / "000001.png.png").exists()
+
+
+def test_small_photos_are_enlarged_but_never_beyond_what_was_asked_for(tmp_path):
+    for name, size in (("tiny", (120, 90)), ("small", (400, 300)), ("large", (1000, 500))):
+        Image.new("RGB", size, (90, 90, 90)).save(tmp_path / f"{name}.png")
+    names = ("tiny.png", "small.png", "large.png")
+
+    def sought(longest):
+        found = look_at(tmp_path, names, None, longest)
+        return [(photo.small_width, photo.small_height) for photo in found]
+
+    assert sought(1600) == [(480, 360), (800, 600), (1000, 500)]
+    assert sought(600) == [(480, 360), (600, 450), (600, 300)]
