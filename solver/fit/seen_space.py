@@ -7,6 +7,9 @@ import scipy.spatial
 
 from ..capture.camera import Camera
 
+CORE = 0.7
+"""times as many cameras as look at any place that look at the core of a capture, where the object is"""
+
 
 def cell_centres(region: np.ndarray, cells: int) -> np.ndarray:
     """Centres [K·K·K, 3] of the cells of a grid over the box `region` [2, 3], x slowest."""
@@ -27,6 +30,13 @@ def seen_cells(
     return seen.reshape(cells, cells, cells)
 
 
+def looked_at_most(cameras: list[Camera], region: np.ndarray, cells: int) -> np.ndarray:
+    """Those of `seen_cells` [K, K, K] that nearly as many cameras have in their frame as have any."""
+    count = _times_in_frame(cameras, cell_centres(region, cells))
+    most = (count >= CORE * count.max()).reshape(cells, cells, cells)
+    return most & seen_cells(cameras, region, cells)
+
+
 def nearest_distance(cameras: list[Camera], centre: np.ndarray, share: float = 0.15) -> float:
     """Distance from a camera within which nothing is, world units: a share of the median distance
     from `centre` [3]. What hangs before a lens explains any photo."""
@@ -42,11 +52,15 @@ def seen_points(
     Args:
         nearest: distance of what is right before a camera, world units. fewest: cameras that must look.
     """
-    count, clear = np.zeros(len(points), dtype=int), np.ones(len(points), dtype=bool)
+    clear = np.ones(len(points), dtype=bool)
     for camera in cameras:
-        count += camera.in_frame(points)
         clear &= np.linalg.norm(points - camera.position, axis=1) > nearest
-    return (count >= fewest) & clear
+    return (_times_in_frame(cameras, points) >= fewest) & clear
+
+
+def _times_in_frame(cameras: list[Camera], points: np.ndarray) -> np.ndarray:
+    """How many cameras [N] have world points [N, 3] in their frame."""
+    return sum((camera.in_frame(points) for camera in cameras), np.zeros(len(points), dtype=int))
 
 
 def walked_through(cameras: list[Camera], points: np.ndarray, centre: np.ndarray) -> np.ndarray:

@@ -28,7 +28,14 @@ from .errors import SettingsError
 from .hollows import carve_hollows
 from .point_start import start_from_points
 from .ray_bank import RayBank
-from .seen_space import cell_centres, nearest_distance, seen_cells, seen_points, walked_through
+from .seen_space import (
+    cell_centres,
+    looked_at_most,
+    nearest_distance,
+    seen_cells,
+    seen_points,
+    walked_through,
+)
 from .settings import Settings
 from .trainer import Trainer
 from .visual_hull import (
@@ -123,8 +130,8 @@ def new_trainer(
     if use_hull:
         scene.occupancy.allow_only(torch.from_numpy(reached), HULL_MARGIN)
     elif clear_start:
-        seen = seen_cells(cameras, cube.box, SEEN_CELLS)
-        scene.occupancy.allow_only(torch.from_numpy(seen), 0)
+        core = looked_at_most(cameras, cube.box, SEEN_CELLS)
+        scene.occupancy.allow_only(torch.from_numpy(core), 0)
     if settings.fit.decoder:
         take_decoder(scene, Path(settings.fit.decoder), device)
     return trainer_for(scene, capture, photos, settings, seed)
@@ -193,9 +200,18 @@ def trainer_for(
         bank.restrict(torch.from_numpy(np.concatenate(likely)))
     background = background_of(photos, settings.fit.background)
     fog = not (use_masks and settings.field.hull_start)
+    opened = None
+    if fog and settings.field.hull_start:
+        seen = seen_cells(cameras, _box_of(scene.field), SEEN_CELLS)
+        opened = torch.from_numpy(seen)
     return Trainer(
-        scene, bank, settings, seed, use_masks, background, bool(settings.fit.decoder), fog
+        scene, bank, settings, seed, use_masks, background, bool(settings.fit.decoder), fog, opened
     )  # fmt: skip
+
+
+def _box_of(field: MicrofacetField) -> np.ndarray:
+    """[2, 3] world min and max."""
+    return Region(field.centre.cpu().numpy().astype(np.float64), field.half_size).box
 
 
 def background_of(photos: list[Photo], wanted: str = "auto") -> str:

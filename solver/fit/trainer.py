@@ -35,6 +35,8 @@ class Trainer:
             'room'.
         keep_decoder: the feature basis, the heads and g stay as they are.
         fog: the density starts as one, so colours come first (see `FitSettings.emission_fade`).
+        opened: [K, K, K] bool over the box, where something may be once points shine less by themselves;
+            None: where it may be at the start.
     """
 
     OCCUPANCY_EVERY = 50
@@ -42,10 +44,11 @@ class Trainer:
     def __init__(
         self, scene: Scene, bank: RayBank, settings: Settings, seed: int, use_masks: bool,
         background: str = "white", keep_decoder: bool = False, fog: bool = False,
+        opened: torch.Tensor | None = None,
     ):  # fmt: skip
         self.scene, self.bank, self.settings, self.seed = scene, bank, settings, seed
         self.use_masks, self.background = use_masks, background
-        self.keep_decoder, self.fog = keep_decoder, fog
+        self.keep_decoder, self.fog, self.opened = keep_decoder, fog, opened
         self.exposures = exposures_for(settings.fit.exposure, bank.photo_count, scene.device)
         self.random = RandomNumbers(seed, scene.device)
         self.loss = ChunkLoss(settings, self.random, use_masks, background, fog)
@@ -141,6 +144,10 @@ class Trainer:
             group["lr"] = group["base"] * factor
         width = step_width(self.settings.field, fraction) * (self.scene.field.size - 1)
         self.optimiser.param_groups[0]["smooth"] = step_smoothing(width)
+        if self.opened is not None and self.emission(fraction) < 1:
+            self.scene.occupancy.allow_only(self.opened, 0)
+            self.opened = None
+            self.refresh_occupancy()
         if self.step % self.OCCUPANCY_EVERY == 0:
             self.refresh_occupancy()
         if probe_turn(fraction) != self.probe_turn:

@@ -12,7 +12,7 @@ from solver.capture.placement import placed
 from solver.fit.presets import PAPER
 from solver.fit.preview import display, over_plain
 from solver.fit.schedule import emission_share, picture_settings
-from solver.fit.seen_space import seen_cells, walked_through
+from solver.fit.seen_space import looked_at_most, seen_cells, walked_through
 from solver.fit.settings import FitSettings
 from solver.fit.snapshots import write_snapshot
 from solver.fit.start import background_of, new_trainer
@@ -134,6 +134,26 @@ def test_cells_are_where_several_cameras_look_and_none_is_close():
         assert not seen[np.linalg.norm(points - camera.position, axis=-1) < 0.5].any()
     assert not seen[np.abs(points[..., 2]) > 5.5].any()
     assert 0.01 < seen.mean() < 0.5
+
+
+def test_a_fog_begins_where_most_cameras_look_and_is_let_out_when_it_shines_less():
+    capture, photos = room_capture()
+    region = np.array([[-4.0] * 3, [4.0] * 3])
+    trainer = new_trainer(capture, photos, SMALL, 0, region, "cpu", lambda fraction: None)
+    cameras = list(capture.cameras)
+    core, seen = (of(cameras, region, 64) for of in (looked_at_most, seen_cells))
+    assert core.sum() < 0.7 * seen.sum() and not (core & ~seen).any()
+    assert core[29:35, 29:35, 29:35].all()
+
+    def allowed():
+        return trainer.scene.occupancy.allowed.float().mean()
+
+    begun = allowed()
+    assert begun == pytest.approx(core.mean(), rel=0.3)
+    trainer.advance(0.9 * SMALL.fit.emission_fade[0])
+    assert allowed() == begun
+    trainer.advance(1.1 * SMALL.fit.emission_fade[0])
+    assert allowed() == pytest.approx(seen.mean(), rel=0.3) and allowed() > 1.2 * begun
 
 
 @pytest.mark.parametrize("make", [ball_capture, room_capture])
