@@ -52,6 +52,8 @@ SEEN_CELLS = 64
 EXTINCTION = 35.0
 """scale of the extinction over half the box: what the public code has, for its scenes, per world unit; so
 a capture may be of any size"""
+TELLING_POINTS = 1000
+"""sparse points that say where things are; a fog with fewer begins where most cameras look"""
 HAZE, THIN_FOG = -4.0, -6.0
 """shift of the raw density: the public code's, and one under which a ray passes the box at the start, for
 else a surface settles before the cameras"""
@@ -130,8 +132,9 @@ def new_trainer(
     if use_hull:
         scene.occupancy.allow_only(torch.from_numpy(reached), HULL_MARGIN)
     elif clear_start:
-        core = looked_at_most(cameras, cube.box, SEEN_CELLS)
-        scene.occupancy.allow_only(torch.from_numpy(core), 0)
+        told = near.points is not None and len(near.points) >= TELLING_POINTS
+        allowed = (seen_cells if told else looked_at_most)(cameras, cube.box, SEEN_CELLS)
+        scene.occupancy.allow_only(torch.from_numpy(allowed), 0)
     if settings.fit.decoder:
         take_decoder(scene, Path(settings.fit.decoder), device)
     return trainer_for(scene, capture, photos, settings, seed)

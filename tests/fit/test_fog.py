@@ -148,6 +148,11 @@ def test_a_fog_begins_where_most_cameras_look_and_is_let_out_when_it_shines_less
     def allowed():
         return trainer.scene.occupancy.allowed.float().mean()
 
+    points = np.random.default_rng(0).normal(size=(1200, 3)) * 0.3
+    known = dataclasses.replace(capture, points=points)
+    told = new_trainer(known, photos, SMALL, 0, region, "cpu", lambda fraction: None)
+    # Sparse points, where there are many, say better where something is.
+    assert told.scene.occupancy.allowed.float().mean() == pytest.approx(seen.mean(), rel=0.3)
     begun = allowed()
     assert begun == pytest.approx(core.mean(), rel=0.3)
     trainer.advance(0.9 * SMALL.fit.emission_fade[0])
