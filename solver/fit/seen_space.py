@@ -7,6 +7,8 @@ import scipy.spatial
 
 from ..capture.camera import Camera
 
+SHARE, FEWEST = 0.1, 3
+"""of the cameras, and how many at least, that must look at what can be told from photos"""
 CORE = 0.7
 """times as many cameras as look at any place that look at the core of a capture, where the object is"""
 
@@ -18,23 +20,24 @@ def cell_centres(region: np.ndarray, cells: int) -> np.ndarray:
 
 
 def seen_cells(
-    cameras: list[Camera], region: np.ndarray, cells: int, share: float = 0.1
+    cameras: list[Camera], region: np.ndarray, cells: int, share: float = SHARE
 ) -> np.ndarray:
     """Boolean grid [K, K, K] of cell centres of `region` [2, 3] that can be told from photos.
 
     Args:
         share: of the cameras, at least three, that must have the cell in their frame.
     """
-    nearest, fewest = nearest_distance(cameras, region.mean(0)), max(3, share * len(cameras))
+    nearest, fewest = nearest_distance(cameras, region.mean(0)), max(FEWEST, share * len(cameras))
     seen = seen_points(cameras, cell_centres(region, cells), nearest, fewest)
     return seen.reshape(cells, cells, cells)
 
 
 def looked_at_most(cameras: list[Camera], region: np.ndarray, cells: int) -> np.ndarray:
     """Those of `seen_cells` [K, K, K] that nearly as many cameras have in their frame as have any."""
-    count = _times_in_frame(cameras, cell_centres(region, cells))
-    most = (count >= CORE * count.max()).reshape(cells, cells, cells)
-    return most & seen_cells(cameras, region, cells)
+    points = cell_centres(region, cells)
+    count, nearest = _times_in_frame(cameras, points), nearest_distance(cameras, region.mean(0))
+    most = count >= max(FEWEST, SHARE * len(cameras), CORE * count.max())
+    return (most & _clear_of(cameras, points, nearest)).reshape(cells, cells, cells)
 
 
 def nearest_distance(cameras: list[Camera], centre: np.ndarray, share: float = 0.15) -> float:
@@ -52,10 +55,15 @@ def seen_points(
     Args:
         nearest: distance of what is right before a camera, world units. fewest: cameras that must look.
     """
+    return (_times_in_frame(cameras, points) >= fewest) & _clear_of(cameras, points, nearest)
+
+
+def _clear_of(cameras: list[Camera], points: np.ndarray, nearest: float) -> np.ndarray:
+    """Boolean [N] of world points [N, 3] that are further than `nearest` from all cameras."""
     clear = np.ones(len(points), dtype=bool)
     for camera in cameras:
         clear &= np.linalg.norm(points - camera.position, axis=1) > nearest
-    return (_times_in_frame(cameras, points) >= fewest) & clear
+    return clear
 
 
 def _times_in_frame(cameras: list[Camera], points: np.ndarray) -> np.ndarray:
