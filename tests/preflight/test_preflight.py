@@ -20,7 +20,6 @@ from solver.capture.capture import Capture, region_seen_by
 from solver.capture.formats.transforms import write_transforms
 from solver.capture.photos import Photo
 from solver.capture.read import read_capture
-from solver.capture.reduced import load_reduced, load_reduced_mask, read_header
 from solver.fit.errors import SettingsError
 from solver.fit.presets import settings_for
 from solver.fit.ray_bank import RayBank
@@ -409,31 +408,6 @@ def test_photos_that_ask_to_be_turned_are_looked_at_as_their_cameras_saw_them(pi
     np.testing.assert_allclose(report.box, plain.box, atol=0.05)
     look = look_at_photos(capture)[3]
     np.testing.assert_array_equal(look.mask, pictures[1][3][1])
-
-
-@pytest.mark.parametrize("upright", [False, True])
-def test_a_mask_may_lie_as_the_photo_does_or_as_it_is_looked_at(upright, tmp_path):
-    shown = np.zeros((30, 40), np.uint8)
-    shown[:10, 20:] = 255
-    turned = np.rot90(shown, -1)  # what EXIF's 6 makes of it
-    Image.fromarray(turned if upright else shown).save(tmp_path / "mask.png")
-    np.testing.assert_array_equal(load_reduced_mask(tmp_path / "mask.png", (40, 30), 6), turned)
-
-
-def test_photos_are_reduced_upright_with_their_alpha(tmp_path):
-    exif = Image.Exif()
-    exif[0x0112] = 6
-    pixels = np.zeros((300, 400, 3), np.uint8)
-    pixels[:, :100] = 255  # the left of the file is the top of the picture
-    Image.fromarray(pixels).save(tmp_path / "a.jpg", exif=exif)
-    colour, alpha = load_reduced(tmp_path / "a.jpg", 100)
-    assert colour.shape == (100, 75, 3) and alpha is None
-    assert colour[:20].min() > 200 and colour[30:].max() < 50
-    header = read_header(tmp_path / "a.jpg")
-    assert (header.width, header.height, header.focal) == (300, 400, None)
-    Image.fromarray(np.full((8, 8), 40000, np.uint16)).save(tmp_path / "b.png")
-    colour, _ = load_reduced(tmp_path / "b.png", 100)
-    assert colour.shape == (8, 8, 3) and abs(int(colour[0, 0, 0]) - 40000 / 257) < 2
 
 
 def solver(*arguments):
