@@ -175,6 +175,7 @@ def _draw_settings(layout: bpy.types.UILayout, settings) -> None:
     column.prop(settings, "preset")
     column.prop(settings, "device")
     column.prop(settings, "exposure")
+    column.prop(settings, "turntable")
     row = column.row(heading="Time Limit")
     row.prop(settings, "use_time_limit", text="")
     limited = row.row()

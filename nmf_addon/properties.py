@@ -55,6 +55,16 @@ class NMF_scene(bpy.types.PropertyGroup):
         default="fixed",
         description="Whether photos differ in brightness or tint",
     )
+    turntable: bpy.props.EnumProperty(
+        name="Turntable",
+        items=(
+            ("auto", "Automatic", "See by the cameras and by what stands beside the object"),
+            ("yes", "Yes", "The object was turned before a still camera: highlights stayed where they were"),
+            ("no", "No", "The camera went round the object"),
+        ),
+        default="auto",
+        description="Whether the object was turned, and not the camera carried around it",
+    )
     use_time_limit: bpy.props.BoolProperty(
         name="Time Limit", description="Plan the reconstruction to end within a given time"
     )

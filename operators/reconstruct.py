@@ -36,7 +36,7 @@ class NMF_OT_reconstruct(bpy.types.Operator):
                 collection, new_job_root(collection.name), preset=settings.preset,
                 device=settings.device, seed=settings.seed,
                 time_limit=60 * settings.time_limit if settings.use_time_limit else None,
-                overrides={} if settings.exposure == "fixed" else {"fit.exposure": settings.exposure},
+                overrides=_overrides(settings),
             )  # fmt: skip
             monitor.start(python, job)
         except (CaptureError, JobError, RuntimeMissing, OSError) as error:
@@ -48,6 +48,12 @@ class NMF_OT_reconstruct(bpy.types.Operator):
         if not collection.library:
             collection[LAST_JOB] = job.root.name
         return {"FINISHED"}
+
+
+def _overrides(settings) -> dict[str, str]:
+    """What the panel says of the capture, where it is not what presets say."""
+    chosen = {"fit.exposure": settings.exposure, "light.turntable": settings.turntable}
+    return {key: value for key, value in chosen.items() if value not in ("fixed", "auto")}
 
 
 class NMF_OT_resume(bpy.types.Operator):

@@ -7,10 +7,12 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import torch
 from safetensors.torch import load_file, save_file
 
 from ..brdf.neural import NeuralTerm
+from ..capture.turntable import Turntable
 from ..field.field import MicrofacetField
 from ..field.room import Room
 from ..job.folder import JobError, replace_file, write_json_atomic
@@ -23,6 +25,7 @@ from .settings import Settings
 from .trainer import Trainer
 
 BEFORE = {
+    "light": {"turntable": "no"},
     "render": {"diffuse_visibility": False},
     "fit": {
         "palette_weight": 0.0, "dielectric_weight": 0.0, "metal_weight": 0.0,
@@ -69,6 +72,9 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
         },
         "origin": scene.origin.tolist(),
         "environment_height": scene.environment.height,
+        "turntable": scene.turntable and {
+            name: values.tolist() for name, values in vars(scene.turntable).items()
+        },
         "room": scene.room and {
             "size": scene.room.size, "half_size": scene.room.half_size,
             "nearest": scene.room.nearest,
@@ -126,6 +132,7 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
     scene = Scene(
         field, EnvironmentMap(state["environment_height"]), NeuralTerm(shape["feature_size"]),
         shape["occupancy_cells"], _room_of(state, tensors), state.get("origin"),
+        _turntable_of(state),
     ).to(device)  # fmt: skip
     scene.load_state_dict(
         {k.removeprefix("scene."): v for k, v in tensors.items() if k.startswith("scene.")}
@@ -143,6 +150,11 @@ def _room_of(state: dict, tensors: dict[str, torch.Tensor]) -> Room | None:
         tensors["scene.room.centre"], shape["half_size"], shape["size"],
         tensors["scene.room.allowed"], shape["nearest"],
     )  # fmt: skip
+
+
+def _turntable_of(state: dict) -> Turntable | None:
+    values = state.get("turntable")
+    return values and Turntable(**{name: np.array(value) for name, value in values.items()})
 
 
 def _restore_occupancy(scene: Scene, tensors: dict[str, torch.Tensor]) -> None:

@@ -38,6 +38,7 @@ class Chunk(NamedTuple):
     retraced: int  # secondary rays to be traced through the field
     step: int
     fraction: float  # of the fit done
+    turn: int = 0  # which of the step's turns of the light it is under
 
 
 class Taken(NamedTuple):

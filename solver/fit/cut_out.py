@@ -49,6 +49,17 @@ def cut_out(capture: Capture, photos: list[Photo], region: np.ndarray | None = N
     ]
 
 
+def cut_out_of_colour(
+    capture: Capture, photos: list[Photo], region: np.ndarray | None = None
+) -> list[Photo]:
+    """As `cut_out`, but photos before white or black stay as they are: pictures of a fit have these behind
+    the object, too, and no other colour."""
+    if backdrop_behind(photos) is not None:
+        return photos
+    box = capture.region if region is None else region
+    return _from_surroundings(capture.cameras, photos, box)
+
+
 def _from_surroundings(
     cameras: tuple[Camera, ...], photos: list[Photo], region: np.ndarray
 ) -> list[Photo]:

@@ -37,7 +37,7 @@ from ..metrics.scale import LeastSquaresFactor, clipped_factor
 from ..render.image import RenderedView
 from ..render.scene import Scene
 from .exposure import brought_to
-from .load import background_of_job, load_job, load_light, render_cameras
+from .load import background_of_job, held_out_photos, load_job, load_light, render_cameras
 from .preview import display, over_plain
 from .settings import Settings
 from .start import background_shown
@@ -71,7 +71,7 @@ def evaluate_job(
         print(
             f"{job.root}: this job is not finished; its checkpoint is evaluated.", file=sys.stderr
         )
-    photos = load_photos(capture, settings=settings.photos)
+    photos = held_out_photos(job, capture, settings)
     behind = background_shown(photos, background_of_job(job))
     views, materials = {}, MaterialScores()
     # View by view: all buffers of the paper's 200 views would take 9 GB.
@@ -208,7 +208,7 @@ def _relight_scores(
     The paper's protocol (§4), but that the factor is of linear radiance as it is seen, clipped to [0, 1].
     """
     results = {}
-    own_light = scene.environment
+    own_light = scene.environment, scene.turntable
     for folder in sorted(path for path in capture.source.parent.glob("relight_*") if path.is_dir()):
         lights = (folder / "env.exr", folder.with_suffix(".exr"))
         light = next((path for path in lights if path.is_file()), None)
@@ -216,7 +216,7 @@ def _relight_scores(
         if light is None or relit is None:
             continue
         photos = load_photos(relit, settings=settings.photos)
-        scene.environment = load_light(light, scene.device)
+        scene.environment, scene.turntable = load_light(light, scene.device), None
         rendered = [  # linear RGBA, premultiplied
             np.concatenate([view.radiance, view.opacity[..., None]], axis=-1)
             for _, view in render_cameras(scene, settings, relit.cameras, rays, neural)
@@ -232,7 +232,7 @@ def _relight_scores(
         name = folder.name.removeprefix("relight_")
         print(f"relit by {name}", _text(mean), flush=True)
         results[name] = {"mean": mean, "factor": factor.tolist(), "views": views}
-    scene.environment = own_light
+    scene.environment, scene.turntable = own_light
     return results
 
 

@@ -10,7 +10,7 @@ BACKGROUNDS = ("auto", "white", "black", "random", "environment", "room")
 EXPOSURES = ("fixed", "gain", "white_balance")
 CHOICES = {
     "fit.background": BACKGROUNDS, "fit.exposure": EXPOSURES, "photos.colour_space": COLOUR_SPACES,
-    "render.retrace_choice": ("systematic", "noisy"),
+    "render.retrace_choice": ("systematic", "noisy"), "light.turntable": ("auto", "yes", "no"),
 }  # fmt: skip
 
 _TINY = 1e-6

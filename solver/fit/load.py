@@ -8,14 +8,17 @@ from pathlib import Path
 import torch
 
 from ..capture.camera import Camera
+from ..capture.capture import Capture
 from ..capture.errors import CaptureError
-from ..capture.photos import read_exr
+from ..capture.photos import Photo, load_photos, read_exr
 from ..job.folder import JobFolder
+from ..job.inputs import region_of
 from ..light.environment import EnvironmentMap
 from ..render.image import RenderedView, render_view
 from ..render.probing import refresh_probes
 from ..render.scene import Scene, StepTables
 from . import checkpoint
+from .cut_out import cut_out_of_colour
 from .reconstruct import device_at_hand
 from .schedule import picture_settings
 from .settings import Settings
@@ -44,6 +47,18 @@ def background_of_job(job: JobFolder) -> str:
     return checkpoint.read_state(job.checkpoint_dir)["background"]
 
 
+def held_out_photos(job: JobFolder, capture: Capture, settings: Settings) -> list[Photo]:
+    """Photos to compare a job's pictures with, loaded and cut out as those of its fit were.
+
+    Raises:
+        CaptureError: a photo cannot be used. JobError: no checkpoint.
+    """
+    photos = load_photos(capture, settings=settings.photos)
+    if not (settings.fit.cut_out and checkpoint.read_state(job.checkpoint_dir)["use_masks"]):
+        return photos
+    return cut_out_of_colour(capture, photos, region_of(job.request))
+
+
 def load_light(path: Path, device: torch.device) -> EnvironmentMap:
     """A light: an equirect EXR (Blender's convention, linear Rec.709), or that of another job.
 
@@ -68,7 +83,7 @@ def render_cameras(
     scene: Scene, settings: Settings, cameras: tuple[Camera, ...], rays: int,
     neural: float | None = None,
 ) -> Iterator[tuple[Camera, RenderedView]]:  # fmt: skip
-    """Render cameras of the capture's world one by one.
+    """Render cameras of the capture's world one by one; a turntable's light goes round with them.
 
     Args:
         scene: a `Scene` or a `Composition`.
@@ -77,7 +92,10 @@ def render_cameras(
     """
     if settings.render.diffuse_visibility:
         refresh_probes(scene)  # its light may be another one than that of the fit
-    tables = StepTables.of(scene)
     render = picture_settings(settings, rays, neural=neural)
+    # They are the same for all cameras, unless the light turns with them.
+    tables = StepTables.of(scene) if scene.turntable is None else None
     for camera in cameras:
-        yield camera, render_view(scene, tables, render, camera.seen_from(scene.origin))
+        near = camera.seen_from(scene.origin)
+        seen = tables or StepTables.seen_by(near, scene)
+        yield camera, render_view(scene, seen, render, near)

@@ -55,7 +55,8 @@ def write_previews(trainer: Trainer, folder: Path) -> None:
         trainer.settings, rays=16, fraction=fraction, emission=trainer.emission(fraction)
     )
     settings = dataclasses.replace(settings, pixel_grid=1)
-    view = render_view(scene, StepTables.of(scene), settings, camera.no_larger(PREVIEW_PIXELS))
+    tables = StepTables.seen_by(camera, scene)
+    view = render_view(scene, tables, settings, camera.no_larger(PREVIEW_PIXELS))
     picture = picture_of(over_plain(photo, trainer.background))
     size = (view.opacity.shape[1], view.opacity.shape[0])
     reference = np.asarray(picture.resize(size, Image.Resampling.BOX)).astype(np.float32) / 255

@@ -138,14 +138,25 @@ class RayBank:
         """Draw mostly from the pixels in `likely` [P] bool (rays that can meet the object)."""
         self.likely = likely.nonzero()[:, 0].to(self.device)
 
-    def draw(self, count: int, generator: torch.Generator) -> torch.Tensor:
-        """Random global pixel indices [count]."""
-        if self.likely is None or len(self.likely) == 0:
-            return torch.randint(len(self), (count,), generator=generator).to(self.device)
+    def draw(
+        self, count: int, generator: torch.Generator, photo: int | None = None
+    ) -> torch.Tensor:
+        """Random global pixel indices [count]; of one photo only, if that is given."""
+        first, last = (0, len(self)) if photo is None else self.first_pixel[photo : photo + 2]
+        likely = self.likely
+        if likely is not None and photo is not None:
+            begin, end = torch.searchsorted(likely, likely.new_tensor([first, last])).tolist()
+            likely = likely[begin:end]
+        if likely is None or len(likely) == 0:
+            return torch.randint(first, last, (count,), generator=generator).to(self.device)
         background = int(count * self.BACKGROUND_SHARE)
-        chosen = torch.randint(len(self.likely), (count - background,), generator=generator)
-        anywhere = torch.randint(len(self), (background,), generator=generator)
-        return torch.cat([self.likely[chosen.to(self.device)], anywhere.to(self.device)])
+        chosen = torch.randint(len(likely), (count - background,), generator=generator)
+        anywhere = torch.randint(first, last, (background,), generator=generator)
+        return torch.cat([likely[chosen.to(self.device)], anywhere.to(self.device)])
+
+    def draw_photo(self, generator: torch.Generator) -> int:
+        """A random photo, as often as its pixels are drawn."""
+        return int(self._photo_of(self.draw(1, generator))[0])
 
 
 def _camera_space_directions(camera: Camera) -> torch.Tensor:

@@ -33,7 +33,7 @@ def render_job(
     capture = _cameras_of(cameras, out)
     scene, settings = load_job(job)
     if environment is not None:
-        scene.environment = load_light(environment, scene.device)
+        scene.environment, scene.turntable = load_light(environment, scene.device), None
     out.mkdir(parents=True, exist_ok=True)
     for camera, view in render_cameras(scene, settings, capture.cameras, rays, neural):
         write_view(view, camera.name, out)

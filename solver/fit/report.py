@@ -14,16 +14,17 @@ from ..capture.photos import Photo, load_photos, resized
 from ..capture.read import has_split
 from ..job.events import read_events
 from ..job.folder import JobFolder, write_json_atomic
-from ..job.inputs import capture_of
+from ..job.inputs import capture_of, region_of
 from ..metrics.image import psnr, ssim
 from ..render.image import render_view
 from ..render.scene import Scene, StepTables
 from ..report import Row, write_report
+from .cut_out import cut_out_of_colour
 from .exposure import brought_to
 from .preview import display, over_plain, tone_mapped
 from .schedule import picture_settings
 from .settings import Settings
-from .start import background_shown
+from .start import background_shown, uses_masks
 
 VIEWS = 4
 MOST_PIXELS = 65_536
@@ -48,12 +49,13 @@ def write_job_report(
             test = capture_of(job, "test")
             test = replace(test, cameras=tuple(test.cameras[i] for i in _spread(test.cameras)))
             images = load_photos(test, settings=settings.photos)
+            if settings.fit.cut_out and uses_masks(photos, settings):
+                images = cut_out_of_colour(test, images, region_of(job.request))
             cameras, held_out = list(test.cameras), True
         except CaptureError as error:
             # A broken test split must not cost the person a finished reconstruction.
             warnings.append(f"the photos that were held out cannot be shown: {error}".rstrip("."))
     render_settings = picture_settings(settings)
-    tables = StepTables.of(scene)
     behind = background_shown(images, background)
     rows, scores = [], []
     folder = job.result_dir / "report"
@@ -61,7 +63,8 @@ def write_job_report(
         small = camera.no_larger(MOST_PIXELS)
         if small is not camera:
             camera, photo = small, resized(photo, small.width, small.height)
-        view = render_view(scene, tables, render_settings, camera.seen_from(scene.origin))
+        near = camera.seen_from(scene.origin)
+        view = render_view(scene, StepTables.seen_by(near, scene), render_settings, near)
         view = brought_to(view, photo, behind, settings.fit.exposure)
         truth, prediction = over_plain(photo.pixels, behind), display(view, behind)
         score = psnr(prediction, truth)

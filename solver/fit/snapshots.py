@@ -28,7 +28,7 @@ def write_snapshot(trainer: Trainer, folder: Path, fraction: float) -> None:
     """
     scene, camera = trainer.scene, trainer.bank.preview_camera
     settings = picture_settings(trainer.settings, 32, fraction, emission=trainer.emission(fraction))
-    view = render_view(scene, StepTables.of(scene), settings, camera)
+    view = render_view(scene, StepTables.seen_by(camera, scene), settings, camera)
     picture = display(view, trainer.background)
     row = camera.height // 2
     picture[row, ::4] = (1.0, 0.3, 0.0)

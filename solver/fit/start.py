@@ -16,6 +16,7 @@ from ..capture.capture import Capture
 from ..capture.errors import CaptureError
 from ..capture.photos import Photo
 from ..capture.placement import far_origin, seen_from
+from ..capture.turntable import Turntable
 from ..field.field import MicrofacetField
 from ..field.room import EXTENT, Room, expand
 from ..job.folder import JobFolder
@@ -38,6 +39,7 @@ from .seen_space import (
 )
 from .settings import Settings
 from .trainer import Trainer
+from .turned_light import turntable_of
 from .visual_hull import (
     BELONG_TOGETHER,
     NOTHING_IN_COMMON,
@@ -99,6 +101,7 @@ def new_trainer(
     cameras = list(near.cameras)
     use_masks = uses_masks(photos, settings)
     use_hull = use_masks and settings.field.hull_start
+    turntable = turntable_of(near, settings.light.turntable)
     box = near.region if region is None else np.asarray(region, dtype=np.float64) - origin
     if use_masks:
         cube = _object_cube(near, photos, box, settings.field.box_margin)
@@ -122,13 +125,14 @@ def new_trainer(
         distance = torch.from_numpy(signed_distance(hull)) * (2 * cube.half_size / hull.shape[0])
         start_from_hull(field, distance, shape.hull_slope / cube.half_size, OUTSIDE, INSIDE)
     room = None
-    if background_of(photos, settings.fit.background) == "room":
+    if _behind(photos, settings, turntable) == "room":
         room = _room(cameras, cube, shape.sizes[0], settings.light.initial)
     if near.points is not None and starts_from_points(photos, settings):
         start_from_points(field, room, near.points, shape.points_density)
     environment = EnvironmentMap(settings.light.heights[0], settings.light.initial)
     neural = NeuralTerm(shape.feature_size)
-    scene = Scene(field, environment, neural, shape.occupancy_cells, room, origin).to(device)
+    scene = Scene(field, environment, neural, shape.occupancy_cells, room, origin, turntable)
+    scene = scene.to(device)
     if use_hull:
         scene.occupancy.allow_only(torch.from_numpy(reached), HULL_MARGIN)
     elif clear_start:
@@ -201,14 +205,18 @@ def trainer_for(
             for photo in photos
         ]
         bank.restrict(torch.from_numpy(np.concatenate(likely)))
-    background = background_of(photos, settings.fit.background)
+    background = _behind(photos, settings, scene.turntable)
     fog = not (use_masks and settings.field.hull_start)
     opened = None
     if fog and settings.field.hull_start:
         seen = seen_cells(cameras, _box_of(scene.field), SEEN_CELLS)
         opened = torch.from_numpy(seen)
+    turns = None
+    if scene.turntable is not None:
+        turns = torch.stack([scene.turn_for(camera) for camera in cameras])
     return Trainer(
-        scene, bank, settings, seed, use_masks, background, bool(settings.fit.decoder), fog, opened
+        scene, bank, settings, seed, use_masks, background, bool(settings.fit.decoder), fog, opened,
+        turns,
     )  # fmt: skip
 
 
@@ -232,6 +240,13 @@ def background_of(photos: list[Photo], wanted: str = "auto") -> str:
     if all(photo.has_alpha for photo in photos):
         return photos[0].backdrop or "white"
     return backdrop_behind(photos) or "room"
+
+
+def _behind(photos: list[Photo], settings: Settings, turntable: Turntable | None) -> str:
+    """As `background_of`; a room that goes round with the light is a part of it."""
+    found = background_of(photos, settings.fit.background)
+    automatic = settings.fit.background == "auto"
+    return "environment" if turntable and automatic and found == "room" else found
 
 
 def background_shown(photos: list[Photo], fitted: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import torch
 
@@ -22,6 +23,8 @@ from .workers import Workers, worker_count
 
 THIN_FOG_SHARE = 0.02
 """of the opacity from which a cell counts as occupied, while the fog is thin still"""
+TURNS_A_STEP = 8
+"""photos of which a step has pixels, at least, where the light turned with them"""
 
 
 class Trainer:
@@ -37,6 +40,8 @@ class Trainer:
         fog: the density starts as one, so colours come first (see `FitSettings.emission_fade`).
         opened: [K, K, K] bool over the box, where something may be once points shine less by themselves;
             None: where it may be at the start.
+        turns: [photos, 3, 3] by which the light was turned for each photo (see `Turntable.turn_of`); None:
+            it stood still.
     """
 
     OCCUPANCY_EVERY = 50
@@ -44,11 +49,11 @@ class Trainer:
     def __init__(
         self, scene: Scene, bank: RayBank, settings: Settings, seed: int, use_masks: bool,
         background: str = "white", keep_decoder: bool = False, fog: bool = False,
-        opened: torch.Tensor | None = None,
+        opened: torch.Tensor | None = None, turns: torch.Tensor | None = None,
     ):  # fmt: skip
         self.scene, self.bank, self.settings, self.seed = scene, bank, settings, seed
         self.use_masks, self.background = use_masks, background
-        self.keep_decoder, self.fog, self.opened = keep_decoder, fog, opened
+        self.keep_decoder, self.fog, self.opened, self.turns = keep_decoder, fog, opened, turns
         self.exposures = exposures_for(settings.fit.exposure, bank.photo_count, scene.device)
         self.random = RandomNumbers(seed, scene.device)
         self.loss = ChunkLoss(settings, self.random, use_masks, background, fog)
@@ -57,6 +62,9 @@ class Trainer:
         if scene.device.type != "cpu":
             # A graphics card is busy only with many rays at once.
             fit = dataclasses.replace(fit, chunk_rays=fit.rays)
+        if turns is not None:
+            rays = min(fit.chunk_rays, max(1, fit.rays // TURNS_A_STEP))
+            fit = dataclasses.replace(fit, chunk_rays=rays)
         self.batching = Batching(fit, settings.render.retraced_rays)
         self.step = 0
         self.level = 0
@@ -155,8 +163,8 @@ class Trainer:
             self.refresh_probes()
         grid = pixel_grid(self.settings, fraction)
         each = grid * grid
-        chunks = self._draw(self.batching.chunks(each), grid)
-        found = self.workers.gradients(chunks)
+        chunks, turns = self._draw(self.batching.chunks(each), grid)
+        found = self.workers.gradients(chunks, turns)
         self.workers.together(self.optimiser.moves())
         if self.exposures is not None:
             self.exposures.step([taken.to_exposures for taken in found], factor)
@@ -172,12 +180,19 @@ class Trainer:
             "rays": sum(len(chunk.keys) for chunk in chunks) * each,
         }  # fmt: skip
 
-    def _draw(self, sizes: list[int], grid: int) -> list[Chunk]:
-        """Chunks of so many random pixels with grid × grid rays each; all random numbers of a step are
-        drawn here."""
+    def _draw(
+        self, sizes: list[int], grid: int
+    ) -> tuple[list[Chunk], Sequence[torch.Tensor | None]]:
+        """Chunks of so many random pixels with grid × grid rays each, and the turns of the light they are
+        under; all random numbers of a step are drawn here."""
         pixels, colours, device = [], [], self.scene.device
-        for size in sizes:
-            pixels.append(self.bank.draw(size, self.generator))
+        turns, photos = [None], [None] * len(sizes)
+        if self.turns is not None:
+            # A chunk has one light, and so the pixels of one photo.
+            photos = [self.bank.draw_photo(self.generator) for _ in sizes]
+            turns = [self.turns[photo] for photo in photos]
+        for size, photo in zip(sizes, photos, strict=True):
+            pixels.append(self.bank.draw(size, self.generator, photo))
             colour = None
             if self.background == "random":
                 colour = torch.rand(size, 3, generator=self.generator).to(device)
@@ -191,10 +206,11 @@ class Trainer:
         for batch, own, colour in zip(batches, keys.split(sizes), colours, strict=True):
             share = len(own) / len(keys)
             retraced = self.batching.retraced_of(share)
+            turn = min(len(chunks), len(turns) - 1)
             chunks.append(
-                Chunk(batch, own, colour, log_gain, share, retraced, self.step, self.fraction)
+                Chunk(batch, own, colour, log_gain, share, retraced, self.step, self.fraction, turn)
             )
-        return chunks
+        return chunks, turns
 
     def _coarse_to_fine(self, fraction: float) -> None:
         starts = self.settings.field.size_starts

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import TypeVar
@@ -18,7 +18,7 @@ import torch
 from torch import nn
 
 from ..kernels.backend import gradients_in_place
-from ..render.scene import Scene, StepTables
+from ..render.scene import Scene, SharedTables
 from .chunk import Chunk, ChunkLoss, Taken
 
 Result = TypeVar("Result")
@@ -67,9 +67,15 @@ class Workers:
             sys.setswitchinterval(min(sys.getswitchinterval(), TURN))
             self._pool = ThreadPoolExecutor(count, initializer=_one_thread)
 
-    def gradients(self, chunks: list[Chunk]) -> list[Taken]:
-        """Add the gradients of all chunks to those of the scene; worker w takes chunks w, w + count, …"""
-        tables = StepTables.of(self.scenes[0], self.together)
+    def gradients(
+        self, chunks: list[Chunk], turns: Sequence[torch.Tensor | None] = (None,)
+    ) -> list[Taken]:
+        """Add the gradients of all chunks to those of the scene; worker w takes chunks w, w + count, …
+
+        Args:
+            turns: [3, 3] of the light, those that `Chunk.turn` counts.
+        """
+        tables = SharedTables.of(self.scenes[0], turns, self.together)
         count = len(self.scenes)
         copies = [tables.cut() for _ in range(count)]
         with gradients_in_place():
@@ -81,8 +87,11 @@ class Workers:
             self.together(tables.carries(copies))
         return [shares[index % count][index // count] for index in range(len(chunks))]
 
-    def _share(self, worker: int, tables: StepTables, chunks: list[Chunk]) -> list[Taken]:
-        return [self.loss.accumulate(self.scenes[worker], tables, chunk) for chunk in chunks]
+    def _share(self, worker: int, tables: SharedTables, chunks: list[Chunk]) -> list[Taken]:
+        return [
+            self.loss.accumulate(self.scenes[worker], tables.under(chunk.turn), chunk)
+            for chunk in chunks
+        ]
 
     def _gather(self) -> None:
         """Add all workers' gradients to the first one's, in the order of the workers, and clear them."""

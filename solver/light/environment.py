@@ -30,7 +30,7 @@ class LightTables(NamedTuple):
 
 
 def equirect_coordinates(directions: torch.Tensor, height: int, width: int) -> torch.Tensor:
-    """Continuous (column, row) [N, 2] in texels of unit directions [N, 3], differentiable."""
+    """Continuous (column, row) [..., 2] in texels of unit directions [..., 3], differentiable."""
     x, y, z = directions.unbind(-1)
     # atan2 has no gradient on the polar axis: move such directions off it by far less than a texel.
     x = torch.where((x.abs() < 1e-7) & (y.abs() < 1e-7), torch.full_like(x, 1e-7), x)
@@ -58,6 +58,7 @@ class _MapConstants(NamedTuple):
     texel_solid_angle: torch.Tensor  # [H]
     row_prefix: torch.Tensor  # [H + 1]
     irradiance_weights: torch.Tensor  # [9, H·W] float
+    directions: torch.Tensor  # [H, W, 3] float, unit, of the texel centres
 
 
 @lru_cache(maxsize=16)
@@ -65,11 +66,15 @@ def _map_constants(height: int, device: torch.device) -> _MapConstants:
     width = 2 * height
     texel = texel_solid_angles(height)
     rows = torch.cat([torch.zeros(1, dtype=torch.float64), texel.cumsum(0)])
-    basis = sh_basis(equirect_directions(height, width), 2)
+    directions = equirect_directions(height, width)
+    basis = sh_basis(directions, 2)
     lobe = torch.tensor(COSINE_LOBE, dtype=torch.float64)
     weights = (basis * texel[:, None, None] * lobe).reshape(-1, 9).T.float().contiguous()
     sums = precise(device)
-    return _MapConstants(texel.to(device, sums), rows.to(device, sums), weights.to(device))
+    return _MapConstants(
+        texel.to(device, sums), rows.to(device, sums), weights.to(device),
+        directions.float().to(device),
+    )  # fmt: skip
 
 
 class EnvironmentMap(nn.Module):
@@ -120,22 +125,35 @@ class EnvironmentMap(nn.Module):
     def width(self) -> int:
         return self.log_radiance.shape[2]
 
-    def radiance(self) -> torch.Tensor:
-        """Radiance [3, H, W], linear Rec.709."""
-        return self.log_radiance.clamp(max=self.MAX_LOG_RADIANCE).exp()
+    def radiance(self, turn: torch.Tensor | None = None) -> torch.Tensor:
+        """Radiance [3, H, W], linear Rec.709.
+
+        Args:
+            turn: [3, 3] rotation by which the light is turned: what came from d comes from turn · d.
+        """
+        radiance = self.log_radiance.clamp(max=self.MAX_LOG_RADIANCE).exp()
+        if turn is None:
+            return radiance
+        directions = _map_constants(self.height, radiance.device).directions
+        # A row vector times the rotation: turnᵀ · d, from where the light came before.
+        before = directions.to(radiance) @ turn.to(radiance)
+        return _looked_up(radiance, equirect_coordinates(before, *radiance.shape[1:]))
 
     def image(self) -> np.ndarray:
         """Radiance [H, W, 3] float32, linear Rec.709, Blender's equirect convention."""
         radiance = self.radiance().detach().permute(1, 2, 0)
         return np.ascontiguousarray(radiance.cpu().numpy(), dtype=np.float32)
 
-    def tables(self, arriving: Arriving | None = None) -> LightTables:
+    def tables(
+        self, arriving: Arriving | None = None, turn: torch.Tensor | None = None
+    ) -> LightTables:
         """Summed-area table and irradiance of the current map; rebuild after every step.
 
         Args:
             arriving: what of it gets to the points whose irradiance is wanted too.
+            turn: see `radiance`.
         """
-        radiance = self.radiance()
+        radiance = self.radiance(turn)
         table = prefix_sums(radiance, self.texel_solid_angle)
         weights = _map_constants(self.height, radiance.device).irradiance_weights
         irradiance = F.linear(radiance.reshape(3, -1), weights).T[None]
@@ -197,21 +215,28 @@ class EnvironmentMap(nn.Module):
         return torch.einsum("nij,nkj->nki", spread, axes).square().sum(-1)
 
     def resized(self, height: int) -> EnvironmentMap:
-        """The same light on a map of another height (coarse to fine), bilinear on the sphere: columns go on
-        around, and rows beyond a pole half a turn away."""
-        values = self.log_radiance.detach()
-        over = values.roll(self.width // 2, -1)
-        values = torch.cat([over[:, :1], values, over[:, -1:]], 1)
-        values = torch.cat([values[..., -1:], values, values[..., :1]], -1)
+        """The same light on a map of another height (coarse to fine), bilinear in its logarithm."""
         row, column = (
-            (torch.arange(count, device=values.device) + 0.5) / count * size + 1
+            (torch.arange(count, device=self.log_radiance.device) + 0.5) / count * size
             for count, size in ((height, self.height), (2 * height, self.width))
         )
-        # Places in [−1, 1] over the edges of the map that has been continued.
-        y, x = 2 * row / values.shape[1] - 1, 2 * column / values.shape[2] - 1
-        places = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1)
-        log_radiance = F.grid_sample(values[None], places[None], align_corners=False)[0]
+        places = torch.stack(torch.meshgrid(column, row, indexing="xy"), dim=-1)
+        log_radiance = _looked_up(self.log_radiance.detach(), places)
         other = EnvironmentMap(height)
         with torch.no_grad():
             other.log_radiance.copy_(log_radiance)
         return other.to(self.log_radiance.device)
+
+
+def _looked_up(values: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
+    """A map [C, H, W] at continuous (column, row) [H', W', 2], bilinear on the sphere: [C, H', W'].
+
+    Columns go on around, and rows beyond a pole half a turn away.
+    """
+    over = values.roll(values.shape[2] // 2, -1)
+    values = torch.cat([over[:, :1], values, over[:, -1:]], 1)
+    values = torch.cat([values[..., -1:], values, values[..., :1]], -1)
+    # Places in [−1, 1] over the edges of the map that has been continued.
+    size = places.new_tensor([values.shape[2], values.shape[1]])
+    places = 2 * (places + 1) / size - 1
+    return F.grid_sample(values[None], places[None], align_corners=False)[0]

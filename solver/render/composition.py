@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from ..capture.camera import Camera
 from ..field.heads import Materials
 from ..light.environment import EnvironmentMap
 from ..light.irradiance import irradiance
@@ -44,7 +45,7 @@ class Composition(nn.Module):
     were photographed in stay behind, and so do the origins of far captures.
     """
 
-    room = None
+    room = turntable = None
     origin = np.zeros(3)
 
     def __init__(
@@ -59,6 +60,10 @@ class Composition(nn.Module):
     @property
     def device(self) -> torch.device:
         return self.parts[0].device
+
+    def turn_for(self, camera: Camera) -> None:
+        """The common light stands still."""
+        return None
 
     def normal_tables(self) -> list:
         return [part.normal_tables() for part in self.parts]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import torch
 
 from ..light.irradiance import Arriving, arriving_harmonics, irradiance, middles, patches
@@ -11,6 +12,8 @@ from .scene import Scene
 
 BOUNCES = 2
 """how often light is reflected by surfaces, on its way to a probe whose direct view is blocked"""
+TURNS = 16
+"""of a light that turns, over which its mean is taken"""
 PASSING_STEPS = 255
 """of a share that passes: coarse enough to be stored as a byte"""
 
@@ -23,7 +26,7 @@ def refresh_probes(scene: Scene) -> None:
     """
     nodes, points, part = scene.new_probes()
     cut = patches(points.device)
-    lobes = scene.environment.patch_lobes()
+    light, lobes = _light_of(scene)
     directions = middles(lobes)
     passing, distance = scene.look_around(points, directions)
     passing = (passing * PASSING_STEPS).round() / PASSING_STEPS
@@ -33,7 +36,7 @@ def refresh_probes(scene: Scene) -> None:
         return
     normals, reflectance = _nearest_surface(scene, points, part, distance, directions)
     blockers = _rows_of_blockers(scene, points, distance, directions)
-    light, sent = scene.environment.tables().table, dark
+    sent = dark
     stopped = (1 - passing) * cut.solid_angle
     for _ in range(BOUNCES):
         harmonics = arriving_harmonics(light, Arriving(passing, lobes, sent))
@@ -43,6 +46,20 @@ def refresh_probes(scene: Scene) -> None:
             [(colour[blockers] * stopped) @ cut.lobes for colour in radiance.unbind(1)], -1
         )
     scene.probes.fill(nodes, Arriving(passing, lobes, sent))
+
+
+def _light_of(scene) -> tuple[torch.Tensor, torch.Tensor]:
+    """Prefix sums (`LightTables.table`) of the light that blockers get, and `Patches.lobes` [J, 9]."""
+    environment, turntable = scene.environment, scene.turntable
+    if turntable is None:
+        return environment.tables().table, environment.patch_lobes()
+    # It is somewhere else in every photo: the mean over a turn.
+    angles = np.linspace(0, 2 * np.pi, TURNS, endpoint=False)
+    turns = [
+        torch.from_numpy(turntable.rotation(a)).to(scene.device, torch.float32) for a in angles
+    ]
+    tables = [environment.tables(turn=turn).table for turn in turns]
+    return sum(tables) / len(tables), patches(scene.device).lobes
 
 
 def _nearest_surface(scene, points, part, distance, directions):

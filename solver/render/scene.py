@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -12,6 +12,8 @@ import torch
 from torch import nn
 
 from ..brdf.neural import NeuralTerm
+from ..capture.camera import Camera
+from ..capture.turntable import Turntable
 from ..field.field import MicrofacetField
 from ..field.heads import Materials
 from ..field.occupancy import Occupancy
@@ -110,12 +112,14 @@ class Scene(nn.Module):
 
     `room`, where photos show one, is what else they see: it is fitted and looked at, but neither
     lights the object (the environment does) nor becomes an asset. `origin` [3] (double) is where in the
-    capture's world the scene's coordinates are counted from.
+    capture's world the scene's coordinates are counted from. `turntable`: the object was turned for its
+    photos (scene coordinates), and the environment is as its `zero` has it.
     """
 
     def __init__(
         self, field: MicrofacetField, environment: EnvironmentMap, neural: NeuralTerm, cells: int,
         room: Room | None = None, origin: np.ndarray | None = None,
+        turntable: Turntable | None = None,
     ):  # fmt: skip
         super().__init__()
         self.field = field
@@ -123,12 +127,19 @@ class Scene(nn.Module):
         self.neural = neural
         self.room = room
         self.origin = np.zeros(3) if origin is None else np.asarray(origin, dtype=np.float64)
+        self.turntable = turntable
         self.occupancy = Occupancy(cells, field.centre.device)
         self.probes = Probes()
 
     @property
     def device(self) -> torch.device:
         return self.field.centre.device
+
+    def turn_for(self, camera: Camera) -> torch.Tensor | None:
+        """By which [3, 3] the light is turned for a camera of the scene's world; None: it stands still."""
+        if self.turntable is None:
+            return None
+        return torch.from_numpy(self.turntable.turn_of(camera)).to(self.device, torch.float32)
 
     def normal_tables(self):
         """What `surface` needs for normals; holds for one state of the parameters."""
@@ -256,20 +267,50 @@ class StepTables(NamedTuple):
     normals: object  # nested tuples or lists of tensors
 
     @classmethod
-    def of(cls, scene: Scene, together: Together = _in_turn) -> StepTables:
+    def of(cls, scene: Scene, turn: torch.Tensor | None = None) -> StepTables:
         """Tables of the current parameters of a scene or a composition.
 
         Args:
+            turn: [3, 3] by which the light is turned.
+        """
+        return SharedTables.of(scene, (turn,)).under(0)
+
+    @classmethod
+    def seen_by(cls, camera: Camera, scene: Scene) -> StepTables:
+        """The same, as a photo of this camera (of the scene's world) would have them."""
+        return cls.of(scene, scene.turn_for(camera))
+
+
+class SharedTables(NamedTuple):
+    """Tables of one state of the parameters, under each of its light's turns."""
+
+    lights: list[LightTables]
+    normals: object  # nested tuples or lists of tensors
+
+    @classmethod
+    def of(
+        cls, scene: Scene, turns: Sequence[torch.Tensor | None], together: Together = _in_turn
+    ) -> SharedTables:
+        """Tables of the current parameters of a scene or a composition.
+
+        Args:
+            turns: [3, 3] each by which the light is turned, or None.
             together: makes calls that have nothing to do with each other.
         """
         light = partial(scene.environment.tables, scene.probes.arriving)
-        return cls(*together([light, scene.normal_tables]))
+        lights = [partial(light, turn) for turn in turns]
+        *found, normals = together([*lights, scene.normal_tables])
+        return cls(found, normals)
 
-    def cut(self) -> StepTables:
+    def under(self, turn: int) -> StepTables:
+        """Those of one of the turns."""
+        return StepTables(self.lights[turn], self.normals)
+
+    def cut(self) -> SharedTables:
         """A copy cut off from the parameters, so that several backward passes share one set."""
         return mapped(lambda value: value.detach().requires_grad_(value.requires_grad), self)
 
-    def carries(self, copies: list[StepTables]) -> list[Callable[[], None]]:
+    def carries(self, copies: list[SharedTables]) -> list[Callable[[], None]]:
         """Calls, independent of each other, that carry gradients of cut copies to the parameters."""
         return [partial(_carry, *same) for same in zip(self, *copies, strict=True)]
 

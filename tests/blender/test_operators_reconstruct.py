@@ -19,13 +19,14 @@ def test_the_job_is_written_from_what_the_panel_says(capture, monitor, fake_solv
     settings = bpy.context.scene.nmf
     settings.preset, settings.device, settings.seed = "standard", "cpu", 7
     settings.use_time_limit, settings.time_limit, settings.exposure = True, 2.5, "gain"
+    settings.turntable = "yes"
     bpy.ops.nmf.add_region_box()
     assert bpy.ops.nmf.reconstruct() == {"FINISHED"}
     assert settings.job.startswith("//nmf_jobs"), "the .blend and its jobs can be moved together"
     request = json.loads((folder_of(bpy.context.scene) / "job.json").read_text(encoding="utf-8"))
     assert (request["preset"], request["device"], request["seed"]) == ("standard", "cpu", 7)
     assert request["time_limit"] == 150.0
-    assert request["overrides"] == {"fit.exposure": "gain"}
+    assert request["overrides"] == {"fit.exposure": "gain", "light.turntable": "yes"}
     assert all(low < high for low, high in zip(*request["region"].values(), strict=True))
     camera_file = Path(request["capture"])
     assert (

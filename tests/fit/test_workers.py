@@ -13,6 +13,7 @@ class Point(NamedTuple):
     """A chunk that is one point."""
 
     at: float
+    turn: int = 0
 
 
 class DensityThere:

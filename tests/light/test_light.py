@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.special
 import torch
+from scipy.spatial.transform import Rotation
 
 from solver.capture import frames
 from solver.light.environment import (
@@ -15,6 +16,7 @@ from solver.light.environment import (
 )
 from solver.light.irradiance import irradiance
 from solver.light.spherical_harmonics import quadratic, quadratic_form, sh_basis
+from solver.light.turned import turned
 
 
 def unit(count, seed=0):
@@ -136,3 +138,51 @@ def test_resizing_a_map_knows_that_it_goes_on_around_and_over_the_poles(height):
     # Across a pole lies what is half a turn away.
     pole = small.resized(8 * height).log_radiance.detach()[:, 0]
     torch.testing.assert_close(pole, pole.roll(8 * height, -1), atol=0.15, rtol=0)
+
+
+TILTED = torch.tensor(Rotation.from_euler("xz", [0.7, 2.1]).as_matrix(), dtype=torch.float32)
+
+
+def test_a_turned_light_sends_from_the_turned_direction_what_it_sent_before():
+    """Beside the resampling of `light.turned`, which shares out the power of cells."""
+    height = 64
+
+    def sky(directions):
+        x, y, z = directions.unbind(-1)
+        return torch.stack([2 + x, 2 + y, 2 + x * z], -1)
+
+    directions = equirect_directions(height, 2 * height).float()
+    light = EnvironmentMap.from_radiance(sky(directions))
+    expected = sky(directions @ TILTED)
+    found = light.radiance(TILTED).detach().permute(1, 2, 0)
+    torch.testing.assert_close(found, expected, atol=5e-3, rtol=0)
+    shared_out = turned(light.image(), TILTED.numpy())
+    np.testing.assert_allclose(found.numpy(), shared_out, atol=0.06)
+    torch.testing.assert_close(light.radiance(torch.eye(3)), light.radiance(), atol=1e-4, rtol=1e-4)
+
+
+def test_a_turned_lights_tables_are_those_of_the_turned_map():
+    light = EnvironmentMap(16)
+    with torch.no_grad():
+        light.log_radiance.normal_(generator=torch.Generator().manual_seed(3))
+    other = EnvironmentMap.from_radiance(light.radiance(TILTED).detach().permute(1, 2, 0))
+    for found, expected in zip(light.tables(turn=TILTED), other.tables(), strict=True):
+        torch.testing.assert_close(found, expected)
+
+
+class Turned(torch.nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.light = EnvironmentMap(4).double()
+
+    def forward(self):
+        return self.light.radiance(TILTED.double())
+
+
+def test_gradients_of_a_turned_light_are_its_finite_differences():
+    start = torch.randn(3, 4, 8, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
+
+    def turned_radiance(log_radiance):
+        return torch.func.functional_call(Turned(), {"light.log_radiance": log_radiance}, ())
+
+    assert torch.autograd.gradcheck(turned_radiance, (start.requires_grad_(),))
