@@ -59,7 +59,11 @@ class NMF_scene(bpy.types.PropertyGroup):
         name="Turntable",
         items=(
             ("auto", "Automatic", "See by the cameras and by what stands beside the object"),
-            ("yes", "Yes", "The object was turned before a still camera: highlights stayed where they were"),
+            (
+                "yes",
+                "Yes",
+                "The object was turned before a still camera: highlights stayed where they were",
+            ),
             ("no", "No", "The camera went round the object"),
         ),
         default="auto",

@@ -205,10 +205,16 @@ def _at_start(
             capture = with_points(capture, photos, lambda done: told(found * done), seconds)
         except ApartError as error:
             progress.warning(f"no sparse points ({error}); the fit starts without them")
-    return new_trainer(
+    trainer = new_trainer(
         capture, photos, settings, request.seed, region, device,
         lambda done: told(found + (1 - found) * done),
     )  # fmt: skip
+    if trainer.scene.turntable is not None and settings.light.turntable == "auto":
+        progress.warning(
+            "the object was turned before a still camera, so the light goes round with the cameras; if it "
+            "was the camera that moved, set Turntable to No (light.turntable=no)"
+        )
+    return trainer
 
 
 def fit(

@@ -2,14 +2,47 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
 from ..capture.reduced import load_reduced
-from ..capture.turntable import ON_STANDS, Turntable, stands_of, stands_still
+from ..capture.turntable import ON_STANDS, Stands, Turntable, stands_of, stands_still
 from .errors import SettingsError
 
 LONGEST = 64
 """pixels of photos whose edges are compared"""
+
+
+class Circles(NamedTuple):
+    """Circles that all but a few cameras of a capture stand on.
+
+    Attributes:
+        stands: where the cameras would have stood, had the object been turned.
+        still: what is beside the object never moves; None: nothing is to be seen there.
+    """
+
+    stands: Stands
+    still: bool | None
+
+
+def circles_of(capture: Capture) -> Circles | None:
+    """The circles of a capture's cameras, and whether its photos say that it was the object that turned;
+    None: they stand on no circles."""
+    stands = stands_of(capture.cameras)
+    if stands is None or stands.share < ON_STANDS:
+        return None
+    if any(camera.image_path is None for camera in capture.cameras):
+        return Circles(stands, None)
+    try:
+        photos = [
+            load_reduced(camera.image_path, LONGEST, (camera.width, camera.height))[0]
+            for camera in capture.cameras
+        ]
+    except CaptureError:
+        # A photo that nobody can read is told of where it is needed.
+        return Circles(stands, None)
+    return Circles(stands, stands_still(photos, stands.of_photo))
 
 
 def turntable_of(capture: Capture, wanted: str) -> Turntable | None:
@@ -23,23 +56,13 @@ def turntable_of(capture: Capture, wanted: str) -> Turntable | None:
     """
     if wanted == "no":
         return None
+    if wanted == "auto":
+        circles = circles_of(capture)
+        return circles.stands.turntable if circles and circles.still else None
     stands = stands_of(capture.cameras)
-    if wanted == "yes":
-        if stands is None or stands.share == 0:
-            raise SettingsError(
-                "Setting 'light.turntable': these cameras do not stand on circles about an axis, as those "
-                "of a turntable do; choose no."
-            )
-        return stands.turntable
-    shown = all(camera.image_path is not None for camera in capture.cameras)
-    if stands is None or stands.share < ON_STANDS or not shown:
-        return None
-    try:
-        photos = [
-            load_reduced(camera.image_path, LONGEST, (camera.width, camera.height))[0]
-            for camera in capture.cameras
-        ]
-    except CaptureError:
-        # A format that only the fit decodes.
-        return None
-    return stands.turntable if stands_still(photos, stands.of_photo) else None
+    if stands is None or stands.share == 0:
+        raise SettingsError(
+            "Setting 'light.turntable': these cameras do not stand on circles about an axis, as those of a "
+            "turntable do; choose no."
+        )
+    return stands.turntable

@@ -15,6 +15,7 @@ from .coverage import coverage
 from .estimate import Estimate, estimate
 from .findings import Finding, note, warning
 from .looks import look_at_photos
+from .turning import turning
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,7 @@ def check(
         photos.masks(looks)
         + photos.size(looks, asked, settings.photos.most_pixels)
         + coverage(asked)
+        + turning(asked)
     )
     margin = settings.field.box_margin
     box = object_box(asked, looks, margin)

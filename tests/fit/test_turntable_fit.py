@@ -18,6 +18,7 @@ from solver.fit.presets import settings_for
 from solver.fit.settings import Settings
 from solver.fit.start import new_trainer
 from solver.fit.turned_light import turntable_of
+from solver.preflight.turning import turning
 from solver.render.image import image_settings, render_view
 from solver.render.scene import RenderSettings, StepTables
 from tests.capture.test_turntable import carried, photos_of, room, turned_before_cameras
@@ -110,7 +111,7 @@ def saved(tmp_path):
     """Captures with photos on disk: their cameras, and what stands behind the object in each photo."""
 
     def capture_of(cameras, behind):
-        photos = photos_of(behind)
+        photos = photos_of(behind, noise=0.5)
         found = []
         for index, camera in enumerate(cameras):
             path = tmp_path / f"{index}.png"
@@ -128,6 +129,16 @@ def test_a_turntable_is_known_by_circles_and_a_still_background(saved):
     assert turntable_of(before_studio, "no") is None
     assert turntable_of(saved(cameras, room), "auto") is None
     assert turntable_of(saved(cameras, room), "yes") is not None
+
+
+def test_a_check_tells_of_turntables_and_of_what_may_be_one(saved):
+    cameras = turned_before_cameras(photos=8)
+    (sure,) = turning(saved(cameras, lambda index: room(index // 8)))
+    assert "the light will go round with the cameras" in sure.text
+    (open_question,) = turning(saved(cameras, lambda index: np.full((32, 48, 3), 255.0)))
+    assert "set Turntable to Yes" in open_question.text
+    assert turning(saved(cameras, room)) == []
+    assert turning(saved(carried(16), lambda index: room(0))) == []
 
 
 def test_a_still_background_of_carried_cameras_is_no_turntable(saved):
