@@ -46,6 +46,15 @@ class Turntable:
     centre: np.ndarray
     zero: np.ndarray
 
+    @classmethod
+    def through(cls, axis: np.ndarray, centre: np.ndarray, first: np.ndarray) -> Turntable | None:
+        """That about `axis` [3] through `centre` [3] whose light is not turned for a camera at `first` [3];
+        None if that is on the axis."""
+        away = first - centre
+        across = away - (away @ axis) * axis
+        length = np.linalg.norm(across)
+        return cls(axis, centre, across / length) if length > 1e-6 * np.linalg.norm(away) else None
+
     def angle_of(self, position: np.ndarray) -> float:
         """By how much a camera at `position` [3] goes about the axis from `zero`, rad."""
         across = np.asarray(position) - self.centre
@@ -92,13 +101,8 @@ def stands_of(cameras: Sequence[Camera]) -> Stands | None:
     found = _axis_of(poses[:: -(-len(poses) // _COMPARED)])
     if found is None:
         return None
-    axis, centre = found
-    first = poses[0, :3, 3] - centre
-    zero = first - (first @ axis) * axis
-    if np.linalg.norm(zero) <= 1e-6 * np.linalg.norm(first):
-        return None
-    turntable = Turntable(axis, centre, zero / np.linalg.norm(zero))
-    return Stands(turntable, _shared_stands(turntable, cameras))
+    turntable = Turntable.through(*found, poses[0, :3, 3])
+    return turntable and Stands(turntable, _shared_stands(turntable, cameras))
 
 
 def _axis_of(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
+from ..capture.placement import estimate_up
 from ..capture.reduced import load_reduced
 from ..capture.turntable import ON_STANDS, Stands, Turntable, stands_of, stands_still
 from .errors import SettingsError
 
 LONGEST = 64
 """pixels of photos whose edges are compared"""
+MANY = 0.5
+"""share of the photos that stand on circles, from which on these say where the axis is"""
 
 
 class Circles(NamedTuple):
@@ -52,7 +57,7 @@ def turntable_of(capture: Capture, wanted: str) -> Turntable | None:
         wanted: `LightSettings.turntable`.
 
     Raises:
-        SettingsError: there has to be one, but the cameras go round no axis.
+        SettingsError: there has to be one, but it cannot be told about which axis.
     """
     if wanted == "no":
         return None
@@ -60,9 +65,15 @@ def turntable_of(capture: Capture, wanted: str) -> Turntable | None:
         circles = circles_of(capture)
         return circles.stands.turntable if circles and circles.still else None
     stands = stands_of(capture.cameras)
-    if stands is None or stands.share == 0:
+    if stands is not None and stands.share >= MANY:
+        return stands.turntable
+    # The camera was held in a hand: the object turned about what is up, where all cameras look.
+    up = estimate_up(list(capture.cameras)) if capture.up is None else np.asarray(capture.up)
+    first = capture.cameras[0].position
+    found = Turntable.through(up / np.linalg.norm(up), capture.region.mean(0), first)
+    if found is None:
         raise SettingsError(
-            "Setting 'light.turntable': these cameras do not stand on circles about an axis, as those of a "
-            "turntable do; choose no."
+            "Setting 'light.turntable': the first photo is from right above, so it does not tell where the "
+            "light was; put another one first, or choose no."
         )
-    return stands.turntable
+    return found

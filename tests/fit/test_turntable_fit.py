@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from solver.capture.camera import Camera
 from solver.capture.capture import Capture, region_seen_by
@@ -144,7 +145,28 @@ def test_a_check_tells_of_turntables_and_of_what_may_be_one(saved):
 def test_a_still_background_of_carried_cameras_is_no_turntable(saved):
     capture = saved(carried(16), lambda index: room(0))
     assert turntable_of(capture, "auto") is None
-    with pytest.raises(SettingsError, match="light.turntable.*circles.*choose no"):
+
+
+def test_a_turntable_before_a_camera_in_a_hand_turns_about_what_is_up():
+    cameras = carried(40)
+    capture = Capture(Path("x"), tuple(cameras), region_seen_by(cameras))
+    table = turntable_of(capture, "yes")
+    assert table.axis @ (0, 0, 1) > np.cos(np.radians(2))
+    for camera in cameras[::8]:
+        x, y, _ = camera.position
+        turn = table.turn_of(camera) @ table.turn_of(cameras[0]).T
+        angle = np.arctan2(y, x) - np.arctan2(*cameras[0].position[1::-1])
+        expected = Rotation.from_rotvec((0, 0, angle)).as_matrix()
+        assert np.abs(turn - expected).max() < 0.1
+
+
+def test_no_turn_can_be_told_where_the_first_photo_is_from_right_above():
+    camera = turned_before_cameras()[0]
+    above = np.eye(4)
+    above[2, 3] = 3.0
+    cameras = tuple(dataclasses.replace(camera, camera_to_world=above) for _ in range(3))
+    capture = Capture(Path("x"), cameras, np.array([[-1.0] * 3, [1.0] * 3]), up=np.eye(3)[2])
+    with pytest.raises(SettingsError, match="light.turntable.*right above.*choose no"):
         turntable_of(capture, "yes")
 
 
