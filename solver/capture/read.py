@@ -78,10 +78,15 @@ def camera_file(path: Path | str, split: str = "train") -> Path:
     )  # fmt: skip
 
 
-def has_split(path: Path | str, split: str) -> bool:
-    """True if the folder (or the camera file's folder) has cameras of a split of their own."""
-    folder = Path(path) if Path(path).is_dir() else Path(path).parent
-    return (folder / f"transforms_{split}.json").is_file()
+def held_out_file(path: Path | str) -> Path | None:
+    """The camera file of photos held out from a capture; None if there is none, or it is the capture.
+
+    Args:
+        path: the capture's folder or camera file.
+    """
+    path = Path(path)
+    file = (path if path.is_dir() else path.parent) / "transforms_test.json"
+    return file if file.is_file() and not (path.is_file() and file.samefile(path)) else None
 
 
 def read_capture(

@@ -11,10 +11,9 @@ from ..asset.files import write_png
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
 from ..capture.photos import Photo, load_photos, resized
-from ..capture.read import has_split
 from ..job.events import read_events
 from ..job.folder import JobFolder, write_json_atomic
-from ..job.inputs import capture_of, region_of
+from ..job.inputs import held_out_of, region_of
 from ..metrics.image import psnr, ssim
 from ..render.image import render_view
 from ..render.scene import Scene, StepTables
@@ -44,17 +43,17 @@ def write_job_report(
     held_out, warnings = False, warnings_of(job)
     chosen = _spread(capture.cameras)
     cameras, images = [capture.cameras[i] for i in chosen], [photos[i] for i in chosen]
-    if has_split(job.request.capture, "test"):
-        try:
-            test = capture_of(job, "test")
+    try:
+        test = held_out_of(job)
+        if test is not None:
             test = replace(test, cameras=tuple(test.cameras[i] for i in _spread(test.cameras)))
             images = load_photos(test, settings=settings.photos)
             if settings.fit.cut_out and uses_masks(photos, settings):
                 images = cut_out_of_colour(test, images, region_of(job.request))
             cameras, held_out = list(test.cameras), True
-        except CaptureError as error:
-            # A broken test split must not cost the person a finished reconstruction.
-            warnings.append(f"the photos that were held out cannot be shown: {error}".rstrip("."))
+    except CaptureError as error:
+        # A broken test split must not cost the person a finished reconstruction.
+        warnings.append(f"the photos that were held out cannot be shown: {error}".rstrip("."))
     render_settings = picture_settings(settings)
     behind = background_shown(images, background)
     rows, scores = [], []

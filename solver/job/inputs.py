@@ -8,12 +8,12 @@ import numpy as np
 
 from ..capture.capture import Capture
 from ..capture.placement import suggest_placement
-from ..capture.read import read_capture
+from ..capture.read import held_out_file, read_capture
 from .folder import JobFolder, JobRequest
 
 
-def capture_of(job: JobFolder, split: str = "train") -> Capture:
-    """Read a job's capture, or another split of it.
+def capture_of(job: JobFolder) -> Capture:
+    """Read a job's capture.
 
     Cameras that lie in the job's own folder were written there by this program, so they may name
     photos anywhere.
@@ -21,13 +21,26 @@ def capture_of(job: JobFolder, split: str = "train") -> Capture:
     Raises:
         CaptureError: as `read_capture`.
     """
+    trusted = Path(job.request.capture).is_relative_to(job.root / "capture")
+    return _read(job, job.request.capture, trusted=trusted)
+
+
+def held_out_of(job: JobFolder) -> Capture | None:
+    """The photos that a job's capture holds out, with their cameras; None if it holds out none.
+
+    Raises:
+        CaptureError: as `read_capture`.
+    """
+    file = held_out_file(job.request.capture)
+    return file and _read(job, file, fewest=1)
+
+
+def _read(job: JobFolder, cameras: Path | str, **how) -> Capture:
     request = job.request
-    return read_capture(
-        request.capture, split,
-        None if request.photos is None else Path(request.photos),
-        None if request.masks is None else Path(request.masks),
-        trusted=Path(request.capture).is_relative_to(job.root / "capture"),
-    )  # fmt: skip
+    photos, masks = (
+        None if folder is None else Path(folder) for folder in (request.photos, request.masks)
+    )
+    return read_capture(cameras, photos=photos, masks=masks, **how)
 
 
 def region_of(request: JobRequest) -> np.ndarray | None:

@@ -1,0 +1,35 @@
+"""What a job's request names: its capture, and the photos that are held out from it."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from solver.job.folder import JobFolder, JobRequest
+from solver.job.inputs import capture_of, held_out_of
+
+DUCK = Path(__file__).parents[2] / "samples" / "duck"
+
+
+def job_of(capture, folder):
+    return JobFolder.create(folder, JobRequest(capture=str(capture)))
+
+
+@pytest.mark.parametrize("named", [".", "transforms_train.json"], ids=["its folder", "its file"])
+def test_held_out_photos_are_others_than_those_of_the_fit(named, tmp_path):
+    job = job_of(DUCK / named, tmp_path / "job")
+    held_out = held_out_of(job)
+    assert held_out.source.name == "transforms_test.json"
+    paths = [{c.image_path for c in capture.cameras} for capture in (capture_of(job), held_out)]
+    assert not paths[0] & paths[1]
+
+
+def test_a_capture_that_is_fitted_holds_nothing_out(tmp_path):
+    job = job_of(DUCK / "transforms_test.json", tmp_path / "job")
+    assert held_out_of(job) is None and len(capture_of(job).cameras) > 0
+
+
+def test_without_a_file_of_their_own_no_photos_are_held_out(tmp_path):
+    duck = shutil.copytree(DUCK, tmp_path / "duck")
+    (duck / "transforms_test.json").unlink()
+    assert held_out_of(job_of(duck, tmp_path / "job")) is None
