@@ -23,7 +23,7 @@ from .workers import Workers, worker_count
 
 THIN_FOG_SHARE = 0.02
 """of the opacity from which a cell counts as occupied, while the fog is thin still"""
-TURNS_A_STEP = 8
+TURNS_A_STEP = 4
 """photos of which a step has pixels, at least, where the light turned with them"""
 
 

@@ -12,6 +12,7 @@ from .integral import prefix_sums, rectangle_mean
 from .march import composite, grid_transmittance, march
 from .skipping import blocking_grid
 from .specular import Blockers, specular
+from .sphere import look_up
 from .visibility import look_around
 from .vm import smooth_planes, vm_gradient, vm_products, vm_sum
 
@@ -52,6 +53,7 @@ def _run_shared() -> None:
     grid_transmittance(points, directions, torch.zeros(4), 0.25, blocking)
     look_around(points, directions, 0.1, 0.25, blocking)
     rows = torch.linspace(0, 1, 5, dtype=torch.float64)
+    look_up(_leaf(3, 4, 8), torch.rand(4, 8, 2)).sum().backward()
     table, centre = prefix_sums(_leaf(3, 4, 8), rows[1:]), _leaf(4, 2)
     rectangle_mean(table, rows, centre, torch.ones(4, 2)).sum().backward()
 

@@ -18,6 +18,7 @@ from torch import nn
 from ..capture.frames import direction_from_equirect
 from ..kernels.backend import precise
 from ..kernels.integral import prefix_sums, rectangle_mean
+from ..kernels.sphere import look_up
 from .irradiance import COSINE_LOBE, Arriving, arriving_harmonics, bright_lobes
 from .spherical_harmonics import sh_basis
 
@@ -58,7 +59,6 @@ class _MapConstants(NamedTuple):
     texel_solid_angle: torch.Tensor  # [H]
     row_prefix: torch.Tensor  # [H + 1]
     irradiance_weights: torch.Tensor  # [9, H·W] float
-    directions: torch.Tensor  # [H, W, 3] float, unit, of the texel centres
 
 
 @lru_cache(maxsize=16)
@@ -66,15 +66,21 @@ def _map_constants(height: int, device: torch.device) -> _MapConstants:
     width = 2 * height
     texel = texel_solid_angles(height)
     rows = torch.cat([torch.zeros(1, dtype=torch.float64), texel.cumsum(0)])
-    directions = equirect_directions(height, width)
-    basis = sh_basis(directions, 2)
+    basis = sh_basis(equirect_directions(height, width), 2)
     lobe = torch.tensor(COSINE_LOBE, dtype=torch.float64)
     weights = (basis * texel[:, None, None] * lobe).reshape(-1, 9).T.float().contiguous()
     sums = precise(device)
-    return _MapConstants(
-        texel.to(device, sums), rows.to(device, sums), weights.to(device),
-        directions.float().to(device),
-    )  # fmt: skip
+    return _MapConstants(texel.to(device, sums), rows.to(device, sums), weights.to(device))
+
+
+@lru_cache(maxsize=128)
+def _places_before(height: int, turn: tuple[float, ...], device: torch.device) -> torch.Tensor:
+    """Where (columns, rows) [H, W, 2] the light of each texel was before a turn [9]; a fit of a turntable
+    asks again and again for those of its photos."""
+    directions = equirect_directions(height, 2 * height)
+    # A row vector times the rotation: turnᵀ · d.
+    before = directions @ torch.tensor(turn, dtype=torch.float64).view(3, 3)
+    return equirect_coordinates(before, height, 2 * height).float().to(device)
 
 
 class EnvironmentMap(nn.Module):
@@ -134,10 +140,8 @@ class EnvironmentMap(nn.Module):
         radiance = self.log_radiance.clamp(max=self.MAX_LOG_RADIANCE).exp()
         if turn is None:
             return radiance
-        directions = _map_constants(self.height, radiance.device).directions
-        # A row vector times the rotation: turnᵀ · d, from where the light came before.
-        before = directions.to(radiance) @ turn.to(radiance)
-        return _looked_up(radiance, equirect_coordinates(before, *radiance.shape[1:]))
+        places = _places_before(self.height, tuple(turn.flatten().tolist()), radiance.device)
+        return look_up(radiance, places.to(radiance.dtype))
 
     def image(self) -> np.ndarray:
         """Radiance [H, W, 3] float32, linear Rec.709, Blender's equirect convention."""
@@ -221,22 +225,8 @@ class EnvironmentMap(nn.Module):
             for count, size in ((height, self.height), (2 * height, self.width))
         )
         places = torch.stack(torch.meshgrid(column, row, indexing="xy"), dim=-1)
-        log_radiance = _looked_up(self.log_radiance.detach(), places)
+        log_radiance = look_up(self.log_radiance.detach(), places)
         other = EnvironmentMap(height)
         with torch.no_grad():
             other.log_radiance.copy_(log_radiance)
         return other.to(self.log_radiance.device)
-
-
-def _looked_up(values: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
-    """A map [C, H, W] at continuous (column, row) [H', W', 2], bilinear on the sphere: [C, H', W'].
-
-    Columns go on around, and rows beyond a pole half a turn away.
-    """
-    over = values.roll(values.shape[2] // 2, -1)
-    values = torch.cat([over[:, :1], values, over[:, -1:]], 1)
-    values = torch.cat([values[..., -1:], values, values[..., :1]], -1)
-    # Places in [−1, 1] over the edges of the map that has been continued.
-    size = places.new_tensor([values.shape[2], values.shape[1]])
-    places = 2 * (places + 1) / size - 1
-    return F.grid_sample(values[None], places[None], align_corners=False)[0]

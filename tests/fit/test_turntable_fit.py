@@ -69,7 +69,7 @@ def test_a_light_that_turns_explains_what_a_still_one_cannot(turned_ball):
 def test_a_chunk_has_pixels_of_one_photo_and_the_light_of_that(turned_ball):
     trainer = started(*turned_ball, TURNED)
     chunks, turns = trainer._draw(trainer.batching.chunks(), 1)
-    assert len(chunks) == len(turns) == 8
+    assert len(chunks) == len(turns) == 4
     assert len({int(chunk.batch.photo[0]) for chunk in chunks}) > 2
     for chunk in chunks:
         photo = chunk.batch.photo[0]
