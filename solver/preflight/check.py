@@ -9,6 +9,7 @@ import numpy as np
 
 from ..capture.capture import Capture
 from ..fit.presets import settings_for
+from ..fit.turned_light import circles_of
 from . import photos
 from .bounds import nothing_in_common, object_box
 from .coverage import coverage
@@ -55,14 +56,16 @@ def check(
     settings = settings_for(preset)
     asked = capture if region is None else replace(capture, region=region)
     looks = look_at_photos(asked, progress)
-    told = estimate(asked, preset, all(look.coverage is not None for look in looks))
+    circles = circles_of(asked)
+    turned = circles is not None and circles.still is True
+    told = estimate(asked, preset, all(look.coverage is not None for look in looks), turned=turned)
     found = [note(text) for text in capture.warnings]
     found += photos.blur(looks) + photos.exposure(looks) + photos.duplicates(looks)
     found += (
         photos.masks(looks)
         + photos.size(looks, asked, settings.photos.most_pixels)
         + coverage(asked)
-        + turning(asked)
+        + turning(circles)
     )
     margin = settings.field.box_margin
     box = object_box(asked, looks, margin)

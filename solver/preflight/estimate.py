@@ -24,6 +24,8 @@ BASE_BYTES = {"draft": 1.3e9, "standard": 2.0e9, "paper": 4.0e9}
 """memory of a fit of few, small photos"""
 WITHOUT_MASKS = 1.8
 """times as long takes a step without masks: a fog at first, and the room to the end"""
+TURNED = 1.9
+"""times as long takes a step whose light turns with the cameras: tables for each photo it has pixels of"""
 EFFICIENCY = 0.9
 FINDING_POINTS = 0.4
 """processor seconds it takes to find the sparse points that a photo without mask shows"""
@@ -72,13 +74,14 @@ class Estimate:
 
 
 def estimate(
-    capture: Capture, preset: str, masked: bool, cores: int | None = None
+    capture: Capture, preset: str, masked: bool, cores: int | None = None, turned: bool = False
 ) -> Estimate:  # fmt: skip
     """Estimate a reconstruction of a capture.
 
     Args:
         masked: all photos have masks or alpha.
         cores: None: this machine's.
+        turned: its light goes round with the cameras.
 
     Raises:
         SettingsError: there is no such preset.
@@ -89,6 +92,8 @@ def estimate(
     pixels = sum(camera.width * camera.height for camera in capture.cameras)
     speed = 1 + EFFICIENCY * (usable - 1)
     fit = settings.fit.steps * CORE_SECONDS[preset] * (1 if masked else WITHOUT_MASKS) / speed
+    if turned and settings.light.turntable != "no":
+        fit *= TURNED
     seconds = fit + OVERHEAD[preset] + pixels * LOADING
     if not masked and capture.has_few_points and settings.field.hull_start:
         seconds += len(capture.cameras) * FINDING_POINTS / cores

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from ..capture.capture import Capture
-from ..fit.turned_light import circles_of
+from ..fit.turned_light import Circles
 from .findings import Finding, note
 
 
-def turning(capture: Capture) -> list[Finding]:
+def turning(circles: Circles | None) -> list[Finding]:
     """A note on a capture whose cameras stand on circles, as those of a turntable do."""
-    circles = circles_of(capture)
     if circles is None or circles.still is False:
         return []
     if circles.still:

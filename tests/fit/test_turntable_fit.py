@@ -18,7 +18,7 @@ from solver.fit.load import render_cameras
 from solver.fit.presets import settings_for
 from solver.fit.settings import Settings
 from solver.fit.start import new_trainer
-from solver.fit.turned_light import turntable_of
+from solver.fit.turned_light import circles_of, turntable_of
 from solver.preflight.turning import turning
 from solver.render.image import image_settings, render_view
 from solver.render.scene import RenderSettings, StepTables
@@ -134,12 +134,14 @@ def test_a_turntable_is_known_by_circles_and_a_still_background(saved):
 
 def test_a_check_tells_of_turntables_and_of_what_may_be_one(saved):
     cameras = turned_before_cameras(photos=8)
-    (sure,) = turning(saved(cameras, lambda index: room(index // 8)))
+    (sure,) = turning(circles_of(saved(cameras, lambda index: room(index // 8))))
     assert "the light will go round with the cameras" in sure.text
-    (open_question,) = turning(saved(cameras, lambda index: np.full((32, 48, 3), 255.0)))
+    (open_question,) = turning(
+        circles_of(saved(cameras, lambda index: np.full((32, 48, 3), 255.0)))
+    )
     assert "set Turntable to Yes" in open_question.text
-    assert turning(saved(cameras, room)) == []
-    assert turning(saved(carried(16), lambda index: room(0))) == []
+    assert turning(circles_of(saved(cameras, room))) == []
+    assert turning(circles_of(saved(carried(16), lambda index: room(0)))) == []
 
 
 def test_a_still_background_of_carried_cameras_is_no_turntable(saved):

@@ -383,6 +383,15 @@ def test_estimates_grow_with_photos_and_shrink_with_cores(count, cores, preset):
     assert draft.seconds <= fewer.seconds and draft.bytes <= fewer.bytes
 
 
+def test_a_light_that_turns_takes_time_but_where_it_is_taken_to_stand_still():
+    capture = capture_at(around(20))
+    for preset, slower in (("draft", True), ("paper", False)):
+        still, turned = (
+            estimate(capture, preset, True, 2, turned=t).seconds for t in (False, True)
+        )
+        assert (turned > 1.5 * still) == slower and turned >= still
+
+
 def test_points_that_the_file_has_take_no_time():
     without = capture_at(around(20))
     having = dataclasses.replace(without, points=np.zeros((100, 3)))
