@@ -1,7 +1,7 @@
 """Fused CPU kernels for bilinear lookups of a map on the sphere; `sphere_torch` is their twin.
 
-A map is [3, H, W], places are [H', W', 2] columns in [0, W] and rows in [0, H], texel centres at +0.5. Columns
-go on around, and rows beyond a pole half a turn away.
+A map is [3, H, W], places are [H', W', 2] columns in [0, W] and rows in [0, H], texel centres at +0.5.
+Columns go on around, and rows beyond a pole half a turn away.
 """
 
 from __future__ import annotations
