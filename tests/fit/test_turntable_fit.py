@@ -9,16 +9,21 @@ import torch
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from solver.asset.files import write_exr
 from solver.capture.camera import Camera
 from solver.capture.capture import Capture, region_seen_by
-from solver.capture.photos import Photo
+from solver.capture.formats.transforms import write_transforms
+from solver.capture.photos import Photo, read_exr
 from solver.capture.turntable import Turntable
+from solver.fit import checkpoint
 from solver.fit.errors import SettingsError
 from solver.fit.load import render_cameras
 from solver.fit.presets import settings_for
+from solver.fit.render_job import render_job
 from solver.fit.settings import Settings
 from solver.fit.start import new_trainer
 from solver.fit.turned_light import circles_of, turntable_of
+from solver.job.folder import JobFolder, JobRequest
 from solver.preflight.turning import turning
 from solver.render.image import image_settings, render_view
 from solver.render.scene import RenderSettings, StepTables
@@ -105,6 +110,40 @@ def test_pictures_of_a_turntables_cameras_are_lit_as_its_photos_were(turned_ball
         strict=True,
     ):
         assert np.abs(view.radiance - photo.pixels[..., :3]).mean() < 5e-3
+
+
+@pytest.fixture
+def job(turned_ball, tmp_path):
+    """A job that has just begun to fit the turned ball, but knows its lamp, and cameras on two sides."""
+    trainer = started(*turned_ball, TURNED)
+    with torch.no_grad():
+        lit = light_of(lamp, trainer.scene.environment.height)
+        trainer.scene.environment.log_radiance.copy_(lit.log_radiance)
+    job = JobFolder.create(tmp_path / "job", JobRequest(capture="/nowhere"))
+    checkpoint.save_checkpoint(trainer, job.checkpoint_dir, 1.0, done=True)
+    sides = [
+        dataclasses.replace(camera, image_path=Path(f"{camera.name}.png"))
+        for camera in turned_ball[0].cameras[:: VIEWS // 2]
+    ]
+    write_transforms(tmp_path / "cameras.json", sides)
+    return job
+
+
+def brightness(folder):
+    return [
+        read_exr(folder / f"r_{index}_linear.exr")[0][..., :3].mean() for index in (0, VIEWS // 2)
+    ]
+
+
+def test_a_light_that_is_given_stands_still(job, tmp_path):
+    cameras = tmp_path / "cameras.json"
+    render_job(job, cameras, tmp_path / "own", rays=16)
+    front, back = brightness(tmp_path / "own")
+    assert back == pytest.approx(front, rel=0.1)
+    write_exr(tmp_path / "lamp.exr", {"RGB": light_of(lamp).image()})
+    render_job(job, cameras, tmp_path / "given", tmp_path / "lamp.exr", rays=16)
+    front, back = brightness(tmp_path / "given")
+    assert back < 0.5 * front
 
 
 @pytest.fixture
