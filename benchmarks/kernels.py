@@ -44,7 +44,9 @@ from solver.kernels.integral import prefix_sums, rectangle_mean  # noqa: E402
 from solver.kernels.march import march  # noqa: E402
 from solver.kernels.skipping import blocking_grid, free_distance  # noqa: E402
 from solver.kernels.specular import Blockers, specular  # noqa: E402
+from solver.kernels.sphere import look_up  # noqa: E402
 from solver.kernels.visibility import look_around  # noqa: E402
+from solver.light.environment import equirect_coordinates, equirect_directions  # noqa: E402
 
 SIZE, DENSITY, FEATURES, LIGHT = 160, 16, 24, 256
 FLOAT, LINE = 4, 64  # bytes
@@ -162,6 +164,12 @@ def cases(points: int) -> list[Case]:
     environment = rand(3, LIGHT, 2 * LIGHT)
     rows = torch.linspace(0, 1, LIGHT + 1, dtype=torch.float64)
     table = prefix_sums(environment, rows[1:])
+    lit = environment.clone().requires_grad_()
+    turn = torch.linalg.qr(rand(3, 3))[0]
+    before = equirect_coordinates(
+        equirect_directions(LIGHT, 2 * LIGHT).float() @ turn, LIGHT, 2 * LIGHT
+    )
+    turned = look_up(lit, before)
     centre = rand(points // 2, 2) * torch.tensor([2.0 * LIGHT, LIGHT])
     sizes = 1 + 20 * rand(points // 2, 2)
     rays = points // 16
@@ -213,6 +221,10 @@ def cases(points: int) -> list[Case]:
              2 * planes_bytes * DENSITY, 3 * SIZE * SIZE * DENSITY * 4 * len(taps)),
         Case("rectangle_mean", lambda: rectangle_mean(table, rows, centre, sizes),
              len(centre) * 8 * 3 * 8, len(centre) * 3 * 60, lines=len(centre) * 8),
+        Case("look_up", lambda: look_up(environment, before),
+             LIGHT * 2 * LIGHT * (2 + 3 + 3) * FLOAT, LIGHT * 2 * LIGHT * (20 + 3 * 6)),
+        Case("look_up, adjoint", in_place(lambda: turned.sum().backward(retain_graph=True)),
+             LIGHT * 2 * LIGHT * (2 + 3 + 2 * 3) * FLOAT, LIGHT * 2 * LIGHT * (20 + 3 * 9), False),
         # Per ray: about 250 operations for direction and weight, 180 for a mean of three channels, a
         # dozen for a cell of the grid; the adjoint has twice the first and scatters the second.
         Case("specular", glossy, glossy_rays * (8 * 3 * 8 + glossy_cells + 4 * 25),
