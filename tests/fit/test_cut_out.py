@@ -11,7 +11,7 @@ from solver.capture.camera import Camera
 from solver.capture.capture import Capture
 from solver.capture.photos import Photo, linear_to_srgb, srgb_to_linear
 from solver.capture.plain_surroundings import surroundings_of
-from solver.fit.cut_out import cut_out, mended
+from solver.fit.cut_out import cut_out, cut_out_of_colour, mended
 from solver.fit.ray_bank import RayBank
 from solver.fit.start import background_of, new_trainer
 from tests.capture.test_capture import pose
@@ -171,3 +171,16 @@ def test_a_fit_before_a_plain_backdrop_finds_the_shape(level):
     assert trainer.use_masks and not trainer.fog
     losses = [trainer.advance(i / 60)["psnr"] for i in range(60)]
     assert np.mean(losses[-5:]) > 20
+
+
+@pytest.mark.parametrize("backdrop, cut", [(1.0, False), (0.0, False), (SWEEP, True)])
+def test_held_out_photos_lose_a_coloured_backdrop_but_keep_white_and_black(backdrop, cut):
+    """Renders are laid over white or black, as the photos are then."""
+    capture, photos, coverage = ball(backdrop)
+    found = cut_out_of_colour(capture, photos)
+    assert all(photo.has_alpha for photo in found) == cut
+    if cut:
+        alpha = np.stack([photo.pixels[..., 3] for photo in found])
+        assert np.abs(alpha - coverage).mean() < 0.01
+    else:
+        assert found is photos
