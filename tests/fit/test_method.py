@@ -158,7 +158,7 @@ def test_a_step_cut_in_chunks_has_the_gradient_of_the_whole():
         trainer.batching.chunk = chunk
         pixels = torch.arange(256) * 37 % len(trainer.bank)
         queue = iter(pixels.split(chunk))
-        trainer.bank.draw = lambda count, generator, queue=queue: next(queue)
+        trainer.bank.draw = lambda count, generator, photo, queue=queue: next(queue)
         trainer.random.step = 0
     # A step clears the gradients that it used, so take them instead of the step.
     gradients = []
