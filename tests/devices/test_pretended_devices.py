@@ -44,6 +44,7 @@ FITS = {
         {"fit.rays": "16", "fit.pixel_grid_start": "0.75", "fit.exposure": "gain",
          "fit.background": "environment"},
     ),
+    "turned": ("draft", {"light.turntable": "yes"}),
     "neural": (
         "draft",
         {"fit.neural_start": "1", "fit.neural_fade": "1,1", "render.visibility": "false"},
