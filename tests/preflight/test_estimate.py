@@ -1,0 +1,70 @@
+"""Estimates of memory and time: by photos, points, cores and preset."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from solver.capture.photos import Photo
+from solver.fit.presets import settings_for
+from solver.fit.ray_bank import RayBank
+from solver.preflight.estimate import (
+    BANK_BYTES,
+    BASE_BYTES,
+    DIRECTION_BYTES,
+    FINDING_POINTS,
+    cores_in_use,
+    estimate,
+    photo_bytes,
+)  # fmt: skip
+from tests.preflight.captures import around, capture_at
+
+
+def test_photo_memory_is_what_the_ray_bank_holds(pictures):
+    capture = capture_at(around(5), width=48, height=36)
+    pixels = np.ones((36, 48, 4), np.float32)
+    bank = RayBank(list(capture.cameras), [Photo(pixels, False, False)] * 5)
+    held = sum(t.numel() * t.element_size() for t in (bank.colour, bank.alpha))
+    assert held == BANK_BYTES * 5 * 36 * 48
+    assert bank.directions.numel() * bank.directions.element_size() == DIRECTION_BYTES * 36 * 48
+    assert bank.directions.dtype == torch.float32
+    expected = 5 * pixels.nbytes + 2 * (held + DIRECTION_BYTES * 36 * 48)
+    assert photo_bytes(capture, masked=False) == expected
+    assert photo_bytes(capture, masked=True) > expected
+
+
+@given(st.integers(3, 40), st.integers(1, 64), st.sampled_from(["draft", "standard", "paper"]))
+def test_estimates_grow_with_photos_and_shrink_with_cores(count, cores, preset):
+    small, large = capture_at(around(count)), capture_at(around(count + 5))
+    fewer, more = (estimate(c, preset, False, cores) for c in (small, large))
+    assert more.bytes > fewer.bytes > BASE_BYTES[preset] and more.seconds >= fewer.seconds
+    assert estimate(small, preset, False, cores + 1).seconds <= fewer.seconds
+    assert 1 <= fewer.cores <= cores
+    draft = estimate(small, "draft", False, cores)
+    assert draft.seconds <= fewer.seconds and draft.bytes <= fewer.bytes
+
+
+def test_a_light_that_turns_takes_time_but_where_it_is_taken_to_stand_still():
+    capture = capture_at(around(20))
+    for preset, slower in (("draft", True), ("paper", False)):
+        still, turned = (
+            estimate(capture, preset, True, 2, turned=t).seconds for t in (False, True)
+        )
+        assert (turned > 1.5 * still) == slower and turned >= still
+
+
+def test_points_that_the_file_has_take_no_time():
+    without = capture_at(around(20))
+    having = dataclasses.replace(without, points=np.zeros((100, 3)))
+    for masked, seconds in ((False, 20 * FINDING_POINTS / 2), (True, 0)):
+        found, known = (estimate(c, "draft", masked, 2).seconds for c in (without, having))
+        assert found - known == pytest.approx(seconds, abs=0.2)
+
+
+def test_a_step_of_few_chunks_cannot_use_many_cores():
+    assert cores_in_use(settings_for("draft"), 64) == 2
+    assert cores_in_use(settings_for("standard"), 64) == 4
+    assert cores_in_use(settings_for("paper"), 64) == 64
