@@ -11,9 +11,10 @@ import scipy.ndimage
 from ..capture.backdrop import LEVELS, backdrop_of, border_of, coverage_before, object_before
 from ..capture.camera import Camera
 from ..capture.capture import Capture
-from ..capture.photos import Photo, linear_to_srgb, srgb_to_linear
+from ..capture.photos import Photo, linear_to_srgb, load_photos, srgb_to_linear
 from ..capture.plain_surroundings import EVEN_BORDER, surroundings_of
 from .seen_space import cell_centres
+from .settings import Settings
 from .visual_hull import carve, hull_box
 
 CELLS = 64
@@ -47,6 +48,24 @@ def cut_out(capture: Capture, photos: list[Photo], region: np.ndarray | None = N
         replace(_with_alpha(photo, mask, LEVELS[backdrop]), backdrop=backdrop)
         for photo, mask in zip(photos, shown, strict=True)
     ]
+
+
+def photos_as_fitted(
+    capture: Capture, settings: Settings, use_masks: bool, region: np.ndarray | None
+) -> list[Photo]:
+    """Photos to compare a fit's pictures with, loaded and cut out as those of the fit were.
+
+    Args:
+        use_masks: the fit's photos had alpha that said what is object, theirs or from being cut out.
+        region: [2, 3] world box of the object; None: the capture's.
+
+    Raises:
+        CaptureError: a photo cannot be used.
+    """
+    photos = load_photos(capture, settings=settings.photos)
+    if not (settings.fit.cut_out and use_masks):
+        return photos
+    return cut_out_of_colour(capture, photos, region)
 
 
 def cut_out_of_colour(

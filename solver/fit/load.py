@@ -10,7 +10,7 @@ import torch
 from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
-from ..capture.photos import Photo, load_photos, read_exr
+from ..capture.photos import Photo, read_exr
 from ..job.folder import JobFolder
 from ..job.inputs import region_of
 from ..light.environment import EnvironmentMap
@@ -18,7 +18,7 @@ from ..render.image import RenderedView, render_view
 from ..render.probing import refresh_probes
 from ..render.scene import Scene, StepTables
 from . import checkpoint
-from .cut_out import cut_out_of_colour
+from .cut_out import photos_as_fitted
 from .reconstruct import device_at_hand
 from .schedule import picture_settings
 from .settings import Settings
@@ -53,10 +53,8 @@ def held_out_photos(job: JobFolder, capture: Capture, settings: Settings) -> lis
     Raises:
         CaptureError: a photo cannot be used. JobError: no checkpoint.
     """
-    photos = load_photos(capture, settings=settings.photos)
-    if not (settings.fit.cut_out and checkpoint.read_state(job.checkpoint_dir)["use_masks"]):
-        return photos
-    return cut_out_of_colour(capture, photos, region_of(job.request))
+    use_masks = checkpoint.read_state(job.checkpoint_dir)["use_masks"]
+    return photos_as_fitted(capture, settings, use_masks, region_of(job.request))
 
 
 def load_light(path: Path, device: torch.device) -> EnvironmentMap:

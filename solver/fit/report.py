@@ -10,7 +10,7 @@ import numpy as np
 from ..asset.files import write_png
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
-from ..capture.photos import Photo, load_photos, resized
+from ..capture.photos import Photo, resized
 from ..job.events import read_events
 from ..job.folder import JobFolder, write_json_atomic
 from ..job.inputs import held_out_of, region_of
@@ -18,7 +18,7 @@ from ..metrics.image import psnr, ssim
 from ..render.image import render_view
 from ..render.scene import Scene, StepTables
 from ..report import Row, write_report
-from .cut_out import cut_out_of_colour
+from .cut_out import photos_as_fitted
 from .exposure import brought_to
 from .preview import display, over_plain, tone_mapped
 from .schedule import picture_settings
@@ -47,9 +47,8 @@ def write_job_report(
         test = held_out_of(job)
         if test is not None:
             test = replace(test, cameras=tuple(test.cameras[i] for i in _spread(test.cameras)))
-            images = load_photos(test, settings=settings.photos)
-            if settings.fit.cut_out and uses_masks(photos, settings):
-                images = cut_out_of_colour(test, images, region_of(job.request))
+            use_masks = uses_masks(photos, settings)
+            images = photos_as_fitted(test, settings, use_masks, region_of(job.request))
             cameras, held_out = list(test.cameras), True
     except CaptureError as error:
         # A broken test split must not cost the person a finished reconstruction.
