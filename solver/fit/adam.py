@@ -69,6 +69,13 @@ class Adam:
         scale = 1 / (1 - decay**self.count)
         return max(floor * float((scale * square).sqrt().mean()), self.EPSILON)
 
+    def forget(self, parameter: torch.Tensor) -> None:
+        """What was learned of the gradient of a parameter that has been set anew."""
+        for (_, own), moments in zip(self._parameters(), self._moments, strict=True):
+            if own is parameter:
+                moments.mean.zero_()
+                moments.square.zero_()
+
     def state(self) -> dict[str, torch.Tensor]:
         """For a checkpoint."""
         tensors = {"count": torch.tensor(self.count)}

@@ -72,6 +72,9 @@ class LightSettings:
     sizes, the last one stays, and where there are more, the others are never reached"""
     initial: float = 0.5
     """radiance of every texel at the start"""
+    from_room: bool = True
+    """before a room, the light begins as what has been found of the room by the time points begin to
+    reflect; else as `initial`"""
     turntable: str = "auto"
     """'yes': the object was turned before a still camera, so the light goes round with the cameras; 'no';
     or 'auto': yes if the cameras stand on circles and what is beside the object never moves"""

@@ -16,6 +16,7 @@ from .adam import Adam
 from .batching import Batching
 from .chunk import Chunk, ChunkLoss
 from .exposure import exposures_for
+from .light_start import light_before
 from .ray_bank import RayBank, RayBatch
 from .schedule import pixel_grid, probe_turn, smoothing_width, step_width
 from .settings import Settings
@@ -86,6 +87,14 @@ class Trainer:
         self.steps_at_level = 0
         self.refresh_occupancy()
 
+    def _begin_light(self) -> None:
+        """The light as the room has it."""
+        environment = self.scene.environment
+        found = light_before(self.scene.room, environment.height).log_radiance
+        with torch.no_grad():
+            environment.log_radiance.copy_(found)
+        self.optimiser.forget(environment.log_radiance)
+
     def _new_optimiser(self) -> Adam:
         fit, scene = self.settings.fit, self.scene
         field = scene.field
@@ -144,8 +153,11 @@ class Trainer:
 
     def advance(self, fraction: float) -> dict[str, float]:
         """One optimiser step at `fraction` in [0, 1) of the fit; returns what to report."""
+        begin_to_reflect = self.emission(self.fraction) == 1 > self.emission(fraction)
         self.fraction = fraction
         self._coarse_to_fine(fraction)
+        if begin_to_reflect and self.scene.room is not None and self.settings.light.from_room:
+            self._begin_light()
         self.scene.field.smoothing = smoothing_width(self.settings.field, fraction)
         factor = self._learning_rate_factor(fraction)
         for group in self.optimiser.param_groups:

@@ -43,6 +43,19 @@ def test_below_the_floor_steps_shrink_with_the_gradient_and_above_they_stay():
     assert (floored[1].abs() < 1e-2 * floored[0].abs()).all()
 
 
+def test_a_parameter_set_anew_moves_as_if_nothing_had_been_learned_of_it():
+    values, others = (torch.nn.Parameter(torch.zeros(2, 8)) for _ in range(2))
+    optimiser = Adam([{"params": [values, others], "base": 0.1}])
+    for _ in range(10):
+        values.grad, others.grad = torch.full((2, 8), 100.0), torch.full((2, 8), 100.0)
+        optimiser.step()
+    before = values.detach().clone(), others.detach().clone()
+    optimiser.forget(values)
+    values.grad, others.grad = torch.full((2, 8), -1.0), torch.full((2, 8), -1.0)
+    optimiser.step()
+    assert (values > before[0]).all() and (others < before[1]).all()
+
+
 def test_the_floor_is_a_share_of_the_mean_gradient_from_the_first_step_on():
     """Adam's mean of squares starts at 0, and so would the floor if that were not made up for."""
     values = torch.nn.Parameter(torch.zeros(1, 4))
