@@ -31,11 +31,11 @@ DIRECTIONS_AT_ONCE = 8192
 
 
 @torch.no_grad()
-def light_before(room: Room, height: int) -> EnvironmentMap:
-    """The light that a room sends to the centre of its box, as a map of `height` rows.
+def light_from_room(room: Room, height: int) -> EnvironmentMap:
+    """The light that a room sends to the centre of its box, linear Rec.709, as a map of `height` rows.
 
     Small gaps have the colours around them. What no photo shows, mostly what is above, is grey, and as
-    bright as makes the whole light's mean that of a well exposed photo's white.
+    bright as makes the whole light's mean that of a well exposed photo's white (docs/decisions/0025).
     """
     device = room.centre.device
     directions = equirect_directions(HEIGHT, 2 * HEIGHT).float().view(-1, 3).to(device)

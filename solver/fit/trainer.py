@@ -16,7 +16,7 @@ from .adam import Adam
 from .batching import Batching
 from .chunk import Chunk, ChunkLoss
 from .exposure import exposures_for
-from .light_start import light_before
+from .light_start import light_from_room
 from .ray_bank import RayBank, RayBatch
 from .schedule import pixel_grid, probe_turn, smoothing_width, step_width
 from .settings import Settings
@@ -90,7 +90,7 @@ class Trainer:
     def _begin_light(self) -> None:
         """The light as the room has it."""
         environment = self.scene.environment
-        found = light_before(self.scene.room, environment.height).log_radiance
+        found = light_from_room(self.scene.room, environment.height).log_radiance
         with torch.no_grad():
             environment.log_radiance.copy_(found)
         self.optimiser.forget(environment.log_radiance)

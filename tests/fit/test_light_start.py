@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from solver.field.room import EXTENT
-from solver.fit.light_start import BRIGHTEST, WHITE, light_before
+from solver.fit.light_start import BRIGHTEST, WHITE, light_from_room
 from solver.fit.losses import LEAST_LIGHT
 from solver.fit.seen_space import cell_centres
 from solver.fit.start import new_trainer
@@ -39,7 +39,7 @@ def looked_at(height, there):
 
 
 def test_where_a_room_is_known_all_round_the_light_is_the_room():
-    light = light_before(walls(lambda d: d[:, 0] < 2), 64)
+    light = light_from_room(walls(lambda d: d[:, 0] < 2), 64)
     np.testing.assert_allclose(
         light.image(), np.broadcast_to([0.3, 0.2, 0.1], (64, 128, 3)), rtol=1e-3
     )
@@ -47,7 +47,7 @@ def test_where_a_room_is_known_all_round_the_light_is_the_room():
 
 @pytest.mark.parametrize("height", [32, 128])
 def test_what_no_photo_shows_is_grey_and_makes_white_surfaces_white(height):
-    image = light_before(walls(lambda d: d[:, 2] < 0.3), height).image()
+    image = light_from_room(walls(lambda d: d[:, 2] < 0.3), height).image()
     walled, sky = (
         looked_at(height, there) for there in (lambda d: d[:, 2] < 0.2, lambda d: d[:, 2] > 0.8)
     )
@@ -62,12 +62,12 @@ def test_what_no_photo_shows_is_grey_and_makes_white_surfaces_white(height):
 
 def test_a_gap_in_the_room_has_the_colours_around_it():
     gap = np.array([0.6, 0.64, 0.48])
-    image = light_before(walls(lambda d: d @ gap < np.cos(0.12)), 64).image()
+    image = light_from_room(walls(lambda d: d @ gap < np.cos(0.12)), 64).image()
     np.testing.assert_allclose(image, np.broadcast_to([0.3, 0.2, 0.1], image.shape), rtol=0.02)
 
 
 def test_what_no_photo_shows_is_no_brighter_than_a_limit_and_no_darkness_is_a_hole():
-    image = light_before(walls(lambda d: d[:, 2] < 0.7, (1e-5, 1e-5, 1e-5)), 64).image()
+    image = light_from_room(walls(lambda d: d[:, 2] < 0.7, (1e-5, 1e-5, 1e-5)), 64).image()
     assert image.max() == pytest.approx(BRIGHTEST, rel=0.01)
     assert image.min() == pytest.approx(LEAST_LIGHT, rel=0.01)
 
@@ -76,7 +76,7 @@ def test_colours_stay_in_their_direction():
     made = walls(lambda d: d[:, 0] < 2)
     with torch.no_grad():
         made.colour_planes.normal_(std=0.5)
-    image = light_before(made, 128).image()
+    image = light_from_room(made, 128).image()
     # Rotating or mirroring the map would turn its first harmonics.
     directions = equirect_directions(128, 256)
     with torch.no_grad():
@@ -111,7 +111,7 @@ def test_when_points_begin_to_reflect_the_light_is_the_rooms(from_room):
 
     def away():
         """How far the light is from the room, in logarithms."""
-        room_light = light_before(trainer.scene.room, trainer.scene.environment.height)
+        room_light = light_from_room(trainer.scene.room, trainer.scene.environment.height)
         own = trainer.scene.environment.log_radiance
         return float((room_light.log_radiance - own).detach().abs().mean())
 
