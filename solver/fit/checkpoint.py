@@ -15,7 +15,7 @@ from ..brdf.neural import NeuralTerm
 from ..capture.turntable import Turntable
 from ..field.field import MicrofacetField
 from ..field.room import Room
-from ..job.folder import JobError, replace_file, write_json_atomic
+from ..job.folder import JobError, replace_file, set_aside, write_json_atomic
 from ..light.environment import EnvironmentMap
 from ..light.irradiance import Arriving
 from ..render.probes import Nodes
@@ -25,7 +25,7 @@ from .settings import Settings
 from .trainer import Trainer
 
 BEFORE = {
-    "light": {"turntable": "no"},
+    "light": {"turntable": "no", "from_room": False},
     "render": {"diffuse_visibility": False},
     "fit": {
         "palette_weight": 0.0, "dielectric_weight": 0.0, "metal_weight": 0.0,
@@ -86,7 +86,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     part.mkdir(parents=True)
     save_file({k: v.detach().contiguous().cpu() for k, v in tensors.items()}, part / TENSORS)
     write_json_atomic(part / STATE, state)
-    old = folder.with_name(folder.name + ".old")
+    old = set_aside(folder)
     shutil.rmtree(old, ignore_errors=True)
     if folder.exists():
         replace_file(folder, old)
@@ -96,7 +96,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
 
 def read_state(folder: Path) -> dict | None:
     """The checkpoint's JSON; None if there is no checkpoint. Repairs an interrupted renaming."""
-    old = folder.with_name(folder.name + ".old")
+    old = set_aside(folder)
     if not (folder / STATE).is_file() and (old / STATE).is_file():
         shutil.rmtree(folder, ignore_errors=True)
         replace_file(old, folder)

@@ -219,8 +219,9 @@ class JobFolder:
         return self.manifest_path.is_file()
 
     def has_checkpoint(self) -> bool:
-        """True if there is a state to resume from."""
-        return (self.checkpoint_dir / "state.json").is_file()
+        """True if there is a state to resume from, be it the last but one (see `set_aside`)."""
+        folders = self.checkpoint_dir, set_aside(self.checkpoint_dir)
+        return any((folder / "state.json").is_file() for folder in folders)
 
     def manifest(self) -> dict[str, Any]:
         """The result's manifest.
@@ -245,6 +246,11 @@ class JobFolder:
     def write_manifest(self, content: dict[str, Any]) -> None:
         """Declare the result complete."""
         write_json_atomic(self.manifest_path, {"schema_version": SCHEMA_VERSION, **content})
+
+
+def set_aside(folder: Path) -> Path:
+    """Where a folder is while another takes its place; it stays there if the process ends meanwhile."""
+    return folder.with_name(f"{folder.name}.old")
 
 
 def write_json_atomic(path: Path, content: Any) -> None:

@@ -33,6 +33,15 @@ requests = st.builds(
 )
 
 
+def test_a_job_killed_while_a_checkpoint_takes_the_place_of_another_can_be_resumed(tmp_path):
+    job = JobFolder(tmp_path)
+    assert not job.has_checkpoint()
+    write_json_atomic(job.checkpoint_dir / "state.json", {"step": 1})
+    assert job.has_checkpoint()
+    job.checkpoint_dir.rename(folder.set_aside(job.checkpoint_dir))
+    assert job.has_checkpoint()
+
+
 @given(request=requests)
 @settings(max_examples=60, deadline=None)
 def test_a_request_comes_back_from_its_file_as_it_was(request, tmp_path_factory):
