@@ -176,6 +176,7 @@ def _draw_settings(layout: bpy.types.UILayout, settings) -> None:
     column.prop(settings, "device")
     column.prop(settings, "exposure")
     column.prop(settings, "turntable")
+    column.prop(settings, "texture_size")
     row = column.row(heading="Time Limit")
     row.prop(settings, "use_time_limit", text="")
     limited = row.row()

@@ -69,6 +69,23 @@ class NMF_scene(bpy.types.PropertyGroup):
         default="auto",
         description="Whether the object was turned, and not the camera carried around it",
     )
+    texture_size: bpy.props.EnumProperty(
+        name="Textures",
+        items=tuple(
+            (str(size), f"{size} × {size}", text)
+            for size, text in (
+                (512, "For things far away"),
+                (1024, "For most things"),
+                (2048, "For close-ups; about half a minute more"),
+                (
+                    4096,
+                    "Where photos have the pixels for it; about two minutes and 4 GB of memory more",
+                ),
+            )
+        ),
+        default="1024",
+        description="Pixels of the result's textures",
+    )
     use_time_limit: bpy.props.BoolProperty(
         name="Time Limit", description="Plan the reconstruction to end within a given time"
     )

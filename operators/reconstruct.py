@@ -36,7 +36,7 @@ class NMF_OT_reconstruct(bpy.types.Operator):
                 collection, new_job_root(collection.name), preset=settings.preset,
                 device=settings.device, seed=settings.seed,
                 time_limit=60 * settings.time_limit if settings.use_time_limit else None,
-                overrides=_overrides(settings),
+                overrides=overrides_of(settings),
             )  # fmt: skip
             monitor.start(python, job)
         except (CaptureError, JobError, RuntimeMissing, OSError) as error:
@@ -50,10 +50,17 @@ class NMF_OT_reconstruct(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def _overrides(settings) -> dict[str, str]:
-    """What the panel says of the capture, where it is not what presets say."""
-    chosen = {"fit.exposure": settings.exposure, "light.turntable": settings.turntable}
-    return {key: value for key, value in chosen.items() if value not in ("fixed", "auto")}
+def overrides_of(settings) -> dict[str, str]:
+    """What the panel says where it is not what presets say, as `JobRequest.overrides`."""
+    names = {
+        "exposure": "fit.exposure", "turntable": "light.turntable",
+        "texture_size": "asset.texture_size",
+    }  # fmt: skip
+    return {
+        key: getattr(settings, name)
+        for name, key in names.items()
+        if getattr(settings, name) != settings.bl_rna.properties[name].default
+    }
 
 
 class NMF_OT_resume(bpy.types.Operator):

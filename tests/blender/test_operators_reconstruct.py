@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import sys
 from pathlib import Path
@@ -19,14 +20,16 @@ def test_the_job_is_written_from_what_the_panel_says(capture, monitor, fake_solv
     settings = bpy.context.scene.nmf
     settings.preset, settings.device, settings.seed = "standard", "cpu", 7
     settings.use_time_limit, settings.time_limit, settings.exposure = True, 2.5, "gain"
-    settings.turntable = "yes"
+    settings.turntable, settings.texture_size = "yes", "2048"
     bpy.ops.nmf.add_region_box()
     assert bpy.ops.nmf.reconstruct() == {"FINISHED"}
     assert settings.job.startswith("//nmf_jobs"), "the .blend and its jobs can be moved together"
     request = json.loads((folder_of(bpy.context.scene) / "job.json").read_text(encoding="utf-8"))
     assert (request["preset"], request["device"], request["seed"]) == ("standard", "cpu", 7)
     assert request["time_limit"] == 150.0
-    assert request["overrides"] == {"fit.exposure": "gain", "light.turntable": "yes"}
+    assert request["overrides"] == {
+        "fit.exposure": "gain", "light.turntable": "yes", "asset.texture_size": "2048",
+    }  # fmt: skip
     assert all(low < high for low, high in zip(*request["region"].values(), strict=True))
     camera_file = Path(request["capture"])
     assert (
@@ -35,6 +38,24 @@ def test_the_job_is_written_from_what_the_panel_says(capture, monitor, fake_solv
     assert len(json.loads(camera_file.read_text(encoding="utf-8"))["frames"]) == 3
     tick()
     assert monitor.model.state == "done"
+
+
+def test_what_the_panel_has_at_first_is_what_presets_say(capture, fake_solver, tick):
+    bpy.ops.nmf.reconstruct()
+    tick()
+    request = json.loads((folder_of(bpy.context.scene) / "job.json").read_text(encoding="utf-8"))
+    assert request["overrides"] == {}
+
+
+@pytest.mark.parametrize("name", ["exposure", "turntable", "texture_size"])
+def test_the_solver_knows_whatever_the_panel_offers(name, package):
+    presets = pytest.importorskip("solver.fit.presets", reason="Blender itself has no torch")
+    overrides = importlib.import_module(f"{package.__name__}.operators.reconstruct").overrides_of
+    settings, found = bpy.context.scene.nmf, []
+    for item in settings.bl_rna.properties[name].enum_items:
+        setattr(settings, name, item.identifier)
+        found.append(presets.settings_for("draft", overrides(settings)))
+    assert presets.DRAFT in found and len(set(found)) == len(found)
 
 
 def test_each_reconstruction_has_a_folder_of_its_own(capture, fake_solver, tick, tmp_path):
