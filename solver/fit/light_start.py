@@ -8,12 +8,10 @@ between red walls turns pink, and metal has nothing to mirror.
 from __future__ import annotations
 
 import torch
-import torch.nn.functional as F
 
 from ..field.room import Room
-from ..light.environment import EnvironmentMap, equirect_directions, texel_solid_angles
-from ..render.surroundings import light_of_room
-from .losses import LEAST_LIGHT
+from ..light.environment import EnvironmentMap, equirect_directions, resized_map, texel_solid_angles
+from .losses import known_of_room
 
 HEIGHT, COARSE = 128, 16
 """rows of the map on which the room is looked at, and of that which fills its gaps"""
@@ -40,12 +38,12 @@ def light_from_room(room: Room, height: int) -> EnvironmentMap:
     device = room.centre.device
     directions = equirect_directions(HEIGHT, 2 * HEIGHT).float().view(-1, 3).to(device)
     pieces = [
-        light_of_room(room, some, torch.full_like(some[:, 0], 0.5))
+        known_of_room(room, some, torch.full_like(some[:, 0], 0.5))
         for some in directions.split(DIRECTIONS_AT_ONCE)
     ]
     seen, opacity = (torch.cat(values) for values in zip(*pieces, strict=True))
+    colour = seen.log()
     known = (opacity / TOLD).clamp(max=1.0)
-    colour = (seen / opacity.clamp(min=1e-3)[:, None]).clamp(min=LEAST_LIGHT).log()
     texel = texel_solid_angles(HEIGHT).float().repeat_interleave(2 * HEIGHT).to(device)
     around, filled = _filled_from_around(directions, colour, known, texel)
     told = known + (1 - known) * filled
@@ -71,10 +69,8 @@ def _filled_from_around(
     weight = lobe @ known
     mean = (lobe * known) @ colour / weight.clamp(min=1e-9)[:, None]
     confidence = (weight / lobe.sum(1) / GAP).clamp(max=1.0)
-    both = torch.cat([mean, confidence[:, None]], 1).T.view(1, 4, COARSE, 2 * COARSE)
-    # The map's two ends meet.
-    both = F.pad(both, (1, 1, 0, 0), mode="circular")
-    finer = HEIGHT // COARSE
-    large = F.interpolate(both, scale_factor=finer, mode="bilinear", align_corners=False)
-    large = large[0, :, :, finer:-finer].flatten(1).T
-    return large[:, :3], large[:, 3]
+    large, sure = (
+        resized_map(values.T.reshape(3, COARSE, 2 * COARSE), HEIGHT).flatten(1).T
+        for values in (mean, confidence[:, None].expand(-1, 3))
+    )
+    return large, sure[:, 0]

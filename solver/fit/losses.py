@@ -6,6 +6,7 @@ import math
 
 import torch
 
+from ..field.room import Room
 from ..render.radiance import RayBuffers
 from ..render.random_numbers import ROOM_DIRECTION, RandomNumbers
 from ..render.scene import Scene, StepTables
@@ -72,6 +73,15 @@ def total_loss(
     return loss, {"image": float(image.detach())}
 
 
+def known_of_room(
+    room: Room, directions: torch.Tensor, u: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Radiance [N, 3], linear Rec.709 and no darker than `LEAST_LIGHT`, of what the room has in directions
+    [N, 3] from its centre, and its opacity [N] there (see `light_of_room`)."""
+    seen, opacity = light_of_room(room, directions, u)
+    return (seen / opacity.clamp(min=1e-3)[:, None]).clamp(min=LEAST_LIGHT), opacity
+
+
 def room_light(
     scene: Scene, tables: StepTables, random: RandomNumbers, keys: torch.Tensor
 ) -> torch.Tensor:
@@ -88,8 +98,7 @@ def room_light(
     level = (1 - height * height).clamp(min=0).sqrt()
     directions = torch.stack([level * turn.cos(), level * turn.sin(), height], dim=-1)
     with torch.no_grad():
-        seen, opacity = light_of_room(scene.room, directions, u[:, 2])
-        known = (seen / opacity.clamp(min=1e-3)[:, None]).clamp(min=LEAST_LIGHT)
+        known, opacity = known_of_room(scene.room, directions, u[:, 2])
     texel = scene.environment.texel_solid_angle.mean().to(u)
     light = scene.environment.lookup(tables.light, directions, texel.expand(len(keys)))
     error = light.clamp(min=LEAST_LIGHT).log() - known.log()

@@ -53,6 +53,15 @@ def texel_solid_angles(height: int) -> torch.Tensor:
     return (edges[:-1] - edges[1:]) * (math.pi / height)
 
 
+def resized_map(values: torch.Tensor, height: int) -> torch.Tensor:
+    """A map [3, H, 2H] on the sphere at another height, bilinear."""
+    row, column = (
+        (torch.arange(count, device=values.device) + 0.5) / count * size
+        for count, size in ((height, values.shape[1]), (2 * height, values.shape[2]))
+    )
+    return look_up(values, torch.stack(torch.meshgrid(column, row, indexing="xy"), dim=-1))
+
+
 class _MapConstants(NamedTuple):
     """What depends on a map's size alone."""
 
@@ -220,12 +229,7 @@ class EnvironmentMap(nn.Module):
 
     def resized(self, height: int) -> EnvironmentMap:
         """The same light on a map of another height (coarse to fine), bilinear in its logarithm."""
-        row, column = (
-            (torch.arange(count, device=self.log_radiance.device) + 0.5) / count * size
-            for count, size in ((height, self.height), (2 * height, self.width))
-        )
-        places = torch.stack(torch.meshgrid(column, row, indexing="xy"), dim=-1)
-        log_radiance = look_up(self.log_radiance.detach(), places)
+        log_radiance = resized_map(self.log_radiance.detach(), height)
         other = EnvironmentMap(height)
         with torch.no_grad():
             other.log_radiance.copy_(log_radiance)
