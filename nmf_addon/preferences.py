@@ -85,7 +85,7 @@ class NMF_preferences(bpy.types.AddonPreferences):
 
 
 def draw_setup(layout: bpy.types.UILayout, again: bool = False) -> None:
-    """The set-up's button, progress or error; here and in the sidebar."""
+    """The set-up's button, progress or error, and what a check found; here and in the sidebar."""
     state = setup_state()
     if state.running:
         row = layout.row(align=True)
@@ -98,12 +98,17 @@ def draw_setup(layout: bpy.types.UILayout, again: bool = False) -> None:
     )
     if again:
         row.operator("nmf.check_solver", icon="INFO")
+    column = layout.column(align=True)
     if state.error:
-        column = layout.column(align=True)
         column.alert = True
-        column.label(text="The set-up did not work:", icon="ERROR")
+        what = "The solver does not start:" if state.is_check else "The set-up did not work:"
+        column.label(text=what, icon="ERROR")
         for line in state.error.splitlines()[-6:]:
             column.label(text=line)
+    elif state.is_check:
+        for line in state.log:
+            column.label(text=line, icon="BLANK1")
+    if state.error or (state.is_check and state.log):
         layout.operator("nmf.copy_setup_log", icon="COPYDOWN")
 
 

@@ -1,6 +1,7 @@
-"""Set Up Solver: builds the private environment in a background process, watched by a timer.
+"""Set Up Solver and Check Solver: background processes, watched by a timer.
 
-The build script is `setup_runtime.py`, run by a Python outside Blender's process.
+The build script is `setup_runtime.py`, run by a Python outside Blender's process; the check is the
+solver's own `doctor`.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from pathlib import Path
 import bpy
 
 from . import runtime
-from .jobs.process import end_group, own_group
+from .jobs.process import end_group, own_group, solver_command
 from .names import REPOSITORY
 
 SCRIPT = REPOSITORY / "nmf_addon" / "setup_runtime.py"
@@ -25,8 +26,14 @@ ERROR_LINES = 8
 
 @dataclass
 class SetupState:
-    """How far the set-up is."""
+    """How far the set-up, or the check of the solver that is set up, is.
 
+    Attributes:
+        is_check: it only asks the solver what it can do, and `log` is the answer.
+        error: what the process said last, if it failed.
+    """
+
+    is_check: bool = False
     running: bool = False
     cancelling: bool = False
     fraction: float = 0.0
@@ -40,7 +47,7 @@ _process: subprocess.Popen | None = None
 
 
 def setup_state() -> SetupState:
-    """The state of the set-up of this Blender session."""
+    """The state of this Blender session's last set-up or check."""
     return _state
 
 
@@ -83,26 +90,41 @@ def start_setup(
     Raises:
         OSError: the Python cannot be started.
     """
-    global _process, _state
     command = [
         str(python), "-I", "-u", "-X", "utf8", str(SCRIPT), str(folder), str(requirements),
         "--watch-stdin", f"--pip-arguments={pip_arguments}",
     ]  # fmt: skip
     command += ["--wheelhouse", wheelhouse] if wheelhouse else []
     command += ["--check", str(check)] if check is not None else []
+    _follow(command, SetupState(running=True, text="Starting"))
+
+
+def start_check(python: Path) -> None:
+    """Start the solver to hear its versions, devices and memory; `setup_state().log` will have them.
+
+    Raises:
+        OSError: the Python cannot be started.
+    """
+    command = solver_command(python, runtime.bootstrap_script(), ["doctor"])
+    _follow(command, SetupState(is_check=True, running=True, text="Starting the solver"))
+
+
+def _follow(command: list[str], state: SetupState) -> None:
+    """Start a process whose lines a thread reads into a state, and redraw while it runs."""
+    global _process, _state
     _process = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
         env=runtime.clean_environment(), text=True, encoding="utf-8", errors="replace",
         **own_group(),
     )  # fmt: skip
-    _state = SetupState(running=True, text="Starting")
+    _state = state
     threading.Thread(target=_read, args=(_process, _state), daemon=True).start()
     if not bpy.app.timers.is_registered(_tick):
         bpy.app.timers.register(_tick, first_interval=0.3, persistent=True)
 
 
 def _read(process: subprocess.Popen, state: SetupState) -> None:
-    """Follow the script's lines: 'progress FRACTION TEXT', anything else is log."""
+    """Follow a process's lines: 'progress FRACTION TEXT', anything else is log."""
     for line in process.stdout:
         words = line.rstrip().split(" ", 2)
         if words[0] == "progress" and len(words) == 3:
@@ -114,17 +136,19 @@ def _read(process: subprocess.Popen, state: SetupState) -> None:
         state.text = "Cancelled"
     elif code != 0:
         tail = "\n".join(state.log[-ERROR_LINES:])
-        state.error = tail or f"The set-up ended with code {code}"
+        state.error = tail or f"It ended with code {code}"
     runtime.forget()
     state.running = False
 
 
 def cancel_setup() -> None:
-    """Stop building; what was there before stays."""
+    """Stop building, what was there before stays; or stop asking."""
     if _process is None or _process.poll() is not None:
         return
     _state.cancelling, _state.text = True, "Cancelling"
     _process.stdin.close()
+    if _state.is_check:  # which writes nothing and does not listen
+        end_group(_process, kill=True)
 
 
 def _tick() -> float | None:

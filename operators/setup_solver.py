@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-
 import bpy
 
 from ..nmf_addon import preferences, runtime, setup_monitor
@@ -17,9 +15,8 @@ class NMF_OT_setup_solver(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """While none runs."""
-        cls.poll_message_set("The set-up is running")
-        return not setup_monitor.setup_state().running
+        """While neither a set-up nor a check runs."""
+        return _may_start(cls)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the set-up."""
@@ -44,10 +41,10 @@ class NMF_OT_setup_solver(bpy.types.Operator):
 
 
 class NMF_OT_cancel_setup(bpy.types.Operator):
-    """Stop the set-up; an older solver stays as it was"""
+    """Stop; a solver that was there before stays as it was"""
 
     bl_idname = "nmf.cancel_setup"
-    bl_label = "Cancel Set-Up"
+    bl_label = "Cancel"
     bl_options = {"INTERNAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -57,7 +54,7 @@ class NMF_OT_cancel_setup(bpy.types.Operator):
 
 
 class NMF_OT_copy_setup_log(bpy.types.Operator):
-    """Copy all that the set-up printed, to paste into a question"""
+    """Copy all that the set-up or the check printed, to paste into a question"""
 
     bl_idname = "nmf.copy_setup_log"
     bl_label = "Copy Log"
@@ -71,31 +68,30 @@ class NMF_OT_copy_setup_log(bpy.types.Operator):
 
 
 class NMF_OT_check_solver(bpy.types.Operator):
-    """Start the solver once and copy its versions, devices and memory to the clipboard"""
+    """Start the solver once to see its versions, devices and memory"""
 
     bl_idname = "nmf.check_solver"
     bl_label = "Check Solver"
 
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """While neither a set-up nor a check runs."""
+        return _may_start(cls)
+
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Run the solver's own `doctor`."""
+        """Ask the solver's own `doctor`."""
         try:
-            python = preferences.solver_python()
-            answer = subprocess.run(
-                [str(python), "-I", "-X", "utf8", str(runtime.bootstrap_script()), "doctor"],
-                capture_output=True, encoding="utf-8", errors="replace", timeout=120, check=False,
-                env=runtime.clean_environment(), stdin=subprocess.DEVNULL,
-            )  # fmt: skip
-        except (runtime.RuntimeMissing, OSError, subprocess.TimeoutExpired) as error:
+            setup_monitor.start_check(preferences.solver_python())
+        except (runtime.RuntimeMissing, OSError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        if answer.returncode != 0:
-            last = (answer.stderr.strip().splitlines() or ["no message"])[-1]
-            self.report({"ERROR"}, f"The solver does not start: {last}; set it up again")
-            return {"CANCELLED"}
-        context.window_manager.clipboard = answer.stdout
-        for line in answer.stdout.splitlines():
-            self.report({"INFO"}, line)
         return {"FINISHED"}
+
+
+def _may_start(operator: type[bpy.types.Operator]) -> bool:
+    state = setup_monitor.setup_state()
+    operator.poll_message_set(f"The {'check' if state.is_check else 'set-up'} is running")
+    return not state.running
 
 
 classes = (

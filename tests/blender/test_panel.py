@@ -128,6 +128,31 @@ def test_the_set_up_shows_its_progress_and_its_error(draw, extension, monkeypatc
     assert "no space left" in words and ("operator", "nmf.copy_setup_log") in drawn
 
 
+@pytest.fixture
+def draw_setup(extension):
+    """Draw the preferences' part about a solver that is set up; returns what it drew and its words."""
+
+    def run():
+        layout = Layout()
+        extension("preferences").draw_setup(layout, again=True)
+        return layout.drawn, " ".join(item[1] for item in layout.drawn if item[0] == "label")
+
+    return run
+
+
+def test_what_a_check_of_the_solver_found_stands_in_the_preferences(
+    draw_setup, extension, monkeypatch
+):
+    module = extension("setup_monitor")
+    state = module.SetupState(is_check=True, log=["Cores 2", "CUDA not available"])
+    monkeypatch.setattr(module, "_state", state)
+    drawn, words = draw_setup()
+    assert "Cores 2" in words and "CUDA not available" in words
+    assert ("operator", "nmf.copy_setup_log") in drawn
+    state.error = "No module named torch"
+    assert "The solver does not start" in draw_setup()[1]
+
+
 def test_a_running_job_shows_stage_time_preview_and_cancel(
     draw, capture, monitor, fake_solver, tick, extension
 ):

@@ -171,8 +171,45 @@ def test_the_persons_choice_comes_first(part, tmp_path, monkeypatch):
         runtime.solver_python(str(chosen))
 
 
-def test_the_check_shows_and_copies_what_the_solver_can_do(monkeypatch):
-    assert bpy.ops.nmf.check_solver() == {"FINISHED"}
+@pytest.fixture
+def asked(part, tmp_path, monkeypatch):
+    """Check a solver that is a script of these lines, until it has ended; returns the state."""
+    monitor = part("setup_monitor")
+
+    def run(text, cancel=False):
+        script = tmp_path / "doctor.py"
+        script.write_text(text)
+        monkeypatch.setenv("NMF_SOLVER_BOOTSTRAP", str(script))
+        assert bpy.ops.nmf.check_solver() == {"FINISHED"}
+        state = monitor.setup_state()
+        if cancel:
+            assert not bpy.ops.nmf.check_solver.poll(), "one at a time"
+            assert not bpy.ops.nmf.setup_solver.poll()
+            bpy.ops.nmf.cancel_setup()
+        end = time.monotonic() + 30
+        while state.running:
+            assert time.monotonic() < end, state
+            time.sleep(0.01)
+        return state
+
+    return run
+
+
+def test_the_check_tells_what_the_solver_can_do(asked):
+    state = asked("import sys\nprint(sys.argv[1])\nprint('Cores 2')\n")
+    assert (state.log, state.error) == (["doctor", "Cores 2"], "")
+
+
+def test_the_check_tells_why_a_solver_does_not_start(asked):
+    assert "no module named torch" in asked("raise SystemExit('no module named torch')\n").error
+    assert asked("raise SystemExit(7)\n").error == "It ended with code 7"
+
+
+def test_the_check_does_not_hold_up_blender_and_can_be_cancelled(asked):
+    began = time.monotonic()
+    state = asked("import time\ntime.sleep(60)\n", cancel=True)
+    assert time.monotonic() - began < 20
+    assert (state.text, state.error) == ("Cancelled", "")
 
 
 def test_the_pinned_requirements_name_a_version_each(part):
