@@ -52,12 +52,16 @@ class Photo:
         has_alpha: the photo says what is object (alpha channel or mask file).
         is_hdr: values above 1 are radiances, not clipped.
         backdrop: 'white' or 'black', if alpha is what stood out from that.
+        behind: [H, W, 3] float16 sRGB, what is far behind the object, if alpha is what stood out from that.
+        unsure: [H, W] bool, with `behind`: where alpha cannot be told.
     """
 
     pixels: np.ndarray
     has_alpha: bool
     is_hdr: bool
     backdrop: str | None = None
+    behind: np.ndarray | None = None
+    unsure: np.ndarray | None = None
 
 
 def load_photo(camera: Camera, settings: PhotoSettings | None = None) -> Photo:

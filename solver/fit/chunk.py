@@ -14,6 +14,7 @@ from ..render.random_numbers import ROOM_OFFSET, RandomNumbers
 from ..render.scene import RenderSettings, Scene, StepTables
 from ..render.surroundings import surroundings
 from . import priors
+from .far_light import FarLight
 from .losses import Behind, room_light, total_loss
 from .ray_bank import RayBatch
 from .schedule import emission_share, neural_share, pixel_grid
@@ -22,7 +23,7 @@ from .settings import Settings
 SURROUNDED = ("environment", "room")
 """backgrounds that the scene itself has; photos before them are seen with their surroundings"""
 ROOM_DIRECTIONS = 256
-"""directions a step in which the light is held to the room"""
+"""directions a step in which the light is held to the room, or to what is far away"""
 
 
 class Chunk(NamedTuple):
@@ -61,6 +62,7 @@ class ChunkLoss:
     use_masks: bool
     background: str
     fog: bool
+    far: FarLight | None = None
 
     def render_settings(self, fraction: float) -> RenderSettings:
         """Render settings at a fraction of the fit: g is blended out, pixels get more rays (see
@@ -104,9 +106,11 @@ class ChunkLoss:
         reflecting = 1 - self.emission(chunk.fraction)
         if reflecting > 0:
             loss = loss + reflecting * priors.of_materials(buffers, fit, chunk.fraction)
+        keys = chunk.keys[: max(1, round(ROOM_DIRECTIONS * share))]
         if scene.room is not None:
-            keys = chunk.keys[: max(1, round(ROOM_DIRECTIONS * share))]
             loss = loss + fit.room_light_weight * room_light(scene, tables, random, keys)
+        elif self.far is not None:
+            loss = loss + fit.room_light_weight * self.far.difference(scene, tables, random, keys)
         (loss * share).backward()
         samples = (buffers.samples, buffers.retraced, buffers.retraced_samples)
         return Taken(terms["image"], samples, None if log_gain is None else log_gain.grad)
@@ -119,6 +123,8 @@ class ChunkLoss:
             u = random.uniform(ROOM_OFFSET, chunk.keys)
             middle = torch.nn.functional.normalize(batch.directions.mean(1), dim=-1)
             return surroundings(scene, tables, batch.origins, middle, batch.pixel_angle, u)
+        if batch.behind is not None:
+            return batch.behind
         if chunk.colour is not None:
             return chunk.colour
         return batch.colour.new_full((len(batch.colour), 3), float(self.background != "black"))

@@ -30,11 +30,7 @@ DIRECTIONS_AT_ONCE = 8192
 
 @torch.no_grad()
 def light_from_room(room: Room, height: int) -> EnvironmentMap:
-    """The light that a room sends to the centre of its box, linear Rec.709, as a map of `height` rows.
-
-    Small gaps have the colours around them. What no photo shows, mostly what is above, is grey, and as
-    bright as makes the whole light's mean that of a well exposed photo's white (docs/decisions/0025).
-    """
+    """The light that a room sends to the centre of its box, linear Rec.709, as a map of `height` rows."""
     device = room.centre.device
     directions = equirect_directions(HEIGHT, 2 * HEIGHT).float().view(-1, 3).to(device)
     pieces = [
@@ -42,8 +38,22 @@ def light_from_room(room: Room, height: int) -> EnvironmentMap:
         for some in directions.split(DIRECTIONS_AT_ONCE)
     ]
     seen, opacity = (torch.cat(values) for values in zip(*pieces, strict=True))
-    colour = seen.log()
-    known = (opacity / TOLD).clamp(max=1.0)
+    return whole_light(seen.log(), (opacity / TOLD).clamp(max=1.0), height)
+
+
+@torch.no_grad()
+def whole_light(colour: torch.Tensor, known: torch.Tensor, height: int) -> EnvironmentMap:
+    """A light of `height` rows of which a part is known.
+
+    Small gaps have the colours around them. What no photo shows, mostly what is above, is grey, and as
+    bright as makes the whole light's mean that of a well exposed photo's white (docs/decisions/0025).
+
+    Args:
+        colour: [N, 3] log-radiance, linear Rec.709, of the texels of a map of `HEIGHT` rows.
+        known: [N] how far it is known, 0 to 1.
+    """
+    device = colour.device
+    directions = equirect_directions(HEIGHT, 2 * HEIGHT).float().view(-1, 3).to(device)
     texel = texel_solid_angles(HEIGHT).float().repeat_interleave(2 * HEIGHT).to(device)
     around, filled = _filled_from_around(directions, colour, known, texel)
     told = known + (1 - known) * filled

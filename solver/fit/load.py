@@ -19,6 +19,7 @@ from ..render.probing import refresh_probes
 from ..render.scene import Scene, StepTables
 from . import checkpoint
 from .cut_out import photos_as_fitted
+from .panorama_file import read_panorama
 from .reconstruct import device_at_hand
 from .schedule import picture_settings
 from .settings import Settings
@@ -54,7 +55,8 @@ def held_out_photos(job: JobFolder, capture: Capture, settings: Settings) -> lis
         CaptureError: a photo cannot be used. JobError: no checkpoint.
     """
     use_masks = checkpoint.read_state(job.checkpoint_dir)["use_masks"]
-    return photos_as_fitted(capture, settings, use_masks, region_of(job.request))
+    panorama = read_panorama(job.surroundings_path)
+    return photos_as_fitted(capture, settings, use_masks, region_of(job.request), panorama)
 
 
 def load_light(path: Path, device: torch.device) -> EnvironmentMap:

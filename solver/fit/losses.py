@@ -85,23 +85,40 @@ def known_of_room(
 def room_light(
     scene: Scene, tables: StepTables, random: RandomNumbers, keys: torch.Tensor
 ) -> torch.Tensor:
-    """How far the light is from what the room sends to the box's centre, in random directions.
-
-    The mean squared difference of logarithms, by the room's opacity. Photos say of a lamp but that it
-    is at least white, so the light may be brighter there.
+    """How far the light is from what the room sends to the box's centre, in random directions, by the
+    room's opacity (see `light_difference`).
 
     Args:
         keys: [K] a number per direction.
     """
-    u = random.uniform(ROOM_DIRECTION, keys, 3)
-    height, turn = 2 * u[:, 0] - 1, 2 * math.pi * u[:, 1]
-    level = (1 - height * height).clamp(min=0).sqrt()
-    directions = torch.stack([level * turn.cos(), level * turn.sin(), height], dim=-1)
+    directions, u = random_directions(random, keys)
     with torch.no_grad():
-        known, opacity = known_of_room(scene.room, directions, u[:, 2])
-    texel = scene.environment.texel_solid_angle.mean().to(u)
-    light = scene.environment.lookup(tables.light, directions, texel.expand(len(keys)))
+        known, opacity = known_of_room(scene.room, directions, u)
+    return light_difference(scene, tables, directions, known, opacity)
+
+
+def light_difference(
+    scene: Scene, tables: StepTables, directions: torch.Tensor, known: torch.Tensor,
+    weight: torch.Tensor,
+) -> torch.Tensor:  # fmt: skip
+    """Mean squared difference between the logarithms of the light in directions [K, 3] and `known` [K, 3]
+    radiance, each with its `weight` [K].
+
+    Photos say of a lamp but that it is at least white, so the light may be brighter there.
+    """
+    texel = scene.environment.texel_solid_angle.mean().to(known)
+    light = scene.environment.lookup(tables.light, directions, texel.expand(len(known)))
     error = light.clamp(min=LEAST_LIGHT).log() - known.log()
     forgiven = (known > SATURATED) & (error > 0)
     error = torch.where(forgiven, torch.zeros_like(error), error)
-    return (error.square() * opacity[:, None]).mean()
+    return (error.square() * weight[:, None]).mean()
+
+
+def random_directions(
+    random: RandomNumbers, keys: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Directions [K, 3], even over the sphere, and a number [K] in [0, 1) each."""
+    u = random.uniform(ROOM_DIRECTION, keys, 3)
+    height, turn = 2 * u[:, 0] - 1, 2 * math.pi * u[:, 1]
+    level = (1 - height * height).clamp(min=0).sqrt()
+    return torch.stack([level * turn.cos(), level * turn.sin(), height], dim=-1), u[:, 2]

@@ -25,6 +25,12 @@ class RayBatch(NamedTuple):
     clipped: torch.Tensor  # [B, 3] true where the photo is saturated
     pixel_angle: torch.Tensor  # [B] angular width of the pixel, rad
     photo: torch.Tensor  # [B] long, index of the photo
+    behind: torch.Tensor | None = None  # [B, 3] sRGB-encoded, far behind the object, if known
+
+    def split(self, sizes: list[int]) -> list[RayBatch]:
+        """Batches of so many pixels each."""
+        pieces = [[None] * len(sizes) if values is None else values.split(sizes) for values in self]
+        return [RayBatch(*some) for some in zip(*pieces, strict=True)]
 
 
 class RayBank:
@@ -42,7 +48,7 @@ class RayBank:
         directions, self.first_pixel = [], [0]
         stored = 0
         lens_start: list[int] = []
-        colours, alphas = [], []
+        colours, alphas, behind = [], [], []
         for camera, photo in zip(cameras, photos, strict=True):
             key = camera.lens_key
             if key not in lenses:
@@ -55,10 +61,13 @@ class RayBank:
             straight = premultiplied[:, :3] / alpha.clamp(min=1e-4)[:, None]
             colours.append(linear_to_srgb(straight).half())
             alphas.append(alpha.half())
+            if photo.behind is not None:
+                behind.append(torch.from_numpy(photo.behind).reshape(-1, 3).half())
             self.first_pixel.append(self.first_pixel[-1] + camera.width * camera.height)
         self.directions = torch.cat(directions).to(device)
         self.colour = torch.cat(colours).to(device)
         self.alpha = torch.cat(alphas).to(device)
+        self.behind = torch.cat(behind).to(device) if behind else None
         self.backdrop = None if photos[0].backdrop is None else LEVELS[photos[0].backdrop]
         self.is_hdr = torch.tensor([photo.is_hdr for photo in photos], device=device)
         matrices = np.stack([camera.camera_to_world for camera in cameras])
@@ -132,6 +141,7 @@ class RayBank:
             clipped,
             self.pixel_angle[photo],
             photo,
+            None if self.behind is None else self.behind[pixel].float(),
         )
 
     def restrict(self, likely: torch.Tensor) -> None:

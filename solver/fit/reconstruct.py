@@ -12,6 +12,7 @@ import torch
 from .. import __version__
 from ..asset.from_scene import asset_of
 from ..capture.capture import Capture
+from ..capture.panorama import Panorama
 from ..capture.photos import Photo, at_sizes_of, load_photos
 from ..capture.placement import counted_from
 from ..job.apart import ApartError
@@ -22,9 +23,11 @@ from ..job.inputs import capture_of, placement_of, region_of
 from ..kernels.backend import fast
 from ..kernels.warm_up import compile_kernels
 from . import checkpoint
+from .before_far import cut_out_before_far
 from .clock import FitClock, finishing_seconds, seconds_to_fit
 from .cut_out import backdrop_behind, cut_out
 from .errors import SettingsError
+from .panorama_file import write_panorama
 from .point_start import with_points
 from .presets import settings_for
 from .preview import write_previews
@@ -36,8 +39,8 @@ from .start import new_trainer, starts_from_points, trainer_for
 from .trainer import Trainer
 from .visual_hull import not_all_masked
 
-POINTS_SHARE = 0.9
-"""of the time in which a fit without masks is begun: finding sparse points"""
+FINDING_SHARE = 0.9
+"""of the time in which a fit without masks is begun: finding sparse points, or masks"""
 POINTS_LIMIT = 0.2
 """of a time limit that this may take: with less left, the fit would be the worse for it"""
 PREVIEW_PAUSE = 20.0
@@ -96,8 +99,19 @@ def run_job(
     region = region_of(request)
     if state is not None:
         settings = checkpoint.settings_of(state)
+    panorama = None
+
+    def cutting(done: float) -> None:
+        progress.fraction(FINDING_SHARE * done)
+        _stop_if_asked(control)
+
     if settings.fit.cut_out and settings.fit.use_masks:
         photos = cut_out(capture, photos, region)
+        if settings.fit.cut_out_before_far:
+            before = cut_out_before_far(capture, photos, region, cutting)
+            if before is not None:
+                photos, panorama = before
+                write_panorama(job.surroundings_path, panorama)
         backdrop = backdrop_behind(photos)
         if backdrop is not None:
             progress.warning(
@@ -106,10 +120,12 @@ def run_job(
             )
     if state is not None:
         scene, state, tensors = checkpoint.load_scene(job.checkpoint_dir, device)
-        trainer = trainer_for(scene, capture, photos, settings, request.seed)
+        trainer = trainer_for(scene, capture, photos, settings, request.seed, panorama)
         checkpoint.restore(trainer, state, tensors)
     else:
-        trainer = _at_start(request, settings, capture, photos, region, device, progress, control)
+        trainer = _at_start(
+            request, settings, capture, photos, region, device, progress, control, panorama
+        )
     _stop_if_asked(control)
 
     progress.stage("fit")
@@ -190,16 +206,17 @@ def _tell_of_missing_masks(capture: Capture, photos: list[Photo], progress: Prog
 def _at_start(
     request: JobRequest, settings: Settings, capture: Capture, photos: list[Photo],
     region: np.ndarray | None, device: str, progress: Progress, control: Control,
+    panorama: Panorama | None,
 ) -> Trainer:  # fmt: skip
     """A trainer at the start of a fit, which without masks are sparse points."""
-    found = 0.0
+    found = 0.0 if panorama is None else FINDING_SHARE
 
     def told(done: float) -> None:
         progress.fraction(done)
         _stop_if_asked(control)
 
     if starts_from_points(photos, settings):
-        found = POINTS_SHARE
+        found = FINDING_SHARE
         seconds = POINTS_LIMIT * (request.time_limit or math.inf)
         try:
             capture = with_points(capture, photos, lambda done: told(found * done), seconds)
@@ -207,7 +224,7 @@ def _at_start(
             progress.warning(f"no sparse points ({error}); the fit starts without them")
     trainer = new_trainer(
         capture, photos, settings, request.seed, region, device,
-        lambda done: told(found + (1 - found) * done),
+        lambda done: told(found + (1 - found) * done), panorama,
     )  # fmt: skip
     if trainer.scene.turntable is not None and settings.light.turntable == "auto":
         progress.warning(

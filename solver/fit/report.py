@@ -20,6 +20,7 @@ from ..render.scene import Scene, StepTables
 from ..report import Row, write_report
 from .cut_out import photos_as_fitted
 from .exposure import brought_to
+from .panorama_file import read_panorama
 from .preview import display, over_plain, tone_mapped
 from .schedule import picture_settings
 from .settings import Settings
@@ -48,7 +49,9 @@ def write_job_report(
         if test is not None:
             test = replace(test, cameras=tuple(test.cameras[i] for i in _spread(test.cameras)))
             use_masks = uses_masks(photos, settings)
-            images = photos_as_fitted(test, settings, use_masks, region_of(job.request))
+            panorama = read_panorama(job.surroundings_path)
+            region = region_of(job.request)
+            images = photos_as_fitted(test, settings, use_masks, region, panorama)
             cameras, held_out = list(test.cameras), True
     except CaptureError as error:
         # A broken test split must not cost the person a finished reconstruction.

@@ -130,6 +130,9 @@ class FitSettings:
     """photos' alpha tells where the object is; else it is only used to lay them over a background"""
     cut_out: bool = True
     """photos without alpha before plain white or black get one, if what stands out fits together"""
+    cut_out_before_far: bool = True
+    """and those before surroundings so far away that all photos show the same in one direction, which then
+    are the first light, and the light is held to them with `room_light_weight`"""
     mask_weight: float = 0.5
     """of (opacity − alpha)², where photos have alpha"""
     orientation_weight: float = 0.1

@@ -14,6 +14,7 @@ from ..brdf.neural import NeuralTerm
 from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
+from ..capture.panorama import Panorama
 from ..capture.photos import Photo
 from ..capture.placement import far_origin, seen_from
 from ..capture.turntable import Turntable
@@ -26,6 +27,7 @@ from .checkpoint import load_scene
 from .chunk import SURROUNDED
 from .cut_out import backdrop_behind
 from .errors import SettingsError
+from .far_light import FarLight
 from .hollows import carve_hollows
 from .point_start import start_from_points
 from .ray_bank import RayBank
@@ -82,6 +84,7 @@ class Region:
 def new_trainer(
     capture: Capture, photos: list[Photo], settings: Settings, seed: int,
     region: np.ndarray | None, device: str, progress: Callable[[float], None],
+    panorama: Panorama | None = None,
 ) -> Trainer:  # fmt: skip
     """A trainer at its start.
 
@@ -91,6 +94,7 @@ def new_trainer(
 
     Args:
         region: [2, 3] world box given by the person, or None.
+        panorama: what is far behind the object, if that is known: it is the first light.
 
     Raises:
         CaptureError: the photos' masks have nothing in common.
@@ -141,7 +145,11 @@ def new_trainer(
         scene.occupancy.allow_only(torch.from_numpy(allowed), 0)
     if settings.fit.decoder:
         take_decoder(scene, Path(settings.fit.decoder), device)
-    return trainer_for(scene, capture, photos, settings, seed)
+    trainer = trainer_for(scene, capture, photos, settings, seed, panorama)
+    if trainer.far is not None:
+        trainer.begin_light(trainer.far.begin(environment.height))
+        trainer.far.put_into(environment)
+    return trainer
 
 
 def _room(cameras: list[Camera], cube: Region, size: int, initial: float) -> Room:
@@ -193,18 +201,19 @@ def starts_from_points(photos: list[Photo], settings: Settings) -> bool:
 
 
 def trainer_for(
-    scene: Scene, capture: Capture, photos: list[Photo], settings: Settings, seed: int
-) -> Trainer:
-    """A trainer of a given scene on a capture's photos."""
+    scene: Scene, capture: Capture, photos: list[Photo], settings: Settings, seed: int,
+    panorama: Panorama | None = None,
+) -> Trainer:  # fmt: skip
+    """A trainer of a given scene on a capture's photos.
+
+    Args:
+        panorama: what is far behind the object, if that is known: it lights it.
+    """
     use_masks = uses_masks(photos, settings)
     cameras = [camera.seen_from(scene.origin) for camera in capture.cameras]
     bank = RayBank(cameras, photos, scene.field.centre.device)
     if use_masks:
-        likely = [
-            scipy.ndimage.maximum_filter(photo.pixels[..., 3] > 0.01, LIKELY_MARGIN).ravel()
-            for photo in photos
-        ]
-        bank.restrict(torch.from_numpy(np.concatenate(likely)))
+        bank.restrict(torch.from_numpy(np.concatenate([_telling(photo) for photo in photos])))
     background = _behind(photos, settings, scene.turntable)
     fog = not (use_masks and settings.field.hull_start)
     opened = None
@@ -214,10 +223,19 @@ def trainer_for(
     turns = None
     if scene.turntable is not None:
         turns = torch.stack([scene.turn_for(camera) for camera in cameras])
+    far = None
+    if panorama is not None and scene.turntable is None:
+        far = FarLight(panorama, scene.device)
     return Trainer(
         scene, bank, settings, seed, use_masks, background, bool(settings.fit.decoder), fog, opened,
-        turns,
+        turns, far,
     )  # fmt: skip
+
+
+def _telling(photo: Photo) -> np.ndarray:
+    """[H·W] bool: pixels that show the object, or where it ends."""
+    around = scipy.ndimage.maximum_filter(photo.pixels[..., 3] > 0.01, LIKELY_MARGIN)
+    return (around if photo.unsure is None else around & ~photo.unsure).ravel()
 
 
 def _box_of(field: MicrofacetField) -> np.ndarray:

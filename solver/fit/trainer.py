@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import torch
 
 from ..field.smoothing import step_smoothing
+from ..light.environment import EnvironmentMap
 from ..render.probing import refresh_probes
 from ..render.random_numbers import RandomNumbers
 from ..render.scene import Scene
@@ -16,8 +17,9 @@ from .adam import Adam
 from .batching import Batching
 from .chunk import Chunk, ChunkLoss
 from .exposure import exposures_for
+from .far_light import FarLight
 from .light_start import light_from_room
-from .ray_bank import RayBank, RayBatch
+from .ray_bank import RayBank
 from .schedule import pixel_grid, probe_turn, smoothing_width, step_width
 from .settings import Settings
 from .workers import Workers, worker_count
@@ -43,6 +45,7 @@ class Trainer:
             None: where it may be at the start.
         turns: [photos, 3, 3] by which the light was turned for each photo (see `Turntable.turn_of`); None:
             it stood still.
+        far: the light that photos themselves show, held to it (see `FarLight`); None: they show none.
     """
 
     OCCUPANCY_EVERY = 50
@@ -51,13 +54,15 @@ class Trainer:
         self, scene: Scene, bank: RayBank, settings: Settings, seed: int, use_masks: bool,
         background: str = "white", keep_decoder: bool = False, fog: bool = False,
         opened: torch.Tensor | None = None, turns: torch.Tensor | None = None,
+        far: FarLight | None = None,
     ):  # fmt: skip
         self.scene, self.bank, self.settings, self.seed = scene, bank, settings, seed
         self.use_masks, self.background = use_masks, background
         self.keep_decoder, self.fog, self.opened, self.turns = keep_decoder, fog, opened, turns
+        self.far = far
         self.exposures = exposures_for(settings.fit.exposure, bank.photo_count, scene.device)
         self.random = RandomNumbers(seed, scene.device)
-        self.loss = ChunkLoss(settings, self.random, use_masks, background, fog)
+        self.loss = ChunkLoss(settings, self.random, use_masks, background, fog, far)
         self.generator = torch.Generator().manual_seed(seed)
         fit = settings.fit
         if scene.device.type != "cpu":
@@ -87,12 +92,11 @@ class Trainer:
         self.steps_at_level = 0
         self.refresh_occupancy()
 
-    def _begin_light(self) -> None:
-        """The light as the room has it."""
+    def begin_light(self, found: EnvironmentMap) -> None:
+        """Let the light begin anew as what was `found`, of its size."""
         environment = self.scene.environment
-        found = light_from_room(self.scene.room, environment.height).log_radiance
         with torch.no_grad():
-            environment.log_radiance.copy_(found)
+            environment.log_radiance.copy_(found.log_radiance)
         self.optimiser.forget(environment.log_radiance)
 
     def _new_optimiser(self) -> Adam:
@@ -157,7 +161,8 @@ class Trainer:
         self.fraction = fraction
         self._coarse_to_fine(fraction)
         if begin_to_reflect and self.scene.room is not None and self.settings.light.from_room:
-            self._begin_light()
+            height = self.scene.environment.height
+            self.begin_light(light_from_room(self.scene.room, height))
         self.scene.field.smoothing = smoothing_width(self.settings.field, fraction)
         factor = self._learning_rate_factor(fraction)
         for group in self.optimiser.param_groups:
@@ -211,7 +216,7 @@ class Trainer:
             colours.append(colour)
         # All rays at once, which is faster, and then cut.
         batch = self.bank.batch(torch.cat(pixels), grid)
-        batches = map(RayBatch, *(values.split(sizes) for values in batch))
+        batches = batch.split(sizes)
         keys = torch.arange(sum(sizes), device=device)
         log_gain = None if self.exposures is None else self.exposures.log_gain.detach()
         chunks = []
@@ -237,5 +242,7 @@ class Trainer:
         height = heights[min(level, len(heights) - 1)]
         if height != self.scene.environment.height:
             self.scene.environment = self.scene.environment.resized(height)
+            if self.far is not None:
+                self.far.put_into(self.scene.environment)
         self.batching.restart()
         self._begin_level()

@@ -1,6 +1,7 @@
 """A reconstruction is a folder: what was asked, what happened, what came out.
 
-    JOB/job.json  events.jsonl  status.json  log.txt  cancel  checkpoint/  preview/  result/
+    JOB/job.json  events.jsonl  status.json  log.txt  cancel  surroundings.exr
+        checkpoint/  preview/  result/
 
 `docs/job-folder.md` describes every file.
 """
@@ -148,6 +149,7 @@ class JobFolder:
         self.status_path = self.root / "status.json"
         self.log_path = self.root / "log.txt"
         self.cancel_path = self.root / "cancel"
+        self.surroundings_path = self.root / "surroundings.exr"
         self.checkpoint_dir = self.root / "checkpoint"
         self.preview_dir = self.root / "preview"
         self.result_dir = self.root / "result"

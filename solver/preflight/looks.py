@@ -15,10 +15,11 @@ from ..capture.backdrop import backdrop_of, border_of, object_before
 from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.image_header import image_orientation
-from ..capture.photos import srgb_to_linear
+from ..capture.photos import Photo, at_sizes_of, srgb_to_linear
 from ..capture.plain_surroundings import EVEN_BORDER, surroundings_of
 from ..capture.reduced import load_reduced, load_reduced_mask
-from ..fit.cut_out import fit_together, mended
+from ..fit.before_far import COMPARED, at_size, cut_out_before_far
+from ..fit.common_masks import fit_together, mended
 from ..threads import usable_cores
 
 LONGEST = 960
@@ -43,7 +44,8 @@ class Look:
         across: pixels of the photo that the mask's box measures, its longer side; None without.
         thumbnail: [32, 32, 3] int16.
         mask: [H, W] bool, reduced; None without.
-        backdrop: 'white', 'black' or 'plain' (any other), if the mask is what stands out from that.
+        backdrop: 'white', 'black' or 'plain' (any other), if the mask is what stands out from that; 'far',
+            if from surroundings that are far away.
     """
 
     camera: Camera
@@ -76,7 +78,39 @@ def look_at_photos(
         return cut_out
     wrong = [look.camera for look in looks if look.backdrop is not None]
     again = iter(_look_at_all(wrong, capture.region, False, None))
-    return [look if look.backdrop is None else next(again) for look in looks]
+    looks = [look if look.backdrop is None else next(again) for look in looks]
+    return _before_far_surroundings(capture, looks) or looks
+
+
+def _before_far_surroundings(capture: Capture, looks: list[Look]) -> list[Look] | None:
+    """The looks, with masks of what stands out from surroundings that are far away; None: they are not, or
+    photos have masks."""
+    if any(look.mask is not None for look in looks):
+        return None
+    cameras = tuple(camera.no_larger(COMPARED) for camera in capture.cameras)
+    with ThreadPoolExecutor(max_workers=usable_cores()) as pool:
+        photos = list(pool.map(_small_photo, capture.cameras, cameras))
+    found = cut_out_before_far(at_sizes_of(photos, capture), photos)
+    if found is None:
+        return None
+    masks = [photo.pixels[..., 3] > 0.5 for photo in found.photos]
+    with ThreadPoolExecutor(max_workers=min(usable_cores(), 8)) as pool:
+        again = pool.map(
+            lambda camera, mask: look_at(camera, capture.region, shown=mask), capture.cameras, masks
+        )
+        return [replace(look, backdrop="far") for look in again]
+
+
+def _small_photo(camera: Camera, small: Camera) -> Photo:
+    seen = camera.width, camera.height
+    colour, _ = load_reduced(camera.image_path, max(small.width, small.height), seen)
+    opaque = np.ones((*colour.shape[:2], 1), np.float32)
+    return Photo(np.concatenate([_TO_LINEAR[colour], opaque], axis=-1), False, False)
+
+
+def _longer_side(mask: np.ndarray) -> float:
+    """Pixels that the box of what a mask shows measures; 0 if it shows nothing."""
+    return float(max(np.ptp(found) + 1 for found in mask.nonzero())) if mask.any() else 0.0
 
 
 def _with_common_backdrop(capture: Capture, looks: list[Look]) -> list[Look] | None:
@@ -109,12 +143,15 @@ def _look_at_all(
     return looks
 
 
-def look_at(camera: Camera, region: np.ndarray, cut_out: bool = False) -> Look:
+def look_at(
+    camera: Camera, region: np.ndarray, cut_out: bool = False, shown: np.ndarray | None = None
+) -> Look:
     """Look at one photo.
 
     Args:
         region: [2, 3] world box of the object.
         cut_out: without alpha and mask, what stands out from a plain backdrop is taken as such.
+        shown: [H, W] bool, of any size, what is to be taken as mask.
     """
     path = camera.image_path
     colour, alpha = load_reduced(path, LONGEST, (camera.width, camera.height))
@@ -124,6 +161,8 @@ def look_at(camera: Camera, region: np.ndarray, cut_out: bool = False) -> Look:
     if camera.mask_path is not None:
         mask = load_reduced_mask(camera.mask_path, (height, width), image_orientation(path))
         alpha = mask if alpha is None else np.minimum(alpha, mask)
+    if shown is not None:
+        alpha = at_size(shown, (height, width)) * np.uint8(255)
     backdrop = None
     if alpha is None and cut_out:
         levels = colour.astype(np.float32) / 255
@@ -140,9 +179,7 @@ def look_at(camera: Camera, region: np.ndarray, cut_out: bool = False) -> Look:
     if alpha is not None:
         shown = alpha > 127
         coverage, cut = float(shown.mean()), _border_share(shown)
-        across = (
-            float(max(np.ptp(found) + 1 for found in shown.nonzero()) * scale) if coverage else 0.0
-        )
+        across = _longer_side(shown) * scale
         # Away from the mask's edge, whose sharpness and brightness are the mask's.
         object_only = scipy.ndimage.binary_erosion(shown, iterations=2)
         inside = object_only if object_only.sum() > _FEWEST_PIXELS else inside

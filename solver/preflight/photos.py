@@ -118,7 +118,9 @@ def masks(looks: list[Look]) -> list[Finding]:
                      "and less sure, so add masks if the background is busy")]  # fmt: skip
     backdrop = looks[0].backdrop
     if backdrop is not None and not without:
-        behind = "a plain backdrop" if backdrop == "plain" else f"plain {backdrop}"
+        behind = {"plain": "a plain backdrop", "far": "surroundings that are far away"}.get(
+            backdrop, f"plain {backdrop}"
+        )
         found = [note(f"the object is before {behind}; what stands out from it is taken as mask")]
     else:
         found = [note(f"{len(looks) - len(without)} of {len(looks)} photos have a mask or alpha")]

@@ -11,7 +11,8 @@ from solver.capture.camera import Camera
 from solver.capture.capture import Capture
 from solver.capture.photos import Photo, linear_to_srgb, srgb_to_linear
 from solver.capture.plain_surroundings import surroundings_of
-from solver.fit.cut_out import cut_out, cut_out_of_colour, mended
+from solver.fit.common_masks import mended
+from solver.fit.cut_out import cut_out, cut_out_of_colour
 from solver.fit.ray_bank import RayBank
 from solver.fit.start import background_of, new_trainer
 from tests.capture.test_capture import pose

@@ -1,0 +1,216 @@
+"""What is far behind an object, direction by direction: photos from many sides make a panorama of it.
+
+Far means that it has no parallax: all photos that look past the object in one direction show the same.
+A scene that was rendered with its HDRI is so, and an object high before a landscape.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import scipy.ndimage
+
+from .backdrop import border_of
+from .camera import Camera
+from .frames import direction_from_equirect, equirect_from_direction
+
+SAME = 8 / 255
+"""levels, sRGB, by which two photos of one thing differ: traces of JPEG"""
+HEIGHTS = (256, 512, 1024, 2048)
+"""rows that a panorama may have"""
+PER_TEXEL = 1.5
+"""pixels that a texel is wide, at most"""
+HALF = 0.5
+"""share of the other photos that have to agree: those to whom the object itself is in the way cannot"""
+FAR_BORDER = 0.65
+"""share of what two other photos see, too, of a photo's border, that agrees where surroundings are far.
+Medians of captures before an HDRI are 0.79 and more, of rooms, gardens and streets 0.46 and less"""
+SEEN_BORDER = 0.2
+"""how much of the border two others have to see"""
+PROBED = 8
+"""photos, evenly taken from all, that tell whether surroundings are far"""
+
+
+@dataclass(frozen=True, eq=False)
+class Panorama:
+    """Directions are those of the cameras' world, in Blender's equirectangular convention (`frames`).
+
+    Attributes:
+        colour: [H, 2H, 3] float32, in the photos' encoding; 0 where it is not known.
+        known: [H, 2H] bool: some photo shows it.
+    """
+
+    colour: np.ndarray
+    known: np.ndarray
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return len(self.known)
+
+    def smaller(self, height: int) -> Panorama:
+        """The panorama with as many rows: means of what is known, where that is half of a texel or more.
+
+        Args:
+            height: divides the panorama's.
+        """
+        times = self.height // height
+
+        def sums(values: np.ndarray) -> np.ndarray:
+            return values.reshape(height, times, 2 * height, times, -1).sum((1, 3))
+
+        count = sums(self.known.astype(np.float32))
+        known = count[..., 0] >= 0.5 * times * times
+        return Panorama(sums(self.colour) / np.maximum(count, 1) * known[..., None], known)
+
+    def behind(self, camera: Camera, shape: tuple[int, int]) -> Behind:
+        """What is behind the pixels of a camera's photo of `shape` rows and columns."""
+        size = np.array([2 * self.height, self.height])
+        column, row = (equirect_from_direction(_directions(camera, shape)) * size).astype(int).T
+        at = row.clip(0, self.height - 1), column % (2 * self.height)
+        colour, low, high = (
+            values[at].reshape(*shape, 3) for values in (self.colour, *self._extremes)
+        )
+        return Behind(colour, low, high, self.known[at].reshape(shape))
+
+    @cached_property
+    def _extremes(self) -> tuple[np.ndarray, np.ndarray]:
+        """The least and the greatest [H, 2H, 3] of a texel and those beside it: a texel holds a mean."""
+        known = self.known[..., None]
+        low = np.where(known, self.colour, np.float32(np.inf))
+        high = np.where(known, self.colour, np.float32(-np.inf))
+        modes = ["nearest", "wrap", "nearest"]
+        return (
+            scipy.ndimage.minimum_filter(low, (3, 3, 1), mode=modes),
+            scipy.ndimage.maximum_filter(high, (3, 3, 1), mode=modes),
+        )
+
+
+class Behind(NamedTuple):
+    """What is behind the pixels of a photo."""
+
+    colour: np.ndarray  # [H, W, 3]
+    low: np.ndarray  # [H, W, 3] the least and the greatest of it close by
+    high: np.ndarray
+    known: np.ndarray  # [H, W] bool
+
+    def is_seen_in(self, colour: np.ndarray) -> np.ndarray:
+        """[H, W] bool: where a photo [H, W, 3] shows that, and no object before it."""
+        same = (colour >= self.low - SAME) & (colour <= self.high + SAME)
+        return self.known & same.all(-1)
+
+
+def panorama_of(
+    cameras: Sequence[Camera], colours: Iterable[np.ndarray], shown: Sequence[np.ndarray]
+) -> Panorama:
+    """The panorama that photos [H, W, 3] show beside what is `shown` [H, W] of the object in each: their
+    mean."""
+    sharpest = min(
+        camera.pixel_angle * camera.width / mask.shape[1]
+        for camera, mask in zip(cameras, shown, strict=True)
+    )
+    height = next((h for h in HEIGHTS if np.pi / h <= PER_TEXEL * sharpest), HEIGHTS[-1])
+    row, column = np.mgrid[0:height, 0 : 2 * height] + 0.5
+    uv = np.stack([column.ravel() / (2 * height), row.ravel() / height], axis=-1)
+    directions = direction_from_equirect(uv).astype(np.float32)
+    total, count = np.zeros_like(directions), np.zeros(len(directions), np.int32)
+    for camera, colour, object_ in zip(cameras, colours, shown, strict=True):
+        near = np.flatnonzero(directions @ camera.view_direction >= _cosine_of_cone(camera))
+        at, inside = _pixels_towards(camera, directions[near], object_.shape)
+        free = ~object_[at]
+        texel = near[inside][free]
+        total[texel] += colour[at][free]
+        count[texel] += 1
+    mean = total / np.maximum(count, 1)[:, None]
+    return Panorama(mean.reshape(height, -1, 3), (count > 0).reshape(height, -1))
+
+
+class Agreement(NamedTuple):
+    """How far other photos show the same as one, far away in the directions of its pixels."""
+
+    seen: np.ndarray  # [H, W] other photos that look there
+    agreeing: np.ndarray  # [H, W] those of them that show the same colour
+
+    @property
+    def is_far(self) -> np.ndarray:
+        """[H, W] bool: most of them do, so that is what is far behind the object, and not the object."""
+        return (self.seen > 0) & (self.agreeing >= HALF * self.seen)
+
+
+class Comparison:
+    """Photos that are compared with each other by directions.
+
+    Args:
+        cameras, colours: matching lists; colours are [H, W, 3] sRGB, of any size.
+    """
+
+    def __init__(self, cameras: Sequence[Camera], colours: Sequence[np.ndarray]):
+        self.cameras, self.colours = cameras, colours
+        # What lies between two pixels counts as well.
+        self._low = [scipy.ndimage.minimum_filter(c, (3, 3, 1)) - SAME for c in colours]
+        self._high = [scipy.ndimage.maximum_filter(c, (3, 3, 1)) + SAME for c in colours]
+        self._axes = np.stack([camera.view_direction for camera in cameras])
+        self._cones = np.arccos([_cosine_of_cone(camera) for camera in cameras])
+
+    def agreement(self, index: int) -> Agreement:
+        """That of one photo with all others."""
+        colour = self.colours[index]
+        shape = colour.shape[:2]
+        directions = _directions(self.cameras[index], shape)
+        seen, agreeing = np.zeros((2, len(directions)), np.int32)
+        colour = colour.reshape(-1, 3)
+        apart = np.arccos(np.clip(self._axes @ self._axes[index], -1, 1))
+        for other in np.flatnonzero(apart < self._cones + self._cones[index]):
+            if other == index:
+                continue
+            at, inside = _pixels_towards(
+                self.cameras[other], directions, self.colours[other].shape[:2]
+            )
+            same = (colour[inside] >= self._low[other][at]) & (
+                colour[inside] <= self._high[other][at]
+            )
+            seen[inside] += 1
+            agreeing[inside] += same.all(-1)
+        return Agreement(seen.reshape(shape), agreeing.reshape(shape))
+
+    def is_far(self) -> bool:
+        """True if photos agree about what is at their edges as if it were far away."""
+        shares = []
+        for index in range(0, len(self.cameras), max(1, len(self.cameras) // PROBED)):
+            found = self.agreement(index)
+            seen, far = (border_of(v[..., None])[:, 0] for v in (found.seen > 1, found.is_far))
+            shares.append(far[seen].mean() if seen.mean() >= SEEN_BORDER else 0.0)
+        return bool(np.median(shares) >= FAR_BORDER)
+
+
+def _directions(camera: Camera, shape: tuple[int, int]) -> np.ndarray:
+    """Unit world directions [H·W, 3] through the pixels of a camera's photo of `shape` rows and columns."""
+    row, column = np.mgrid[0 : shape[0], 0 : shape[1]] + 0.5
+    scale = camera.width / shape[1], camera.height / shape[0]
+    return camera.rays(column.ravel() * scale[0], row.ravel() * scale[1])[1]
+
+
+def _pixels_towards(
+    camera: Camera, directions: np.ndarray, shape: tuple[int, int]
+) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+    """Rows and columns of a camera's photo of this shape that show what is far away in those of the
+    directions [N, 3] that are in its frame; [N] which these are."""
+    height, width = shape
+    pixel, depth = camera.project(camera.position + directions)
+    pixel = np.nan_to_num(pixel, nan=-1.0) * (width / camera.width, height / camera.height)
+    inside = (depth > 0) & (pixel >= 0).all(1) & (pixel < (width, height)).all(1)
+    column, row = pixel[inside].astype(int).T
+    return (row, column), inside
+
+
+def _cosine_of_cone(camera: Camera) -> float:
+    """Cosine between the optical axis and what a photo's edge shows farthest from it."""
+    width, height = camera.width, camera.height
+    along = np.linspace(0, 1, 9)
+    column = np.concatenate([along * width, along * width, 0 * along, 0 * along + width])
+    row = np.concatenate([0 * along, 0 * along + height, along * height, along * height])
+    return float((camera.rays(column, row)[1] @ camera.view_direction).min())

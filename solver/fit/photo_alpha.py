@@ -1,0 +1,31 @@
+"""Alpha for a photo of which it is known what is the object, and what is behind it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..capture.backdrop import coverage_before
+from ..capture.photos import Photo, linear_to_srgb, srgb_to_linear
+
+
+def srgb_of(photo: Photo) -> np.ndarray:
+    """Colours [H, W, 3] sRGB of a photo without alpha."""
+    return linear_to_srgb(photo.pixels[..., :3])
+
+
+def with_alpha(photo: Photo, shown: np.ndarray, behind: float | np.ndarray) -> Photo:
+    """A photo of which the object is what is `shown` [H, W], and the rest the backdrop.
+
+    Args:
+        behind: the backdrop's sRGB level, or its colours [H, W, 3].
+    """
+    colour = srgb_of(photo)
+    alpha = coverage_before(colour, shown, behind)[..., None]
+    straight = (colour - (1 - alpha) * behind) / np.maximum(alpha, 1e-3)
+    mixed = srgb_to_linear(np.clip(straight, 0, np.inf if photo.is_hdr else 1)) * alpha
+    partly = (alpha > 0) & (alpha < 1)
+    linear = np.where(partly, mixed, photo.pixels[..., :3] * (alpha > 0))
+    pixels = np.concatenate([linear, alpha], axis=-1).astype(np.float32)
+    return replace(photo, pixels=pixels, has_alpha=True)
