@@ -4,13 +4,16 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import scipy.ndimage
 from PIL import Image
 
+from solver.capture.formats.transforms import write_transforms
 from solver.capture.photos import linear_to_srgb
+from tests.capture.far_scene import far_scene
 from tests.capture.test_triangulate import camera_at, photo_of
 from tests.cli.command import DUCK, ROOT, TINY, solver
 
@@ -197,3 +200,51 @@ def test_photos_without_a_mask_among_others_are_told(tmp_path):
     write_small_photos(tmp_path, lambda number, image: image if number else image.convert("RGB"))
     result = solver("reconstruct", tmp_path, "--out", tmp_path / "job", *TINY)
     assert "1 of 10 photos have no mask (0), so" in result.stderr
+
+
+@pytest.fixture(scope="module")
+def before_far(tmp_path_factory):
+    """A ball before what is far away, forty photos of it and twelve more that are held out."""
+    folder = tmp_path_factory.mktemp("far")
+    for split, views, turn in (("train", 40, 0.0), ("test", 12, 0.4)):
+        capture, photos, _ = far_scene(views, turn=turn)
+        cameras = []
+        for camera, photo in zip(capture.cameras, photos, strict=True):
+            path = folder / split / f"{camera.name}.png"
+            path.parent.mkdir(exist_ok=True)
+            codes = np.round(linear_to_srgb(photo.pixels[..., :3]) * 255).astype(np.uint8)
+            Image.fromarray(codes).save(path)
+            cameras.append(replace(camera, image_path=path))
+        write_transforms(folder / f"transforms_{split}.json", cameras)
+    return folder
+
+
+def test_an_object_before_what_is_far_away_is_told_from_it_fitted_resumed_and_scored(
+    before_far, tmp_path
+):
+    job = tmp_path / "job"
+    assert solver("reconstruct", before_far, "--out", job, *TINY).returncode == 0
+    state = json.loads((job / "checkpoint" / "state.json").read_text())
+    assert state["use_masks"] and state["background"] == "white"
+    first = (job / "surroundings.exr").read_bytes()
+    report = (job / "result" / "report.json").read_text()
+    shutil.rmtree(job / "result")
+    resumed = solver("run", job)
+    assert resumed.returncode == 0, resumed.stderr
+    # The panorama is made anew, and held-out photos are cut out before it as they were.
+    assert (job / "surroundings.exr").read_bytes() == first
+    seconds = {"seconds"}
+    again = json.loads((job / "result" / "report.json").read_text())
+    assert {k: v for k, v in again.items() if k not in seconds} == {
+        k: v for k, v in json.loads(report).items() if k not in seconds
+    }
+    test, out = before_far / "transforms_test.json", tmp_path / "metrics.json"
+    assert solver("evaluate", job, "--cameras", test, "--rays", 4, "--out", out).returncode == 0
+    assert json.loads(out.read_text())["mean"]["psnr"] > 15
+
+
+def test_a_check_says_that_what_is_behind_an_object_is_far_away(before_far):
+    result = solver("check", before_far / "transforms_train.json")
+    assert result.returncode == 0
+    assert "before surroundings that are far away" in result.stdout
+    assert "masks show the object between" in result.stdout
