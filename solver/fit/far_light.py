@@ -40,14 +40,14 @@ class FarLight:
         row, column = at[:, 1].clamp(0, ROWS - 1), at[:, 0] % (2 * ROWS)
         return self.radiance[row, column], self.known[row, column]
 
-    def begin(self, height: int) -> EnvironmentMap:
-        """A first light of `height` rows: what is known, and around it what is likely."""
+    def begin(self, height: int, unseen: float) -> EnvironmentMap:
+        """A first light of `height` rows: what is known, and `unseen` radiance where no photo shows any."""
         times = ROWS // HEIGHT
         blocks = (HEIGHT, times, 2 * HEIGHT, times)
         count = self.known.float().view(blocks).sum((1, 3))
         total = (self.radiance.log() * self.known[..., None]).view(*blocks, 3).sum((1, 3))
         mean = total / count.clamp(min=1)[..., None]
-        return whole_light(mean.view(-1, 3), (count / times**2).view(-1), height)
+        return whole_light(mean.view(-1, 3), (count / times**2).view(-1), height, unseen)
 
     @torch.no_grad()
     def put_into(self, environment: EnvironmentMap) -> None:

@@ -42,15 +42,16 @@ def light_from_room(room: Room, height: int) -> EnvironmentMap:
 
 
 @torch.no_grad()
-def whole_light(colour: torch.Tensor, known: torch.Tensor, height: int) -> EnvironmentMap:
-    """A light of `height` rows of which a part is known.
-
-    Small gaps have the colours around them. What no photo shows, mostly what is above, is grey, and as
-    bright as makes the whole light's mean that of a well exposed photo's white (docs/decisions/0025).
+def whole_light(
+    colour: torch.Tensor, known: torch.Tensor, height: int, unseen: float | None = None
+) -> EnvironmentMap:
+    """A light of `height` rows of which a part is known; small gaps have the colours around them.
 
     Args:
         colour: [N, 3] log-radiance, linear Rec.709, of the texels of a map of `HEIGHT` rows.
         known: [N] how far it is known, 0 to 1.
+        unseen: radiance of what no photo shows, mostly what is above. None: as bright as makes the whole
+            light's mean that of a well exposed photo's white (docs/decisions/0025).
     """
     device = colour.device
     directions = equirect_directions(HEIGHT, 2 * HEIGHT).float().view(-1, 3).to(device)
@@ -60,8 +61,10 @@ def whole_light(colour: torch.Tensor, known: torch.Tensor, height: int) -> Envir
     found = torch.lerp(around, colour, known[:, None])
     radiance = told[:, None] * found.exp()
     share = texel / texel.sum()
-    missing = WHITE - (share * radiance.mean(1)).sum()
-    grey = (missing / (share * (1 - told)).sum().clamp(min=1e-6)).clamp(DIMMEST, BRIGHTEST)
+    grey = unseen
+    if grey is None:
+        missing = WHITE - (share * radiance.mean(1)).sum()
+        grey = (missing / (share * (1 - told)).sum().clamp(min=1e-6)).clamp(DIMMEST, BRIGHTEST)
     radiance = (radiance + (1 - told)[:, None] * grey).view(HEIGHT, 2 * HEIGHT, 3)
     return EnvironmentMap.from_radiance(radiance).to(device).resized(height)
 

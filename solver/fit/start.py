@@ -147,7 +147,7 @@ def new_trainer(
         take_decoder(scene, Path(settings.fit.decoder), device)
     trainer = trainer_for(scene, capture, photos, settings, seed, panorama)
     if trainer.far is not None:
-        trainer.begin_light(trainer.far.begin(environment.height))
+        trainer.begin_light(trainer.far.begin(environment.height, settings.light.initial))
         trainer.far.put_into(environment)
     return trainer
 
