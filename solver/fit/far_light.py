@@ -7,10 +7,11 @@ white, where a photo is saturated. It is the first light, and the light is held 
 from __future__ import annotations
 
 import torch
+import torch.nn.functional as F
 
 from ..capture.panorama import Panorama
 from ..capture.photos import srgb_to_linear
-from ..light.environment import EnvironmentMap, equirect_coordinates, equirect_directions
+from ..light.environment import EnvironmentMap, equirect_coordinates
 from ..render.random_numbers import RandomNumbers
 from ..render.scene import Scene, StepTables
 from .light_start import HEIGHT, whole_light
@@ -42,22 +43,26 @@ class FarLight:
 
     def begin(self, height: int, unseen: float) -> EnvironmentMap:
         """A first light of `height` rows: what is known, and `unseen` radiance where no photo shows any."""
-        times = ROWS // HEIGHT
-        blocks = (HEIGHT, times, 2 * HEIGHT, times)
-        count = self.known.float().view(blocks).sum((1, 3))
-        total = (self.radiance.log() * self.known[..., None]).view(*blocks, 3).sum((1, 3))
-        mean = total / count.clamp(min=1)[..., None]
-        return whole_light(mean.view(-1, 3), (count / times**2).view(-1), height, unseen)
+        radiance, known, _ = self._on_map(HEIGHT)
+        return whole_light(radiance.log().flatten(1).T, known.flatten(), height, unseen)
 
     @torch.no_grad()
     def put_into(self, environment: EnvironmentMap) -> None:
         """Give a light what is known in each of its texels, unless that is saturated."""
-        rows = environment.height
-        directions = equirect_directions(rows, 2 * rows).float().view(-1, 3)
-        radiance, known = self.towards(directions.to(self.known.device))
-        sure = (known & (radiance.amax(-1) < SATURATED)).view(rows, -1)
-        found = radiance.log().T.view_as(environment.log_radiance)
-        environment.log_radiance.copy_(torch.where(sure, found, environment.log_radiance))
+        radiance, known, brightest = self._on_map(environment.height)
+        sure = (known >= 0.5) & (brightest < SATURATED)
+        found = torch.where(sure, radiance.log(), environment.log_radiance)
+        environment.log_radiance.copy_(found)
+
+    def _on_map(self, height: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """For each texel of a map: the mean [3, H, 2H] of what is known in it, how much [H, 2H] of it that is,
+        and its brightest channel [H, 2H]."""
+        size, known = (height, 2 * height), self.known.float()[None]
+        radiance = self.radiance.permute(2, 0, 1)
+        share = F.adaptive_avg_pool2d(known, size)
+        mean = F.adaptive_avg_pool2d(radiance * known, size) / share.clamp(min=1e-6)
+        brightest = F.adaptive_max_pool2d(radiance.amax(0, keepdim=True) * known, size)
+        return mean.clamp(min=LEAST_LIGHT), share[0], brightest[0]
 
     def difference(
         self, scene: Scene, tables: StepTables, random: RandomNumbers, keys: torch.Tensor

@@ -122,7 +122,8 @@ class FitSettings:
     fitted light), or 'auto': white for photos with alpha, white or black for photos before plain white or
     black, else room"""
     room_light_weight: float = 0.05
-    """of the squared difference between the logarithms of light and room as seen from the box's centre"""
+    """of the squared difference between the logarithms of the light and of the room as seen from the box's
+    centre, or of what is far away"""
     exposure: str = "fixed"
     """'gain' finds each photo's exposure, 'white_balance' a gain per channel, for photos that were shot
     on automatic; 'fixed' takes them as they are"""

@@ -7,6 +7,7 @@ import pytest
 import scipy.ndimage
 import torch
 
+from solver.capture.panorama import Panorama
 from solver.capture.photos import linear_to_srgb, srgb_to_linear
 from solver.fit.before_far import before_panorama, cut_out_before_far
 from solver.fit.cut_out import photos_as_fitted
@@ -117,6 +118,22 @@ def test_known_light_comes_back_on_a_finer_map(scene):
     known = np.abs(environment.image() - 0.5).max(-1) > 1e-6
     assert known.mean() > 0.7
     assert np.median(np.abs(environment.image() - linear_far(128))[known]) < 0.02
+
+
+def test_a_coarse_light_has_means_of_what_is_known_and_keeps_its_own_where_that_is_white():
+    generator = np.random.default_rng(1)
+    colour = generator.uniform(0.2, 0.8, (256, 512, 3)).astype(np.float32)
+    colour[100, 200] = 1.0
+    known = np.ones((256, 512), bool)
+    known[:64] = False
+    environment = EnvironmentMap(64, 3.0)
+    FarLight(Panorama(colour * known[..., None], known)).put_into(environment)
+    image = environment.image()
+    means = srgb_to_linear(colour).reshape(64, 4, 128, 4, 3).mean((1, 3))
+    own = np.zeros((64, 128), bool)
+    own[:16] = own[25, 50] = True
+    np.testing.assert_allclose(image[~own], means[~own], rtol=1e-4)
+    np.testing.assert_allclose(image[own], 3.0, rtol=1e-5)
 
 
 def test_the_light_is_held_to_what_is_known_but_may_be_brighter_where_that_is_white(scene):
