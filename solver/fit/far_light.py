@@ -55,8 +55,8 @@ class FarLight:
         environment.log_radiance.copy_(found)
 
     def _on_map(self, height: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """For each texel of a map: the mean [3, H, 2H] of what is known in it, how much [H, 2H] of it that is,
-        and its brightest channel [H, 2H]."""
+        """Of each texel of a map the mean [3, H, 2H] of what is known, how much [H, 2H] that is, and the
+        brightest channel [H, 2H]."""
         size, known = (height, 2 * height), self.known.float()[None]
         radiance = self.radiance.permute(2, 0, 1)
         share = F.adaptive_avg_pool2d(known, size)
