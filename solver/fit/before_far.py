@@ -146,6 +146,7 @@ def few_before_panorama(
     for camera, photo in zip(cameras, photos, strict=True):
         behind = _behind(camera, photo, panorama)
         shown = without_dust(behind.known & ~behind.is_seen_in(_levels(photo)))
+        shown = scipy.ndimage.binary_fill_holes(shown)
         cut.append(_before(photo, shown, behind))
     return cut
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..asset.files import write_png
+from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
 from ..capture.photos import Photo, resized
@@ -27,6 +28,8 @@ from .settings import Settings
 from .start import background_shown, uses_masks
 
 VIEWS = 4
+CUT_OUT = 24
+"""photos that are cut out together, where that takes many"""
 MOST_PIXELS = 65_536
 """of a view; larger photos are made smaller, for a render of a phone's photo takes an hour"""
 
@@ -47,12 +50,8 @@ def write_job_report(
     try:
         test = held_out_of(job)
         if test is not None:
-            test = replace(test, cameras=tuple(test.cameras[i] for i in _spread(test.cameras)))
-            use_masks = uses_masks(photos, settings)
-            panorama = read_panorama(job.surroundings_path)
-            region = region_of(job.request)
-            images = photos_as_fitted(test, settings, use_masks, region, panorama)
-            cameras, held_out = list(test.cameras), True
+            cameras, images = _held_out(job, test, settings, uses_masks(photos, settings))
+            held_out = True
     except CaptureError as error:
         # A broken test split must not cost the person a finished reconstruction.
         warnings.append(f"the photos that were held out cannot be shown: {error}".rstrip("."))
@@ -109,6 +108,23 @@ def warnings_of(job: JobFolder) -> list[str]:
     return list(dict.fromkeys(event.data["text"] for event in events if event.kind == "warning"))
 
 
-def _spread(cameras: Sequence) -> np.ndarray:
-    """Indices of the cameras to be shown."""
-    return np.linspace(0, len(cameras) - 1, min(VIEWS, len(cameras))).astype(int)
+def _held_out(
+    job: JobFolder, test: Capture, settings: Settings, use_masks: bool
+) -> tuple[list[Camera], list[Photo]]:
+    """Cameras and photos to be shown of those that are held out.
+
+    Raises:
+        CaptureError: a photo cannot be used.
+    """
+    panorama = read_panorama(job.surroundings_path)
+    # Before what is far away, photos tell together where the object is.
+    loaded = _spread(test.cameras, VIEWS if panorama is None else CUT_OUT)
+    test = replace(test, cameras=tuple(test.cameras[i] for i in loaded))
+    photos = photos_as_fitted(test, settings, use_masks, region_of(job.request), panorama)
+    chosen = _spread(test.cameras)
+    return [test.cameras[i] for i in chosen], [photos[i] for i in chosen]
+
+
+def _spread(cameras: Sequence, count: int = VIEWS) -> np.ndarray:
+    """Indices of so many cameras, evenly taken."""
+    return np.linspace(0, len(cameras) - 1, min(count, len(cameras))).astype(int)
