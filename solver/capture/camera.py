@@ -117,6 +117,18 @@ class Camera:
         with np.errstate(invalid="ignore"):
             return (depth > 0) & (pixel >= 0).all(1) & (pixel < (self.width, self.height)).all(1)
 
+    def pixels_of(
+        self, points: np.ndarray, shape: tuple[int, int]
+    ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+        """Rows and columns, in a photo of so many (`shape`), of the world points [N, 3] in its frame; [N]
+        which these are."""
+        height, width = shape
+        pixel, depth = self.project(points)
+        pixel = np.nan_to_num(pixel, nan=-1.0) * (width / self.width, height / self.height)
+        inside = (depth > 0) & (pixel >= 0).all(1) & (pixel < (width, height)).all(1)
+        column, row = pixel[inside].astype(int).T
+        return (row, column), inside
+
     def lens_reaches(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """[N] true where some ray has the pixel position; false beyond the distortion's fold."""
         return self._undistort(columns, rows)[1]

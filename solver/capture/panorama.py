@@ -120,7 +120,7 @@ def panorama_of(
     total, count = np.zeros_like(directions), np.zeros(len(directions), np.int32)
     for camera, colour, object_ in zip(cameras, colours, shown, strict=True):
         near = np.flatnonzero(directions @ camera.view_direction >= _cosine_of_cone(camera))
-        at, inside = _pixels_towards(camera, directions[near], object_.shape)
+        at, inside = camera.pixels_of(camera.position + directions[near], object_.shape)
         free = ~object_[at]
         texel = near[inside][free]
         total[texel] += colour[at][free]
@@ -167,9 +167,8 @@ class Comparison:
         for other in np.flatnonzero(apart < self._cones + self._cones[index]):
             if other == index:
                 continue
-            at, inside = _pixels_towards(
-                self.cameras[other], directions, self.colours[other].shape[:2]
-            )
+            camera, shown = self.cameras[other], self.colours[other].shape[:2]
+            at, inside = camera.pixels_of(camera.position + directions, shown)
             same = (colour[inside] >= self._low[other][at]) & (
                 colour[inside] <= self._high[other][at]
             )
@@ -192,19 +191,6 @@ def _directions(camera: Camera, shape: tuple[int, int]) -> np.ndarray:
     row, column = np.mgrid[0 : shape[0], 0 : shape[1]] + 0.5
     scale = camera.width / shape[1], camera.height / shape[0]
     return camera.rays(column.ravel() * scale[0], row.ravel() * scale[1])[1]
-
-
-def _pixels_towards(
-    camera: Camera, directions: np.ndarray, shape: tuple[int, int]
-) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-    """Rows and columns of a camera's photo of this shape that show what is far away in those of the
-    directions [N, 3] that are in its frame; [N] which these are."""
-    height, width = shape
-    pixel, depth = camera.project(camera.position + directions)
-    pixel = np.nan_to_num(pixel, nan=-1.0) * (width / camera.width, height / camera.height)
-    inside = (depth > 0) & (pixel >= 0).all(1) & (pixel < (width, height)).all(1)
-    column, row = pixel[inside].astype(int).T
-    return (row, column), inside
 
 
 def _cosine_of_cone(camera: Camera) -> float:

@@ -105,7 +105,7 @@ def _common(
     alive = np.arange(len(points))
     seen, against = np.zeros((2, len(points)))
     for camera, mask in zip(cameras, masks, strict=True):
-        at, inside = _pixels(camera, points[alive], mask.shape)
+        at, inside = camera.pixels_of(points[alive], mask.shape)
         seen[alive[inside]] += 1
         against[alive[inside]] += ~mask[at]
         # No other photo can save the rest.
@@ -144,7 +144,7 @@ def _centres(
         edge: of a cell, world units.
     """
     centres = np.zeros(shape, bool)
-    at, inside = _pixels(camera, cells, shape)
+    at, inside = camera.pixels_of(cells, shape)
     if not inside.any():
         return centres, 1
     centres[at] = True
@@ -152,15 +152,3 @@ def _centres(
     scale = max(camera.fx, camera.fy) * shape[1] / camera.width
     reach = edge * scale / np.median(camera.project(cells[inside])[1])
     return centres, 2 * int(np.ceil(reach)) + 1
-
-
-def _pixels(
-    camera: Camera, points: np.ndarray, shape: tuple[int, int]
-) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-    """Rows and columns of the points [N, 3] that a photo of this shape has in its frame; [N] which."""
-    height, width = shape
-    pixel, depth = camera.project(points)
-    pixel = np.nan_to_num(pixel, nan=-1.0) * (width / camera.width, height / camera.height)
-    inside = (depth > 0) & (pixel >= 0).all(1) & (pixel < (width, height)).all(1)
-    column, row = pixel[inside].astype(int).T
-    return (row, column), inside

@@ -101,14 +101,16 @@ def run_job(
         settings = checkpoint.settings_of(state)
     panorama = None
 
-    def cutting(done: float) -> None:
-        progress.fraction(FINDING_SHARE * done)
+    def told(done: float, text: str = "") -> None:
+        progress.fraction(done, text)
         _stop_if_asked(control)
 
     if settings.fit.cut_out and settings.fit.use_masks:
         photos = cut_out(capture, photos, region)
         if settings.fit.cut_out_before_far:
-            before = cut_out_before_far(capture, photos, region, cutting)
+            before = cut_out_before_far(
+                capture, photos, region, lambda done: told(FINDING_SHARE * done)
+            )
             if before is not None:
                 photos, panorama = before
                 write_panorama(job.surroundings_path, panorama)
@@ -148,10 +150,6 @@ def run_job(
     short_of = too_few_steps(trainer.step, settings.fit.steps, trainer.fog)
     if short_of is not None:
         progress.warning(short_of)
-
-    def told(done: float, text: str = "") -> None:
-        progress.fraction(done, text)
-        _stop_if_asked(control)
 
     progress.stage("asset", "mesh and textures")
     scene = trainer.scene
