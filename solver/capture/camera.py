@@ -113,21 +113,19 @@ class Camera:
 
     def in_frame(self, points: np.ndarray) -> np.ndarray:
         """[N] true where a world point [N, 3] before the camera lies within the photo's edges."""
-        pixel, depth = self.project(points)
-        with np.errstate(invalid="ignore"):
-            return (depth > 0) & (pixel >= 0).all(1) & (pixel < (self.width, self.height)).all(1)
+        return self.pixels_of(points, (self.height, self.width))[1]
 
     def pixels_of(
         self, points: np.ndarray, shape: tuple[int, int]
-    ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+    ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
         """Rows and columns, in a photo of so many (`shape`), of the world points [N, 3] in its frame; [N]
-        which these are."""
+        which these are, and their depths (`project`)."""
         height, width = shape
         pixel, depth = self.project(points)
         pixel = np.nan_to_num(pixel, nan=-1.0) * (width / self.width, height / self.height)
         inside = (depth > 0) & (pixel >= 0).all(1) & (pixel < (width, height)).all(1)
         column, row = pixel[inside].astype(int).T
-        return (row, column), inside
+        return (row, column), inside, depth[inside]
 
     def lens_reaches(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """[N] true where some ray has the pixel position; false beyond the distortion's fold."""

@@ -120,7 +120,7 @@ def panorama_of(
     total, count = np.zeros_like(directions), np.zeros(len(directions), np.int32)
     for camera, colour, object_ in zip(cameras, colours, shown, strict=True):
         near = np.flatnonzero(directions @ camera.view_direction >= _cosine_of_cone(camera))
-        at, inside = camera.pixels_of(camera.position + directions[near], object_.shape)
+        at, inside, _ = camera.pixels_of(camera.position + directions[near], object_.shape)
         free = ~object_[at]
         texel = near[inside][free]
         total[texel] += colour[at][free]
@@ -168,7 +168,7 @@ class Comparison:
             if other == index:
                 continue
             camera, shown = self.cameras[other], self.colours[other].shape[:2]
-            at, inside = camera.pixels_of(camera.position + directions, shown)
+            at, inside, _ = camera.pixels_of(camera.position + directions, shown)
             same = (colour[inside] >= self._low[other][at]) & (
                 colour[inside] <= self._high[other][at]
             )

@@ -105,7 +105,7 @@ def _common(
     alive = np.arange(len(points))
     seen, against = np.zeros((2, len(points)))
     for camera, mask in zip(cameras, masks, strict=True):
-        at, inside = camera.pixels_of(points[alive], mask.shape)
+        at, inside, _ = camera.pixels_of(points[alive], mask.shape)
         seen[alive[inside]] += 1
         against[alive[inside]] += ~mask[at]
         # No other photo can save the rest.
@@ -144,11 +144,11 @@ def _centres(
         edge: of a cell, world units.
     """
     centres = np.zeros(shape, bool)
-    at, inside = camera.pixels_of(cells, shape)
+    at, inside, depths = camera.pixels_of(cells, shape)
     if not inside.any():
         return centres, 1
     centres[at] = True
     # A cell is as wide as its neighbours are apart.
     scale = max(camera.fx, camera.fy) * shape[1] / camera.width
-    reach = edge * scale / np.median(camera.project(cells[inside])[1])
+    reach = edge * scale / np.median(depths)
     return centres, 2 * int(np.ceil(reach)) + 1

@@ -56,19 +56,14 @@ def carve(
     alive = np.arange(len(points)) if within is None else np.flatnonzero(within)
     times_seen = np.zeros(len(points), dtype=np.int32)
     for camera, mask in zip(cameras, masks, strict=True):
-        height, width = mask.shape
         if whole_cells:
             # Pixels to the nearest that the mask shows, along rows or columns.
             beside = scipy.ndimage.distance_transform_cdt(~mask, "chessboard")
-        pixel, depth = camera.project(points[alive])
-        pixel = np.nan_to_num(pixel, nan=-1.0) * (width / camera.width, height / camera.height)
-        column, row = np.floor(pixel).clip(-1, (width, height)).T
-        seen = (depth > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        at, seen, depths = camera.pixels_of(points[alive], mask.shape)
         times_seen[alive] += seen
         covered = np.ones(len(alive), dtype=bool)
-        at = row[seen].astype(int), column[seen].astype(int)
         if whole_cells:
-            per_unit = max(camera.fx, camera.fy) * width / camera.width / depth[seen]
+            per_unit = max(camera.fx, camera.fy) * mask.shape[1] / camera.width / depths
             covered[seen] = (beside[at] <= np.round(reach * per_unit) + spare) & (beside[at] >= 0)
         else:
             covered[seen] = mask[at]

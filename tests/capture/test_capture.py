@@ -73,6 +73,22 @@ def test_points_along_a_ray_project_to_its_pixel(lens):
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1)
 
 
+@pytest.mark.parametrize("lens", LENSES)
+def test_points_fall_on_the_pixels_of_a_reduced_photo_that_their_projections_are_in(lens):
+    item, (rows, columns) = camera(**lens), (12, 32)
+    points = np.random.default_rng(1).uniform(-6, 6, (300, 3))
+    at, inside, depths = item.pixels_of(points, (rows, columns))
+    expected, seen = [], []
+    for (x, y), depth in zip(*item.project(points), strict=True):
+        if is_seen := depth > 0 and 0 <= x < item.width and 0 <= y < item.height:
+            expected.append((int(y * rows / item.height), int(x * columns / item.width), depth))
+        seen.append(is_seen)
+    assert 0 < len(expected) < len(points)
+    assert list(zip(*at, depths, strict=True)) == expected
+    np.testing.assert_array_equal(inside, seen)
+    np.testing.assert_array_equal(item.in_frame(points), seen)
+
+
 def test_rays_of_a_pinhole_follow_the_stated_formula():
     item = camera()
     _, directions = item.rays(np.array([10.5]), np.array([40.5]))
