@@ -1,22 +1,23 @@
 """Image files as arrays, with what they say about colour, alpha and orientation.
 
-OpenImageIO decodes all of them: it keeps 16 bits, floating point and straight alpha as they are, where
-Pillow has no 16-bit RGB, and reports a cut-off OpenEXR file, of which its own binding only prints.
+OpenImageIO decodes nearly all of them: it keeps 16 bits, floating point and straight alpha as they are,
+where Pillow has no 16-bit RGB, and reports a cut-off OpenEXR file, of which its own binding only prints.
 Only `photos` and `masks` import this module: Blender's Python need not have the package.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import OpenImageIO
 
 from .colour import rec709_from_chromaticities
+from .decoded import Decoded
 from .errors import CaptureError, shown
-from .icc import Profile, read_profile
-from .image_header import image_size
+from .heif import decode_heif
+from .icc import profile_unless_srgb
+from .image_header import image_orientation, image_size, is_heif
 from .orientation import oriented
 
 _MOST_CHANNELS = 64
@@ -26,59 +27,15 @@ _TYPES = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class Decoded:
-    """An image as it lies in its file.
-
-    Attributes:
-        pixels: [H, W, C] unsigned integers of the file's depth, or float32.
-        alpha: the channel of coverage, if there is one; the colour is in the channels before it.
-        associated: colours are multiplied by alpha already.
-        linear: whole numbers stand for linear light, says the file.
-        orientation: EXIF's, 1 to 8; 1 is as it lies.
-        profile: the ICC profile, if it is one that `icc` reads and not sRGB.
-        matrix: [3, 3] from the file's primaries to Rec. 709; None if they are that.
-        channels: what the file calls its channels, all of them.
-    """
-
-    pixels: np.ndarray
-    alpha: int | None = None
-    associated: bool = False
-    linear: bool = False
-    orientation: int = 1
-    profile: Profile | None = None
-    matrix: np.ndarray | None = None
-    channels: tuple[str, ...] = ()
-
-    @property
-    def has_colours(self) -> bool:
-        """The channels are colours or grey; those of an OpenEXR file may be anything."""
-        return (
-            self.pixels.shape[2] > 1
-            or self.channels[:1] in ((), ("Y",), ("I",))
-            or not self.is_float
-        )
-
-    @property
-    def is_float(self) -> bool:
-        """Values are not bound to [0, 1]."""
-        return self.pixels.dtype.kind == "f"
-
-    @property
-    def largest(self) -> float:
-        """The code of white."""
-        return 1.0 if self.is_float else float(np.iinfo(self.pixels.dtype).max)
-
-
 def decode(path: Path) -> Decoded:
-    """Decode a PNG, JPEG, TIFF, OpenEXR or Radiance HDR file.
+    """Decode a PNG, JPEG, WebP, HEIC, AVIF, TIFF, OpenEXR or Radiance HDR file.
 
     Raises:
         CaptureError: it is none of these, damaged, cut off, or claims to be larger than any photo.
     """
     image_size(path)
     try:
-        return _decode(path)
+        return decode_heif(path) if is_heif(path) else _decode(path)
     except CaptureError:
         raise
     except Exception as error:  # the binding raises several kinds
@@ -139,14 +96,18 @@ def _decode(path: Path) -> Decoded:
             return _of_exr(
                 path, pixels, list(spec.channelnames), spec.getattribute("chromaticities")
             )
+        # Of WebP it follows the wish without saying so, and reads no EXIF.
+        is_webp = file.format_name() == "webp"
+        straight = is_webp or spec.get_int_attribute("oiio:UnassociatedAlpha", 0)
+        orientation = (
+            image_orientation(path) if is_webp else spec.get_int_attribute("Orientation", 1)
+        )
         profile = spec.getattribute("ICCProfile")
-        profile = None if profile is None else read_profile(bytes(profile))
-        orientation = spec.get_int_attribute("Orientation", 1)
         return Decoded(
-            pixels, alpha, associated=not spec.get_int_attribute("oiio:UnassociatedAlpha", 0),
+            pixels, alpha, associated=not straight,
             linear=str(spec.getattribute("oiio:ColorSpace") or "").startswith("lin"),
             orientation=orientation if 1 <= orientation <= 8 else 1,
-            profile=None if profile is None or profile.is_srgb else profile,
+            profile=None if profile is None else profile_unless_srgb(bytes(profile)),
             channels=tuple(spec.channelnames),
         )  # fmt: skip
     finally:

@@ -56,6 +56,12 @@ def read_profile(data: bytes) -> Profile | None:
     return Profile(curves, matrix) if np.isfinite(curves).all() else None
 
 
+def profile_unless_srgb(data: bytes) -> Profile | None:
+    """The profile, or None if it changes nothing: it is of another kind, or what is assumed without one."""
+    profile = read_profile(data)
+    return None if profile is None or profile.is_srgb else profile
+
+
 def _tags(data: bytes) -> dict[bytes, bytes]:
     (count,) = struct.unpack(">I", data[128:132])
     tags = {}

@@ -14,9 +14,14 @@ from pathlib import Path
 from typing import BinaryIO
 
 from .errors import CaptureError
+from .heif_header import has_heif_brand, read_heif_header
+from .webp_header import has_webp_mark, webp_exif, webp_has_alpha, webp_size
 
-EXTENSIONS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr")
+HEIF = (".heic", ".heif", ".hif", ".avif")
+"""extensions, in lower case, of photos that Blender cannot show"""
+EXTENSIONS = (".png", ".jpg", ".jpeg", ".webp", *HEIF, ".tif", ".tiff", ".exr", ".hdr")
 """of photos and masks, in lower case"""
+FORMATS = "PNG, JPEG, WebP, HEIC, AVIF, TIFF, OpenEXR or Radiance HDR"
 MOST_PIXELS = 1 << 28
 """of a photo; a header that states more is damaged or made to exhaust the memory"""
 
@@ -25,10 +30,11 @@ _MOST_PARTS = 4096  # JPEG segments, EXR attributes or TIFF entries before the s
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """(width, height) in pixels of a PNG, JPEG, TIFF, OpenEXR or Radiance HDR file.
+    """(width, height) in pixels of an image file of one of the `FORMATS`.
 
     It is the size of the pixels as they lie in the file: an orientation tag does not count. Of OpenEXR it
-    is the picture's, the display window, of which a file may hold a part, or more.
+    is the picture's, the display window, of which a file may hold a part, or more; of HEIC and AVIF that
+    of the picture as it is to be shown, which there is more than a remark.
 
     Raises:
         CaptureError: the file is none of these, cut off, or of a size that no photo has.
@@ -43,7 +49,7 @@ def image_size(path: Path) -> tuple[int, int]:
         ) from error
     if size is None:
         raise CaptureError(
-            path, "", "this is no PNG, JPEG, TIFF, OpenEXR or Radiance HDR image",
+            path, "", f"this is no {FORMATS} image",
             "convert the photo to one of these",
         )  # fmt: skip
     width, height = size
@@ -56,13 +62,15 @@ def image_size(path: Path) -> tuple[int, int]:
 
 
 def image_orientation(path: Path) -> int:
-    """EXIF's orientation of a JPEG or TIFF, 1 to 8; 1, as it lies, where the header states none."""
+    """EXIF's orientation of a JPEG, WebP or TIFF, 1 to 8; 1, as it lies, where the header states none."""
     try:
         with path.open("rb") as file:
-            head = file.read(4)
+            head = file.read(24)
             file.seek(0)
             if head[:2] == b"\xff\xd8":
-                found = _exif_orientation(file)
+                found = _tiff_orientation(_jpeg_exif(file))
+            elif has_webp_mark(head):
+                found = _tiff_orientation(webp_exif(file))
             else:
                 found = _tiff_values(file).get(_ORIENTATION, 1) if _is_tiff(head) else 1
     except (OSError, struct.error, ValueError):
@@ -71,15 +79,30 @@ def image_orientation(path: Path) -> int:
 
 
 def may_have_alpha(path: Path) -> bool:
-    """False for a file that certainly has no alpha channel: JPEG, HDR, PNG of grey or colour alone."""
+    """False for a file that certainly has no alpha channel: JPEG, HDR, what says so in its header."""
     try:
         with path.open("rb") as file:
             head = file.read(26)
-    except OSError:
+            file.seek(0)
+            if has_webp_mark(head):
+                return webp_has_alpha(file)
+            if has_heif_brand(head):
+                return read_heif_header(file).has_alpha
+    except (OSError, struct.error, ValueError):
         return True
     if head[:8] == b"\x89PNG\r\n\x1a\n" and len(head) == 26:
         return head[25] not in (0, 2)
     return head[:2] not in (b"\xff\xd8", b"#?")
+
+
+def is_heif(path: Path) -> bool:
+    """True for a HEIC or AVIF file, by its content.
+
+    Raises:
+        OSError: it cannot be opened.
+    """
+    with path.open("rb") as file:
+        return has_heif_brand(file.read(24))
 
 
 def _reason(error: Exception) -> str:
@@ -99,6 +122,11 @@ def _size(file: BinaryIO) -> tuple[int, int] | None:
         return _exr_size(file)
     if head[:2] == b"#?":
         return _hdr_size(file)
+    if has_webp_mark(head):
+        return webp_size(file)
+    if has_heif_brand(head):
+        header = read_heif_header(file)
+        return header.width, header.height
     return None
 
 
@@ -130,15 +158,23 @@ def _jpeg_size(file: BinaryIO) -> tuple[int, int]:
     return width, height
 
 
-def _exif_orientation(file: BinaryIO) -> int:
+def _jpeg_exif(file: BinaryIO) -> bytes | None:
+    """EXIF, a TIFF, of a JPEG; None if it has none."""
     for marker, length in _jpeg_segments(file):
         if _is_frame(marker):
             break
         if marker == 0xE1:
             name, _, tiff = file.read(length).partition(b"\0\0")
             if name == b"Exif" and _is_tiff(tiff):
-                return _tiff_values(BytesIO(tiff)).get(_ORIENTATION, 1)
-    return 1
+                return tiff
+    return None
+
+
+def _tiff_orientation(tiff: bytes | None) -> int:
+    """The orientation that EXIF states; 1 where it does not."""
+    if tiff is None or not _is_tiff(tiff):
+        return 1
+    return _tiff_values(BytesIO(tiff)).get(_ORIENTATION, 1)
 
 
 def _is_tiff(head: bytes) -> bool:

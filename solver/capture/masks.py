@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from .camera import Camera
-from .decoding import Decoded, decode
+from .decoded import Decoded
+from .decoding import decode
 from .errors import CaptureError
 from .orientation import oriented
 

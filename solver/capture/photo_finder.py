@@ -12,7 +12,7 @@ import re
 from pathlib import Path
 
 from .errors import CaptureError, shown
-from .image_header import EXTENSIONS
+from .image_header import EXTENSIONS, HEIF
 from .mask_finder import MaskFinder, masks_among, photos_of
 from .picture_names import (
     UNREADABLE,
@@ -161,13 +161,18 @@ class PhotoFinder:
         return None
 
     def _pictures(self) -> dict[str, list[Path]]:
-        """Pictures that are no masks by the plain stem of their names."""
+        """Pictures that are no masks by the plain stem of their names; of a HEIC or AVIF and its copy in
+        the same folder, the copy."""
         if self._by_stem is None:
             self._by_stem = {}
             found = [p for p in pictures_below(self.folder) if not self._is_mask(p.parent)]
             masks = set(masks_among(found))
+            copies = {(p.parent, stem_of(p.name)) for p in found if p.suffix.lower() not in HEIF}
             for path in found:
-                if path not in masks:
+                converted = (
+                    path.suffix.lower() in HEIF and (path.parent, stem_of(path.name)) in copies
+                )
+                if path not in masks and not converted:
                     self._by_stem.setdefault(stem_of(path.name), []).append(path)
                     self._folders.add(tuple(folders_of(path.relative_to(self.folder).parts)))
         return self._by_stem
@@ -180,8 +185,10 @@ class PhotoFinder:
             self._of_masks[folder] = photos_of(folder) is not None or self._is_mask(folder.parent)
         return self._of_masks[folder]
 
-    def _fit(self, path: Path, parts: list[str]) -> tuple[int, int]:
-        """How many of the last folders agree, and whether the extension does."""
+    def _fit(self, path: Path, parts: list[str]) -> tuple[int, int, int]:
+        """How many of the last folders agree, whether the extension does, and whether it is no HEIC or
+        AVIF: cameras are mostly solved with copies of those."""
         own = path.relative_to(self.folder).parts
         same_name = plain(own[-1]) == plain(parts[-1])
-        return agreement(folders_of(own), folders_of(parts)), int(same_name)
+        is_copy = path.suffix.lower() not in HEIF
+        return agreement(folders_of(own), folders_of(parts)), int(same_name), int(is_copy)

@@ -20,8 +20,8 @@ from ..threads import usable_cores
 from .camera import Camera
 from .capture import Capture
 from .colour import linear_to_srgb, srgb_to_linear
+from .decoded import Decoded
 from .decoding import (
-    Decoded,
     decode,
     no_colours,
     read_exr,

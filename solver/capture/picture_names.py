@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from .errors import CaptureError
 from .image_header import EXTENSIONS, image_size
 
-UNREADABLE = (".heic", ".heif", ".webp", ".avif", ".bmp", ".dng", ".cr2", ".cr3", ".nef", ".arw")
+UNREADABLE = (".bmp", ".jxl", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2")
 """extensions of photos that cannot be read here, but may have been converted since"""
 DEEPEST, MOST_FILES = 6, 200_000
 

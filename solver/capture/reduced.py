@@ -9,14 +9,16 @@ import numpy as np
 from PIL import Image
 
 from .colour import linear_to_srgb
-from .decoding import Decoded, decode
+from .decoded import Decoded
+from .decoding import decode
 from .errors import CaptureError
-from .image_header import image_orientation, image_size
+from .image_header import HEIF, image_orientation, image_size
 from .masks import coverage, no_mask
 from .orientation import oriented, turn_for
 
-_DECODED_WHOLE = (".exr", ".hdr", ".tif", ".tiff")
-_ORIENTATION, _CAMERA_FIELDS, _FOCAL_LENGTH_35MM = 0x0112, 0x8769, 0xA405
+_WITHOUT_EXIF = (".exr", ".hdr", ".tif", ".tiff")
+_DECODED_WHOLE = (*_WITHOUT_EXIF, *HEIF)
+_CAMERA_FIELDS, _FOCAL_LENGTH_35MM = 0x8769, 0xA405
 
 
 @dataclass(frozen=True)
@@ -39,18 +41,18 @@ def read_header(path: Path) -> PhotoHeader:
     Raises:
         CaptureError: it is no picture.
     """
-    if path.suffix.lower() in _DECODED_WHOLE:
-        return PhotoHeader(*image_size(path), None)
+    width, height = image_size(path)
+    if path.suffix.lower() in _WITHOUT_EXIF:
+        return PhotoHeader(width, height, None)
     try:
         with Image.open(path) as picture:
-            width, height = picture.size
-            exif = picture.getexif()
-            turned = exif.get(_ORIENTATION, 1) in (5, 6, 7, 8)
-            across = float(exif.get_ifd(_CAMERA_FIELDS).get(_FOCAL_LENGTH_35MM) or 0)
+            fields = picture.getexif().get_ifd(_CAMERA_FIELDS)
+            across = float(fields.get(_FOCAL_LENGTH_35MM) or 0)
     except Exception as error:  # every decoder has its own exceptions
         raise _unreadable(path, error) from error
     # A full-frame picture is 36 mm wide; phones mean its longer side.
     focal = across / 36 * max(width, height) if across > 0 else None
+    turned = image_orientation(path) >= 5
     return PhotoHeader(*((height, width) if turned else (width, height)), focal)
 
 
@@ -79,7 +81,7 @@ def load_reduced(
 def _as_it_lies(path: Path, longest: int) -> tuple[np.ndarray, np.ndarray | None]:
     """Colour and alpha of `load_reduced`, not turned."""
     if path.suffix.lower() in _DECODED_WHOLE:
-        return _every_nth(path, longest)
+        return _of_decoded(decode(path), longest)
     try:
         with Image.open(path) as picture:
             # A JPEG is decoded at a half, a quarter or an eighth at a fraction of the time.
@@ -127,19 +129,32 @@ def _has_shape(image: np.ndarray, shape: tuple[int, int]) -> bool:
     return abs(width / columns - height / rows) <= 1 / columns + 1 / rows
 
 
-def _every_nth(path: Path, longest: int) -> tuple[np.ndarray, np.ndarray | None]:
-    decoded = decode(path)
+def _of_decoded(decoded: Decoded, longest: int) -> tuple[np.ndarray, np.ndarray | None]:
     pixels = decoded.pixels
-    # Every n-th pixel of n: good enough to look at, and radiances do not average well.
-    every = -(-max(pixels.shape[:2]) // longest)
-    pixels = np.nan_to_num(pixels[::every, ::every].astype(np.float64) / decoded.largest)
+    if decoded.is_float:
+        # Every n-th pixel of n: good enough to look at, and radiances do not average well.
+        every = -(-max(pixels.shape[:2]) // longest)
+        pixels = np.nan_to_num(pixels[::every, ::every].astype(np.float64))
     colour = pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=-1)
+    alpha = None if decoded.alpha is None else pixels[..., decoded.alpha]
     if decoded.is_float:
         colour = linear_to_srgb(np.maximum(colour, 0))
-    small = np.round(np.clip(colour, 0, 1) * 255).astype(np.uint8)
-    if decoded.alpha is None:
-        return small, None
-    return small, np.round(np.clip(pixels[..., decoded.alpha], 0, 1) * 255).astype(np.uint8)
+    small = _smaller(_in_eight_bits(colour, decoded.largest), longest)
+    return small, None if alpha is None else _smaller(
+        _in_eight_bits(alpha, decoded.largest), longest
+    )
+
+
+def _in_eight_bits(values: np.ndarray, largest: float) -> np.ndarray:
+    if values.dtype == np.uint8:
+        return np.ascontiguousarray(values)
+    return np.round(np.clip(values / largest, 0, 1) * 255).astype(np.uint8)
+
+
+def _smaller(values: np.ndarray, longest: int) -> np.ndarray:
+    picture = Image.fromarray(values)
+    picture.thumbnail((longest, longest), Image.Resampling.BOX, reducing_gap=2.0)
+    return np.asarray(picture)
 
 
 def _unreadable(path: Path, error: Exception) -> CaptureError:

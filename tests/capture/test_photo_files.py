@@ -137,7 +137,9 @@ def test_damaged_photos_end_in_a_photo_or_an_error_of_one_line(
 def test_other_files_are_no_photos(tmp_path):
     Image.new("RGB", (4, 4)).save(tmp_path / "a.gif")
     (tmp_path / "a.gif").rename(tmp_path / "a.png")
-    with pytest.raises(CaptureError, match="no PNG, JPEG, TIFF, OpenEXR or Radiance HDR"):
+    with pytest.raises(
+        CaptureError, match="no PNG, JPEG, WebP, HEIC, AVIF, TIFF, OpenEXR or Radiance HDR"
+    ):
         load_photo(camera_for(tmp_path / "a.png", 4, 4))
     (tmp_path / "b.png").mkdir()
     with pytest.raises(CaptureError, match="b.png: the image cannot be read"):

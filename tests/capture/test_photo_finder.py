@@ -189,11 +189,11 @@ def test_letters_with_marks_are_found_however_they_are_written(tmp_path):
 
 def test_photos_of_a_kind_that_cannot_be_read_are_named_and_found_once_converted(tmp_path):
     (tmp_path / "images").mkdir()
-    names = [f"images/IMG_{i}.HEIC" for i in range(3)]
+    names = [f"images/IMG_{i}.NEF" for i in range(3)]
     for name in names:
-        (tmp_path / name).write_bytes(b"\0\0\0\x18ftypheic")
+        (tmp_path / name).write_bytes(b"MM\0*")
     file = write_cameras(tmp_path, names)
-    with pytest.raises(CaptureError, match=r"IMG_0.HEIC.*cannot be read; convert all to JPEG"):
+    with pytest.raises(CaptureError, match=r"IMG_0.NEF.*cannot be read; convert all to JPEG"):
         read_capture(file)
     for i in range(3):
         save(tmp_path / "images" / f"IMG_{i}.jpg")

@@ -5,6 +5,7 @@ import pytest
 from PIL import Image
 
 from solver.capture.reduced import load_reduced, load_reduced_mask, read_header
+from tests.capture.pictures import write
 
 
 @pytest.mark.parametrize("upright", [False, True])
@@ -30,3 +31,13 @@ def test_photos_are_reduced_upright_with_their_alpha(tmp_path):
     Image.fromarray(np.full((8, 8), 40000, np.uint16)).save(tmp_path / "b.png")
     colour, _ = load_reduced(tmp_path / "b.png", 100)
     assert colour.shape == (8, 8, 3) and abs(int(colour[0, 0, 0]) - 40000 / 257) < 2
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_tiffs_are_reduced_by_means_as_other_photos_are(dtype, tmp_path):
+    fine = np.indices((240, 320)).sum(axis=0) % 2 * np.iinfo(dtype).max
+    write(tmp_path / "a.tif", np.repeat(fine[..., None], 4, axis=2).astype(dtype))
+    colour, alpha = load_reduced(tmp_path / "a.tif", 80)
+    assert colour.shape == (60, 80, 3) and alpha.shape == (60, 80)
+    assert np.ptp(colour) <= 2 and abs(float(colour.mean()) - 127.5) < 2
+    assert np.ptp(alpha) <= 2

@@ -1,0 +1,77 @@
+"""HEIC and AVIF photos as arrays: what phones write.
+
+OpenImageIO's wheels have no decoder of either. Importing this module teaches Pillow to open HEIC.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pi_heif
+from PIL import Image
+
+from .colour import rec709_from_chromaticities
+from .decoded import Decoded
+from .errors import CaptureError
+from .heif_header import read_heif_header
+from .icc import profile_unless_srgb
+from .orientation import oriented
+
+_D65 = (0.3127, 0.3290)
+PRIMARIES = {
+    9: (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, *_D65),
+    12: (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, *_D65),
+}
+"""chromaticities of Rec. 2020 and Display P3 by their numbers in ITU-T H.273, tables 2 and 3"""
+HDR = {16: "PQ", 18: "HLG"}
+
+pi_heif.register_heif_opener()
+
+
+def decode_heif(path: Path) -> Decoded:
+    """Decode a HEIC or AVIF photo as it is to be shown: turned as the file says, so its orientation is 1.
+
+    HEIC of more than eight bits is scaled to 16.
+
+    Raises:
+        CaptureError: its light is coded for HDR screens (PQ, HLG). The decoders' own: it is damaged.
+    """
+    with path.open("rb") as file:
+        header = read_heif_header(file)
+    if header.transfer in HDR:
+        raise CaptureError(
+            path, "transfer", f"its light is coded for HDR screens ({HDR[header.transfer]})",
+            "convert the photos to JPEG, or to linear OpenEXR",
+        )  # fmt: skip
+    pixels, mode, profile = _of_avif(path, header.turn) if header.is_avif else _of_heic(path)
+    if pixels.shape[1::-1] != (header.width, header.height):
+        raise ValueError("its picture has another size than its header says")
+    primaries = PRIMARIES.get(header.primaries)
+    profile = None if profile is None else profile_unless_srgb(profile)
+    matrix = None if primaries is None else rec709_from_chromaticities(primaries)
+    return Decoded(
+        pixels, pixels.shape[2] - 1 if mode[-1] in "Aa" else None, associated=mode[-1] == "a",
+        profile=profile, matrix=matrix if profile is None else None, channels=tuple(mode.upper()),
+    )  # fmt: skip
+
+
+def _of_heic(path: Path) -> tuple[np.ndarray, str, bytes | None]:
+    """Pixels [H, W, C], the letters of their channels, ICC profile."""
+    picture = pi_heif.open_heif(path, convert_hdr_to_8bit=False, hdr_to_16bit=False)
+    # A copy: a view would outlive the memory that it looks into.
+    pixels, bits = np.array(picture), picture.info["bit_depth"]
+    if bits > 8:
+        scaled = pixels.astype(np.uint32) * 65535 + (1 << bits - 1)
+        pixels = (scaled // ((1 << bits) - 1)).astype(np.uint16)
+    pixels = pixels.reshape(*pixels.shape[:2], -1)
+    return pixels, picture.mode.split(";")[0], picture.info.get("icc_profile")
+
+
+def _of_avif(path: Path, turn: int) -> tuple[np.ndarray, str, bytes | None]:
+    """As `_of_heic`; Pillow leaves the turn to its caller, and has eight bits."""
+    with Image.open(path) as picture:
+        profile = picture.info.get("icc_profile")
+        picture.load()
+        pixels = np.asarray(picture)
+    return oriented(pixels.reshape(*pixels.shape[:2], -1), turn), picture.mode, profile
