@@ -13,6 +13,7 @@ from .jobs.monitor import monitor
 from .jobs.side_task import side_task
 from .scene.cameras import photo_of
 from .scene.capture_collection import active_capture, check_report, masked_box
+from .scene.hidden_photos import hidden_cameras
 from .scene.region import region_box
 
 UNIT = 20  # pixels of a button's height at a resolution scale of 1
@@ -60,7 +61,10 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
         cameras = sum(
             i.type == "CAMERA" and photo_of(i) is not None for i in collection.all_objects
         )
-        layout.label(text=f"{cameras} photos with cameras", icon="IMAGE_DATA")
+        row = layout.row(align=True)
+        row.label(text=f"{cameras} photos with cameras", icon="IMAGE_DATA")
+        if hidden_cameras(collection):
+            row.operator("nmf.show_photos", icon="HIDE_ON")
         report = check_report(collection)
         if region_box(collection) is None:
             layout.operator("nmf.add_region_box", icon="CUBE")

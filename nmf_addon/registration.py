@@ -15,6 +15,7 @@ from ..operators import (
     relight,
     set_scale,
     setup_solver,
+    show_photos,
     solve_cameras,
 )
 from . import panels, preferences, properties, runtime, setup_monitor, thumbnails
@@ -23,9 +24,9 @@ from .names import BASE_PACKAGE
 from .scene import usd
 
 _class_modules = (
-    properties, preferences, import_capture, solve_cameras, region, set_scale, check_capture,
-    reconstruct, install_result, relight,
-    match_solver, job_files, setup_solver, panels,
+    properties, preferences, import_capture, solve_cameras, show_photos, region, set_scale,
+    check_capture, reconstruct, install_result, relight, match_solver, job_files, setup_solver,
+    panels,
 )  # fmt: skip
 _classes = [cls for module in _class_modules for cls in module.classes]
 _undo: list = []

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
+from ..nmf_addon.jobs.side_task import side_task
 from ..nmf_addon.scene.capture_collection import import_captures, warnings_of
+from ..nmf_addon.scene.hidden_photos import hidden_cameras
 from ..solver.capture.errors import CaptureError
 from ..solver.capture.read import CAMERA_FILES
 
@@ -50,6 +53,10 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
         for collection in made:
             for text in warnings_of(collection):
                 self.report({"WARNING"}, text)
+        # Whoever calls this from a script, or has just solved cameras, decides for themselves.
+        if self.options.is_invoke and hidden_cameras(made[-1]) and not side_task.running:
+            with suppress(RuntimeError):  # it reports why it cannot, and its button stays
+                bpy.ops.nmf.show_photos()
         return {"FINISHED"}
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:

@@ -1,4 +1,4 @@
-"""The command line: solve, check, reconstruct, run, render, compose, evaluate, export, doctor.
+"""The command line: solve, check, pictures, reconstruct, run, render, compose, evaluate, export, doctor.
 
 Exit codes: 0 done, 2 bad input, 3 cancelled, 4 out of memory, 1 anything else.
 """
@@ -18,7 +18,7 @@ from .job.exit_codes import CANCELLED, DONE, FAILED
 from .job.folder import MOST_SEED, JobError, JobFolder, JobRequest
 from .job.resume import take_up
 from .job.status import process_is_alive, read_status
-from .preflight.command import add_check
+from .preflight.command import add_check, add_pictures
 from .session import KNOWN_FAILURES, explain, session
 from .threads import let_idle_threads_sleep
 
@@ -52,6 +52,7 @@ def _parser() -> argparse.ArgumentParser:
 
     add_solve(commands)
     add_check(commands)
+    add_pictures(commands)
     new = commands.add_parser("reconstruct", help="photos and cameras to mesh, textures and light")
     new.add_argument("capture", type=Path, help="folder or camera file")
     new.add_argument("--out", type=Path, required=True, metavar="JOB", help="job folder, new")

@@ -16,6 +16,7 @@ STAGE_TEXTS = {
     "geometry": "Finding the shape", "fit": "Fitting shape, materials and light",
     "features": "Finding features", "matching": "Comparing photos",
     "mapping": "Placing cameras", "adjustment": "Refining cameras",
+    "pictures": "Copying photos that Blender cannot show",
     "asset": "Making mesh and textures", "report": "Writing the report",
 }  # fmt: skip
 

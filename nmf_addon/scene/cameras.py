@@ -40,12 +40,7 @@ def add_camera(
     if image is not None:
         data.show_background_images = True
         for picture in filter(None, (shown, image)):
-            background = data.background_images.new()
-            background.image = picture
-            background.alpha = 1.0
-            background.display_depth = "BACK"
-            background.frame_method = "FIT"
-            background.show_background_image = picture is (shown or image)
+            _add_background(data, picture, picture is (shown or image))
     data[SIZE] = [camera.width, camera.height]
     data[LENS] = camera.lens
     data[DISTORTION] = list(camera.distortion) or [0.0]
@@ -55,6 +50,23 @@ def add_camera(
     item = bpy.data.objects.new(camera.name, data)
     item.matrix_world = Matrix(camera.camera_to_world.tolist())
     return item
+
+
+def show_behind(item: bpy.types.Object, picture: bpy.types.Image) -> None:
+    """Show a picture behind a camera object in place of what is there, which is kept but off."""
+    for background in item.data.background_images:
+        background.show_background_image = False
+    _add_background(item.data, picture, True)
+    item.data.show_background_images = True
+
+
+def _add_background(data: bpy.types.Camera, picture: bpy.types.Image, is_shown: bool) -> None:
+    background = data.background_images.new()
+    background.image = picture
+    background.alpha = 1.0
+    background.display_depth = "BACK"
+    background.frame_method = "FIT"
+    background.show_background_image = is_shown
 
 
 def photo_of(item: bpy.types.Object) -> bpy.types.Image | None:

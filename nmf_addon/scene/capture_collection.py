@@ -81,7 +81,8 @@ def _add_capture(
         progress.progress_update(number)
         image = images[camera.image_path]
         differs = is_distorted(camera) or turn_of(camera) != 1
-        shown = undistorted_copy(camera, image) if differs else None
+        # One that Blender cannot decode has no size.
+        shown = undistorted_copy(camera, image) if differs and 0 not in image.size else None
         item = add_camera(camera, image, shown)
         item.parent = root
         collection.objects.link(item)

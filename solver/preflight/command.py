@@ -1,26 +1,51 @@
-"""The command `check`: look at a capture before hours are spent on it."""
+"""The commands `check`, to look at a capture before hours are spent on it, and `pictures`, to show it."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
+import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ..job.exit_codes import DONE
+import numpy as np
+
+from ..job.control import Cancelled
+from ..job.exit_codes import CANCELLED, DONE
+from ..job.folder import JobFolder
+from ..session import session
+
+if TYPE_CHECKING:
+    from ..capture.capture import Capture
 
 
 def add_check(commands: argparse._SubParsersAction) -> None:
     """Add the command to the command line."""
     check = commands.add_parser("check", help="look for problems of a capture, in seconds")
-    check.add_argument("capture", type=Path, help="folder, camera file, or a job")
-    check.add_argument(
-        "--photos", type=Path, metavar="DIR", help="if not below the capture's folder"
-    )
-    check.add_argument("--masks", type=Path, metavar="DIR", help="if not in a folder 'masks' there")
+    _add_capture(check)
     check.add_argument("--preset", help="draft, standard or paper; default: the job's, or draft")
     check.add_argument("--json", action="store_true", help="one object on stdout, for programs")
     check.set_defaults(run=run_check)
+
+
+def add_pictures(commands: argparse._SubParsersAction) -> None:
+    """Add the command to the command line."""
+    pictures = commands.add_parser("pictures", help="small JPEGs of HEIC and AVIF photos")
+    _add_capture(pictures)
+    pictures.add_argument("--out", type=Path, required=True, metavar="DIR", help="new, or empty")
+    pictures.add_argument("--events", action="store_true", help="events on stdout, no bar")
+    pictures.set_defaults(run=run_pictures)
+
+
+def _add_capture(command: argparse.ArgumentParser) -> None:
+    command.add_argument("capture", type=Path, help="folder, camera file, or a job")
+    command.add_argument(
+        "--photos", type=Path, metavar="DIR", help="if not below the capture's folder"
+    )
+    command.add_argument(
+        "--masks", type=Path, metavar="DIR", help="if not in a folder 'masks' there"
+    )
 
 
 def run_check(options: argparse.Namespace) -> int:
@@ -29,20 +54,13 @@ def run_check(options: argparse.Namespace) -> int:
     Raises:
         CaptureError: the capture cannot be read. SettingsError: there is no such preset.
     """
-    from ..capture.read import read_capture
     from ..fit.presets import settings_for
-    from ..job.folder import JobFolder
-    from ..job.inputs import capture_of, region_of
     from .check import check
 
-    job = JobFolder.open(options.capture) if (options.capture / "job.json").is_file() else None
+    job = _job_of(options)
     preset = options.preset or ("draft" if job is None else job.request.preset)
     settings_for(preset)
-    if job is None:
-        capture = read_capture(options.capture, photos=options.photos, masks=options.masks)
-        region = None
-    else:
-        capture, region = capture_of(job), region_of(job.request)
+    capture, region = _capture_and_region(options)
     report = check(capture, preset, _progress if sys.stderr.isatty() else None, region)
     if options.json:
         print(json.dumps(report.as_json(), allow_nan=False))
@@ -54,6 +72,50 @@ def run_check(options: argparse.Namespace) -> int:
         print(f"box: masks show the object between {low} and {high}")
     print(report.estimate.line())
     return DONE
+
+
+def run_pictures(options: argparse.Namespace) -> int:
+    """Write the copies; returns the exit code.
+
+    Raises:
+        CaptureError: the capture or one of its photos cannot be read, or the folder is in use.
+    """
+    from .pictures import write_pictures
+
+    capture, _ = _capture_and_region(options)
+    with tempfile.TemporaryDirectory(prefix="nmf-") as folder:
+        paths = (Path(folder) / name for name in ("events.jsonl", "status.json", "cancel"))
+        shares = {"pictures": 1.0}
+        with session(*paths, options.events, has_parent=options.events, shares=shares) as run:
+            run.progress.stage("pictures", "copying photos")
+
+            def tell(number: int, count: int) -> None:
+                run.progress.fraction(number / count, f"photo {number} of {count}")
+                if run.control.should_stop:
+                    raise Cancelled
+
+            pictures = write_pictures(capture, options.out, tell)
+            run.events.emit("result", pictures=pictures)
+    if run.code == CANCELLED:
+        print("Cancelled.", file=sys.stderr)
+    elif not options.events:
+        print(f"{len(pictures)} pictures in {options.out}")
+    return run.code
+
+
+def _job_of(options: argparse.Namespace) -> JobFolder | None:
+    """The job, if that is what was given."""
+    return JobFolder.open(options.capture) if (options.capture / "job.json").is_file() else None
+
+
+def _capture_and_region(options: argparse.Namespace) -> tuple[Capture, np.ndarray | None]:
+    from ..capture.read import read_capture
+    from ..job.inputs import capture_of, region_of
+
+    job = _job_of(options)
+    if job is not None:
+        return capture_of(job), region_of(job.request)
+    return read_capture(options.capture, photos=options.photos, masks=options.masks), None
 
 
 def _progress(done: int, count: int) -> None:

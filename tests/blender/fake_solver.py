@@ -1,7 +1,7 @@
 """Stands in for `solver/bootstrap.py` in tests: speaks its protocol, needs no torch.
 
     python fake_solver.py run JOB --events        (how it behaves: NMF_FAKE_MODE)
-    python fake_solver.py solve PHOTOS --out FOLDER --events | check JOB --json
+    python fake_solver.py solve PHOTOS --out FOLDER --events | check JOB --json | pictures JOB --out FOLDER --events
 
 normal   every stage, a preview, a complete result
 slow     the same, but its fit takes NMF_FAKE_SECONDS (20); resumed, it finishes
@@ -219,6 +219,23 @@ def check(job: Path) -> int:
     return 0
 
 
+def pictures(job: Path, out: Path) -> int:
+    """A grey picture for each photo of a job, by the protocol of `solver pictures`."""
+    import json
+
+    import numpy as np
+
+    events = EventStream(job / "events.jsonl", take_stdout_for_events())
+    request = JobFolder.open(job).request
+    frames = json.loads(Path(request.capture).read_text(encoding="utf-8"))["frames"]
+    made = {frame["file_path"]: str(out / f"{frame['name']}.png") for frame in frames}
+    for path in made.values():
+        fake_capture.write_pixels(Path(path), np.full((48, 80, 3), 0.5))
+    events.emit("result", pictures=made)
+    events.emit("bye", exit_code=0)
+    return 0
+
+
 def main() -> int:
     """Run; returns the exit code."""
     if sys.argv[1] == "doctor":
@@ -228,6 +245,8 @@ def main() -> int:
         return solve(Path(sys.argv[2]), Path(sys.argv[sys.argv.index("--out") + 1]))
     if sys.argv[1] == "check":
         return check(Path(sys.argv[2]))
+    if sys.argv[1] == "pictures":
+        return pictures(Path(sys.argv[2]), Path(sys.argv[sys.argv.index("--out") + 1]))
     job = JobFolder.open(sys.argv[2])
     mode = os.environ.get("NMF_FAKE_MODE", "normal")
     return StandIn(job, mode, float(os.environ.get("NMF_FAKE_PAUSE", "0.01"))).run()

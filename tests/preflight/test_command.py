@@ -1,19 +1,23 @@
 """The command `check`: a line a finding or one JSON, and code 2 for what cannot be read."""
 
 import json
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
+import numpy as np
 import pytest
 
+from solver.capture.reduced import load_reduced
 from solver.fit.errors import SettingsError
 from solver.preflight.check import check
 from tests.preflight.captures import ROOT, around, blurred, capture_at, only, write
 
 
-def solver(*arguments):
+def solver(*arguments, command="check"):
     return subprocess.run(
-        [sys.executable, "-m", "solver", "check", *map(str, arguments)], cwd=ROOT, text=True,
+        [sys.executable, "-m", "solver", command, *map(str, arguments)], cwd=ROOT, text=True,
         capture_output=True, stdin=subprocess.DEVNULL, timeout=120,
     )  # fmt: skip
 
@@ -41,3 +45,32 @@ def test_what_cannot_be_read_ends_with_code_2_and_one_sentence(pictures, tmp_pat
         assert result.returncode == 2 and len(result.stderr.strip().splitlines()) == 1
     with pytest.raises(SettingsError):
         check(capture_at(around(4)), "fast")
+
+
+HEIC = ROOT / "tests" / "capture" / "data" / "heif"
+
+
+def test_photos_that_blender_cannot_show_are_copied_as_their_cameras_saw_them(pictures, tmp_path):
+    write(tmp_path, pictures)
+    cameras = json.loads((tmp_path / "transforms_train.json").read_text())
+    for frame, name in zip(cameras["frames"], ("plain.heic", "alpha.heic"), strict=False):
+        (tmp_path / frame["file_path"]).unlink()
+        frame["file_path"] = name
+        shutil.copy(HEIC / name, tmp_path)
+        frame.update(w=80, h=48, cx=40, cy=24)
+    (tmp_path / "transforms_train.json").write_text(json.dumps(cameras))
+    result = solver(tmp_path, "--out", tmp_path / "out", "--events", command="pictures")
+    assert result.returncode == 0, result.stderr
+    events = [json.loads(line) for line in result.stdout.splitlines()]
+    made = next(event for event in events if event["event"] == "result")["pictures"]
+    assert made == {
+        str(tmp_path / "plain.heic"): str(tmp_path / "out" / "plain.jpg"),
+        str(tmp_path / "alpha.heic"): str(tmp_path / "out" / "alpha.png"),
+    }
+    for photo, picture in made.items():
+        colour, alpha = load_reduced(Path(photo), 800)
+        copied, copied_alpha = load_reduced(Path(picture), 800)
+        assert np.abs(copied.astype(float) - colour).mean() < 3
+        assert (alpha is None) == (copied_alpha is None)
+    again = solver(tmp_path, "--out", tmp_path / "out", command="pictures")
+    assert again.returncode == 2 and "it is not empty; give a new folder" in again.stderr

@@ -1,0 +1,52 @@
+"""Photos that Blender cannot show (HEIC, AVIF): small copies stand behind the scene in their place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ...solver.capture.image_header import HEIF
+from .background import undistorted_copy
+from .cameras import UNDISTORTED, photo_of, photo_path, show_behind, to_solver
+from .capture_collection import to_capture_space
+from .images import load_picture
+
+
+def hidden_cameras(collection: bpy.types.Collection) -> list[bpy.types.Object]:
+    """Cameras with nothing to see behind the scene, for Blender cannot decode their photo."""
+    return [
+        item for item in collection.all_objects
+        if item.type == "CAMERA" and _is_hidden(item)
+    ]  # fmt: skip
+
+
+def show_pictures(collection: bpy.types.Collection, pictures: dict[str, str]) -> int:
+    """Put copies of photos behind the cameras, without their lenses' distortion; returns how many.
+
+    Args:
+        pictures: the copies' files by those of the photos.
+
+    Raises:
+        RuntimeError: Blender cannot read one.
+    """
+    matrix, shown = to_capture_space(collection), 0
+    for item in hidden_cameras(collection):
+        file = pictures.get(str(photo_path(photo_of(item))))
+        if file is None:
+            continue
+        picture = load_picture(Path(file))
+        try:
+            show_behind(item, undistorted_copy(to_solver(item, matrix), picture))
+        finally:
+            bpy.data.images.remove(picture)
+        shown += 1
+    return shown
+
+
+def _is_hidden(item: bpy.types.Object) -> bool:
+    photo = photo_of(item)
+    if photo is None or Path(photo.filepath).suffix.lower() not in HEIF:
+        return False
+    images = (background.image for background in item.data.background_images)
+    return not any(image is not None and image.get(UNDISTORTED) for image in images)

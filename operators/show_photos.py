@@ -1,0 +1,61 @@
+"""Show photos that Blender cannot decode."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import bpy
+
+from ..nmf_addon import preferences
+from ..nmf_addon.jobs.create import create_job
+from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
+from ..nmf_addon.runtime import RuntimeMissing
+from ..nmf_addon.scene.capture_collection import active_capture
+from ..nmf_addon.scene.hidden_photos import hidden_cameras, show_pictures
+from ..solver.capture.errors import CaptureError
+from ..solver.job.folder import JobError
+
+
+class NMF_OT_show_photos(bpy.types.Operator):
+    """Put copies of HEIC and AVIF photos, which Blender cannot show, behind their cameras"""
+
+    bl_idname = "nmf.show_photos"
+    bl_label = "Show Photos"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """With a capture that has such photos, while no other task runs."""
+        if side_task.running:
+            cls.poll_message_set(f"{side_task.title} is running")
+            return False
+        cls.poll_message_set("The capture has no photos that Blender cannot show")
+        collection = active_capture(context)
+        return collection is not None and bool(hidden_cameras(collection))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Let the solver make the copies."""
+        collection = active_capture(context)
+        folder = Path(tempfile.mkdtemp(prefix="nmf-pictures-", dir=bpy.app.tempdir))
+        name = collection.name
+
+        def done(task: SideTask) -> None:
+            whole = bpy.context.scene.collection
+            found = whole if name == whole.name else bpy.data.collections.get(name)
+            result = next(event.data for event in task.events if event.kind == "result")
+            count = 0 if found is None else show_pictures(found, result["pictures"])
+            task.model.text = f"{count} photos are shown"
+            bpy.ops.ed.undo_push(message=NMF_OT_show_photos.bl_label)
+
+        try:
+            python = preferences.solver_python()
+            job = create_job(collection, folder / "job")
+            words = ["pictures", str(job.root), "--out", str(folder / "pictures"), "--events"]
+            side_task.start(self.bl_label, python, words, folder, done)
+        except (CaptureError, JobError, TaskError, RuntimeMissing, OSError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+classes = (NMF_OT_show_photos,)

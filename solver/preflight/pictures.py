@@ -1,0 +1,69 @@
+"""Copies of photos that Blender can show, where it cannot show the photos."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from ..capture.camera import Camera
+from ..capture.capture import Capture
+from ..capture.errors import CaptureError
+from ..capture.image_header import HEIF
+from ..capture.reduced import load_reduced
+from ..threads import usable_cores
+
+LONGEST = 800
+"""pixels of a copy's longer side, at most"""
+MOST_AT_ONCE = 4
+
+
+def write_pictures(
+    capture: Capture, folder: Path, tell: Callable[[int, int], None]
+) -> dict[str, str]:
+    """Write a small copy of each HEIC and AVIF photo of a capture, as its camera saw it.
+
+    Args:
+        folder: new or empty.
+        tell: called after each with how many are done, of how many; what it raises ends it.
+
+    Returns:
+        the copies' paths by those of their photos: PNG if there is alpha, else JPEG; sRGB.
+
+    Raises:
+        CaptureError: a photo cannot be decoded, or something lies in the folder.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    if any(folder.iterdir()):
+        raise CaptureError(folder, "out", "it is not empty", "give a new folder")
+    hidden = [camera for camera in capture.cameras if is_hidden(camera)]
+    pictures = {}
+    with ThreadPoolExecutor(max_workers=min(MOST_AT_ONCE, usable_cores())) as pool:
+        written = pool.map(lambda camera: _write(camera, folder), hidden)
+        try:
+            for number, (camera, picture) in enumerate(zip(hidden, written, strict=True), start=1):
+                pictures[str(camera.image_path)] = str(picture)
+                tell(number, len(hidden))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return pictures
+
+
+def is_hidden(camera: Camera) -> bool:
+    """True if Blender cannot show the camera's photo."""
+    return camera.image_path is not None and camera.image_path.suffix.lower() in HEIF
+
+
+def _write(camera: Camera, folder: Path) -> Path:
+    colour, alpha = load_reduced(camera.image_path, LONGEST, (camera.width, camera.height))
+    if alpha is None:
+        path = folder / f"{camera.name}.jpg"
+        Image.fromarray(np.ascontiguousarray(colour)).save(path, quality=92)
+    else:
+        path = folder / f"{camera.name}.png"
+        Image.fromarray(np.dstack([colour, alpha])).save(path)
+    return path

@@ -1,0 +1,85 @@
+"""HEIC photos, which Blender cannot decode: imported, shown by copies, handed to the solver as they are."""
+
+import json
+import shutil
+from pathlib import Path
+
+import bpy
+import fake_capture
+import pytest
+from test_panel import draw  # noqa: F401
+from test_tasks import task  # noqa: F401
+
+HEIC = Path(__file__).resolve().parents[1] / "capture" / "data" / "heif" / "plain.heic"
+SIZE = 80, 48
+
+
+@pytest.fixture
+def capture(extension, tmp_path, request):
+    """An imported capture of three HEIC photos."""
+    names = [f"photos/IMG_{n}.HEIC" for n in range(3)]
+    (tmp_path / "photos").mkdir()
+    for name in names:
+        shutil.copy(HEIC, tmp_path / name)
+    file = fake_capture.write_cameras(tmp_path / "transforms_train.json", names)
+    content = json.loads(file.read_text())
+    content.update(getattr(request, "param", {}))
+    file.write_text(json.dumps(content))
+    return extension("scene.capture_collection").import_capture(bpy.context, file)
+
+
+def cameras_of(collection):
+    return [item for item in collection.objects if item.type == "CAMERA"]
+
+
+def shown(item):
+    return [b.image for b in item.data.background_images if b.show_background_image]
+
+
+def test_cameras_of_photos_that_blender_cannot_show_are_imported_and_keep_them(extension, capture):
+    cameras, collection = extension("scene.cameras"), extension("scene.capture_collection")
+    assert len(cameras_of(capture)) == 3
+    for item in cameras_of(capture):
+        assert cameras.size_of(item) == SIZE
+        assert cameras.photo_path(cameras.photo_of(item)).suffix == ".HEIC"
+    assert len(collection.photo_paths(capture)) == 3
+
+
+@pytest.mark.parametrize("capture", [{}, {"k1": 0.1, "k2": 0.01}], indirect=True, ids=str)
+def test_copies_stand_behind_the_cameras_and_the_photos_stay_the_solvers(
+    extension, task, capture, fake_solver, tmp_path  # noqa: F811
+):  # fmt: skip
+    hidden = extension("scene.hidden_photos")
+    assert len(hidden.hidden_cameras(capture)) == 3
+    assert bpy.ops.nmf.show_photos() == {"FINISHED"}
+    task.finish()
+    assert task.model.state == "done" and task.model.text == "3 photos are shown"
+    assert not hidden.hidden_cameras(capture)
+    scene, cameras = extension("scene.capture_collection"), extension("scene.cameras")
+    for item in cameras_of(capture):
+        (picture,) = shown(item)
+        assert tuple(picture.size) == SIZE and picture.packed_file is not None
+        assert abs(picture.pixels[4 * (24 * 80 + 40)] - 0.5) < 0.01
+        assert cameras.photo_path(cameras.photo_of(item)).suffix == ".HEIC"
+    written = json.loads(scene.write_capture(capture, tmp_path / "job").read_text())
+    assert {Path(frame["file_path"]).suffix for frame in written["frames"]} == {".HEIC"}
+    with pytest.raises(RuntimeError, match="poll"):
+        bpy.ops.nmf.show_photos()
+
+
+def test_the_panel_offers_to_show_what_blender_cannot_until_it_is_shown(
+    draw, task, capture, fake_solver  # noqa: F811
+):  # fmt: skip
+    bpy.context.scene.nmf.capture = capture
+    assert ("operator", "nmf.show_photos") in draw("capture")[0]
+    bpy.ops.nmf.show_photos()
+    task.finish()
+    assert ("operator", "nmf.show_photos") not in draw("capture")[0]
+
+
+def test_photos_that_blender_shows_need_no_copies(extension, tmp_path):
+    file = fake_capture.write_capture(tmp_path)
+    capture = extension("scene.capture_collection").import_capture(bpy.context, file)
+    assert not extension("scene.hidden_photos").hidden_cameras(capture)
+    with pytest.raises(RuntimeError, match="poll"):
+        bpy.ops.nmf.show_photos()
