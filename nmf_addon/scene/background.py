@@ -42,8 +42,8 @@ def undistorted_copy(camera: Camera, photo: bpy.types.Image) -> bpy.types.Image:
     size = tuple(max(1, round(side / max(shrink, 1.0))) for side in (camera.width, camera.height))
     small = bpy.data.images.new(name, *size, alpha=True, float_buffer=photo.is_float)
     small[UNDISTORTED] = True
-    small.colorspace_settings.name = photo.colorspace_settings.name
     if width and height:
+        small.colorspace_settings.name = photo.colorspace_settings.name
         was_loaded = photo.has_data
         source = np.empty(width * height * photo.channels, dtype=np.float32)
         photo.pixels.foreach_get(source)

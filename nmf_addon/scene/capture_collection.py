@@ -18,6 +18,7 @@ from ...solver.capture.camera import Camera
 from ...solver.capture.capture import Capture, region_seen_by
 from ...solver.capture.errors import CaptureError
 from ...solver.capture.formats.transforms import write_transforms
+from ...solver.capture.image_header import blender_shows
 from ...solver.capture.placement import placed, suggest_placement
 from ...solver.capture.read import read_capture
 from .background import is_distorted, turn_of, undistorted_copy
@@ -81,8 +82,8 @@ def _add_capture(
         progress.progress_update(number)
         image = images[camera.image_path]
         differs = is_distorted(camera) or turn_of(camera) != 1
-        # One that Blender cannot decode has no size.
-        shown = undistorted_copy(camera, image) if differs and 0 not in image.size else None
+        differs = differs and blender_shows(camera.image_path)
+        shown = undistorted_copy(camera, image) if differs else None
         item = add_camera(camera, image, shown)
         item.parent = root
         collection.objects.link(item)

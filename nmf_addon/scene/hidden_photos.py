@@ -6,7 +6,7 @@ from pathlib import Path
 
 import bpy
 
-from ...solver.capture.image_header import HEIF
+from ...solver.capture.image_header import blender_shows
 from .background import undistorted_copy
 from .cameras import UNDISTORTED, photo_of, photo_path, show_behind, to_solver
 from .capture_collection import to_capture_space
@@ -46,7 +46,7 @@ def show_pictures(collection: bpy.types.Collection, pictures: dict[str, str]) ->
 
 def _is_hidden(item: bpy.types.Object) -> bool:
     photo = photo_of(item)
-    if photo is None or Path(photo.filepath).suffix.lower() not in HEIF:
+    if photo is None or blender_shows(Path(photo.filepath)):
         return False
     images = (background.image for background in item.data.background_images)
     return not any(image is not None and image.get(UNDISTORTED) for image in images)

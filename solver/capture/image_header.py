@@ -95,6 +95,11 @@ def may_have_alpha(path: Path) -> bool:
     return head[:2] not in (b"\xff\xd8", b"#?")
 
 
+def blender_shows(path: Path) -> bool:
+    """False for a photo that Blender cannot decode, by its name alone."""
+    return path.suffix.lower() not in HEIF
+
+
 def is_heif(path: Path) -> bool:
     """True for a HEIC or AVIF file, by its content.
 

@@ -12,7 +12,7 @@ from PIL import Image
 from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
-from ..capture.image_header import HEIF
+from ..capture.image_header import blender_shows
 from ..capture.reduced import load_reduced
 from ..threads import usable_cores
 
@@ -39,7 +39,8 @@ def write_pictures(
     folder.mkdir(parents=True, exist_ok=True)
     if any(folder.iterdir()):
         raise CaptureError(folder, "out", "it is not empty", "give a new folder")
-    hidden = [camera for camera in capture.cameras if is_hidden(camera)]
+    photos = ((camera, camera.image_path) for camera in capture.cameras)
+    hidden = [camera for camera, path in photos if path is not None and not blender_shows(path)]
     pictures = {}
     with ThreadPoolExecutor(max_workers=min(MOST_AT_ONCE, usable_cores())) as pool:
         written = pool.map(lambda camera: _write(camera, folder), hidden)
@@ -51,11 +52,6 @@ def write_pictures(
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     return pictures
-
-
-def is_hidden(camera: Camera) -> bool:
-    """True if Blender cannot show the camera's photo."""
-    return camera.image_path is not None and camera.image_path.suffix.lower() in HEIF
 
 
 def _write(camera: Camera, folder: Path) -> Path:

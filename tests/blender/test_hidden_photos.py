@@ -83,3 +83,15 @@ def test_photos_that_blender_shows_need_no_copies(extension, tmp_path):
     assert not extension("scene.hidden_photos").hidden_cameras(capture)
     with pytest.raises(RuntimeError, match="poll"):
         bpy.ops.nmf.show_photos()
+
+
+def test_a_damaged_photo_through_a_distorted_lens_is_imported_with_nothing_to_see(
+    extension, tmp_path
+):
+    file = fake_capture.write_capture(tmp_path)
+    photo = tmp_path / "photos" / "r_0.png"
+    photo.write_bytes(photo.read_bytes()[:60])
+    content = json.loads(file.read_text())
+    file.write_text(json.dumps({**content, "k1": 0.1}))
+    capture = extension("scene.capture_collection").import_capture(bpy.context, file)
+    assert len(cameras_of(capture)) == 3

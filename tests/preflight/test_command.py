@@ -62,7 +62,7 @@ def test_photos_that_blender_cannot_show_are_copied_as_their_cameras_saw_them(pi
     result = solver(tmp_path, "--out", tmp_path / "out", "--events", command="pictures")
     assert result.returncode == 0, result.stderr
     events = [json.loads(line) for line in result.stdout.splitlines()]
-    made = next(event for event in events if event["event"] == "result")["pictures"]
+    made = next(event for event in events if event["ev"] == "result")["pictures"]
     assert made == {
         str(tmp_path / "plain.heic"): str(tmp_path / "out" / "plain.jpg"),
         str(tmp_path / "alpha.heic"): str(tmp_path / "out" / "alpha.png"),
