@@ -4,6 +4,7 @@
 """
 
 import shutil
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -202,3 +203,40 @@ def test_a_copy_in_another_folder_is_what_cameras_were_solved_with(tmp_path):
     shutil.copy(HEIC / "plain.heic", tmp_path / "phone" / "IMG_1.HEIC")
     Image.fromarray(ramp()).save(tmp_path / "converted" / "IMG_1.jpg")
     assert PhotoFinder(tmp_path).find("IMG_1") == tmp_path / "converted" / "IMG_1.jpg"
+
+
+def box(kind, *contents):
+    data = b"".join(contents)
+    return struct.pack(">I4s", 8 + len(data), kind) + data
+
+
+def phone_header(turns):
+    """The header of a phone's photo: tiles of 512 × 512 (item 1), put together as item 49, and turned."""
+    size = [box(b"ispe", struct.pack(">III", 0, *sides)) for sides in ((512, 512), (4032, 3024))]
+    properties = box(
+        b"ipco", *size, box(b"irot", bytes([turns])), box(b"auxC", b"\0" * 4 + b"depth\0")
+    )
+    items = struct.pack(">HBB", 1, 1, 1) + struct.pack(">HBBB", 49, 2, 0x80 | 2, 0x80 | 3)
+    associations = box(b"ipma", struct.pack(">II", 0, 2), items)
+    primary = box(b"pitm", struct.pack(">IH", 0, 49))
+    meta = box(b"meta", b"\0" * 4, primary, box(b"iprp", properties, associations))
+    return box(b"ftyp", b"heic\0\0\0\0mif1heic") + meta + box(b"mdat", b"tiles")
+
+
+@pytest.mark.parametrize("turns, size", [(0, (4032, 3024)), (1, (3024, 4032)), (3, (3024, 4032))])
+def test_the_size_of_a_photo_of_tiles_is_that_of_the_whole_as_it_is_shown(turns, size, tmp_path):
+    path = tmp_path / "IMG_0001.HEIC"
+    path.write_bytes(phone_header(turns))
+    assert image_size(path) == size and not may_have_alpha(path)
+
+
+def test_a_heic_header_that_claims_a_huge_picture_costs_nothing(tmp_path):
+    path = tmp_path / "a.heic"
+    head = phone_header(0).replace(struct.pack(">II", 4032, 3024), struct.pack(">II", 1 << 31, 9))
+    path.write_bytes(head)
+    with pytest.raises(CaptureError, match="which no photo has"):
+        load_photo(camera_for(path, 8, 8))
+    # A list of a length that the file does not have.
+    path.write_bytes(head.replace(b"ipma\0\0\0\0\0\0\0\2", b"ipma\0\0\0\0\xff\xff\xff\xff"))
+    with pytest.raises(CaptureError, match="which no photo has"):
+        load_photo(camera_for(path, 8, 8))
