@@ -139,8 +139,8 @@ def _of_decoded(decoded: Decoded, longest: int) -> tuple[np.ndarray, np.ndarray 
     alpha = None if decoded.alpha is None else pixels[..., decoded.alpha]
     if decoded.is_float:
         colour = linear_to_srgb(np.maximum(colour, 0))
-    small = _smaller(_in_eight_bits(colour, decoded.largest), longest)
-    return small, None if alpha is None else _smaller(
+    small = smaller(_in_eight_bits(colour, decoded.largest), longest)
+    return small, None if alpha is None else smaller(
         _in_eight_bits(alpha, decoded.largest), longest
     )
 
@@ -151,7 +151,8 @@ def _in_eight_bits(values: np.ndarray, largest: float) -> np.ndarray:
     return np.round(np.clip(values / largest, 0, 1) * 255).astype(np.uint8)
 
 
-def _smaller(values: np.ndarray, longest: int) -> np.ndarray:
+def smaller(values: np.ndarray, longest: int) -> np.ndarray:
+    """A picture [H, W] or [H, W, 3] uint8 of sides no longer than `longest` pixels."""
     picture = Image.fromarray(values)
     picture.thumbnail((longest, longest), Image.Resampling.BOX, reducing_gap=2.0)
     return np.asarray(picture)

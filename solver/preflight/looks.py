@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import scipy.ndimage
@@ -17,13 +19,15 @@ from ..capture.capture import Capture
 from ..capture.image_header import image_orientation
 from ..capture.photos import Photo, at_sizes_of, srgb_to_linear
 from ..capture.plain_surroundings import EVEN_BORDER, surroundings_of
-from ..capture.reduced import load_reduced, load_reduced_mask
+from ..capture.reduced import load_reduced, load_reduced_mask, smaller
 from ..fit.before_far import COMPARED, at_size, cut_out_before_far
 from ..fit.common_masks import fit_together, mended
 from ..threads import usable_cores
 
 LONGEST = 960
 """pixels of the longer side that is looked at: a quarter of a phone photo's, which JPEG decodes fast"""
+MOST_KEPT = 1 << 28
+"""bytes of photos without masks that are kept for what is asked next: a phone's HEIC takes a second each time"""
 _THUMBNAIL = 32
 _FEWEST_PIXELS = 200
 _TO_LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
@@ -73,37 +77,62 @@ def look_at_photos(
     Raises:
         CaptureError: one cannot be decoded.
     """
-    looks = _look_at_all(capture.cameras, capture.region, True, progress)
+    photos = _Photos()
+    looks = _look_at_all(photos, capture.cameras, capture.region, True, progress)
     if (cut_out := _with_common_backdrop(capture, looks)) is not None:
         return cut_out
     wrong = [look.camera for look in looks if look.backdrop is not None]
-    again = iter(_look_at_all(wrong, capture.region, False, None))
+    again = iter(_look_at_all(photos, wrong, capture.region, False, None))
     looks = [look if look.backdrop is None else next(again) for look in looks]
-    return _before_far_surroundings(capture, looks) or looks
+    return _before_far_surroundings(photos, capture, looks) or looks
 
 
-def _before_far_surroundings(capture: Capture, looks: list[Look]) -> list[Look] | None:
+class _Photos:
+    """Photos at the size that is looked at, as `load_reduced` has them.
+
+    Those without masks, which are asked for again, are decoded once as long as `MOST_KEPT` lasts.
+    """
+
+    def __init__(self):
+        self._kept: dict[tuple[Path | None, int, int], np.ndarray] = {}
+        self._left = MOST_KEPT
+
+    def __call__(self, camera: Camera) -> tuple[np.ndarray, np.ndarray | None]:
+        """Colour [H, W, 3] uint8 sRGB and alpha [H, W] uint8 or None."""
+        seen = camera.width, camera.height
+        if (kept := self._kept.get((camera.image_path, *seen))) is not None:
+            return kept, None
+        colour, alpha = load_reduced(camera.image_path, LONGEST, seen)
+        if alpha is None and camera.mask_path is None and colour.nbytes <= self._left:
+            self._left -= colour.nbytes
+            self._kept[camera.image_path, *seen] = colour
+        return colour, alpha
+
+
+def _before_far_surroundings(
+    photos: _Photos, capture: Capture, looks: list[Look]
+) -> list[Look] | None:
     """The looks, with masks of what stands out from surroundings that are far away; None: they are not, or
     photos have masks."""
     if any(look.mask is not None for look in looks):
         return None
     cameras = tuple(camera.no_larger(COMPARED) for camera in capture.cameras)
     with ThreadPoolExecutor(max_workers=usable_cores()) as pool:
-        photos = list(pool.map(_small_photo, capture.cameras, cameras))
-    found = cut_out_before_far(at_sizes_of(photos, capture), photos)
+        small = list(pool.map(partial(_small_photo, photos), capture.cameras, cameras))
+    found = cut_out_before_far(at_sizes_of(small, capture), small)
     if found is None:
         return None
     masks = [photo.pixels[..., 3] > 0.5 for photo in found.photos]
     with ThreadPoolExecutor(max_workers=min(usable_cores(), 8)) as pool:
         again = pool.map(
-            lambda camera, mask: look_at(camera, capture.region, shown=mask), capture.cameras, masks
-        )
+            lambda camera, mask: look_at(photos, camera, capture.region, shown=mask),
+            capture.cameras, masks,
+        )  # fmt: skip
         return [replace(look, backdrop="far") for look in again]
 
 
-def _small_photo(camera: Camera, small: Camera) -> Photo:
-    seen = camera.width, camera.height
-    colour, _ = load_reduced(camera.image_path, max(small.width, small.height), seen)
+def _small_photo(photos: _Photos, camera: Camera, small: Camera) -> Photo:
+    colour = smaller(np.ascontiguousarray(photos(camera)[0]), max(small.width, small.height))
     opaque = np.ones((*colour.shape[:2], 1), np.float32)
     return Photo(np.concatenate([_TO_LINEAR[colour], opaque], axis=-1), False, False)
 
@@ -131,12 +160,12 @@ def _with_common_backdrop(capture: Capture, looks: list[Look]) -> list[Look] | N
 
 
 def _look_at_all(
-    cameras: Sequence[Camera], region: np.ndarray, cut_out: bool,
+    photos: _Photos, cameras: Sequence[Camera], region: np.ndarray, cut_out: bool,
     progress: Callable[[int, int], None] | None,
 ) -> list[Look]:  # fmt: skip
     looks = []
     with ThreadPoolExecutor(max_workers=min(usable_cores(), 8)) as pool:
-        for look in pool.map(lambda camera: look_at(camera, region, cut_out), cameras):
+        for look in pool.map(lambda camera: look_at(photos, camera, region, cut_out), cameras):
             looks.append(look)
             if progress is not None:
                 progress(len(looks), len(cameras))
@@ -144,8 +173,9 @@ def _look_at_all(
 
 
 def look_at(
-    camera: Camera, region: np.ndarray, cut_out: bool = False, shown: np.ndarray | None = None
-) -> Look:
+    photos: _Photos, camera: Camera, region: np.ndarray, cut_out: bool = False,
+    shown: np.ndarray | None = None,
+) -> Look:  # fmt: skip
     """Look at one photo.
 
     Args:
@@ -154,7 +184,7 @@ def look_at(
         shown: [H, W] bool, of any size, what is to be taken as mask.
     """
     path = camera.image_path
-    colour, alpha = load_reduced(path, LONGEST, (camera.width, camera.height))
+    colour, alpha = photos(camera)
     height, width = colour.shape[:2]
     if alpha is not None and alpha.min() == 255:
         alpha = None

@@ -10,6 +10,8 @@ from PIL import Image
 
 from solver.capture.formats.transforms import write_transforms
 from solver.capture.read import read_capture
+from solver.capture.reduced import load_reduced
+from solver.preflight import looks
 from solver.preflight import photos as checks
 from solver.preflight.check import check
 from solver.preflight.looks import look_at_photos
@@ -24,6 +26,25 @@ def test_good_captures_have_no_warnings_with_and_without_masks(pictures, tmp_pat
         assert warnings(report.findings) == []
     report = check(read_capture(ROOT / "samples" / "duck"))
     assert warnings(report.findings) == []
+
+
+@pytest.mark.parametrize("kept", [1 << 28, 0])
+def test_photos_are_decoded_once_as_far_as_memory_for_them_goes(
+    kept, pictures, tmp_path, monkeypatch
+):
+    decoded = []
+
+    def load(path, *arguments):
+        decoded.append(path)
+        return load_reduced(path, *arguments)
+
+    monkeypatch.setattr(looks, "load_reduced", load)
+    monkeypatch.setattr(looks, "MOST_KEPT", kept)
+    capture = write(tmp_path, pictures, masked=False)
+    found = look_at_photos(capture)
+    assert [look.name for look in found] == [camera.name for camera in capture.cameras]
+    assert set(decoded) == {camera.image_path for camera in capture.cameras}
+    assert (len(decoded) == len(capture.cameras)) == bool(kept)
 
 
 @pytest.mark.parametrize("masked", [True, False])
