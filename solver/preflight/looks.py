@@ -27,7 +27,7 @@ from ..threads import usable_cores
 LONGEST = 960
 """pixels of the longer side that is looked at: a quarter of a phone photo's, which JPEG decodes fast"""
 MOST_KEPT = 1 << 28
-"""bytes of photos without masks, which are asked for again, that are kept: a HEIC takes a second each time"""
+"""bytes of photos without masks that are kept to be asked for again: HEIC takes a second each time"""
 _THUMBNAIL = 32
 _FEWEST_PIXELS = 200
 _TO_LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -26,6 +27,14 @@ pytestmark = [
 ]
 
 
+def _phone_capture(folder):
+    names = [f"IMG_{number}.HEIC" for number in range(3)]
+    folder.mkdir()
+    for name in names:
+        shutil.copy(ROOT / "tests" / "capture" / "data" / "heif" / "plain.heic", folder / name)
+    return fake_capture.write_cameras(folder / "transforms_train.json", names)
+
+
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
     """What `window_steps.py` saw. Screenshots stay in NMF_GUI_OUT if that is set."""
@@ -37,6 +46,7 @@ def report(tmp_path_factory):
     environment = {
         **os.environ, "RB_BIND": f"{ROOT}:{out}", "NMF_GUI_OUT": str(out),
         "NMF_GUI_CAPTURE": str(fake_capture.write_capture(folder / "photos of it", 8, 64)),
+        "NMF_GUI_PHONE_CAPTURE": str(_phone_capture(folder / "phone")),
         "NMF_SOLVER_PYTHON": "/usr/bin/python3",
         "NMF_SOLVER_BOOTSTRAP": str(ROOT / "tests" / "blender" / "fake_solver.py"),
     }  # fmt: skip
@@ -53,6 +63,15 @@ def report(tmp_path_factory):
     run("extension", "--", "install-file", "--repo", "user_default", "--enable", archive)
     run("gui", str(HERE / "window_steps.py"), str(out / "8_preferences.png"), seconds=240)
     return json.loads((out / "report.json").read_text())
+
+
+def test_photos_of_a_phone_are_shown_once_their_cameras_are_dropped_and_undo_takes_both_back(
+    report,
+):
+    before = len(report["cameras_before"])
+    assert len(report["phone_cameras"]) == before + 3 and report["phone_shown"]
+    assert report["phone_after_undo"] == [before + 3, 0]
+    assert report["phone_after_two"] == [before, 0]
 
 
 def test_one_undo_takes_an_import_back(report):

@@ -12,6 +12,7 @@ import bpy
 
 OUT = Path(os.environ["NMF_GUI_OUT"])
 CAPTURE = os.environ["NMF_GUI_CAPTURE"]
+PHONE_CAPTURE = Path(os.environ["NMF_GUI_PHONE_CAPTURE"])
 MODULE = "bl_ext.user_default.neural_microfacet_fields"
 report = {}
 
@@ -34,7 +35,29 @@ def steps(ui):
     def cameras():
         return [item.name for item in bpy.data.objects if item.type == "CAMERA"]
 
+    def backgrounds():
+        shown = (b for camera in bpy.data.cameras for b in camera.background_images)
+        return sum(b.show_background_image and b.image.packed_file is not None for b in shown)
+
     report["cameras_before"] = cameras()
+    with ui.override():
+        # As a drop of the file calls it.
+        bpy.ops.nmf.import_capture(
+            "INVOKE_DEFAULT", True, directory=str(PHONE_CAPTURE.parent),
+            files=[{"name": PHONE_CAPTURE.name}],
+        )  # fmt: skip
+    report["phone_cameras"] = cameras()
+    report["phone_shown"] = yield from ui.wait(lambda: backgrounds() == 3, 20)
+    area.tag_redraw()
+    yield 0.5
+    ui.shot(str(OUT / "1_phone_photos.png"))
+    ui.move(400, 500)
+    for key in ("phone_after_undo", "phone_after_two"):
+        yield 0.2
+        ui.key("ctrl+z")
+        yield 1.0
+        report[key] = [len(cameras()), backgrounds()]
+
     for attempt in ("imported", "imported_again"):
         with ui.override():
             # True: with an undo step, as from the menu.
