@@ -23,6 +23,10 @@ class NMF_OT_show_photos(bpy.types.Operator):
     bl_idname = "nmf.show_photos"
     bl_label = "Show Photos"
 
+    said: bpy.props.StringProperty(
+        description="What the task before it had to say", options={"HIDDEN", "SKIP_SAVE"}
+    )
+
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """With a capture that has such photos, while no other task runs."""
@@ -37,14 +41,14 @@ class NMF_OT_show_photos(bpy.types.Operator):
         """Let the solver make the copies."""
         collection = active_capture(context)
         folder = Path(tempfile.mkdtemp(prefix="nmf-pictures-", dir=bpy.app.tempdir))
-        name = collection.name
+        name, said = collection.name, self.said
 
         def done(task: SideTask) -> None:
             whole = bpy.context.scene.collection
             found = whole if name == whole.name else bpy.data.collections.get(name)
             result = next(event.data for event in task.events if event.kind == "result")
             count = 0 if found is None else show_pictures(found, result["pictures"])
-            task.model.text = f"{count} photos are shown"
+            task.model.text = said or f"{count} photos are shown"
             bpy.ops.ed.undo_push(message=NMF_OT_show_photos.bl_label)
 
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import bpy
@@ -59,9 +60,12 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
             # True: an operator called from Python makes no undo step of its own accord.
             bpy.ops.nmf.import_capture("EXEC_DEFAULT", True, filepath=str(out), photos=str(photos))
             result = next(e.data for e in task.events if e.kind == "result")
-            task.model.text = (
-                f"{result.get('placed')} of {result.get('photos')} photos have a camera"
-            )
+            said = f"{result.get('placed')} of {result.get('photos')} photos have a camera"
+            task.model.text, warnings = said, task.model.warnings
+            if bpy.ops.nmf.show_photos.poll():
+                with suppress(RuntimeError):  # its button stays
+                    bpy.ops.nmf.show_photos(said=said)
+                    task.model.warnings += warnings
 
         try:
             python = preferences.solver_python()

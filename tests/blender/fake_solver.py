@@ -178,7 +178,7 @@ def solve(photos: Path, out: Path) -> int:
     write_json_atomic(out / "solve.json", {"photos": str(photos)})
     events = EventStream(out / "events.jsonl", stream)
     mode, pause = os.environ.get("NMF_FAKE_MODE", "normal"), 0.02
-    names = sorted(path.name for path in photos.glob("*.png"))
+    names = sorted(path.name for path in photos.iterdir() if path.suffix in (".png", ".HEIC"))
     for index, stage in enumerate(("features", "matching", "mapping", "adjustment")):
         events.emit("stage", name=stage, index=index, count=4)
         events.emit("progress", stage=stage, text=stage, fraction=0.5, overall=(index + 0.5) / 4,

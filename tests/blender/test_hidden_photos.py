@@ -77,6 +77,21 @@ def test_the_panel_offers_to_show_what_blender_cannot_until_it_is_shown(
     assert ("operator", "nmf.show_photos") not in draw("capture")[0]
 
 
+def test_solved_photos_of_a_phone_are_shown_and_what_the_solve_said_stays(
+    extension, task, fake_solver, tmp_path  # noqa: F811
+):  # fmt: skip
+    for number in range(4):
+        shutil.copy(HEIC, tmp_path / f"IMG_{number}.HEIC")
+    bpy.ops.nmf.solve_cameras(directory=str(tmp_path))
+    task.finish()
+    assert task.title == "Show Photos" and task.model.state == "done"
+    assert task.model.text == "4 of 5 photos have a camera"
+    assert task.model.warnings == ["the last photo overlaps no other"]
+    found = bpy.context.scene.nmf.capture
+    assert len(cameras_of(found)) == 4
+    assert not extension("scene.hidden_photos").hidden_cameras(found)
+
+
 def test_photos_that_blender_shows_need_no_copies(extension, tmp_path):
     file = fake_capture.write_capture(tmp_path)
     capture = extension("scene.capture_collection").import_capture(bpy.context, file)
