@@ -47,12 +47,13 @@ def decode_heif(path: Path) -> Decoded:
     pixels, mode, profile = _of_avif(path, header.turn) if header.is_avif else _of_heic(path)
     if pixels.shape[1::-1] != (header.width, header.height):
         raise ValueError("its picture has another size than its header says")
-    primaries = PRIMARIES.get(header.primaries)
-    profile = None if profile is None else profile_unless_srgb(profile)
-    matrix = None if primaries is None else rec709_from_chromaticities(primaries)
+    # A profile goes before the numbers.
+    primaries = None if profile else PRIMARIES.get(header.primaries)
     return Decoded(
         pixels, pixels.shape[2] - 1 if mode[-1] in "Aa" else None, associated=mode[-1] == "a",
-        profile=profile, matrix=matrix if profile is None else None, channels=tuple(mode.upper()),
+        profile=profile_unless_srgb(profile) if profile else None,
+        matrix=None if primaries is None else rec709_from_chromaticities(primaries),
+        channels=tuple(mode.upper()),
     )  # fmt: skip
 
 

@@ -26,6 +26,8 @@ from tests.capture.data.heif.make import ramp
 from tests.capture.pictures import camera_for, load
 
 HEIC = Path(__file__).parent / "data" / "heif"
+# https://www.w3.org/TR/css-color-4/#color-conversion-code, lin_P3_to_XYZ and XYZ_to_lin_sRGB
+P3_TO_REC709 = [[1.2249, -0.2247, 0.0], [-0.0420, 1.0419, 0.0], [-0.0196, -0.0786, 1.0979]]
 ONE_CODE = 3.0  # of 8 bits, to YCbCr and back
 
 
@@ -66,9 +68,8 @@ def test_a_turned_heic_is_read_as_it_is_to_be_shown():
 
 def test_display_p3_without_a_profile_becomes_rec_709():
     plain, wide = load(HEIC / "plain.heic").pixels, load(HEIC / "p3.heic").pixels
-    # https://www.w3.org/TR/css-color-4/#color-conversion-code, lin_P3_to_XYZ and XYZ_to_lin_sRGB
-    matrix = [[1.2249, -0.2247, 0.0], [-0.0420, 1.0419, 0.0], [-0.0196, -0.0786, 1.0979]]
-    np.testing.assert_allclose(wide[..., :3], plain[..., :3] @ np.transpose(matrix), atol=2e-3)
+    expected = plain[..., :3] @ np.transpose(P3_TO_REC709)
+    np.testing.assert_allclose(wide[..., :3], expected, atol=2e-3)
 
 
 def test_light_that_is_coded_for_hdr_screens_is_refused_with_the_way_out():
