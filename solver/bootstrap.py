@@ -8,7 +8,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from solver.cli import main  # noqa: E402
+from solver.start import start  # noqa: E402
 
 if __name__ == "__main__":  # a process that the solver starts for itself reads this file once more
-    sys.exit(main())
+    sys.exit(start())

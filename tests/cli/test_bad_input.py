@@ -1,11 +1,14 @@
 """Input that cannot be used: code 2 and one sentence. And what the machine can do."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from PIL import Image
 
 from tests.capture.test_capture import make_capture, set_pose
-from tests.cli.command import DUCK, solver
+from tests.cli.command import DUCK, ROOT, solver
 
 
 def cut_in_half(path):
@@ -82,3 +85,13 @@ def test_numbers_that_are_none_are_told_so(job, tmp_path):
 def test_doctor_reports():
     result = solver("doctor")
     assert result.returncode == 0 and "torch" in result.stdout and "MISSING" not in result.stdout
+
+
+@pytest.mark.parametrize("how", [["-m", "solver"], ["solver/bootstrap.py"]], ids=" ".join)
+def test_a_python_without_the_packages_is_told_which_and_how_to_get_them(how):
+    # -S: without the folder of installed packages.
+    result = subprocess.run(
+        [sys.executable, "-S", *how, "doctor"], cwd=ROOT, text=True, capture_output=True, timeout=60
+    )
+    assert result.returncode == 2 and len(result.stderr.strip().splitlines()) == 1
+    assert "lacks the package '" in result.stderr and "requirements.txt" in result.stderr
