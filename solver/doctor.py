@@ -6,14 +6,12 @@ import importlib.metadata
 import os
 import platform
 import shutil
-from pathlib import Path
 
 from packaging.requirements import Requirement
 
 from . import __version__
 from .preflight.estimate import memory_of_machine
-
-REQUIREMENTS = Path(__file__).with_name("requirements.txt")
+from .start import REQUIREMENTS
 
 
 def packages() -> list[str]:
