@@ -125,7 +125,7 @@ def _before_far_surroundings(
     masks = [photo.pixels[..., 3] > 0.5 for photo in found.photos]
     with ThreadPoolExecutor(max_workers=min(usable_cores(), 8)) as pool:
         again = pool.map(
-            lambda camera, mask: look_at(photos, camera, capture.region, shown=mask),
+            lambda camera, mask: look_at(camera, capture.region, shown=mask, read=photos),
             capture.cameras, masks,
         )  # fmt: skip
         return [replace(look, backdrop="far") for look in again]
@@ -165,7 +165,7 @@ def _look_at_all(
 ) -> list[Look]:  # fmt: skip
     looks = []
     with ThreadPoolExecutor(max_workers=min(usable_cores(), 8)) as pool:
-        for look in pool.map(lambda camera: look_at(photos, camera, region, cut_out), cameras):
+        for look in pool.map(lambda camera: look_at(camera, region, cut_out, read=photos), cameras):
             looks.append(look)
             if progress is not None:
                 progress(len(looks), len(cameras))
@@ -173,8 +173,8 @@ def _look_at_all(
 
 
 def look_at(
-    photos: _Photos, camera: Camera, region: np.ndarray, cut_out: bool = False,
-    shown: np.ndarray | None = None,
+    camera: Camera, region: np.ndarray, cut_out: bool = False, shown: np.ndarray | None = None,
+    read: Callable[[Camera], tuple[np.ndarray, np.ndarray | None]] | None = None,
 ) -> Look:  # fmt: skip
     """Look at one photo.
 
@@ -182,9 +182,10 @@ def look_at(
         region: [2, 3] world box of the object.
         cut_out: without alpha and mask, what stands out from a plain backdrop is taken as such.
         shown: [H, W] bool, of any size, what is to be taken as mask.
+        read: what has a camera's colour and alpha, as `load_reduced`; None: the photo is decoded.
     """
     path = camera.image_path
-    colour, alpha = photos(camera)
+    colour, alpha = (read or _Photos())(camera)
     height, width = colour.shape[:2]
     if alpha is not None and alpha.min() == 255:
         alpha = None
