@@ -12,7 +12,7 @@ from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import create_job
 from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
 from ..nmf_addon.runtime import RuntimeMissing
-from ..nmf_addon.scene.capture_collection import FINDINGS, active_capture
+from ..nmf_addon.scene.capture_collection import FINDINGS, active_capture, capture_named
 from ..nmf_addon.scene.region import is_as_placed, region_box
 from ..solver.capture.errors import CaptureError
 from ..solver.job.folder import JobError
@@ -41,8 +41,7 @@ class NMF_OT_check_capture(bpy.types.Operator):
         def done(task: SideTask) -> None:
             answer = next(e for e in reversed(task.events) if e.kind == "log")
             report = json.loads(answer.data["text"])
-            whole = bpy.context.scene.collection
-            found = whole if name == whole.name else bpy.data.collections.get(name)
+            found = capture_named(bpy.context.scene, name)
             if found is not None and not found.library:
                 found[FINDINGS] = json.dumps(report)
                 box = region_box(found)

@@ -8,9 +8,7 @@ from pathlib import Path
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from ..nmf_addon.jobs.side_task import side_task
 from ..nmf_addon.scene.capture_collection import import_captures, warnings_of
-from ..nmf_addon.scene.hidden_photos import hidden_cameras
 from ..solver.capture.errors import CaptureError
 from ..solver.capture.read import CAMERA_FILES
 
@@ -54,7 +52,7 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
             for text in warnings_of(collection):
                 self.report({"WARNING"}, text)
         # Whoever calls this from a script, or has just solved cameras, decides for themselves.
-        if self.options.is_invoke and hidden_cameras(made[-1]) and not side_task.running:
+        if self.options.is_invoke and bpy.ops.nmf.show_photos.poll():
             with suppress(RuntimeError):  # it reports why it cannot, and its button stays
                 bpy.ops.nmf.show_photos()
         return {"FINISHED"}

@@ -81,8 +81,9 @@ def _add_capture(
     for number, camera in enumerate(capture.cameras):
         progress.progress_update(number)
         image = images[camera.image_path]
-        differs = is_distorted(camera) or turn_of(camera) != 1
-        differs = differs and blender_shows(camera.image_path)
+        differs = blender_shows(camera.image_path) and (
+            is_distorted(camera) or turn_of(camera) != 1
+        )
         shown = undistorted_copy(camera, image) if differs else None
         item = add_camera(camera, image, shown)
         item.parent = root
@@ -152,6 +153,12 @@ def active_capture(context: bpy.types.Context) -> bpy.types.Collection | None:
         if collection in whole.children_recursive and is_capture(collection):
             return collection
     return next(iter(capture_collections(context.scene)), whole if is_capture(whole) else None)
+
+
+def capture_named(scene: bpy.types.Scene, name: str) -> bpy.types.Collection | None:
+    """The collection of that name, which may be the scene's own; None if it is gone."""
+    whole = scene.collection
+    return whole if name == whole.name else bpy.data.collections.get(name)
 
 
 def scene_of(collection: bpy.types.Collection) -> bpy.types.Scene | None:

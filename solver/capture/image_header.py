@@ -101,13 +101,12 @@ def blender_shows(path: Path) -> bool:
 
 
 def is_heif(path: Path) -> bool:
-    """True for a HEIC or AVIF file, by its content.
-
-    Raises:
-        OSError: it cannot be opened.
-    """
-    with path.open("rb") as file:
-        return has_heif_brand(file.read(24))
+    """True for a HEIC or AVIF file, by its content; phones' programs give some of them other names."""
+    try:
+        with path.open("rb") as file:
+            return has_heif_brand(file.read(24))
+    except OSError:
+        return False
 
 
 def _reason(error: Exception) -> str:

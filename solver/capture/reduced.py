@@ -12,12 +12,11 @@ from .colour import linear_to_srgb
 from .decoded import Decoded
 from .decoding import decode
 from .errors import CaptureError
-from .image_header import HEIF, image_orientation, image_size
+from .image_header import image_orientation, image_size, is_heif
 from .masks import coverage, no_mask
 from .orientation import oriented, turn_for
 
 _WITHOUT_EXIF = (".exr", ".hdr", ".tif", ".tiff")
-_DECODED_WHOLE = (*_WITHOUT_EXIF, *HEIF)
 _CAMERA_FIELDS, _FOCAL_LENGTH_35MM = 0x8769, 0xA405
 
 
@@ -80,7 +79,7 @@ def load_reduced(
 
 def _as_it_lies(path: Path, longest: int) -> tuple[np.ndarray, np.ndarray | None]:
     """Colour and alpha of `load_reduced`, not turned."""
-    if path.suffix.lower() in _DECODED_WHOLE:
+    if path.suffix.lower() in _WITHOUT_EXIF or is_heif(path):
         return _of_decoded(decode(path), longest)
     try:
         with Image.open(path) as picture:

@@ -5,7 +5,6 @@ https://developers.google.com/speed/webp/docs/riff_container, RFC 9649
 
 from __future__ import annotations
 
-import os
 import struct
 from collections.abc import Iterator
 from typing import BinaryIO
@@ -72,4 +71,4 @@ def _chunks(file: BinaryIO) -> Iterator[tuple[bytes, int]]:
         kind, length = struct.unpack("<4sI", head)
         at = file.tell()
         yield kind, length
-        file.seek(at + length + length % 2, os.SEEK_SET)
+        file.seek(at + length + length % 2)

@@ -9,14 +9,14 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ..job.control import Cancelled
 from ..job.exit_codes import CANCELLED, DONE
 from ..job.folder import JobFolder
 from ..session import session
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from ..capture.capture import Capture
 
 
@@ -60,7 +60,7 @@ def run_check(options: argparse.Namespace) -> int:
     job = _job_of(options)
     preset = options.preset or ("draft" if job is None else job.request.preset)
     settings_for(preset)
-    capture, region = _capture_and_region(options)
+    capture, region = _capture_and_region(options, job)
     report = check(capture, preset, _progress if sys.stderr.isatty() else None, region)
     if options.json:
         print(json.dumps(report.as_json(), allow_nan=False))
@@ -82,7 +82,7 @@ def run_pictures(options: argparse.Namespace) -> int:
     """
     from .pictures import write_pictures
 
-    capture, _ = _capture_and_region(options)
+    capture, _ = _capture_and_region(options, _job_of(options))
     with tempfile.TemporaryDirectory(prefix="nmf-") as folder:
         paths = (Path(folder) / name for name in ("events.jsonl", "status.json", "cancel"))
         shares = {"pictures": 1.0}
@@ -108,11 +108,12 @@ def _job_of(options: argparse.Namespace) -> JobFolder | None:
     return JobFolder.open(options.capture) if (options.capture / "job.json").is_file() else None
 
 
-def _capture_and_region(options: argparse.Namespace) -> tuple[Capture, np.ndarray | None]:
+def _capture_and_region(
+    options: argparse.Namespace, job: JobFolder | None
+) -> tuple[Capture, np.ndarray | None]:
     from ..capture.read import read_capture
     from ..job.inputs import capture_of, region_of
 
-    job = _job_of(options)
     if job is not None:
         return capture_of(job), region_of(job.request)
     return read_capture(options.capture, photos=options.photos, masks=options.masks), None

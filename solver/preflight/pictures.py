@@ -13,12 +13,12 @@ from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
 from ..capture.image_header import blender_shows
+from ..capture.photos import MOST_AT_ONCE
 from ..capture.reduced import load_reduced
 from ..threads import usable_cores
 
 LONGEST = 800
 """pixels of a copy's longer side, at most"""
-MOST_AT_ONCE = 4
 
 
 def write_pictures(

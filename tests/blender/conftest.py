@@ -11,6 +11,7 @@ import os
 import sys
 import tempfile
 import time
+import types
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,7 @@ bpy = pytest.importorskip("bpy", reason="Blender as a module (bpy) is not instal
 
 import fake_capture  # noqa: E402
 import fake_result  # noqa: E402
+from drawing import Layout  # noqa: E402
 
 
 @pytest.fixture(scope="session")
@@ -122,5 +124,44 @@ def tick(monitor):
                 return
             time.sleep(0.01)
         pytest.fail(f"not within {seconds} s; the job is {monitor.model}")
+
+    return run
+
+
+@pytest.fixture
+def task(extension):
+    """The side task, and being Blender's timer until it ends."""
+    item = extension("jobs.side_task").side_task
+
+    def finish(condition=None, seconds=20.0):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            again = item.tick()
+            if condition() if condition else again is None:
+                return item
+            time.sleep(0.01)
+        pytest.fail(f"not within {seconds} s: {item.model}")
+
+    item.finish = finish
+    yield item
+    if item.process is not None:
+        item.process.popen.kill()
+
+
+@pytest.fixture
+def draw(extension):
+    """Draw a panel; returns what it drew and all its words."""
+
+    def run(name):
+        panel = types.SimpleNamespace(layout=Layout())
+        context = types.SimpleNamespace(
+            scene=bpy.context.scene, region=types.SimpleNamespace(width=280),
+            preferences=bpy.context.preferences, collection=bpy.context.collection,
+            view_layer=bpy.context.view_layer,
+        )  # fmt: skip
+        getattr(extension("panels"), f"NMF_PT_{name}").draw(panel, context)
+        drawn = panel.layout.drawn
+        words = " ".join(item[1] for item in drawn if item[0] in ("label", "progress"))
+        return drawn, words
 
     return run

@@ -7,8 +7,6 @@ from pathlib import Path
 import bpy
 import fake_capture
 import pytest
-from test_panel import draw  # noqa: F401
-from test_tasks import task  # noqa: F401
 
 HEIC = Path(__file__).resolve().parents[1] / "capture" / "data" / "heif" / "plain.heic"
 SIZE = 80, 48
@@ -47,8 +45,8 @@ def test_cameras_of_photos_that_blender_cannot_show_are_imported_and_keep_them(e
 
 @pytest.mark.parametrize("capture", [{}, {"k1": 0.1, "k2": 0.01}], indirect=True, ids=str)
 def test_copies_stand_behind_the_cameras_and_the_photos_stay_the_solvers(
-    extension, task, capture, fake_solver, tmp_path  # noqa: F811
-):  # fmt: skip
+    extension, task, capture, fake_solver, tmp_path
+):
     hidden = extension("scene.hidden_photos")
     assert len(hidden.hidden_cameras(capture)) == 3
     assert bpy.ops.nmf.show_photos() == {"FINISHED"}
@@ -68,8 +66,8 @@ def test_copies_stand_behind_the_cameras_and_the_photos_stay_the_solvers(
 
 
 def test_the_panel_offers_to_show_what_blender_cannot_until_it_is_shown(
-    draw, task, capture, fake_solver  # noqa: F811
-):  # fmt: skip
+    draw, task, capture, fake_solver
+):
     bpy.context.scene.nmf.capture = capture
     assert ("operator", "nmf.show_photos") in draw("capture")[0]
     bpy.ops.nmf.show_photos()
@@ -78,8 +76,8 @@ def test_the_panel_offers_to_show_what_blender_cannot_until_it_is_shown(
 
 
 def test_solved_photos_of_a_phone_are_shown_and_what_the_solve_said_stays(
-    extension, task, fake_solver, tmp_path  # noqa: F811
-):  # fmt: skip
+    extension, task, fake_solver, tmp_path
+):
     for number in range(4):
         shutil.copy(HEIC, tmp_path / f"IMG_{number}.HEIC")
     bpy.ops.nmf.solve_cameras(directory=str(tmp_path))

@@ -3,67 +3,10 @@
 from __future__ import annotations
 
 import json
-import types
 
 import bpy
 import pytest
-
-
-class Layout:
-    """Stands in for UILayout: notes what is drawn."""
-
-    def __init__(self, drawn=None):
-        self.__dict__["drawn"] = [] if drawn is None else drawn
-
-    def __setattr__(self, name, value):
-        self.__dict__[name] = value
-
-    def _child(self, *args, **settings):
-        return Layout(self.drawn)
-
-    row = column = box = split = _child
-
-    def separator(self, **settings):
-        """Nothing to note."""
-
-    def label(self, text="", icon="NONE", icon_value=0):
-        assert icon in bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items
-        self.drawn.append(("label", text))
-
-    def operator(self, idname, text=None, icon="NONE"):
-        assert icon in bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items
-        getattr(bpy.ops.nmf, idname.removeprefix("nmf.")).get_rna_type()
-        self.drawn.append(("operator", idname))
-        return types.SimpleNamespace()
-
-    def prop(self, data, name, **settings):
-        assert name in data.bl_rna.properties
-        self.drawn.append(("prop", name))
-
-    def progress(self, factor, text="", type="BAR"):
-        self.drawn.append(("progress", text, round(factor, 2)))
-
-    def template_icon(self, icon_value, scale):
-        self.drawn.append(("icon", icon_value))
-
-
-@pytest.fixture
-def draw(extension):
-    """Draw a panel; returns what it drew and all its words."""
-
-    def run(name):
-        panel = types.SimpleNamespace(layout=Layout())
-        context = types.SimpleNamespace(
-            scene=bpy.context.scene, region=types.SimpleNamespace(width=280),
-            preferences=bpy.context.preferences, collection=bpy.context.collection,
-            view_layer=bpy.context.view_layer,
-        )  # fmt: skip
-        getattr(extension("panels"), f"NMF_PT_{name}").draw(panel, context)
-        drawn = panel.layout.drawn
-        words = " ".join(item[1] for item in drawn if item[0] in ("label", "progress"))
-        return drawn, words
-
-    return run
+from drawing import Layout
 
 
 def test_without_a_capture_the_first_step_is_to_import_one(draw):

@@ -1,32 +1,11 @@
 """Solve Cameras and Check Capture: background tasks with a stand-in for the solver."""
 
 import json
-import time
 
 import bpy
 import fake_capture
 import numpy as np
 import pytest
-
-
-@pytest.fixture
-def task(extension):
-    """The side task, and being Blender's timer until it ends."""
-    item = extension("jobs.side_task").side_task
-
-    def finish(condition=None, seconds=20.0):
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            again = item.tick()
-            if condition() if condition else again is None:
-                return item
-            time.sleep(0.01)
-        pytest.fail(f"not within {seconds} s: {item.model}")
-
-    item.finish = finish
-    yield item
-    if item.process is not None:
-        item.process.popen.kill()
 
 
 @pytest.fixture

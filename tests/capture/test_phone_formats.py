@@ -66,6 +66,16 @@ def test_a_turned_heic_is_read_as_it_is_to_be_shown():
     assert header.focal == pytest.approx(26 / 36 * 80)
 
 
+def test_photos_are_read_by_what_is_in_them_whatever_they_are_called(tmp_path):
+    shutil.copy(HEIC / "turned.heic", tmp_path / "a.jpg")
+    Image.fromarray(ramp()).save(tmp_path / "b.heic", "PNG")
+    for name, truth in (("a.jpg", oriented(ramp(), 6)), ("b.heic", ramp())):
+        np.testing.assert_allclose(decode(tmp_path / name).pixels, truth, atol=ONE_CODE)
+        np.testing.assert_allclose(load_reduced(tmp_path / name, 80)[0], truth, atol=ONE_CODE)
+        header = read_header(tmp_path / name)
+        assert (header.width, header.height) == truth.shape[1::-1]
+
+
 def test_display_p3_without_a_profile_becomes_rec_709():
     plain, wide = load(HEIC / "plain.heic").pixels, load(HEIC / "p3.heic").pixels
     expected = plain[..., :3] @ np.transpose(P3_TO_REC709)
