@@ -34,9 +34,6 @@ def main(arguments: list[str] | None = None) -> int:
     let_idle_threads_sleep()
     try:
         return options.run(options)
-    except KeyboardInterrupt:
-        print("Cancelled.", file=sys.stderr)
-        return CANCELLED
     except Exception as error:
         code, message = explain(error)
         if code == FAILED and not isinstance(error, KNOWN_FAILURES):

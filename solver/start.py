@@ -5,13 +5,28 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from .job.exit_codes import BAD_INPUT
+from .interrupts import listen, stop_listening, was_interrupted
+from .job.exit_codes import BAD_INPUT, CANCELLED
 
 REQUIREMENTS = Path(__file__).with_name("requirements.txt")
 
 
 def start() -> int:
     """Run the command that was asked for; returns the exit code."""
+    listen()
+    try:
+        return _start()
+    except KeyboardInterrupt:
+        return _cancelled()
+    except Exception:
+        if was_interrupted():
+            return _cancelled()
+        raise
+    finally:
+        stop_listening()
+
+
+def _start() -> int:
     try:
         from .cli import main
 
@@ -26,3 +41,8 @@ def start() -> int:
             file=sys.stderr,
         )  # fmt: skip
         return BAD_INPUT
+
+
+def _cancelled() -> int:
+    print("Cancelled.", file=sys.stderr)
+    return CANCELLED

@@ -95,7 +95,7 @@ class Control:
 
     def _on_interrupt(self, number: int, frame: object) -> None:
         self.cancelled = True
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGINT, self._handlers[number])
 
     def _watch_file(self) -> None:
         while not self._stop.wait(self.INTERVAL):

@@ -103,18 +103,6 @@ def test_cancel_is_heard_while_the_asset_is_made(tmp_path, job):
     assert solver("reconstruct", DUCK, "--out", again, "--resume").returncode == 0
 
 
-@pytest.mark.skipif(os.name == "nt", reason="signals")
-def test_ctrl_c_before_a_job_begins_is_a_cancel():
-    process = subprocess.Popen(
-        [sys.executable, "-m", "solver", "check", str(DUCK)], cwd=ROOT, stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    time.sleep(1.5)
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode in (0, 3) and "Traceback" not in errors
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [

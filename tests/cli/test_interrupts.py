@@ -1,0 +1,77 @@
+"""Ctrl-C is a cancel, whenever it comes and whatever it meets."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from tests.cli.command import DUCK, ROOT
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="a child cannot be sent Ctrl-C alone")
+
+MEETS = {
+    "a module that is loading": "raise ImportError('initialization failed') from None",
+    "an error that is explained": "raise MemoryError from None",
+    "nothing": "raise",
+    "the end of the work": "return 0",
+}
+
+
+@pytest.mark.parametrize("what", MEETS)
+@pytest.mark.parametrize("made_from_text", [False, True])
+def test_ctrl_c_is_a_cancel_whatever_it_meets(what, made_from_text):
+    press = "os.kill(os.getpid(), signal.SIGINT); time.sleep(5)"
+    script = f"""
+import os, signal, sys, time
+import solver.cli, solver.start
+press = lambda: exec({press!r}) if {made_from_text} else [os.kill(os.getpid(), signal.SIGINT), time.sleep(5)]
+def run(options):
+    try:
+        press()
+    except KeyboardInterrupt:
+        {MEETS[what]}
+solver.cli._doctor = run
+sys.argv = ["solver", "doctor"]
+sys.exit(solver.start.start())
+"""
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=60)  # fmt: skip
+    assert done.returncode == 3 and "Traceback" not in done.stderr, done.stderr
+
+
+@pytest.mark.parametrize("module", ["solver.cameras", "numpy", "solver.preflight.check"])
+def test_ctrl_c_while_modules_load_is_a_cancel(module):
+    process = subprocess.Popen(
+        [sys.executable, "-X", "importtime", "-m", "solver", "check", str(DUCK)], cwd=ROOT,
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    for line in process.stderr:
+        if line.rpartition("|")[2].strip() == module:
+            break
+    process.send_signal(signal.SIGINT)
+    errors = process.communicate(timeout=60)[1]
+    assert process.returncode == 3 and "Traceback" not in errors and "Cancelled." in errors, errors
+
+
+def test_ctrl_c_after_the_work_changes_nothing():
+    script = """
+import atexit, os, signal, sys
+import solver.cli, solver.start
+solver.cli._doctor = lambda options: 0
+sys.argv = ["solver", "doctor"]
+code = solver.start.start()
+atexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))
+sys.exit(code)
+"""
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=60)  # fmt: skip
+    assert done.returncode == 0 and not done.stderr, done.stderr
+
+
+def test_ctrl_c_that_a_shell_had_ignored_stays_so():
+    done = subprocess.run(
+        [sys.executable, "-c", "import os, signal; from solver.interrupts import listen; listen(); "
+         "os.kill(os.getpid(), signal.SIGINT)"],
+        cwd=ROOT, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN), timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 0
