@@ -25,6 +25,7 @@ from .settings import Settings
 from .trainer import Trainer
 
 BEFORE = {
+    "field": {"feature_step_smoothing": (0.0, 0.0)},
     "light": {"turntable": "no", "from_room": False},
     "render": {"diffuse_visibility": False},
     "fit": {
