@@ -25,7 +25,6 @@ from .settings import Settings
 from .trainer import Trainer
 
 BEFORE = {
-    "field": {"feature_step_smoothing": (0.0, 0.0)},
     "light": {"turntable": "no", "from_room": False},
     "render": {"diffuse_visibility": False},
     "fit": {

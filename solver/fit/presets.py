@@ -27,7 +27,6 @@ PAPER = Settings(
         size_starts=(0.0, 2000 / 30000, 3000 / 30000, 4000 / 30000, 5500 / 30000, 7000 / 30000),
         hull_start=False, initial_albedo=0.91, initial_roughness=0.6, initial_f0=0.5,
         occupancy_min_alpha=0.001, step_smoothing=(0.0, 0.0),
-        feature_step_smoothing=(0.0, 0.0),
     ),
     light=LightSettings(heights=(512,), turntable="no"),
     render=RenderSettings(

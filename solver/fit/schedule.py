@@ -25,11 +25,15 @@ def smoothing_width(field: FieldSettings, fraction: float) -> float:
 
     Wide first, so that a bumpy hull reflects like the shape it stands for.
     """
-    return between(field.smoothing, fraction)
+    return _between(field.smoothing, fraction)
 
 
-def between(ends: tuple[float, float], fraction: float) -> float:
-    """A width that changes geometrically from its first end to its last."""
+def step_width(field: FieldSettings, fraction: float) -> float:
+    """The smoothing of the density's steps at a fraction of the fit, as a share of the box's edge."""
+    return _between(field.step_smoothing, fraction)
+
+
+def _between(ends: tuple[float, float], fraction: float) -> float:
     first, last = ends
     if min(first, last) <= 0:
         return first + (last - first) * fraction

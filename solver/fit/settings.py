@@ -38,9 +38,6 @@ class FieldSettings:
     step_smoothing: tuple[float, float] = (0.006, 0.006)
     """standard deviation of the smoothing of the density's every step, at the start and at the end, as
     shares of the box's edge (0: none): surfaces are smooth unless the photos insist"""
-    feature_step_smoothing: tuple[float, float] = (0.012, 0.012)
-    """the same of the features' steps: what photos hardly tell of a material is like its surroundings,
-    instead of noise"""
     initial_albedo: float = 0.5
     """albedo of every point at the start"""
     initial_roughness: float = 0.4
@@ -249,12 +246,11 @@ def checked(settings: Settings) -> Settings:
         )
     if starts[0] != 0:
         raise SettingsError("Setting 'field.size_starts': the first has to be 0.")
-    for name in ("step_smoothing", "feature_step_smoothing"):
-        smooth = getattr(settings.field, name)
-        if min(smooth) == 0 and max(smooth) > 0:
-            raise SettingsError(
-                f"Setting 'field.{name}': one end is 0; give two zeros, or two widths above 0."
-            )
+    smooth = settings.field.step_smoothing
+    if min(smooth) == 0 and max(smooth) > 0:
+        raise SettingsError(
+            "Setting 'field.step_smoothing': one end is 0; give two zeros, or two widths above 0."
+        )
     return settings
 
 

@@ -20,7 +20,7 @@ from .exposure import exposures_for
 from .far_light import FarLight
 from .light_start import light_from_room
 from .ray_bank import RayBank
-from .schedule import between, pixel_grid, probe_turn, smoothing_width
+from .schedule import pixel_grid, probe_turn, smoothing_width, step_width
 from .settings import Settings
 from .workers import Workers, worker_count
 
@@ -113,7 +113,7 @@ class Trainer:
             parameter.requires_grad_(not self.keep_decoder)
         groups = [
             {"params": density, "base": fit.learning_rate_grid, "smooth": None},
-            {"params": features, "base": fit.learning_rate_grid, "smooth": None},
+            {"params": features, "base": fit.learning_rate_grid},
             {"params": networks, "base": fit.learning_rate_network},
             {
                 "params": [scene.environment.log_radiance],
@@ -167,7 +167,8 @@ class Trainer:
         factor = self._learning_rate_factor(fraction)
         for group in self.optimiser.param_groups:
             group["lr"] = group["base"] * factor
-        self._smooth_steps(fraction)
+        width = step_width(self.settings.field, fraction) * (self.scene.field.size - 1)
+        self.optimiser.param_groups[0]["smooth"] = step_smoothing(width)
         if self.opened is not None and self.emission(fraction) < 1:
             self.scene.occupancy.allow_only(self.opened, 0)
             self.opened = None
@@ -195,13 +196,6 @@ class Trainer:
             "samples": sum(taken.samples[0] for taken in found),
             "rays": sum(len(chunk.keys) for chunk in chunks) * each,
         }  # fmt: skip
-
-    def _smooth_steps(self, fraction: float) -> None:
-        """Let the steps of density and features be as smooth as settings say."""
-        settings, voxels = self.settings.field, self.scene.field.size - 1
-        widths = settings.step_smoothing, settings.feature_step_smoothing
-        for group, ends in zip(self.optimiser.param_groups[:2], widths, strict=True):
-            group["smooth"] = step_smoothing(between(ends, fraction) * voxels)
 
     def _draw(
         self, sizes: list[int], grid: int

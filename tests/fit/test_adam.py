@@ -5,7 +5,8 @@ import torch
 
 from solver.field.smoothing import step_smoothing
 from solver.fit.adam import Adam
-from solver.fit.schedule import between
+from solver.fit.schedule import step_width
+from solver.fit.settings import FieldSettings
 
 
 def stepped(smooth):
@@ -77,4 +78,5 @@ def test_steps_narrower_than_a_third_of_a_voxel_are_not_smoothed():
 
 @pytest.mark.parametrize("fraction, width", [(0.0, 0.04), (0.5, 0.02), (1.0, 0.01)])
 def test_the_width_of_steps_falls_geometrically(fraction, width):
-    assert between((0.04, 0.01), fraction) == pytest.approx(width)
+    field = FieldSettings(step_smoothing=(0.04, 0.01))
+    assert step_width(field, fraction) == pytest.approx(width)
