@@ -10,6 +10,7 @@ from .drawing import draw_depths, plan_rays
 from .hashing import uniform
 from .integral import prefix_sums, rectangle_mean
 from .march import composite, grid_transmittance, march
+from .probe_light import irradiance_between
 from .skipping import blocking_grid
 from .specular import Blockers, specular
 from .sphere import look_up
@@ -72,5 +73,14 @@ def _run_numba() -> None:
         torch.ones(4), torch.rand(4, 2), rows, True, True, blockers,
     )  # fmt: skip
     radiance.sum().backward()
+    irradiance_between(
+        _leaf(3, 9, 3),
+        normals,
+        points,
+        torch.ones(2, 2, 2).long(),
+        torch.rand(2, 2, 2),
+        1.0,
+        torch.rand(16, 9),
+    ).sum().backward()
     moments = Moments(torch.zeros(4, 3), torch.zeros(4, 3))
     adam_step(torch.zeros(4, 3), torch.ones(4, 3), moments, Rates(0.1, 0.9, 0.99, 1e-15, 1))

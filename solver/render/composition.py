@@ -141,14 +141,14 @@ class Composition(nn.Module):
         """See `Scene.irradiance`."""
         if self.probes.arriving is None:
             return irradiance(light.irradiance[0], normals)
-        harmonics = points.new_zeros(len(points), *light.irradiance.shape[1:])
+        arriving = torch.zeros_like(points)
         for index, (scene, placement) in enumerate(zip(self.parts, self.placements, strict=True)):
             mine = (part == index).nonzero()[:, 0]
             local = self._to_local(placement, points[mine], normals[mine])
             lifted = scene.before_surface(*local, self.probes.nodes[index].spacing)
-            found = self.probes.harmonics(light.irradiance, index, lifted)
-            harmonics = harmonics.index_copy(0, mine, found)
-        return irradiance(harmonics, normals)
+            found = self.probes.irradiance(light.irradiance, index, lifted, normals[mine])
+            arriving = arriving.index_copy(0, mine, found)
+        return arriving
 
     def new_probes(self):
         """See `Scene.new_probes`."""

@@ -14,7 +14,10 @@ from typing import NamedTuple
 import torch
 import torch.nn.functional as F
 
-from ..light.irradiance import Arriving
+from ..kernels.backend import fast, on_numba
+from ..kernels.probe_light import irradiance_between
+from ..light.irradiance import Arriving, irradiance
+from ..light.spherical_harmonics import quadratic_form
 
 NODE_CELLS = (3, 4, 6, 8)
 """cells of the occupancy grid between nodes: the first of these that needs no more than `MOST_PROBES`"""
@@ -57,16 +60,23 @@ class Probes:
         """Take over new probes."""
         self.nodes, self.arriving = nodes, arriving
 
-    def harmonics(self, table: torch.Tensor, part: int, box_points: torch.Tensor) -> torch.Tensor:
-        """Irradiance coefficients [S, 9, 3] at points [S, 3] of a field's box, blended from the nodes
-        around.
+    def irradiance(
+        self, table: torch.Tensor, part: int, box_points: torch.Tensor, normals: torch.Tensor
+    ) -> torch.Tensor:
+        """Irradiance [S, 3] of surfaces with unit normals [S, 3] at points [S, 3] of a field's box,
+        blended from the nodes around.
 
         Args:
             table: [1 + R, 9, 3] `LightTables.irradiance`. part: which of `nodes`.
         """
-        rows, shares = _around(self.nodes[part], box_points)
+        nodes = self.nodes[part]
+        if fast(normals) and on_numba(normals.device):
+            return irradiance_between(
+                table, normals, box_points, nodes.row, nodes.clear, nodes.spacing, quadratic_form()
+            )
+        rows, shares = _around(nodes, box_points)
         blended = F.embedding_bag(rows, table.flatten(1), per_sample_weights=shares, mode="sum")
-        return blended.view(-1, *table.shape[1:])
+        return irradiance(blended.view(-1, *table.shape[1:]), normals)
 
     def nearest_rows(self, part: int, box_points: torch.Tensor) -> torch.Tensor:
         """Rows [K] of the nodes next to points [K, 3] of a field's box."""

@@ -201,7 +201,7 @@ class Scene(nn.Module):
         if self.probes.arriving is None:
             return irradiance(light.irradiance[0], normals)
         lifted = self.before_surface(points, normals, self.probes.nodes[0].spacing)
-        return irradiance(self.probes.harmonics(light.irradiance, 0, lifted), normals)
+        return self.probes.irradiance(light.irradiance, 0, lifted, normals)
 
     def before_surface(
         self, points: torch.Tensor, normals: torch.Tensor, spacing: float

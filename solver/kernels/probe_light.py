@@ -1,0 +1,56 @@
+"""Diffuse light between probes in one kernel, for devices that have a fast path.
+
+`render.probes` chooses between this and its plain torch twin.
+"""
+
+from __future__ import annotations
+
+import torch
+
+from . import probe_light_numba
+from .backend import gradient_buffer
+
+
+class _Between(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, table, normals, points, row, clear, spacing, form):
+        samples = len(points)
+        out, rows = torch.empty(samples, 3), torch.empty(samples, 8, dtype=torch.long)
+        shares, blended = torch.empty(samples, 8), torch.empty(samples, 27)
+        normals = normals.contiguous()
+        probe_light_numba.irradiance_between(
+            points.contiguous().numpy(), row.numpy(), clear.numpy(), 1 / spacing,
+            table.flatten(1).numpy(), normals.numpy(), form.numpy(), out.numpy(), rows.numpy(),
+            shares.numpy(), blended.numpy(),
+        )  # fmt: skip
+        ctx.save_for_backward(table, normals, form, out, rows, shares, blended)
+        return out
+
+    @staticmethod
+    def backward(ctx, cotangent):
+        table, normals, form, out, rows, shares, blended = ctx.saved_tensors
+        buffer, g_table = gradient_buffer(table)
+        g_normals = torch.empty_like(normals)
+        probe_light_numba.irradiance_between_backward(
+            normals.detach().numpy(), form.numpy(), out.numpy(), rows.numpy(), shares.numpy(),
+            blended.numpy(), cotangent.contiguous().numpy(), buffer.detach().flatten(1).numpy(),
+            g_normals.numpy(),
+        )  # fmt: skip
+        return g_table, g_normals, *[None] * 5
+
+
+def irradiance_between(
+    table: torch.Tensor, normals: torch.Tensor, points: torch.Tensor, row: torch.Tensor,
+    clear: torch.Tensor, spacing: float, form: torch.Tensor,
+) -> torch.Tensor:  # fmt: skip
+    """Irradiance [S, 3] of surfaces with unit normals [S, 3], of the coefficients of the nodes around
+    points [S, 3].
+
+    Args:
+        table: [1 + R, 9, 3] contiguous: coefficients. points: [S, 3] in units of which `spacing` is the
+            nodes'. row: [N, N, N] long, of the table. clear: [N, N, N] how much each counts.
+        form: [16, 9] of the harmonics (`light.spherical_harmonics.quadratic_form`).
+
+    Gradients flow to table and normals.
+    """
+    return _Between.apply(table, normals, points.detach(), row, clear, spacing, form)
