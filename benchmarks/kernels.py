@@ -47,8 +47,9 @@ from solver.kernels.specular import Blockers, specular  # noqa: E402
 from solver.kernels.sphere import look_up  # noqa: E402
 from solver.kernels.visibility import look_around  # noqa: E402
 from solver.light.environment import equirect_coordinates, equirect_directions  # noqa: E402
+from solver.render.probes import Nodes, Probes  # noqa: E402
 
-SIZE, DENSITY, FEATURES, LIGHT = 160, 16, 24, 256
+SIZE, DENSITY, FEATURES, LIGHT, PROBES = 160, 16, 24, 256, 4000
 FLOAT, LINE = 4, 64  # bytes
 REPEATS = 7
 MOST_SHOWN = 10  # kernels of a step
@@ -200,6 +201,18 @@ def cases(points: int) -> list[Case]:
         )[0]  # fmt: skip
 
     reflected = glossy()
+    lights = Probes()
+    lights.nodes = [
+        Nodes(
+            torch.randint(0, PROBES, (43,) * 3, generator=generator), 0.1 + rand(43, 43, 43), 1 / 42
+        )
+    ]
+    coefficients, facing = rand(PROBES, 9, 3).requires_grad_(), normals.detach().requires_grad_()
+    lifted = rand(shaded, 3)
+
+    def diffuse():
+        lights.irradiance(coefficients, 0, lifted, facing).sum().backward()
+
     taps = gaussian_taps(1.5)
     parameter, gradient = rand(3, SIZE, SIZE, DENSITY), rand(3, SIZE, SIZE, DENSITY)
     moments = Moments(torch.zeros_like(parameter), torch.zeros_like(parameter))
@@ -232,6 +245,9 @@ def cases(points: int) -> list[Case]:
         Case("specular, adjoint", in_place(lambda: reflected.sum().backward(retain_graph=True)),
              glossy_rays * (3 * 8 * 3 * 8 + 4 * 25), glossy_rays * 700, False,
              glossy_rays * 8),
+        # Eight nodes a sample: their coefficients are read, and read and written by the adjoint.
+        Case("irradiance_between and its adjoint", in_place(diffuse), shaded * 3 * 8 * 27 * FLOAT,
+             shaded * (4 * 8 * 27 + 2 * 2 * 144 + 4 * 27), lines=shaded * 2 * 16),
         Case("march", lambda: march(
             origins, directions, torch.zeros(rays), torch.zeros(rays), 0.01, 1 / 128, free,
             density[0].detach(), density[1].detach(), -4.0, 5.0),
