@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import torch
 
+from ..field.heads import Materials
 from .random_numbers import NEIGHBOUR, RandomNumbers
 from .scene import RenderSettings, Samples, Scene, StepTables
 from .shade import Shading
 
 GLOSS_ROUGHNESS = 0.15
 """roughness r at which a surface's normals are held together e times less than a mirror's"""
+SAME_COLOUR = 0.05
+"""step of albedo and F0 over which a surface is e times less of one material"""
+EVEN_ROUGHNESS = 5.0
+"""how much more a step of roughness counts within one material than between two"""
 CREASE = 0.063
 """angle, rad, by which a lone normal has to be off to count half as much as any edge does (3.6°)"""
 
@@ -28,9 +33,9 @@ def smoothness(
 ) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
     """Bending and unevenness, each [S] ≥ 0, of shaded samples [S].
 
-    Both look at a random point close by; bending at its mirror image beyond the sample as well (see
-    `bending`). It counts by gloss, e^(−r/0.15), r without gradient: the sharper a reflection, the more a
-    bent normal shows, and the less it is held by the photos' shading (docs/decisions/0007).
+    Both look at a random point close by (see `unevenness`); bending at its mirror image beyond the sample
+    as well (see `bending`). It counts by gloss, e^(−r/0.15), r without gradient: the sharper a reflection,
+    the more a bent normal shows, and the less it is held by the photos' shading (docs/decisions/0007).
     """
     spread = settings.neighbour_distance * scene.field.voxel
     offset = (random.uniform(NEIGHBOUR, samples.keys, 3) - 0.5) * (2 * 3**0.5 * spread)
@@ -38,7 +43,7 @@ def smoothness(
     beyond = scene.surface_normals(samples.points - offset, samples.part, tables.normals)
     gloss = torch.exp(-shading.materials.alpha.detach().sqrt() / GLOSS_ROUGHNESS)
     bends = gloss * bending(shading.normals, near.normals, beyond)
-    return bends, _unevenness(shading.materials, near.materials)
+    return bends, unevenness(shading.materials, near.materials)
 
 
 def bending(here: torch.Tensor, near: torch.Tensor, beyond: torch.Tensor) -> torch.Tensor:
@@ -52,9 +57,14 @@ def bending(here: torch.Tensor, near: torch.Tensor, beyond: torch.Tensor) -> tor
     return saturating(square, CREASE)
 
 
-def _unevenness(here, other):
-    return (
-        (other.albedo - here.albedo).abs().mean(-1)
-        + (other.alpha.sqrt() - here.alpha.sqrt()).abs()
-        + (other.f0 - here.f0).abs().mean(-1)
-    )
+def unevenness(here: Materials, near: Materials) -> torch.Tensor:
+    """By how much materials differ [S] from those close by: the steps of albedo, F0 and roughness r.
+
+    Where colours stay, a step of roughness counts `EVEN_ROUGHNESS` times, without gradient to the colours:
+    photos tell little of roughness but in highlights, and what is of one colour is mostly of one gloss
+    (docs/decisions/0017).
+    """
+    colours = (near.albedo - here.albedo).abs().mean(-1) + (near.f0 - here.f0).abs().mean(-1)
+    one_material = torch.exp(-colours.detach() / SAME_COLOUR)
+    counts = 1 + (EVEN_ROUGHNESS - 1) * one_material
+    return colours + counts * (near.alpha.sqrt() - here.alpha.sqrt()).abs()

@@ -6,10 +6,18 @@ import pytest
 import torch
 import torch.nn.functional as F
 
+from solver.field.heads import Materials
 from solver.render.radiance import render_rays
 from solver.render.random_numbers import RandomNumbers
 from solver.render.scene import RenderSettings, StepTables
-from solver.render.smoothness import CREASE, GLOSS_ROUGHNESS, bending, saturating
+from solver.render.smoothness import (
+    CREASE,
+    EVEN_ROUGHNESS,
+    GLOSS_ROUGHNESS,
+    bending,
+    saturating,
+    unevenness,
+)
 from tests.render.scenes import ball, camera_rays, fill_everywhere
 
 SETTINGS = RenderSettings(
@@ -96,3 +104,36 @@ def test_dents_of_a_ball_are_seen_and_its_roundness_is_not():
 def test_rough_surfaces_may_bend_as_the_photos_say():
     sharp, rough = (float(seen_bending(dented(r, 2.0))) for r in (0.2, 0.5))
     assert rough / sharp == pytest.approx(math.exp(-0.3 / GLOSS_ROUGHNESS), rel=1e-3)
+
+
+def material(albedo=0.5, roughness=0.3, f0=0.04, count=1):
+    rows = (
+        torch.full((count, 3), albedo),
+        torch.full((count,), roughness**2),
+        torch.full((count, 3), f0),
+    )
+    return Materials(*(values.requires_grad_() for values in rows))
+
+
+@torch.no_grad()
+def test_a_step_of_roughness_counts_most_within_one_colour():
+    here, step = material(), 0.1
+    assert float(unevenness(here, material())) == 0
+    within = float(unevenness(here, material(roughness=0.3 + step)))
+    assert within == pytest.approx(EVEN_ROUGHNESS * step, rel=1e-4)
+    for other in ({"albedo": 0.9}, {"f0": 0.6}):
+        alone = float(unevenness(here, material(**other)))
+        assert alone == pytest.approx(
+            abs(sum(other.values()) - (0.5 if "albedo" in other else 0.04)), rel=1e-4
+        )
+        across = float(unevenness(here, material(roughness=0.3 + step, **other)))
+        assert step <= across - alone < 1.01 * step
+
+
+def test_colours_are_not_moved_apart_to_let_roughness_step():
+    here, near = material(albedo=0.5), material(albedo=0.51, roughness=0.6)
+    unevenness(here, near).sum().backward()
+    alone = material(albedo=0.5)
+    unevenness(alone, material(albedo=0.51)).sum().backward()
+    torch.testing.assert_close(here.albedo.grad, alone.albedo.grad)
+    assert float(near.alpha.grad) > 0
