@@ -11,6 +11,19 @@ from tests.cli.command import DUCK, ROOT
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="a child cannot be sent Ctrl-C alone")
 
+
+def listens():
+    """In a child: who runs the tests in the background of a shell has Ctrl-C ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def run(script, prepare=listens):
+    return subprocess.run(
+        [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=60,
+        preexec_fn=prepare,
+    )  # fmt: skip
+
+
 MEETS = {
     "a module that is loading": "raise ImportError('initialization failed') from None",
     "an error that is explained": "raise MemoryError from None",
@@ -36,7 +49,7 @@ solver.cli._doctor = run
 sys.argv = ["solver", "doctor"]
 sys.exit(solver.start.start())
 """
-    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=60)  # fmt: skip
+    done = run(script)
     assert done.returncode == 3 and "Traceback" not in done.stderr, done.stderr
 
 
@@ -44,7 +57,7 @@ sys.exit(solver.start.start())
 def test_ctrl_c_while_modules_load_is_a_cancel(module):
     process = subprocess.Popen(
         [sys.executable, "-X", "importtime", "-m", "solver", "check", str(DUCK)], cwd=ROOT,
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, preexec_fn=listens,
     )  # fmt: skip
     for line in process.stderr:
         if line.rpartition("|")[2].strip() == module:
@@ -64,14 +77,15 @@ code = solver.start.start()
 atexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))
 sys.exit(code)
 """
-    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=60)  # fmt: skip
+    done = run(script)
     assert done.returncode == 0 and not done.stderr, done.stderr
 
 
 def test_ctrl_c_that_a_shell_had_ignored_stays_so():
-    done = subprocess.run(
-        [sys.executable, "-c", "import os, signal; from solver.interrupts import listen; listen(); "
-         "os.kill(os.getpid(), signal.SIGINT)"],
-        cwd=ROOT, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN), timeout=60,
-    )  # fmt: skip
-    assert done.returncode == 0
+    script = """
+import os, signal
+from solver.interrupts import listen
+listen()
+os.kill(os.getpid(), signal.SIGINT)
+"""
+    assert run(script, lambda: signal.signal(signal.SIGINT, signal.SIG_IGN)).returncode == 0
