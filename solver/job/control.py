@@ -95,7 +95,8 @@ class Control:
 
     def _on_interrupt(self, number: int, frame: object) -> None:
         self.cancelled = True
-        signal.signal(signal.SIGINT, self._handlers[number])
+        before = self._handlers[number]
+        signal.signal(signal.SIGINT, before if callable(before) else signal.default_int_handler)
 
     def _watch_file(self) -> None:
         while not self._stop.wait(self.INTERVAL):

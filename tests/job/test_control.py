@@ -163,12 +163,18 @@ def test_a_job_without_a_parent_leaves_its_stdin_alone(start):
     os.close(stdin)
 
 
+def own_terminal():
+    """In a child: stdin is its terminal, whose end it is told of also if the tests run under nohup."""
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGHUP")
 def test_a_terminal_that_is_closed_cancels_and_the_bar_that_writes_there_does_not_fail(start):
     terminal, theirs = os.openpty()
     child = start(
         stdin=theirs, stderr=theirs, start_new_session=True, work=WRITE_A_BAR,
-        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+        preexec_fn=own_terminal,
     )  # fmt: skip
     os.close(theirs)
     assert b"bar" in os.read(terminal, 999)
@@ -185,11 +191,13 @@ def test_a_job_that_nohup_started_outlives_its_terminal(start):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="a child cannot be sent Ctrl-C alone")
-def test_ctrl_c_asks_for_a_checkpoint_and_a_second_one_ends_at_once(start):
-    child = start()
+@pytest.mark.parametrize("before", [signal.SIG_DFL, signal.SIG_IGN], ids=["heard", "ignored"])
+def test_ctrl_c_asks_for_a_checkpoint_and_a_second_one_ends_at_once(start, before):
+    prepare = lambda: signal.signal(signal.SIGINT, before)  # noqa: E731
+    child = start(preexec_fn=prepare)
     child.send_signal(signal.SIGINT)
     assert ending(child)[1:] == ("cancelled True parent gone False", 3)
-    deaf = start(work='print("busy", flush=True); time.sleep(20)')
+    deaf = start(work='print("busy", flush=True); time.sleep(20)', preexec_fn=prepare)
     assert deaf.stdout.readline() == "busy\n"
     deaf.send_signal(signal.SIGINT)
     time.sleep(0.2)
