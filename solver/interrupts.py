@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 import threading
+from contextlib import suppress
 from types import FrameType
 
 from .job.exit_codes import CANCELLED
@@ -48,5 +49,6 @@ def _remember(number: int, frame: FrameType | None) -> None:
 def _end() -> None:
     if _interrupted:
         for stream in (sys.stdout, sys.stderr):
-            stream.flush()
+            with suppress(OSError, ValueError):  # who read it may be gone by the same Ctrl-C
+                stream.flush()
         os._exit(CANCELLED)

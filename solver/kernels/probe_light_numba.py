@@ -67,7 +67,7 @@ def irradiance_between_backward(
 ):
     """Adjoint of `irradiance_between` with respect to the table (added) and normals.
 
-    Not shared out: samples of several threads could add to one row, and all of it is 0.1 ms.
+    Not shared out: samples of several threads could add to one row, and 830 samples take 0.25 ms.
     """
     homogeneous, basis = np.empty(4, np.float32), np.empty(9, np.float32)
     to_basis, to_rows = np.empty(9, np.float32), np.empty(27, np.float32)

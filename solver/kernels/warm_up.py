@@ -74,13 +74,8 @@ def _run_numba() -> None:
     )  # fmt: skip
     radiance.sum().backward()
     irradiance_between(
-        _leaf(3, 9, 3),
-        normals,
-        points,
-        torch.ones(2, 2, 2).long(),
-        torch.rand(2, 2, 2),
-        1.0,
+        _leaf(3, 9, 3), normals, points, torch.ones(2, 2, 2).long(), torch.rand(2, 2, 2), 1.0,
         torch.rand(16, 9),
-    ).sum().backward()
+    ).sum().backward()  # fmt: skip
     moments = Moments(torch.zeros(4, 3), torch.zeros(4, 3))
     adam_step(torch.zeros(4, 3), torch.ones(4, 3), moments, Rates(0.1, 0.9, 0.99, 1e-15, 1))

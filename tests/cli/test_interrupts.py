@@ -89,3 +89,21 @@ listen()
 os.kill(os.getpid(), signal.SIGINT)
 """
     assert run(script, lambda: signal.signal(signal.SIGINT, signal.SIG_IGN)).returncode == 0
+
+
+def test_ctrl_c_is_a_cancel_also_if_it_took_the_reader_of_the_output():
+    script = """
+import os, signal, sys, time
+import solver.cli, solver.start
+def run(options):
+    sys.stdout = open(os.dup(1), "w")
+    sys.stdout.write("half a line")
+    os.close(sys.stdout.fileno())
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(5)
+solver.cli._doctor = run
+sys.argv = ["solver", "doctor"]
+sys.exit(solver.start.start())
+"""
+    done = run(script)
+    assert done.returncode == 3 and "Traceback" not in done.stderr, done.stderr
