@@ -50,8 +50,8 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
             row.operator("nmf.import_capture", icon="IMPORT")
             layout.operator("nmf.solve_cameras", icon="CON_CAMERASOLVER")
             _note(layout, context, "Photos with known cameras, from COLMAP, Metashape, RealityScan, "
-                  "Meshroom, transforms.json and others; or drop a camera file here. Photos alone: "
-                  "Solve Cameras.")  # fmt: skip
+                  "Meshroom, transforms.json and others; or drop a camera file here. Photos alone, "
+                  "or a video: Solve Cameras.")  # fmt: skip
             _draw_task(layout, context)
             return
         row = layout.row(align=True)

@@ -1,4 +1,4 @@
-"""Find the cameras of photos that have none."""
+"""Find the cameras of photos, or of a video, that have none."""
 
 from __future__ import annotations
 
@@ -11,12 +11,20 @@ from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import jobs_folder, new_job_root
 from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
 from ..nmf_addon.runtime import RuntimeMissing
-from ..solver.cameras.folder import SolveFolder
+from ..solver.cameras.folder import (
+    FEWEST_PHOTOS,
+    MOST_VIDEO_PHOTOS,
+    VIDEO_PHOTOS,
+    SolveFolder,
+    is_video,
+)
 from ..solver.capture.image_header import EXTENSIONS
+from ..solver.capture.picture_names import VIDEOS
 
 
 class NMF_OT_solve_cameras(bpy.types.Operator):
-    """Find out from where a folder of photos was taken, and import them; minutes for a hundred photos"""
+    """Find out from where the photos of a folder, or a video, were taken, and import them: pick the video,
+    or the folder. Takes minutes for a hundred photos"""
 
     bl_idname = "nmf.solve_cameras"
     bl_label = "Solve Cameras"
@@ -24,8 +32,12 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
     directory: bpy.props.StringProperty(
         name="Photos", description="Folder of the photos", subtype="DIR_PATH", options={"SKIP_SAVE"}
     )
+    filepath: bpy.props.StringProperty(
+        name="Video", description="A video, instead of a folder", subtype="FILE_PATH",
+        options={"SKIP_SAVE"},
+    )  # fmt: skip
     filter_glob: bpy.props.StringProperty(
-        default=";".join(f"*{extension}" for extension in EXTENSIONS), options={"HIDDEN"}
+        default=";".join(f"*{extension}" for extension in EXTENSIONS + VIDEOS), options={"HIDDEN"}
     )
     sequential: bpy.props.BoolProperty(
         name="In Order", description="The photos were taken one after the other, as in a film"
@@ -33,6 +45,10 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
     single_camera: bpy.props.BoolProperty(
         name="One Lens", description="All photos were taken with one lens at one zoom and focus"
     )
+    video_photos: bpy.props.IntProperty(
+        name="Photos of a Video", default=VIDEO_PHOTOS, min=FEWEST_PHOTOS, max=MOST_VIDEO_PHOTOS,
+        description="How many to take from it: each is the sharpest frame of its part",
+    )  # fmt: skip
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -41,20 +57,29 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         return not side_task.running
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the folder."""
+        """Ask for the folder or the video."""
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the solver."""
-        photos = Path(bpy.path.abspath(self.directory))
-        if not self.directory or not photos.is_dir():
-            self.report({"ERROR"}, f"{photos}: there is no such folder; choose the photos' folder.")
+        video = Path(bpy.path.abspath(self.filepath))
+        of_video = is_video(video)
+        # A photo that was picked stands for its folder.
+        source = video if of_video else Path(bpy.path.abspath(self.directory))
+        if not of_video and not (self.directory and source.is_dir()):
+            missing = source if self.directory else video
+            self.report(
+                {"ERROR"}, f"{missing}: there is no such folder; choose the photos' folder."
+            )
             return {"CANCELLED"}
-        out = _unfinished(photos) or new_job_root(f"{photos.name} cameras", jobs_folder())
-        words = ["solve", str(photos), "--out", str(out), "--events"]
+        name = source.stem if of_video else source.name
+        out = _unfinished(source) or new_job_root(f"{name} cameras", jobs_folder())
+        words = ["solve", str(source), "--out", str(out), "--events"]
         words += ["--matcher", "sequential"] if self.sequential else []
         words += ["--single-camera"] if self.single_camera else []
+        words += ["--video-photos", str(self.video_photos)] if of_video else []
+        photos = SolveFolder(out).video_photos_dir if of_video else source
 
         def done(task: SideTask) -> None:
             # True: an operator called from Python makes no undo step of its own accord.
@@ -79,7 +104,8 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
 
 
 def _unfinished(photos: Path) -> Path | None:
-    """The folder of a solve of these photos that was stopped, so that it goes on; None if there is none."""
+    """The folder of a solve of these photos, or of this video, that was stopped, so that it goes on; None
+    if there is none."""
     begun = [SolveFolder(path.parent) for path in sorted(jobs_folder().glob("*/solve.json"))]
     asked = str(photos.absolute())
     return next(

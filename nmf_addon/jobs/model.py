@@ -14,6 +14,7 @@ from ...solver.job.status import process_is_alive, read_status
 STAGE_TEXTS = {
     "photos": "Reading photos", "compile": "Preparing the solver (first run: a minute)",
     "geometry": "Finding the shape", "fit": "Fitting shape, materials and light",
+    "video": "Taking photos from the video",
     "features": "Finding features", "matching": "Comparing photos",
     "mapping": "Placing cameras", "adjustment": "Refining cameras",
     "pictures": "Copying photos that Blender cannot show",

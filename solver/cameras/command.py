@@ -1,30 +1,46 @@
-"""The command `solve`: cameras from a folder of photos."""
+"""The command `solve`: cameras from a folder of photos, or from a video."""
 
 from __future__ import annotations
 
 import argparse
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from ..capture.errors import CaptureError
+from ..job.control import Cancelled
 from ..job.exit_codes import CANCELLED
 from ..job.status import process_is_alive, read_status
-from ..session import session
-from .folder import CAMERA_MODELS, MATCHERS, SolveFolder, SolveRequest, photos_below
+from ..session import Session, session
+from .folder import (
+    CAMERA_MODELS,
+    FEWEST_PHOTOS,
+    MATCHERS,
+    MOST_VIDEO_PHOTOS,
+    VIDEO_PHOTOS,
+    SolveFolder,
+    SolveRequest,
+    is_video,
+    photos_below,
+)
 
 
 def add_solve(commands: argparse._SubParsersAction) -> None:
     """Add the command to the command line."""
-    solve = commands.add_parser("solve", help="cameras from photos")
-    solve.add_argument("photos", type=Path, help="folder of photos")
+    solve = commands.add_parser("solve", help="cameras from photos or a video")
+    solve.add_argument("photos", type=Path, help="folder of photos, or a video")
     solve.add_argument(
         "--out", type=Path, metavar="FOLDER",
-        help="new, or of a solve to continue; default PHOTOS/cameras",
+        help="new, or of a solve to continue; default PHOTOS/cameras, or 'VIDEO cameras' beside it",
+    )  # fmt: skip
+    solve.add_argument(
+        "--video-photos", type=int, default=VIDEO_PHOTOS, metavar="N",
+        help="photos to take from a video, each the sharpest frame of its part (default %(default)s)",
     )  # fmt: skip
     solve.add_argument(
         "--matcher", default="auto", choices=MATCHERS,
-        help="sequential: photos are in the order of a walk or a film",
+        help="sequential: photos are in the order of a walk, as those of a video are",
     )  # fmt: skip
     solve.add_argument("--camera-model", default="OPENCV", choices=CAMERA_MODELS)
     sharing = solve.add_mutually_exclusive_group()
@@ -48,14 +64,20 @@ def run_solve(options: argparse.Namespace) -> int:
     """
     # Without '..', as photos are told.
     photos = Path(os.path.normpath(options.photos.absolute()))
-    folder = SolveFolder(options.out or photos / "cameras")
+    of_video = is_video(photos)
+    beside = photos.with_name(f"{photos.stem} cameras") if of_video else photos / "cameras"
+    folder = SolveFolder(options.out or beside)
     if options.masks is not None and not options.masks.is_dir():
         raise CaptureError(options.masks, "masks", "there is no such folder", "check its path")
-    names = photos_below(photos, folder.root)
-    request = SolveRequest(
-        str(photos), names, tuple((photos / name).stat().st_mtime_ns for name in names),
-        options.matcher, options.camera_model, options.sharing,
-        None if options.masks is None else str(options.masks.absolute()), seed=options.seed,
+    if of_video and not FEWEST_PHOTOS <= options.video_photos <= MOST_VIDEO_PHOTOS:
+        raise CaptureError(
+            photos, "video-photos", f"{options.video_photos} photos cannot be taken from it",
+            f"ask for {FEWEST_PHOTOS} to {MOST_VIDEO_PHOTOS}",
+        )  # fmt: skip
+    request = request_of(
+        photos, folder, options.video_photos, matcher=options.matcher,
+        camera_model=options.camera_model, sharing=options.sharing, seed=options.seed,
+        masks=None if options.masks is None else str(options.masks.absolute()),
     )  # fmt: skip
     if folder.root == photos:
         raise CaptureError(photos, "out", "this is the folder of the photos", "give a new folder")
@@ -67,11 +89,31 @@ def run_solve(options: argparse.Namespace) -> int:
     return _run(folder, request, options.events)
 
 
+def request_of(
+    photos: Path, folder: SolveFolder, video_photos: int = VIDEO_PHOTOS, **others
+) -> SolveRequest:
+    """What is asked of a solve of a folder of photos, or of a video.
+
+    Raises:
+        CaptureError: no photos there, or too few.
+    """
+    of_video = is_video(photos)
+    names = () if of_video else photos_below(photos, folder.root)
+    files = [photos] if of_video else [photos / name for name in names]
+    changed = tuple(path.stat().st_mtime_ns for path in files)
+    return SolveRequest(
+        str(photos), names, changed, video_photos=video_photos if of_video else 0, **others
+    )
+
+
 def _run(folder: SolveFolder, request: SolveRequest, events: bool) -> int:
-    from .solve import SHARES, Solver
+    from .solve import SHARES, SHARES_OF_VIDEO, Solver
 
     paths = folder.events_path, folder.status_path, folder.cancel_path
-    with session(*paths, events, has_parent=events, shares=SHARES) as run:
+    shares = SHARES_OF_VIDEO if request.video_photos else SHARES
+    with session(*paths, events, has_parent=events, shares=shares) as run:
+        if request.video_photos:
+            request = _with_photos(folder, request, run)
         solved = Solver(folder, request, run.progress, run.control).run()
         if solved.warning:
             run.progress.warning(solved.warning)
@@ -84,6 +126,23 @@ def _run(folder: SolveFolder, request: SolveRequest, events: bool) -> int:
     elif not events:
         _tell(folder, Path(request.photos), solved)
     return run.code
+
+
+def _with_photos(folder: SolveFolder, request: SolveRequest, run: Session) -> SolveRequest:
+    """The request of a video as one of the photos that are taken from it."""
+    from .video_photos import take_photos
+
+    def told(done: float, text: str) -> None:
+        if run.control.should_stop:
+            raise Cancelled
+        run.progress.fraction(done, text)
+
+    run.progress.stage("video", "taking photos from the video")
+    names = take_photos(
+        Path(request.photos), folder.video_photos_dir, request.video_photos, told
+    )  # fmt: skip
+    matcher = "sequential" if request.matcher == "auto" else request.matcher
+    return replace(request, photos=str(folder.video_photos_dir), names=names, matcher=matcher)
 
 
 def _tell(folder: SolveFolder, photos: Path, solved) -> None:

@@ -1,7 +1,7 @@
 """The folder of a solve: what was asked, and whether it may be written to or continued.
 
     FOLDER/solve.json  database.db  sparse/0/  points.ply  transforms_train.json
-           events.jsonl  status.json  cancel
+           events.jsonl  status.json  cancel  photos/ (those of a video)
 
 The database numbers the photos (`000001.png` is the first of solve.json's list) and holds them at the size
 at which features were found; sparse/0 and transforms_train.json name and size them as they are.
@@ -13,11 +13,14 @@ import dataclasses
 import json
 import os
 import re
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..capture.errors import CaptureError
+from ..capture.image_header import FORMATS
 from ..capture.photo_finder import PhotoFinder, capture_folder
+from ..capture.picture_names import VIDEOS
 from ..job.folder import write_json_atomic
 
 MATCHERS = ("auto", "exhaustive", "sequential")
@@ -27,6 +30,8 @@ CAMERA_MODELS = (
     "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE",
 )  # fmt: skip
 FEWEST_PHOTOS = 3
+VIDEO_PHOTOS, MOST_VIDEO_PHOTOS = 100, 1000
+"""photos that are taken from a video, if nobody says how many, and at most"""
 
 
 @dataclass(frozen=True)
@@ -34,10 +39,13 @@ class SolveRequest:
     """What was asked of a solve.
 
     Attributes:
-        photos: absolute path of the folder of photos.
-        names: the photos relative to it, in the order in which they were taken, as far as names tell.
-        changed: when each photo was last written, nanoseconds; what was found in another is not its own.
+        photos: absolute path of the folder of photos, or of a video.
+        names: the photos relative to it, in the order in which they were taken, as far as names tell; of
+            a video none, until they are taken from it.
+        changed: when each photo, or the video, was last written, nanoseconds; what was found in another is
+            not its own.
         masks: absolute path of a folder of masks; features are taken from what they show. Or None.
+        video_photos: how many to take from a video; 0 for a folder.
         max_image_size: longest side at which features are found, pixels.
     """
 
@@ -48,6 +56,7 @@ class SolveRequest:
     camera_model: str = "OPENCV"
     sharing: str = "auto"
     masks: str | None = None
+    video_photos: int = 0
     max_image_size: int = 1600
     max_features: int = 4096
     seed: int = 0
@@ -61,6 +70,7 @@ class SolveFolder:
         self.request_path = self.root / "solve.json"
         self.database_path = self.root / "database.db"
         self.sparse_dir = self.root / "sparse"
+        self.video_photos_dir = self.root / "photos"
         self.points_path = self.root / "points.ply"
         self.cameras_path = self.root / "transforms_train.json"
         self.events_path = self.root / "events.jsonl"
@@ -102,6 +112,7 @@ class SolveFolder:
                 )
             for path in self.root.glob(f"{self.database_path.name}*"):
                 path.unlink()
+            shutil.rmtree(self.video_photos_dir, ignore_errors=True)
             write_json_atomic(self.request_path, asked)
             return False
         if self.root.is_dir() and any(self.root.iterdir()):
@@ -116,6 +127,11 @@ class SolveFolder:
         return photos.absolute().is_relative_to(folder)
 
 
+def is_video(path: Path) -> bool:
+    """True for a file that is called like a video."""
+    return path.suffix.lower() in VIDEOS and path.is_file()
+
+
 def photos_below(folder: Path, besides: Path) -> tuple[str, ...]:
     """Names of all photos below a folder, relative to it, numbers in their order (2 before 10).
 
@@ -125,14 +141,21 @@ def photos_below(folder: Path, besides: Path) -> tuple[str, ...]:
     Raises:
         CaptureError: there is no such folder, or it holds too few.
     """
+    if folder.is_file():
+        raise CaptureError(
+            folder, "", "this is no video that is known here",
+            f"give a folder of photos, or a video ({' '.join(VIDEOS)})",
+        )  # fmt: skip
     if not folder.is_dir():
         raise CaptureError(folder, "", "there is no such folder", "give the folder of the photos")
     root, besides = (Path(os.path.normpath(path.absolute())) for path in (folder, besides))
     found = [path for path in PhotoFinder(folder).pictures() if not path.is_relative_to(besides)]
     if len(found) < FEWEST_PHOTOS:
+        video = next((path for path in sorted(folder.iterdir()) if is_video(path)), None)
+        remedy = f"cameras need at least {FEWEST_PHOTOS} photos that overlap, better 50"
         raise CaptureError(
-            folder, "photos", f"there are {len(found)} photos in it (PNG, JPEG, TIFF, OpenEXR or HDR)",
-            f"cameras need at least {FEWEST_PHOTOS} photos that overlap, better 50",
+            folder, "photos", f"there are {len(found)} photos in it ({FORMATS})",
+            remedy if video is None else f"give the video itself, {video.name}",
         )  # fmt: skip
     return tuple(sorted((path.relative_to(root).as_posix() for path in found), key=_natural))
 

@@ -17,14 +17,15 @@ from .folder import SolveFolder
 def write_cameras(folder: SolveFolder, photos: Path, cameras: list[Camera]) -> None:
     """Write the transforms file; it is complete once it is there.
 
-    Photos are named relative to the file where it stands below them, as other programs expect; else
-    relative to their own folder.
+    Photos are named relative to the file where one stands below the other, as other programs expect;
+    else relative to their own folder.
 
     Args:
         cameras: with `image_path` below `photos`.
     """
     root = photos.absolute()
-    start = folder.root if folder.root.is_relative_to(root) else root
+    near = folder.root.is_relative_to(root) or root.is_relative_to(folder.root)
+    start = folder.root if near else root
     named = []
     for camera in cameras:
         relative = PurePosixPath(Path(os.path.relpath(camera.image_path, start)).as_posix())

@@ -30,6 +30,7 @@ from .pairs import pairs_of
 from .prepare import Prepared, look_at, write_prepared
 
 SHARES = {"features": 0.3, "matching": 0.45, "mapping": 0.2, "adjustment": 0.05}
+SHARES_OF_VIDEO = {"video": 0.15} | {stage: 0.85 * share for stage, share in SHARES.items()}
 FEWEST_FEATURES = 16
 _BLOCK_SECONDS = 2.0
 

@@ -11,19 +11,13 @@ import numpy as np
 import pi_heif
 from PIL import Image
 
-from .colour import rec709_from_chromaticities
+from .colour import PRIMARIES, rec709_from_chromaticities
 from .decoded import Decoded
 from .errors import CaptureError
 from .heif_header import read_heif_header
 from .icc import profile_unless_srgb
 from .orientation import oriented
 
-_D65 = (0.3127, 0.3290)
-PRIMARIES = {
-    9: (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, *_D65),
-    12: (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, *_D65),
-}
-"""chromaticities of Rec. 2020 and Display P3 by their numbers in ITU-T H.273, tables 2 and 3"""
 HDR = {16: "PQ", 18: "HLG"}
 
 pi_heif.register_heif_opener()

@@ -13,6 +13,10 @@ from .image_header import EXTENSIONS, image_size
 
 UNREADABLE = (".bmp", ".jxl", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2")
 """extensions of photos that cannot be read here, but may have been converted since"""
+VIDEOS = (
+    ".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".3gp", ".mts", ".m2ts", ".mpg", ".mpeg", ".wmv",
+)  # fmt: skip
+"""extensions of videos, in lower case, from which cameras can be solved"""
 DEEPEST, MOST_FILES = 6, 200_000
 
 

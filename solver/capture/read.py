@@ -23,6 +23,7 @@ from .formats import (
 )
 from .image_header import EXTENSIONS as PICTURES
 from .photo_finder import MIN_PHOTOS, MODEL_FOLDERS, PhotoFinder, capture_folder
+from .picture_names import VIDEOS
 
 FORMATS: tuple[ModuleType, ...] = (
     transforms, colmap, metashape, realitycapture, meshroom, openmvg, polycam, record3d, bundler,
@@ -113,6 +114,10 @@ def read_capture(
         check_readable(file)
     if reader is None and zipfile.is_zipfile(file):
         raise CaptureError(file, "", "this is an archive", "unpack it and give the folder")
+    if reader is None and file.suffix.lower() in VIDEOS:
+        raise CaptureError(
+            file, "", "a video has no cameras yet", "solve its cameras first, and give their folder"
+        )
     if reader is None:
         raise CaptureError(
             file, "", "this is no camera file that is known here",

@@ -20,6 +20,7 @@ from ..capture.image_header import image_orientation
 from ..capture.photos import Photo, at_sizes_of, srgb_to_linear
 from ..capture.plain_surroundings import EVEN_BORDER, surroundings_of
 from ..capture.reduced import load_reduced, load_reduced_mask, smaller
+from ..capture.sharpness import FEWEST_PIXELS, sharpness_of
 from ..fit.before_far import COMPARED, at_size, cut_out_before_far
 from ..fit.common_masks import fit_together, mended
 from ..threads import usable_cores
@@ -29,7 +30,6 @@ LONGEST = 960
 MOST_KEPT = 1 << 28
 """bytes of photos without masks that are kept to be asked for again: HEIC takes a second each time"""
 _THUMBNAIL = 32
-_FEWEST_PIXELS = 200
 _TO_LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
@@ -213,52 +213,19 @@ def look_at(
         across = _longer_side(shown) * scale
         # Away from the mask's edge, whose sharpness and brightness are the mask's.
         object_only = scipy.ndimage.binary_erosion(shown, iterations=2)
-        inside = object_only if object_only.sum() > _FEWEST_PIXELS else inside
+        inside = object_only if object_only.sum() > FEWEST_PIXELS else inside
     linear = _TO_LINEAR[colour] @ _LUMINANCE
     pixels = colour[inside]
     values = linear[inside]
     thumbnail = Image.fromarray(np.ascontiguousarray(colour)).resize(
         (_THUMBNAIL, _THUMBNAIL), Image.Resampling.BOX
     )
+    grey = colour.astype(np.float32) @ _LUMINANCE
     return Look(
-        camera, sharpness_of(colour, inside), float((pixels >= 254).any(axis=-1).mean()),
+        camera, sharpness_of(grey, inside), float((pixels >= 254).any(axis=-1).mean()),
         _middle_stops(values), white, coverage, cut, across,
         np.asarray(thumbnail).astype(np.int16), shown, backdrop,
     )  # fmt: skip
-
-
-def sharpness_of(colour: np.ndarray, inside: np.ndarray) -> float:
-    """log2 of fine over middle detail where there is most of the latter; NaN if there is none.
-
-    A ratio at edges: a plain object has few edges, but sharp ones, and a blurred one has soft ones.
-
-    Args:
-        colour: [H, W, 3] uint8. inside: [H, W] bool, where to look.
-    """
-    rows, columns = inside.nonzero()
-    if len(rows) < _FEWEST_PIXELS:
-        return float("nan")
-    window = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
-    grey = colour[window].astype(np.float32) @ _LUMINANCE
-    # Along rows and columns each, the softer counts: a shaken photo is sharp across its motion.
-    found = [_sharpness_along(grey, inside[window], axis) for axis in (0, 1)]
-    return float(np.nanmin(found)) if np.isfinite(found).any() else float("nan")
-
-
-def _sharpness_along(grey: np.ndarray, inside: np.ndarray, axis: int) -> float:
-    soft = scipy.ndimage.gaussian_filter1d(grey, 1.0, axis=axis)
-    # Second differences: the finest that pixels hold, and the first that goes with any blur.
-    fine = scipy.ndimage.convolve1d(grey, [-0.25, 0.5, -0.25], axis=axis) ** 2
-    middle = (soft - scipy.ndimage.gaussian_filter1d(soft, 3.0, axis=axis)) ** 2
-    # Both over a neighbourhood: the steepest place of an edge is not where its detail is.
-    near = scipy.ndimage.uniform_filter(middle, 7)[inside]
-    strong = near >= np.percentile(near, 95)
-    around = scipy.ndimage.uniform_filter(fine, 7)[inside]
-    if near[strong].mean() < 1.0:
-        return float("nan")
-    # What is there in the flattest parts as well is noise.
-    there = around[strong].mean() - np.percentile(around, 10)
-    return float(np.log2(max(there / near[strong].mean(), 2.0**-12)))
 
 
 def frame_of(
@@ -272,7 +239,7 @@ def frame_of(
     low = np.clip(np.floor(pixel.min(0) / scale), 0, None).astype(int)
     high = np.ceil(pixel.max(0) / scale).astype(int)
     rows, columns = slice(low[1], min(high[1], shape[0])), slice(low[0], min(high[0], shape[1]))
-    few = _FEWEST_PIXELS**0.5
+    few = FEWEST_PIXELS**0.5
     if rows.stop - rows.start < few or columns.stop - columns.start < few:
         return np.s_[:, :]
     return rows, columns

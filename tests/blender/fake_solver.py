@@ -170,7 +170,10 @@ setattr(StandIn, "raise", lambda self: 1 // 0)
 
 
 def solve(photos: Path, out: Path) -> int:
-    """Cameras on a ring for the photos of a folder, by the protocol of `solver solve`."""
+    """Cameras on a ring for the photos of a folder, by the protocol of `solver solve`.
+
+    From a video five photos are taken, or as many as `--video-photos` says if fewer.
+    """
     stream = take_stdout_for_events()
     control = Control(out / "cancel")
     control.start()
@@ -178,6 +181,9 @@ def solve(photos: Path, out: Path) -> int:
     write_json_atomic(out / "solve.json", {"photos": str(photos)})
     events = EventStream(out / "events.jsonl", stream)
     mode, pause = os.environ.get("NMF_FAKE_MODE", "normal"), 0.02
+    if photos.is_file():
+        fake_capture.write_capture(out, min(5, int(sys.argv[sys.argv.index("--video-photos") + 1])))
+        photos = out / "photos"
     names = sorted(path.name for path in photos.iterdir() if path.suffix in (".png", ".HEIC"))
     for index, stage in enumerate(("features", "matching", "mapping", "adjustment")):
         events.emit("stage", name=stage, index=index, count=4)

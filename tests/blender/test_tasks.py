@@ -1,6 +1,7 @@
 """Solve Cameras and Check Capture: background tasks with a stand-in for the solver."""
 
 import json
+from pathlib import Path
 
 import bpy
 import fake_capture
@@ -35,6 +36,32 @@ def test_solved_cameras_are_imported_with_their_photos(
     assert (tmp_path / "nmf_jobs").is_dir()
 
 
+def test_cameras_of_a_video_are_imported_with_the_photos_taken_from_it(
+    extension, task, fake_solver, tmp_path
+):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    video = tmp_path / "Walk ö.MOV"
+    video.write_bytes(b"frames")
+    # As the file browser leaves it: with the folder that the video is in.
+    result = bpy.ops.nmf.solve_cameras(
+        filepath=str(video), directory=str(tmp_path), video_photos=4, single_camera=True
+    )
+    assert result == {"FINISHED"}
+    task.finish()
+    assert task.model.state == "done" and task.model.text == "4 of 5 photos have a camera"
+    collection = bpy.context.scene.nmf.capture
+    cameras = [item for item in collection.objects if item.type == "CAMERA"]
+    photo = extension("scene.cameras").photo_of(cameras[0])
+    job = tmp_path / "nmf_jobs" / "Walk_ö_cameras"
+    assert Path(bpy.path.abspath(photo.filepath)).parent == job / "photos"
+
+
+def test_a_photo_that_is_picked_stands_for_its_folder(task, photos, fake_solver):
+    bpy.ops.nmf.solve_cameras(filepath=str(photos / "r_0.png"), directory=str(photos))
+    task.finish()
+    assert task.model.text == "5 of 6 photos have a camera"
+
+
 def test_a_solve_that_fails_says_which_photos_and_imports_nothing(task, photos, fake_solver):
     fake_solver("fail")
     bpy.ops.nmf.solve_cameras(directory=str(photos))
@@ -57,6 +84,8 @@ def test_a_solve_is_cancelled(task, photos, fake_solver):
 def test_a_folder_that_is_not_there_is_named(extension, tmp_path):
     with pytest.raises(RuntimeError, match="nowhere: there is no such folder"):
         bpy.ops.nmf.solve_cameras(directory=str(tmp_path / "nowhere"))
+    with pytest.raises(RuntimeError, match="nowhere.mp4: there is no such"):
+        bpy.ops.nmf.solve_cameras(filepath=str(tmp_path / "nowhere.mp4"))
 
 
 def test_findings_of_a_check_stay_with_the_capture_and_show_in_its_panel(

@@ -1,0 +1,107 @@
+"""Photos from a video: spread evenly over it, each the sharpest frame of its time."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+from PIL import Image
+
+from ..capture.colour import REC709
+from ..capture.errors import CaptureError
+from ..capture.sharpness import sharpness_of
+from ..capture.video import Frame, frame_count, frames
+from ..threads import usable_cores
+from .folder import FEWEST_PHOTOS
+
+CANDIDATES = 5
+"""frames that are compared for a photo, at most"""
+FEWEST_FRAMES = 3
+"""frames there are to be for a photo: two in a row are the same"""
+_LOOKED_AT = 800
+"""pixels of the longer side at which frames are compared: blur that is finer hardly counts in a fit"""
+
+
+def take_photos(
+    video: Path, folder: Path, count: int, told: Callable[[float, str], None]
+) -> tuple[str, ...]:
+    """Write a video's photos into a folder, which is there only when all of them are.
+
+    JPEG, or linear OpenEXR where the video is HDR. A folder that is there already is taken as it is.
+
+    Args:
+        count: photos; fewer where the video is short.
+        told: the share done and of what; may raise to stop.
+
+    Returns:
+        Their names, in order.
+
+    Raises:
+        CaptureError: it is no video, or one of hardly any frames.
+    """
+    if not folder.is_dir():
+        part = folder.with_name(folder.name + ".part")
+        shutil.rmtree(part, ignore_errors=True)
+        part.mkdir(parents=True)
+        for done, frame in sharpest(video, count):
+            write_photo(frame, part)
+            told(done, "taking photos from the video")
+        if len(list(part.iterdir())) < FEWEST_PHOTOS:  # it is damaged
+            shutil.rmtree(part)
+            raise _too_short(video)
+        part.rename(folder)
+    return tuple(sorted(path.name for path in folder.iterdir()))
+
+
+def sharpest(video: Path, count: int) -> Iterator[tuple[float, Frame]]:
+    """The sharpest frame of each of `count` equal parts of a video, with the share of it that is past.
+
+    Raises:
+        CaptureError: as `take_photos`.
+    """
+    total = frame_count(video)
+    parts = min(count, total // FEWEST_FRAMES)
+    if parts < FEWEST_PHOTOS:
+        raise _too_short(video)
+    step = max(1, total // (parts * CANDIDATES))
+    with ThreadPoolExecutor(usable_cores()) as pool:
+        for part, members in groupby(frames(video), lambda frame: frame.number * parts // total):
+            rivals = [frame for frame in members if frame.number % step == 0]
+            if rivals:
+                scores = [_or_least(score) for score in pool.map(_sharpness, rivals)]
+                yield min(1.0, (part + 1) / parts), rivals[int(np.argmax(scores))]
+
+
+def write_photo(frame: Frame, folder: Path) -> None:
+    """Write a frame into a folder, named by its number."""
+    pixels = frame.pixels()
+    path = folder / f"frame_{frame.number:06d}"
+    if pixels.dtype == np.uint8:
+        Image.fromarray(pixels).save(path.with_suffix(".jpg"), quality=95, subsampling=0)
+        return
+    # As small as a JPEG; half floats hold what a video does.
+    header = {
+        "compression": OpenEXR.DWAA_COMPRESSION, "type": OpenEXR.scanlineimage,
+        "chromaticities": REC709,
+    }  # fmt: skip
+    OpenEXR.File(header, {"RGB": pixels.astype(np.float16)}).write(str(path.with_suffix(".exr")))
+
+
+def _sharpness(frame: Frame) -> float:
+    return sharpness_of(frame.grey(_LOOKED_AT).astype(np.float32))
+
+
+def _or_least(score: float) -> float:
+    return score if np.isfinite(score) else -np.inf
+
+
+def _too_short(video: Path) -> CaptureError:
+    return CaptureError(
+        video, "", "the video is too short for cameras",
+        "walk around the object slowly for half a minute or more",
+    )  # fmt: skip
