@@ -68,7 +68,7 @@ def sharpest(video: Path, count: int) -> Iterator[tuple[float, Frame]]:
     parts = min(count, total // FEWEST_FRAMES)
     if parts < FEWEST_PHOTOS:
         raise _too_short(video)
-    step = max(1, total // (parts * CANDIDATES))
+    step = -(-total // (parts * CANDIDATES))
     with ThreadPoolExecutor(usable_cores()) as pool:
         for part, members in groupby(frames(video), lambda frame: frame.number * parts // total):
             rivals = [frame for frame in members if frame.number % step == 0]

@@ -64,9 +64,8 @@ class Frame:
 
     def pixels(self) -> np.ndarray:
         """sRGB [H, W, 3] uint8; of an HDR video linear Rec.709 [H, W, 3] float32, 1 being diffuse white."""
-        size = (self.width, self.height)
-        if self.coded.rotation % 180:
-            size = size[::-1]
+        turns = _quarter_turns(self.coded)
+        size = (self.height, self.width) if turns % 2 else (self.width, self.height)
         to_linear = _HDR.get(self.coded.color_trc)
         primaries = PRIMARIES.get(int(self.coded.color_primaries))
         if to_linear is None and primaries is None:
@@ -80,7 +79,7 @@ class Frame:
                 pixels = np.round(255 * linear_to_srgb(pixels.clip(0, 1))).astype(np.uint8)
             else:
                 pixels = pixels.astype(np.float32)
-        return np.ascontiguousarray(np.rot90(pixels, self.coded.rotation // 90))
+        return np.ascontiguousarray(np.rot90(pixels, turns))
 
     def _as(self, form: str, width: int, height: int) -> np.ndarray:
         coded = self.coded
@@ -95,6 +94,11 @@ class Frame:
             dst_color_range=ColorRange.JPEG,
             interpolation=Interpolation.AREA if reduced else Interpolation.BICUBIC,
         ).to_ndarray()  # fmt: skip
+
+
+def _quarter_turns(coded: VideoFrame) -> int:
+    """Counterclockwise, to what the file says is up."""
+    return round(coded.rotation / 90)
 
 
 def frame_count(path: Path) -> int:
@@ -133,8 +137,8 @@ def frames(path: Path) -> Iterator[Frame]:
                     round(coded.width * max(shape, 1)),
                     round(coded.height / min(shape, 1)),
                 )
-                turned = coded.rotation % 180 != 0
-                yield Frame(number, *((height, width) if turned else (width, height)), coded)
+                size = (height, width) if _quarter_turns(coded) % 2 else (width, height)
+                yield Frame(number, *size, coded)
         except FFmpegError:
             return
 

@@ -44,6 +44,11 @@ def test_colours_are_those_that_were_coded_whatever_matrix_and_range(
     assert np.abs(pixels.astype(int) - COLOUR).max() <= 2
 
 
+def test_a_recording_of_a_screen_keeps_its_codes(tmp_path):
+    path = write_video(tmp_path / "a.mov", [plain((200, 16, 3))], form="rgb24", codec="png")
+    assert (next(frames(path)).pixels() == (200, 16, 3)).all()
+
+
 def _signal(value):
     return plain(tuple(round(65535 * v) for v in value), kind=np.uint16)
 

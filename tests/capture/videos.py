@@ -14,9 +14,9 @@ from av.video.frame import VideoFrame
 def write_video(
     path: Path, pictures: Sequence[np.ndarray], rotation: int = 0, matrix: int = 5, said: int = 2,
     transfer: int = 2, primaries: int = 2, full: bool = False, pixel: Fraction = Fraction(1),
-    interlaced: bool = False, form: str = "yuv444p",
+    interlaced: bool = False, form: str = "yuv444p", codec: str = "libx264",
 ) -> Path:  # fmt: skip
-    """Write pictures [H, W, 3], uint8 or uint16, as H.264, almost without loss.
+    """Write pictures [H, W, 3], uint8 or uint16, almost without loss.
 
     Args:
         rotation: degrees counterclockwise by which a player turns it.
@@ -26,12 +26,13 @@ def write_video(
     """
     deep = pictures[0].dtype == np.uint16
     with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=25)
+        stream = container.add_stream(codec, rate=25)
         stream.height, stream.width = pictures[0].shape[:2]
         stream.pix_fmt = f"{form}10le" if deep else form
-        stream.options = {"crf": "1", "preset": "ultrafast"}
+        if codec == "libx264":
+            stream.options = {"crf": "1", "preset": "ultrafast"}
         if interlaced:
-            stream.options["x264-params"] = "interlaced=1:tff=1"
+            stream.options |= {"x264-params": "interlaced=1:tff=1"}
         context = stream.codec_context
         context.sample_aspect_ratio = pixel
         context.colorspace, context.color_trc, context.color_primaries = said, transfer, primaries
@@ -40,8 +41,12 @@ def write_video(
             stream.set_display_rotation(rotation)
         for picture in pictures:
             frame = VideoFrame.from_ndarray(picture, "rgb48le" if deep else "rgb24")
-            coded = frame.reformat(
-                format=stream.pix_fmt, dst_colorspace=matrix, dst_color_range=2 if full else 1
+            coded = (
+                frame
+                if form == "rgb24"
+                else frame.reformat(
+                    format=stream.pix_fmt, dst_colorspace=matrix, dst_color_range=2 if full else 1
+                )
             )
             coded.colorspace, coded.color_range = said, 2 if full else 1
             container.mux(stream.encode(coded))
