@@ -128,6 +128,7 @@ def run_job(
         trainer = _at_start(
             request, settings, capture, photos, region, device, progress, control, panorama
         )
+    settings = trainer.settings
     _stop_if_asked(control)
 
     progress.stage("fit")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +32,7 @@ from .far_light import FarLight
 from .hollows import carve_hollows
 from .point_start import start_from_points
 from .ray_bank import RayBank
+from .resolution import no_finer_than_photos
 from .seen_space import (
     cell_centres,
     looked_at_most,
@@ -86,7 +88,7 @@ def new_trainer(
     region: np.ndarray | None, device: str, progress: Callable[[float], None],
     panorama: Panorama | None = None,
 ) -> Trainer:  # fmt: skip
-    """A trainer at its start.
+    """A trainer at its start; its settings are those given but for the grid (`no_finer_than_photos`).
 
     With masks (alpha) the density starts as the photos' visual hull in a box around it; without,
     as a thin fog where several cameras look, and not right before one of them; denser at the capture's
@@ -111,6 +113,8 @@ def new_trainer(
         cube = _object_cube(near, photos, box, settings.field.box_margin)
     else:
         cube = Region(box.mean(0), float((box[1] - box[0]).max() / 2))
+        fitting = no_finer_than_photos(settings.field, cameras, cube.box)
+        settings = dataclasses.replace(settings, field=fitting)
     progress(0.2)
     shape = settings.field
     clear_start = shape.hull_start and not use_hull

@@ -229,7 +229,7 @@ def test_a_resumed_fit_in_a_room_goes_on_as_if_nothing_had_happened(tmp_path):
     for i in range(12):  # of them the last after an upsampling
         trainer.advance(i / 20)
     other, _ = resumed(trainer, tmp_path, capture, photos)
-    assert other.scene.room.size == 32
+    assert other.scene.room.size == trainer.settings.field.sizes[-1] > SMALL.field.sizes[0]
     expected = [trainer.advance(i / 20)["image"] for i in range(12, 16)]
     result = [other.advance(i / 20)["image"] for i in range(12, 16)]
     np.testing.assert_allclose(result, expected, rtol=1e-4)
