@@ -10,7 +10,7 @@ import os
 import shutil
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -28,6 +28,7 @@ from .model import finish_model
 from .output import write_cameras
 from .pairs import pairs_of
 from .prepare import Prepared, look_at, write_prepared
+from .walk import leaps_of, walked_model
 
 SHARES = {"features": 0.3, "matching": 0.45, "mapping": 0.2, "adjustment": 0.05}
 SHARES_OF_VIDEO = {"video": 0.15} | {stage: 0.85 * share for stage, share in SHARES.items()}
@@ -87,6 +88,8 @@ class Solver:
                 self._features(photos)
                 self._match(photos)
                 model = self._map(photos)
+                if self.request.matcher == "sequential":
+                    model = self._without_leaps(photos, model)
                 self._adjust(model)
         finally:
             shutil.rmtree(self.folder.work_dir, ignore_errors=True)
@@ -193,6 +196,22 @@ class Solver:
         """The largest model that the matches give."""
         self.progress.stage("mapping", "placing cameras")
         shutil.rmtree(self.folder.sparse_dir, ignore_errors=True)
+        best = self._largest_model(
+            self.folder.database_path,
+            lambda placed: self.progress.fraction(
+                min(placed / len(photos), 1.0), f"placing cameras: {placed} placed"
+            ),
+        )
+        if best is None or best.num_reg_images() < FEWEST_PHOTOS:
+            self._fail(self._evidence(photos), set())
+        return best
+
+    def _largest_model(self, database: Path, told: Callable[[int], None]) -> Any:
+        """The largest model that the matches of a database give, or None.
+
+        Args:
+            told: how many cameras have been placed.
+        """
         output = self.folder.work_dir / "models"
         output.mkdir(parents=True, exist_ok=True)
         options = self.colmap.IncrementalPipelineOptions()
@@ -207,21 +226,39 @@ class Solver:
 
         def one_more() -> None:
             nonlocal placed
-            placed = min(placed + 1, len(photos))
-            self.progress.fraction(placed / len(photos), f"placing cameras: {placed} placed")
+            placed += 1
+            told(placed)
 
         found = self.colmap.incremental_mapping(
-            self.folder.database_path, self.folder.root, output, options=options,
+            database, self.folder.root, output, options=options,
             initial_image_pair_callback=again, next_image_callback=one_more,
             cancellation_token=self.token,
         )  # fmt: skip
         self._check()
-        best = max(
+        return max(
             found.values(), key=lambda m: (m.num_reg_images(), m.num_points3D()), default=None
         )
-        if best is None or best.num_reg_images() < FEWEST_PHOTOS:
-            self._fail(self._evidence(photos), set())
-        return best
+
+    def _without_leaps(self, photos: list[Prepared], model: Any) -> Any:
+        """The model of a walk, or a better one where its cameras leap."""
+        number = {photo.file: photo.number for photo in photos}
+        if not leaps_of(model, number):
+            return model
+
+        def told(placed: int) -> None:
+            self.progress.fraction(1.0, f"cameras leapt, placing them again: {placed} placed")
+
+        copy = self.folder.work_dir / self.folder.database_path.name
+        shutil.copyfile(self.folder.database_path, copy)
+        walked = walked_model(
+            self.colmap, copy, model, number, lambda: self._largest_model(copy, told)
+        )
+        if walked is None:
+            self.progress.warning(
+                "cameras leap between photos that follow each other, so things that look alike may have "
+                "been taken for each other; leave out what comes after a cut, or take photos between"
+            )
+        return model if walked is None else walked
 
     def _adjust(self, model: Any) -> None:
         """One last adjustment of all cameras and points together."""

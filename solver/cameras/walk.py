@@ -1,0 +1,140 @@
+"""Photos of a walk, one after the other: cameras that leap were misled by things that look alike.
+
+Walls with one wallpaper, or the sides of a box, match though they are not the same, and COLMAP folds
+the world so that they are (Cai et al., "Doppelgangers", ICCV 2023). Photos taken one after the other do
+show the same things, so their matches can be trusted, and what these make of the world tells which of the
+others fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .database import numbers, opened
+from .pairs import NEIGHBOURS
+
+LEAP, LEAST_LEAP = 6.0, 0.4
+"""a step that is so many times the median one, and that share of the distance to what is seen, is a leap"""
+AGREEMENT = np.sin(np.radians(4.0))
+"""sine of the median angle between matched rays and their epipolar planes up to which a pair agrees: what a
+long walk drifts, and far less than between things that only look alike"""
+
+
+def walked_model(
+    colmap: Any, database_path: Path, model: Any, number_of: dict[str, int],
+    place: Callable[[], Any],
+) -> Any:  # fmt: skip
+    """A model without leaps of a walk whose first model has some; None if there is none as large.
+
+    First of matches of neighbours alone, then also of those others that agree with it.
+
+    Args:
+        database_path: a copy, which is changed.
+        number_of: each photo's number in the order of the walk by its name in the database.
+        place: gives the largest model of the copy as it is, or None.
+    """
+
+    def better(found: Any, than: Any) -> bool:
+        if found is None or found.num_reg_images() < than.num_reg_images():
+            return False
+        return not leaps_of(found, number_of)
+
+    with opened(colmap, database_path) as database:
+        of_image = {image: number_of[name] for name, image in numbers(database).items()}
+        apart = set_apart(colmap, database, of_image)
+    walked = place()
+    if not better(walked, model):
+        return None
+    with opened(colmap, database_path) as database:
+        agreeing = [pair for pair in apart if agrees(walked, database, *pair)]
+        for pair in agreeing:
+            database.write_two_view_geometry(*pair)
+    closed = place() if agreeing else None
+    return closed if better(closed, walked) else walked
+
+
+def leaps(steps: dict[int, np.ndarray], distance: float) -> list[int]:
+    """Numbers of the photos to which the camera leapt.
+
+    Args:
+        steps: position [3] of each photo that has one, by its number in the order of the walk.
+        distance: to what the cameras see, in the same units.
+    """
+    numbers = sorted(steps)
+    if len(numbers) < 4:
+        return []
+    # Steps over photos without a camera count as that many.
+    lengths = np.array(
+        [np.linalg.norm(steps[b] - steps[a]) / (b - a) for a, b in pairwise(numbers)]
+    )
+    least = max(LEAP * float(np.median(lengths)), LEAST_LEAP * distance)
+    return [number for number, length in zip(numbers[1:], lengths, strict=True) if length > least]
+
+
+def leaps_of(model: Any, number_of: dict[str, int]) -> list[int]:
+    """As `leaps`, of COLMAP's model.
+
+    Args:
+        number_of: each photo's number by its name in the model.
+    """
+    placed = [image for image in model.images.values() if image.has_pose]
+    steps = {number_of[image.name]: image.projection_center() for image in placed}
+    points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
+    if not len(points):
+        return []
+    middle = np.median(points, axis=0)
+    distance = np.median([np.linalg.norm(centre - middle) for centre in steps.values()])
+    return leaps(steps, float(distance))
+
+
+def set_apart(colmap: Any, database: Any, number_of: dict[int, int]) -> list[tuple[int, int, Any]]:
+    """Take all pairs of photos that are further apart than neighbours out of a database.
+
+    Args:
+        colmap: the module. number_of: each photo's number in the order of the walk by the database's own.
+
+    Returns:
+        Both of the database's numbers and COLMAP's geometry of each.
+    """
+    apart = []
+    for pair, geometry in zip(*database.read_two_view_geometries(), strict=True):
+        one, other = colmap.pair_id_to_image_pair(pair)
+        if abs(number_of[one] - number_of[other]) > NEIGHBOURS:
+            apart.append((one, other, geometry))
+            database.delete_two_view_geometry(one, other)
+    return apart
+
+
+def agrees(model: Any, database: Any, one: int, other: int, geometry: Any) -> bool:
+    """True if a pair's matches fit to where a model has its two cameras."""
+    if not (model.exists_image(one) and model.exists_image(other)):
+        return False
+    images = [model.image(number) for number in (one, other)]
+    if not all(image.has_pose for image in images) or not len(geometry.inlier_matches):
+        return False
+    rays = []
+    for image, column in zip(images, geometry.inlier_matches.T, strict=True):
+        pixels = database.read_keypoints(image.image_id)[column, :2].astype(np.float64)
+        across = np.asarray(image.camera.cam_from_img(pixels))
+        ray = np.concatenate([across, np.ones((len(across), 1))], axis=1)
+        rays.append(ray / np.linalg.norm(ray, axis=1, keepdims=True))
+    between = images[1].cam_from_world() * images[0].cam_from_world().inverse()
+    return bool(np.nanmedian(off_epipolar(*rays, between.matrix())) <= AGREEMENT)
+
+
+def off_epipolar(rays: np.ndarray, others: np.ndarray, between: np.ndarray) -> np.ndarray:
+    """Sine [N] of the angles between rays of one camera and the epipolar planes of another's.
+
+    Args:
+        rays, others: unit directions [N, 3], each in its own camera's axes.
+        between: [3, 4] from the first camera's axes to the other's.
+    """
+    normals = np.cross(between[:, 3], rays @ between[:, :3].T)
+    length = np.linalg.norm(normals, axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.abs((normals * others).sum(axis=1)) / length
