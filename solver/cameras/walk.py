@@ -24,12 +24,15 @@ AGREEMENT = np.sin(np.radians(4.0))
 """sine of the median angle between matched rays and their epipolar planes up to which a pair agrees: what a
 long walk drifts, and far less than between things that only look alike"""
 
+ENOUGH = 0.9
+"""share of the cameras that a model without leaps has to have: a missing one is better than a wrong one"""
+
 
 def walked_model(
     colmap: Any, database_path: Path, model: Any, number_of: dict[str, int],
     place: Callable[[], Any],
 ) -> Any:  # fmt: skip
-    """A model without leaps of a walk whose first model has some; None if there is none as large.
+    """A model without leaps of a walk whose first model has some; None if there is none of that size.
 
     First of matches of neighbours alone, then also of those others that agree with it.
 
@@ -39,8 +42,8 @@ def walked_model(
         place: gives the largest model of the copy as it is, or None.
     """
 
-    def better(found: Any, than: Any) -> bool:
-        if found is None or found.num_reg_images() < than.num_reg_images():
+    def good(found: Any, fewest: float) -> bool:
+        if found is None or found.num_reg_images() < fewest:
             return False
         return not leaps_of(found, number_of)
 
@@ -48,14 +51,14 @@ def walked_model(
         of_image = {image: number_of[name] for name, image in numbers(database).items()}
         apart = set_apart(colmap, database, of_image)
     walked = place()
-    if not better(walked, model):
+    if not good(walked, ENOUGH * model.num_reg_images()):
         return None
     with opened(colmap, database_path) as database:
         agreeing = [pair for pair in apart if agrees(walked, database, *pair)]
         for pair in agreeing:
             database.write_two_view_geometry(*pair)
     closed = place() if agreeing else None
-    return closed if better(closed, walked) else walked
+    return closed if good(closed, walked.num_reg_images()) else walked
 
 
 def leaps(steps: dict[int, np.ndarray], distance: float) -> list[int]:
@@ -65,15 +68,13 @@ def leaps(steps: dict[int, np.ndarray], distance: float) -> list[int]:
         steps: position [3] of each photo that has one, by its number in the order of the walk.
         distance: to what the cameras see, in the same units.
     """
-    numbers = sorted(steps)
-    if len(numbers) < 4:
+    order = sorted(steps)
+    if len(order) < 4:
         return []
     # Steps over photos without a camera count as that many.
-    lengths = np.array(
-        [np.linalg.norm(steps[b] - steps[a]) / (b - a) for a, b in pairwise(numbers)]
-    )
+    lengths = np.array([np.linalg.norm(steps[b] - steps[a]) / (b - a) for a, b in pairwise(order)])
     least = max(LEAP * float(np.median(lengths)), LEAST_LEAP * distance)
-    return [number for number, length in zip(numbers[1:], lengths, strict=True) if length > least]
+    return [number for number, length in zip(order[1:], lengths, strict=True) if length > least]
 
 
 def leaps_of(model: Any, number_of: dict[str, int]) -> list[int]:
