@@ -25,7 +25,6 @@ from .settings import Settings
 from .trainer import Trainer
 
 BEFORE = {
-    "field": {"nodes_per_pixel": 0.0},
     "light": {"turntable": "no", "from_room": False},
     "render": {"diffuse_visibility": False},
     "fit": {

@@ -17,6 +17,7 @@ _TINY = 1e-6
 LEAST = {
     "field.sizes": 8, "field.density_components": 1, "field.feature_components": 1,
     "field.feature_size": 1, "field.occupancy_cells": 4, "field.hull_cells": 8,
+    "field.finest_without_masks": 8,
     "field.initial_albedo": _TINY, "field.initial_roughness": 0.01, "field.initial_f0": _TINY,
     "light.heights": 2, "light.initial": _TINY,
     "render.step": 0.01, "render.secondary_step": 0.01, "render.pixel_grid": 1,

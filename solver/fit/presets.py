@@ -25,7 +25,8 @@ PAPER = Settings(
     field=FieldSettings(
         sizes=(128, 162, 196, 231, 265, 300),
         size_starts=(0.0, 2000 / 30000, 3000 / 30000, 4000 / 30000, 5500 / 30000, 7000 / 30000),
-        nodes_per_pixel=0.0, hull_start=False, initial_albedo=0.91, initial_roughness=0.6, initial_f0=0.5,
+        finest_without_masks=2048, hull_start=False,
+        initial_albedo=0.91, initial_roughness=0.6, initial_f0=0.5,
         occupancy_min_alpha=0.001, step_smoothing=(0.0, 0.0),
     ),
     light=LightSettings(heights=(512,), turntable="no"),

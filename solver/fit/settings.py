@@ -24,9 +24,8 @@ class FieldSettings:
     """grid nodes per axis, coarse to fine"""
     size_starts: tuple[float, ...] = (0.0, 0.08, 0.3)
     """fractions of the fit at which each size begins"""
-    nodes_per_pixel: float = 1.0
-    """grid nodes of the box's edge per pixel that it has in the photos, at most, where these have no masks:
-    `sizes` is made smaller for it (0: as it is)"""
+    finest_without_masks: int = 160
+    """grid nodes per axis, at most, where photos have no masks: `sizes` are made smaller together for it"""
     density_components: int = 16
     """VM components of the density per plane–line pair"""
     feature_components: int = 24

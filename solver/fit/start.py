@@ -32,7 +32,6 @@ from .far_light import FarLight
 from .hollows import carve_hollows
 from .point_start import start_from_points
 from .ray_bank import RayBank
-from .resolution import no_finer_than_photos
 from .seen_space import (
     cell_centres,
     looked_at_most,
@@ -41,7 +40,7 @@ from .seen_space import (
     seen_points,
     walked_through,
 )
-from .settings import Settings
+from .settings import FieldSettings, Settings
 from .trainer import Trainer
 from .turned_light import turntable_of
 from .visual_hull import (
@@ -88,7 +87,7 @@ def new_trainer(
     region: np.ndarray | None, device: str, progress: Callable[[float], None],
     panorama: Panorama | None = None,
 ) -> Trainer:  # fmt: skip
-    """A trainer at its start; its settings are those given but for the grid (`no_finer_than_photos`).
+    """A trainer at its start; its settings are those given, but for the grid's sizes if there are no masks.
 
     With masks (alpha) the density starts as the photos' visual hull in a box around it; without,
     as a thin fog where several cameras look, and not right before one of them; denser at the capture's
@@ -113,8 +112,7 @@ def new_trainer(
         cube = _object_cube(near, photos, box, settings.field.box_margin)
     else:
         cube = Region(box.mean(0), float((box[1] - box[0]).max() / 2))
-        fitting = no_finer_than_photos(settings.field, cameras, cube.box)
-        settings = dataclasses.replace(settings, field=fitting)
+        settings = dataclasses.replace(settings, field=_for_no_masks(settings.field))
     progress(0.2)
     shape = settings.field
     clear_start = shape.hull_start and not use_hull
@@ -154,6 +152,12 @@ def new_trainer(
         trainer.begin_light(trainer.far.begin(environment.height, settings.light.initial))
         trainer.far.put_into(environment)
     return trainer
+
+
+def _for_no_masks(shape: FieldSettings) -> FieldSettings:
+    """Coarser grids where no masks hold the shape: noise fills what is finer (docs/decisions/0019)."""
+    factor = min(1.0, shape.finest_without_masks / shape.sizes[-1])
+    return dataclasses.replace(shape, sizes=tuple(round(factor * size) for size in shape.sizes))
 
 
 def _room(cameras: list[Camera], cube: Region, size: int, initial: float) -> Room:

@@ -9,7 +9,7 @@ from PIL import Image
 
 from solver.capture.photos import Photo, linear_to_srgb
 from solver.capture.placement import placed
-from solver.fit.presets import PAPER
+from solver.fit.presets import DRAFT, PAPER, STANDARD
 from solver.fit.preview import display, over_plain
 from solver.fit.schedule import emission_share, picture_settings
 from solver.fit.seen_space import looked_at_most, seen_cells, walked_through
@@ -61,6 +61,26 @@ def test_emission_fades_for_a_fog_and_pictures_never_have_it():
     )
     assert emission_share(PAPER.fit, 0.0) == 0
     assert image_settings(RenderSettings(emission=1.0)).emission == 0
+
+
+def test_only_photos_without_masks_make_grids_coarser():
+    shape = dataclasses.replace(SMALL.field, finest_without_masks=24)
+
+    def started(capture, photos, shape=shape):
+        settings = dataclasses.replace(SMALL, field=shape)
+        trainer = new_trainer(capture, photos, settings, 0, None, "cpu", lambda done: None)
+        assert trainer.scene.field.size == trainer.settings.field.sizes[0]
+        return trainer.settings.field.sizes
+
+    assert SMALL.field.sizes == started(*ball_capture()) == (24, 32)
+    assert started(*room_capture()) == (18, 24)
+    assert started(*room_capture(), SMALL.field) == (24, 32)
+
+
+def test_no_preset_but_the_papers_is_finer_than_was_measured_without_masks():
+    assert {DRAFT.field.finest_without_masks, STANDARD.field.finest_without_masks} == {160}
+    assert DRAFT.field.sizes[-1] == 160 and STANDARD.field.sizes[-1] == 256
+    assert PAPER.field.finest_without_masks > PAPER.field.sizes[-1]
 
 
 def test_a_snapshot_of_a_fog_shows_it_shine(tmp_path):
@@ -229,7 +249,7 @@ def test_a_resumed_fit_in_a_room_goes_on_as_if_nothing_had_happened(tmp_path):
     for i in range(12):  # of them the last after an upsampling
         trainer.advance(i / 20)
     other, _ = resumed(trainer, tmp_path, capture, photos)
-    assert other.scene.room.size == trainer.settings.field.sizes[-1] > SMALL.field.sizes[0]
+    assert other.scene.room.size == 32
     expected = [trainer.advance(i / 20)["image"] for i in range(12, 16)]
     result = [other.advance(i / 20)["image"] for i in range(12, 16)]
     np.testing.assert_allclose(result, expected, rtol=1e-4)
