@@ -46,8 +46,8 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         name="One Lens", description="All photos were taken with one lens at one zoom and focus"
     )
     video_photos: bpy.props.IntProperty(
-        name="Photos of a Video", default=VIDEO_PHOTOS, min=FEWEST_PHOTOS, max=MOST_VIDEO_PHOTOS,
-        description="How many to take from it: each is the sharpest frame of its part",
+        name="Video Photos", default=VIDEO_PHOTOS, min=FEWEST_PHOTOS, max=MOST_VIDEO_PHOTOS,
+        description="How many to take from a video: each is the sharpest frame of its part",
     )  # fmt: skip
 
     @classmethod
@@ -60,6 +60,14 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         """Ask for the folder or the video."""
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """The file browser's sidebar."""
+        column = self.layout.column()
+        column.use_property_split, column.use_property_decorate = True, False
+        for name in ("sequential", "single_camera", "video_photos"):
+            column.prop(self, name)
+        column.label(text="Pick the photos' folder, or a video", icon="INFO")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the solver."""

@@ -35,6 +35,13 @@ def _phone_capture(folder):
     return fake_capture.write_cameras(folder / "transforms_train.json", names)
 
 
+def _video(folder):
+    """The stand-in for the solver takes photos from any file."""
+    folder.mkdir()
+    (folder / "Walk.MOV").write_bytes(b"frames")
+    return folder / "Walk.MOV"
+
+
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
     """What `window_steps.py` saw. Screenshots stay in NMF_GUI_OUT if that is set."""
@@ -47,7 +54,7 @@ def report(tmp_path_factory):
         **os.environ, "RB_BIND": f"{ROOT}:{out}", "NMF_GUI_OUT": str(out),
         "NMF_GUI_CAPTURE": str(fake_capture.write_capture(folder / "photos of it", 8, 64)),
         "NMF_GUI_PHONE_CAPTURE": str(_phone_capture(folder / "phone")),
-        "NMF_SOLVER_PYTHON": "/usr/bin/python3",
+        "NMF_GUI_VIDEO": str(_video(folder / "clips")), "NMF_SOLVER_PYTHON": "/usr/bin/python3",
         "NMF_SOLVER_BOOTSTRAP": str(ROOT / "tests" / "blender" / "fake_solver.py"),
     }  # fmt: skip
 
@@ -98,6 +105,12 @@ def test_cancel_and_resume_are_pressed(report):
 
 def test_a_failure_shows_the_end_of_the_log(report):
     assert "ZeroDivisionError" in report["failure"]
+
+
+def test_cameras_of_a_video_that_is_picked_in_the_file_browser_are_imported(report):
+    assert report["video"] == "5 of 6 photos have a camera"
+    assert report["video_capture"] == "Capture Walk_cameras"
+    assert report["after_video_undo"]
 
 
 def test_without_a_solver_the_panel_offers_to_set_it_up(report):

@@ -13,6 +13,7 @@ import bpy
 OUT = Path(os.environ["NMF_GUI_OUT"])
 CAPTURE = os.environ["NMF_GUI_CAPTURE"]
 PHONE_CAPTURE = Path(os.environ["NMF_GUI_PHONE_CAPTURE"])
+VIDEO = Path(os.environ["NMF_GUI_VIDEO"])
 MODULE = "bl_ext.user_default.neural_microfacet_fields"
 report = {}
 
@@ -40,6 +41,29 @@ def steps(ui):
         return sum(b.show_background_image and b.image.packed_file is not None for b in shown)
 
     report["cameras_before"] = cameras()
+    os.environ["NMF_FAKE_MODE"] = "normal"
+    yield from ui.press("nmf.solve_cameras")
+    yield 1.0
+    window = bpy.context.window_manager.windows[-1]
+    browser = window.screen.areas[0]
+    browser.spaces.active.params.directory = str(VIDEO.parent).encode()
+    yield 1.0
+    browser.spaces.active.params.filename = VIDEO.name
+    yield 0.5
+    ui.shot(str(OUT / "1_video.png"))
+    region = next(region for region in browser.regions if region.type == "WINDOW")
+    with bpy.context.temp_override(window=window, area=browser, region=region):
+        bpy.ops.file.execute()
+    task = sys.modules[MODULE + ".nmf_addon.jobs.side_task"].side_task
+    yield from ui.wait(lambda: task.running, 5)
+    yield from ui.wait(lambda: not task.running, 20)
+    report["video"], report["video_capture"] = task.model.text, bpy.context.scene.nmf.capture.name
+    ui.move(400, 500)
+    yield 0.2
+    ui.key("ctrl+z")
+    yield 1.0
+    report["after_video_undo"] = cameras() == report["cameras_before"]
+
     with ui.override():
         # As a drop of the file calls it.
         bpy.ops.nmf.import_capture(
