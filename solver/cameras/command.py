@@ -85,6 +85,10 @@ def run_solve(options: argparse.Namespace) -> int:
         raise CaptureError(
             folder.root, "", "another process solves cameras here", "cancel it, or wait for it"
         )
+    if of_video:
+        from ..capture.video import check_video
+
+        check_video(photos)  # before a folder is made for it
     folder.take(request)
     return _run(folder, request, options.events)
 

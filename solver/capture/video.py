@@ -74,9 +74,10 @@ class Frame:
             pixels = self._as("rgb48le", *size) / np.float32(65535)
             pixels = (to_linear or srgb_to_linear)(pixels)
             if primaries is not None:
-                pixels = pixels @ rec709_from_chromaticities(primaries).T
+                # Colours that Rec. 709 has not.
+                pixels = (pixels @ rec709_from_chromaticities(primaries).T).clip(min=0)
             if to_linear is None:
-                pixels = np.round(255 * linear_to_srgb(pixels.clip(0, 1))).astype(np.uint8)
+                pixels = np.round(255 * linear_to_srgb(pixels.clip(max=1))).astype(np.uint8)
             else:
                 pixels = pixels.astype(np.float32)
         return np.ascontiguousarray(np.rot90(pixels, turns))
@@ -99,6 +100,16 @@ class Frame:
 def _quarter_turns(coded: VideoFrame) -> int:
     """Counterclockwise, to what the file says is up."""
     return round(coded.rotation / 90)
+
+
+def check_video(path: Path) -> None:
+    """Make sure that a file is a video.
+
+    Raises:
+        CaptureError: it is none.
+    """
+    with _opened(path):
+        pass
 
 
 def frame_count(path: Path) -> int:

@@ -170,6 +170,7 @@ def test_a_file_that_is_no_video_is_refused(tmp_path):
     result = solve(tmp_path / "a.mp4")
     assert result.returncode == 2 and len(result.stderr.strip().splitlines()) == 1
     assert "cannot be read" in result.stderr
+    assert not (tmp_path / "a cameras").exists()
 
 
 def test_a_reconstruction_of_a_video_says_that_cameras_come_first(walk):

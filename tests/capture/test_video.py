@@ -15,7 +15,7 @@ from solver.capture.colour import (
     rec709_from_chromaticities,
 )
 from solver.capture.errors import CaptureError
-from solver.capture.video import frame_count, frames
+from solver.capture.video import check_video, frame_count, frames
 from tests.capture.videos import plain, write_video
 
 COLOUR = (200, 100, 50)
@@ -65,6 +65,15 @@ def test_hdr_of_a_phone_becomes_linear_light_with_diffuse_white_at_one(tmp_path)
     linear = np.array([1, 1 / 12 / 0.26496, 1 / 12 / 0.26496])
     expected = rec709_from_chromaticities(PRIMARIES[9]) @ linear
     assert np.allclose(red, expected, atol=0.02)
+
+
+def test_colours_that_rec709_has_not_are_black_in_the_channel_they_lack(tmp_path):
+    path = write_video(
+        tmp_path / "a.mp4", [_signal((0.0, 0.75, 0.0))], matrix=REC2020, said=REC2020, transfer=18,
+        primaries=9,
+    )  # fmt: skip
+    pixels = next(frames(path)).pixels()
+    assert pixels[..., 0].max() == 0 and pixels[..., 1].min() > 1
 
 
 def test_pq_becomes_linear_light_with_diffuse_white_at_203_candelas(tmp_path):
@@ -185,7 +194,7 @@ def test_what_is_no_video_is_refused_in_a_sentence(tmp_path, name, content):
     write_video(tmp_path / "other.mp4", [_marked()])
     path = tmp_path / name
     path.write_bytes(content)
-    for read in (frame_count, lambda path: list(frames(path))):
+    for read in (check_video, frame_count, lambda path: list(frames(path))):
         with pytest.raises(CaptureError, match="the video cannot be read") as error:
             read(path)
         assert name in str(error.value) and "MP4" in str(error.value)
