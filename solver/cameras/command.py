@@ -64,16 +64,10 @@ def run_solve(options: argparse.Namespace) -> int:
     """
     # Without '..', as photos are told.
     photos = Path(os.path.normpath(options.photos.absolute()))
-    of_video = is_video(photos)
-    beside = photos.with_name(f"{photos.stem} cameras") if of_video else photos / "cameras"
+    beside = photos.with_name(f"{photos.stem} cameras") if is_video(photos) else photos / "cameras"
     folder = SolveFolder(options.out or beside)
     if options.masks is not None and not options.masks.is_dir():
         raise CaptureError(options.masks, "masks", "there is no such folder", "check its path")
-    if of_video and not FEWEST_PHOTOS <= options.video_photos <= MOST_VIDEO_PHOTOS:
-        raise CaptureError(
-            photos, "video-photos", f"{options.video_photos} photos cannot be taken from it",
-            f"ask for {FEWEST_PHOTOS} to {MOST_VIDEO_PHOTOS}",
-        )  # fmt: skip
     request = request_of(
         photos, folder, options.video_photos, matcher=options.matcher,
         camera_model=options.camera_model, sharing=options.sharing, seed=options.seed,
@@ -85,10 +79,6 @@ def run_solve(options: argparse.Namespace) -> int:
         raise CaptureError(
             folder.root, "", "another process solves cameras here", "cancel it, or wait for it"
         )
-    if of_video:
-        from ..capture.video import check_video
-
-        check_video(photos)  # before a folder is made for it
     folder.take(request)
     return _run(folder, request, options.events)
 
@@ -99,15 +89,22 @@ def request_of(
     """What is asked of a solve of a folder of photos, or of a video.
 
     Raises:
-        CaptureError: no photos there, or too few.
+        CaptureError: no photos there, or too few; no video, or photos that cannot be taken from it.
     """
-    of_video = is_video(photos)
-    names = () if of_video else photos_below(photos, folder.root)
-    files = [photos] if of_video else [photos / name for name in names]
-    changed = tuple(path.stat().st_mtime_ns for path in files)
-    return SolveRequest(
-        str(photos), names, changed, video_photos=video_photos if of_video else 0, **others
-    )
+    if not is_video(photos):
+        names = photos_below(photos, folder.root)
+        changed = tuple((photos / name).stat().st_mtime_ns for name in names)
+        return SolveRequest(str(photos), names, changed, **others)
+    from ..capture.video import check_video
+
+    if not FEWEST_PHOTOS <= video_photos <= MOST_VIDEO_PHOTOS:
+        raise CaptureError(
+            photos, "video-photos", f"{video_photos} photos cannot be taken from it",
+            f"ask for {FEWEST_PHOTOS} to {MOST_VIDEO_PHOTOS}",
+        )  # fmt: skip
+    check_video(photos)
+    changed = (photos.stat().st_mtime_ns,)
+    return SolveRequest(str(photos), (), changed, video_photos=video_photos, **others)
 
 
 def _run(folder: SolveFolder, request: SolveRequest, events: bool) -> int:

@@ -132,11 +132,11 @@ def is_video(path: Path) -> bool:
     return path.suffix.lower() in VIDEOS and path.is_file()
 
 
-def photos_below(folder: Path, besides: Path) -> tuple[str, ...]:
+def photos_below(folder: Path, besides: Path | None = None) -> tuple[str, ...]:
     """Names of all photos below a folder, relative to it, numbers in their order (2 before 10).
 
     Args:
-        besides: a folder whose pictures are left out.
+        besides: a folder whose pictures are left out, or None.
 
     Raises:
         CaptureError: there is no such folder, or it holds too few.
@@ -148,8 +148,11 @@ def photos_below(folder: Path, besides: Path) -> tuple[str, ...]:
         )  # fmt: skip
     if not folder.is_dir():
         raise CaptureError(folder, "", "there is no such folder", "give the folder of the photos")
-    root, besides = (Path(os.path.normpath(path.absolute())) for path in (folder, besides))
-    found = [path for path in PhotoFinder(folder).pictures() if not path.is_relative_to(besides)]
+    root = Path(os.path.normpath(folder.absolute()))
+    found = PhotoFinder(folder).pictures()
+    if besides is not None:
+        besides = Path(os.path.normpath(besides.absolute()))
+        found = [path for path in found if not path.is_relative_to(besides)]
     if len(found) < FEWEST_PHOTOS:
         video = next((path for path in sorted(folder.iterdir()) if is_video(path)), None)
         remedy = f"cameras need at least {FEWEST_PHOTOS} photos that overlap, better 50"

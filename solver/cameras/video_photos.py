@@ -17,7 +17,7 @@ from ..capture.errors import CaptureError
 from ..capture.sharpness import sharpness_of
 from ..capture.video import Frame, frame_count, frames
 from ..threads import usable_cores
-from .folder import FEWEST_PHOTOS
+from .folder import FEWEST_PHOTOS, photos_below
 
 CANDIDATES = 5
 """frames that are compared for a photo, at most"""
@@ -55,7 +55,7 @@ def take_photos(
             shutil.rmtree(part)
             raise _too_short(video)
         part.rename(folder)
-    return tuple(sorted(path.name for path in folder.iterdir()))
+    return photos_below(folder)
 
 
 def sharpest(video: Path, count: int) -> Iterator[tuple[float, Frame]]:
@@ -73,8 +73,9 @@ def sharpest(video: Path, count: int) -> Iterator[tuple[float, Frame]]:
         for part, members in groupby(frames(video), lambda frame: frame.number * parts // total):
             rivals = [frame for frame in members if frame.number % step == 0]
             if rivals:
-                scores = [_or_least(score) for score in pool.map(_sharpness, rivals)]
-                yield min(1.0, (part + 1) / parts), rivals[int(np.argmax(scores))]
+                # A plain frame, which has no score, is the last choice.
+                scores = np.nan_to_num(list(pool.map(_sharpness, rivals)), nan=-np.inf)
+                yield min(1.0, (part + 1) / parts), rivals[int(scores.argmax())]
 
 
 def write_photo(frame: Frame, folder: Path) -> None:
@@ -94,10 +95,6 @@ def write_photo(frame: Frame, folder: Path) -> None:
 
 def _sharpness(frame: Frame) -> float:
     return sharpness_of(frame.grey(_LOOKED_AT).astype(np.float32))
-
-
-def _or_least(score: float) -> float:
-    return score if np.isfinite(score) else -np.inf
 
 
 def _too_short(video: Path) -> CaptureError:

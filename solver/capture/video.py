@@ -144,10 +144,8 @@ def frames(path: Path) -> Iterator[Frame]:
         try:
             for number, coded in enumerate(_shown(container, stream)):
                 # The shorter side of a pixel is enlarged, so that nothing is lost.
-                width, height = (
-                    round(coded.width * max(shape, 1)),
-                    round(coded.height / min(shape, 1)),
-                )
+                width = round(coded.width * max(shape, 1))
+                height = round(coded.height / min(shape, 1))
                 size = (height, width) if _quarter_turns(coded) % 2 else (width, height)
                 yield Frame(number, *size, coded)
         except FFmpegError:

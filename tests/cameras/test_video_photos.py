@@ -90,6 +90,7 @@ def test_photos_are_there_all_or_not_at_all_and_are_not_taken_twice(walk, tmp_pa
     assert not folder.exists()
     names = take_photos(video, folder, 14, lambda done, text: None)
     assert len(names) == 14 and [path.name for path in tmp_path.iterdir()] == ["photos"]
+    (folder / ".DS_Store").write_bytes(b"of the system's, in folders that somebody looked at")
     before = (folder / names[0]).stat().st_mtime_ns
     assert take_photos(video, folder, 14, stop) == names
     assert (folder / names[0]).stat().st_mtime_ns == before
