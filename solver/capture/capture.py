@@ -59,7 +59,7 @@ def region_seen_by(cameras: list[Camera], points: np.ndarray | None = None) -> n
     Args:
         points: [N, 3] sparse points, world.
     """
-    cube = _cube_seen_by(cameras)
+    cube = cube_seen_by(cameras)
     if points is None:
         return cube
     inside = points[((points >= cube[0]) & (points <= cube[1])).all(axis=1)]
@@ -71,7 +71,8 @@ def region_seen_by(cameras: list[Camera], points: np.ndarray | None = None) -> n
     return np.stack([np.maximum(low - margin, cube[0]), np.minimum(high + margin, cube[1])])
 
 
-def _cube_seen_by(cameras: list[Camera]) -> np.ndarray:
+def cube_seen_by(cameras: list[Camera]) -> np.ndarray:
+    """World cube [2, 3] as big as the views of cameras, around what they look at (see `region_seen_by`)."""
     positions = np.stack([camera.position for camera in cameras])
     axes = np.stack([camera.view_direction for camera in cameras])
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]

@@ -17,7 +17,7 @@ from ..capture.panorama import Behind, Comparison, Panorama, panorama_of
 from ..capture.photos import Photo, resized
 from ..threads import usable_cores
 from .common_masks import CELLS, fit_together, mended, silhouettes
-from .photo_alpha import srgb_of, with_alpha
+from .photo_alpha import filled, srgb_of, with_alpha
 
 FEWER = 0.02
 """share of the photos that may be wrong about a place before surroundings that are far: it is chance if one
@@ -157,7 +157,7 @@ def _behind(camera: Camera, photo: Photo, panorama: Panorama) -> Behind:
 
 def _before(photo: Photo, shown: np.ndarray, behind: Behind) -> Photo:
     """A photo of which the object is what is `shown` [H, W], before what is far behind it."""
-    colour = _filled(behind.colour, behind.known)
+    colour = filled(behind.colour, behind.known)
     depth = scipy.ndimage.distance_transform_edt(shown)
     unsure = shown & ~behind.known & (depth <= UNSURE * min(shown.shape))
     return replace(
@@ -180,14 +180,6 @@ def at_size(mask: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
         for size, own in zip(shape, mask.shape, strict=True)
     )
     return mask[row[:, None], column]
-
-
-def _filled(colour: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Colours [H, W, 3], those of the nearest pixel where they are not `known` [H, W]."""
-    if known.all() or not known.any():
-        return colour
-    at = scipy.ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    return np.where(known[..., None], colour, colour[tuple(at)])
 
 
 def _levels(photo: Photo) -> np.ndarray:

@@ -19,8 +19,10 @@ from ..capture.photos import Photo, linear_to_srgb, load_photos
 from ..capture.plain_surroundings import EVEN_BORDER, surroundings_of
 from .before_far import few_before_panorama
 from .common_masks import fit_together, mended
+from .cut_out_standing import few_on_support
 from .photo_alpha import srgb_of, with_alpha
 from .settings import Settings
+from .standing import Standing
 
 PROBED = 8
 """photos, evenly taken from all, that tell whether there is a plain backdrop of any colour"""
@@ -51,7 +53,7 @@ def cut_out(capture: Capture, photos: list[Photo], region: np.ndarray | None = N
 
 def photos_as_fitted(
     capture: Capture, settings: Settings, use_masks: bool, region: np.ndarray | None,
-    panorama: Panorama | None = None,
+    panorama: Panorama | None = None, standing: Standing | None = None,
 ) -> list[Photo]:  # fmt: skip
     """Photos to compare a fit's pictures with, loaded and cut out as those of the fit were.
 
@@ -59,6 +61,7 @@ def photos_as_fitted(
         use_masks: the fit's photos had alpha that said what is object, theirs or from being cut out.
         region: [2, 3] world box of the object; None: the capture's.
         panorama: what was far behind the object in the fit's photos.
+        standing: what they told of the object and what it stands on.
 
     Raises:
         CaptureError: a photo cannot be used.
@@ -69,6 +72,8 @@ def photos_as_fitted(
     if panorama is not None:
         box = capture.region if region is None else region
         return few_before_panorama(capture.cameras, photos, panorama, box)
+    if standing is not None:
+        return few_on_support(capture.cameras, photos, standing)
     return cut_out_of_colour(capture, photos, region)
 
 

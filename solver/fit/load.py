@@ -23,6 +23,7 @@ from .panorama_file import read_panorama
 from .reconstruct import device_at_hand
 from .schedule import picture_settings
 from .settings import Settings
+from .standing_file import read_standing
 
 
 def load_job(job: JobFolder, device: torch.device | None = None) -> tuple[Scene, Settings]:
@@ -55,8 +56,10 @@ def held_out_photos(job: JobFolder, capture: Capture, settings: Settings) -> lis
         CaptureError: a photo cannot be used. JobError: no checkpoint.
     """
     use_masks = checkpoint.read_state(job.checkpoint_dir)["use_masks"]
-    panorama = read_panorama(job.surroundings_path)
-    return photos_as_fitted(capture, settings, use_masks, region_of(job.request), panorama)
+    return photos_as_fitted(
+        capture, settings, use_masks, region_of(job.request),
+        read_panorama(job.surroundings_path), read_standing(job.standing_path),
+    )  # fmt: skip
 
 
 def load_light(path: Path, device: torch.device) -> EnvironmentMap:

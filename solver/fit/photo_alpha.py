@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import scipy.ndimage
 
 from ..capture.backdrop import coverage_before
 from ..capture.photos import Photo, linear_to_srgb, srgb_to_linear
@@ -29,3 +30,11 @@ def with_alpha(photo: Photo, shown: np.ndarray, behind: float | np.ndarray) -> P
     linear = np.where(partly, mixed, photo.pixels[..., :3] * (alpha > 0))
     pixels = np.concatenate([linear, alpha], axis=-1).astype(np.float32)
     return replace(photo, pixels=pixels, has_alpha=True)
+
+
+def filled(colour: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Colours [H, W, 3], those of the nearest pixel where they are not `known` [H, W]."""
+    if known.all() or not known.any():
+        return colour
+    at = scipy.ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return np.where(known[..., None], colour, colour[tuple(at)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from pathlib import Path
 
@@ -15,7 +14,6 @@ from ..capture.capture import Capture
 from ..capture.panorama import Panorama
 from ..capture.photos import Photo, at_sizes_of, load_photos
 from ..capture.placement import counted_from
-from ..job.apart import ApartError
 from ..job.control import Cancelled, Control
 from ..job.events import clock
 from ..job.folder import JobFolder, JobRequest
@@ -23,26 +21,21 @@ from ..job.inputs import capture_of, placement_of, region_of
 from ..kernels.backend import fast
 from ..kernels.warm_up import compile_kernels
 from . import checkpoint
-from .before_far import cut_out_before_far
 from .clock import FitClock, finishing_seconds, seconds_to_fit
-from .cut_out import backdrop_behind, cut_out
 from .errors import SettingsError
-from .panorama_file import write_panorama
-from .point_start import with_points
+from .isolation import isolated
 from .presets import settings_for
 from .preview import write_previews
 from .progress import Progress
 from .report import write_job_report
 from .settings import Settings
 from .snapshots import write_figure, write_snapshot
-from .start import new_trainer, starts_from_points, trainer_for
+from .start import new_trainer, trainer_for
 from .trainer import Trainer
 from .visual_hull import not_all_masked
 
 FINDING_SHARE = 0.9
-"""of the time in which a fit without masks is begun: finding sparse points, or masks"""
-POINTS_LIMIT = 0.2
-"""of a time limit that this may take: with less left, the fit would be the worse for it"""
+"""of the time in which a fit is begun: finding masks, or sparse points"""
 PREVIEW_PAUSE = 20.0
 """time between two previews, at least, in times that the last one took"""
 FEW_STEPS, FEW_STEPS_FROM_FOG = 0.05, 0.2
@@ -99,27 +92,15 @@ def run_job(
     region = region_of(request)
     if state is not None:
         settings = checkpoint.settings_of(state)
-    panorama = None
 
     def told(done: float, text: str = "") -> None:
         progress.fraction(done, text)
         _stop_if_asked(control)
 
-    if settings.fit.cut_out and settings.fit.use_masks:
-        photos = cut_out(capture, photos, region)
-        if settings.fit.cut_out_before_far:
-            before = cut_out_before_far(
-                capture, photos, region, lambda done: told(FINDING_SHARE * done)
-            )
-            if before is not None:
-                photos, panorama = before
-                write_panorama(job.surroundings_path, panorama)
-        backdrop = backdrop_behind(photos)
-        if backdrop is not None:
-            progress.warning(
-                f"the photos are before plain {backdrop}, but parts of the object are as {backdrop}, so "
-                "masks cannot be made of it; add some"
-            )
+    capture, photos, panorama = isolated(
+        job, settings, capture, photos, state is not None, progress,
+        lambda done: told(FINDING_SHARE * done),
+    )  # fmt: skip
     if state is not None:
         scene, state, tensors = checkpoint.load_scene(job.checkpoint_dir, device)
         trainer = trainer_for(scene, capture, photos, settings, request.seed, panorama)
@@ -207,24 +188,13 @@ def _at_start(
     region: np.ndarray | None, device: str, progress: Progress, control: Control,
     panorama: Panorama | None,
 ) -> Trainer:  # fmt: skip
-    """A trainer at the start of a fit, which without masks are sparse points."""
-    found = 0.0 if panorama is None else FINDING_SHARE
+    """A trainer at the start of a fit."""
 
     def told(done: float) -> None:
-        progress.fraction(done)
+        progress.fraction(FINDING_SHARE + (1 - FINDING_SHARE) * done)
         _stop_if_asked(control)
 
-    if starts_from_points(photos, settings):
-        found = FINDING_SHARE
-        seconds = POINTS_LIMIT * (request.time_limit or math.inf)
-        try:
-            capture = with_points(capture, photos, lambda done: told(found * done), seconds)
-        except ApartError as error:
-            progress.warning(f"no sparse points ({error}); the fit starts without them")
-    trainer = new_trainer(
-        capture, photos, settings, request.seed, region, device,
-        lambda done: told(found + (1 - found) * done), panorama,
-    )  # fmt: skip
+    trainer = new_trainer(capture, photos, settings, request.seed, region, device, told, panorama)
     if trainer.scene.turntable is not None and settings.light.turntable == "auto":
         progress.warning(
             "the object was turned before a still camera, so the light goes round with the cameras; if it "

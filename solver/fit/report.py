@@ -25,6 +25,7 @@ from .panorama_file import read_panorama
 from .preview import display, over_plain, tone_mapped
 from .schedule import picture_settings
 from .settings import Settings
+from .standing_file import read_standing
 from .start import background_shown, uses_masks
 
 VIEWS = 4
@@ -120,7 +121,10 @@ def _held_out(
     # Before what is far away, photos tell together where the object is.
     loaded = _spread(test.cameras, VIEWS if panorama is None else CUT_OUT)
     test = replace(test, cameras=tuple(test.cameras[i] for i in loaded))
-    photos = photos_as_fitted(test, settings, use_masks, region_of(job.request), panorama)
+    photos = photos_as_fitted(
+        test, settings, use_masks, region_of(job.request), panorama,
+        read_standing(job.standing_path),
+    )  # fmt: skip
     chosen = _spread(test.cameras)
     return [test.cameras[i] for i in chosen], [photos[i] for i in chosen]
 

@@ -136,6 +136,8 @@ class FitSettings:
     cut_out_before_far: bool = True
     """and those before surroundings so far away that all photos show the same in one direction, which then
     are the first light, and the light is held to them with `room_light_weight`"""
+    cut_out_standing: bool = True
+    """and those of something that stands on a table, a floor, a lawn where sparse points are"""
     mask_weight: float = 0.5
     """of (opacity − alpha)², where photos have alpha"""
     orientation_weight: float = 0.1

@@ -1,7 +1,7 @@
 """A reconstruction is a folder: what was asked, what happened, what came out.
 
     JOB/job.json  events.jsonl  status.json  log.txt  cancel  surroundings.exr
-        checkpoint/  preview/  result/
+        standing.npz  masks/  checkpoint/  preview/  result/
 
 `docs/job-folder.md` describes every file.
 """
@@ -150,6 +150,8 @@ class JobFolder:
         self.log_path = self.root / "log.txt"
         self.cancel_path = self.root / "cancel"
         self.surroundings_path = self.root / "surroundings.exr"
+        self.standing_path = self.root / "standing.npz"
+        self.masks_dir = self.root / "masks"
         self.checkpoint_dir = self.root / "checkpoint"
         self.preview_dir = self.root / "preview"
         self.result_dir = self.root / "result"

@@ -1,0 +1,157 @@
+"""What a support looks like, by photos that see past the object; and what in a photo looks unlike it."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.ndimage
+
+from ..capture.camera import Camera
+from .support import Support
+
+AROUND = 1.5
+"""edge of what is looked at of a support, in longest edges of the region"""
+MOST_CELLS = 512
+"""per axis"""
+FEWEST_VIEWS = 3
+"""photos that must show a place for its colour to be known"""
+MOST_VIEWS = 40
+"""evenly taken from all photos, that tell what it looks like"""
+ROWS = 16
+"""of cells that are looked at together, for memory"""
+SHEEN = 1 / 10
+"""width over which a gloss changes a photo's colours evenly, as a share of the root of its pixels"""
+LEAST_SPREAD, SPREAD = 1.6, 0.3
+"""difference (CIE Lab) that is as good as none, and how much more of it where photos disagree"""
+UNLIKE = 3.0
+"""differences, counted in those, from which a pixel tells nothing of the gloss around it"""
+DISAGREE = 3.0
+"""times the usual spread from which photos disagree too much about a place: it is not on the support"""
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """A grid of cells on a support around a region.
+
+    Attributes:
+        origin: [3] world, its first corner; `first`, `second`: unit vectors along its edges.
+        edge: of a cell, world units. cells: per axis.
+    """
+
+    support: Support
+    origin: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+    edge: float
+    cells: int
+
+    @classmethod
+    def around(cls, support: Support, region: np.ndarray, pixel: float) -> Ground:
+        """Cells as big as a pixel (`pixel`, world units), if they are not too many."""
+        half = AROUND / 2 * float((region[1] - region[0]).max())
+        cells = int(np.clip(2 * half / pixel, 32, MOST_CELLS))
+        first, second = support.axes()
+        centre = region.mean(0)
+        centre = centre - support.above(centre) * support.normal
+        return cls(
+            support, centre - half * (first + second), first, second, 2 * half / cells, cells
+        )
+
+    @property
+    def points(self) -> np.ndarray:
+        """[cells · cells, 3] world centres."""
+        steps = (np.arange(self.cells) + 0.5) * self.edge
+        along = steps[:, None, None] * self.first + steps[None, :, None] * self.second
+        return (self.origin + along).reshape(-1, 3)
+
+    def cells_in(self, camera: Camera) -> np.ndarray:
+        """[H, W] int32 cell that is where each pixel's ray meets the support; −1 for none."""
+        row, column = np.mgrid[: camera.height, : camera.width].reshape(2, -1)
+        origins, directions = camera.rays(column + 0.5, row + 0.5)
+        down = directions @ self.support.normal
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = -self.support.above(origins) / down
+            at = origins + distance[:, None] * directions - self.origin
+            place = np.stack([at @ self.first, at @ self.second], -1) / self.edge
+        meets = (distance > 0) & (place >= 0).all(1) & (place < self.cells).all(1)
+        found = np.full(len(place), -1, np.int32)
+        cell = place[meets].astype(np.int32)
+        found[meets] = cell[:, 0] * self.cells + cell[:, 1]
+        return found.reshape(camera.height, camera.width)
+
+
+@dataclass(frozen=True, eq=False)
+class GroundColours:
+    """CIE Lab `colour` [N, 3] of a ground's cells, NaN where it is not known, and how far photos are from
+    it, `spread` [N]."""
+
+    colour: np.ndarray
+    spread: np.ndarray
+
+    @classmethod
+    def seen_in(
+        cls, ground: Ground, cameras: list[Camera], colours: list[np.ndarray],
+        hidden: list[np.ndarray] | None,
+    ) -> GroundColours:  # fmt: skip
+        """Medians of photos [H, W, 3] CIE Lab.
+
+        Args:
+            hidden: [H, W] bool each: what is no ground; None: that is not known yet.
+        """
+        chosen = np.linspace(0, len(cameras) - 1, min(MOST_VIEWS, len(cameras))).astype(int)
+        points, seen = ground.points, []
+        for index in chosen:
+            shape = colours[index].shape[:2]
+            (row, column), inside, _ = cameras[index].pixels_of(points, shape)
+            pixel = np.full(len(points), -1, np.int32)
+            pixel[inside] = row * shape[1] + column
+            if hidden is not None:
+                pixel[inside] = np.where(hidden[index][row, column], -1, pixel[inside])
+            seen.append(pixel)
+        colour = np.full((len(points), 3), np.nan, np.float32)
+        spread = np.full(len(points), np.nan, np.float32)
+        for start in range(0, len(points), ROWS * ground.cells):
+            part = slice(start, start + ROWS * ground.cells)
+            found = np.stack([
+                np.where((own[part] >= 0)[:, None], colours[i].reshape(-1, 3)[own[part]], np.nan)
+                for i, own in zip(chosen, seen, strict=True)
+            ])  # fmt: skip
+            told = (~np.isnan(found[..., 0])).sum(0) >= FEWEST_VIEWS
+            found = found[:, told]
+            if told.any():
+                rows = np.flatnonzero(told) + start
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", RuntimeWarning)
+                    colour[rows] = np.nanmedian(found, axis=0)
+                    away = np.linalg.norm(found - colour[rows], axis=-1)
+                    spread[rows] = np.nanmedian(away, axis=0)
+        return cls(colour, spread)
+
+    def unlike(self, photo: np.ndarray, cell: np.ndarray) -> np.ndarray:
+        """How much a photo's pixels [H, W, 3] differ from the ground behind them, [H, W]: about 1 is usual;
+        NaN where it is not known.
+
+        A gloss brightens the ground differently from everywhere, but smoothly; that is taken off first.
+
+        Args:
+            cell: [H, W] as `Ground.cells_in` has it.
+        """
+        usual = float(np.nanmedian(self.spread)) if np.isfinite(self.spread).any() else 0.0
+        spread = np.where(cell >= 0, self.spread[cell], np.nan)
+        known = spread <= DISAGREE * max(usual, 1.0)
+        least = LEAST_SPREAD + SPREAD * np.maximum(np.nan_to_num(spread), usual)
+        difference = np.where(known[..., None], photo - self.colour[cell], 0)
+        width = SHEEN * known.size**0.5
+        # Twice, since only without the object does the first guess say what is sheen.
+        like = known & (np.linalg.norm(difference, axis=-1) < 2 * UNLIKE * least)
+        for _ in range(2):
+            share = scipy.ndimage.gaussian_filter(like.astype(np.float32), width) + 1e-3
+            sheen = np.stack([
+                scipy.ndimage.gaussian_filter(difference[..., c] * like, width) / share
+                for c in range(3)
+            ], -1)  # fmt: skip
+            found = np.linalg.norm(difference - sheen, axis=-1) / least
+            like = known & (found < UNLIKE)
+        return np.where(known, found, np.nan)

@@ -1,0 +1,131 @@
+"""What of a job's photos is the object: they get alpha, where they have none and something tells."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..capture.capture import Capture
+from ..capture.panorama import Panorama
+from ..capture.photos import Photo
+from ..job.apart import ApartError
+from ..job.folder import JobFolder
+from ..job.inputs import region_of
+from .before_far import cut_out_before_far
+from .cut_out import backdrop_behind, cut_out
+from .cut_out_standing import before_support, find_on_support
+from .panorama_file import write_panorama
+from .point_start import with_points
+from .progress import Progress
+from .settings import Settings
+from .standing_file import read_masks, write_masks, write_standing
+from .start import starts_from_points
+
+FAR, POINTS, STANDING = 0.3, 0.6, 1.0
+"""shares of the time by which it is known whether surroundings are far, where sparse points are, and
+whether something stands on a support"""
+POINTS_LIMIT, STANDING_LIMIT = 0.2, 0.35
+"""of a time limit that the last two may take: with less left, the fit would be the worse for it"""
+
+
+class Isolated(NamedTuple):
+    """What a fit begins with."""
+
+    capture: Capture  # with sparse points, where a fit without masks begins with those
+    photos: list[Photo]
+    panorama: Panorama | None  # what is far behind the object, if photos show that
+
+
+class _NoTime(Exception):
+    pass
+
+
+def isolated(
+    job: JobFolder, settings: Settings, capture: Capture, photos: list[Photo], resumed: bool,
+    progress: Progress, told: Callable[[float], None],
+) -> Isolated:  # fmt: skip
+    """Photos with alpha as far as that can be told, and what a fit without masks begins with.
+
+    Args:
+        resumed: the fit has begun; then photos are cut out as they were.
+        told: is told the share done; what it raises ends the work.
+    """
+    region, began, panorama = region_of(job.request), time.monotonic(), None
+    limit = job.request.time_limit or math.inf
+    may = settings.fit.use_masks and settings.fit.cut_out
+    if may:
+        photos = cut_out(capture, photos, region)
+        if settings.fit.cut_out_before_far:
+            before = cut_out_before_far(capture, photos, region, lambda done: told(FAR * done))
+            if before is not None:
+                photos, panorama = before
+                write_panorama(job.surroundings_path, panorama)
+        _tell_of_backdrop(photos, progress)
+    standing = may and settings.fit.cut_out_standing
+    if resumed:
+        if standing and job.standing_path.is_file():
+            photos = _as_they_were(job, capture, photos)
+        return Isolated(capture, photos, panorama)
+    if starts_from_points(photos, settings):
+        try:
+            capture = with_points(
+                capture,
+                photos,
+                lambda done: told(FAR + (POINTS - FAR) * done),
+                POINTS_LIMIT * limit,
+            )
+        except ApartError as error:
+            progress.warning(f"no sparse points ({error}); the fit starts without them")
+        if standing and backdrop_behind(photos) is None:
+
+            def in_time(done: float) -> None:
+                told(POINTS + (STANDING - POINTS) * done)
+                if time.monotonic() - began > STANDING_LIMIT * limit:
+                    raise _NoTime
+
+            capture, photos = _on_support(job, capture, photos, region, progress, in_time)
+    return Isolated(capture, photos, panorama)
+
+
+def _on_support(
+    job: JobFolder, capture: Capture, photos: list[Photo], region: np.ndarray | None,
+    progress: Progress, told: Callable[[float], None],
+) -> tuple[Capture, list[Photo]]:  # fmt: skip
+    """The capture and its photos, cut out before what the object stands on, if it stands on something."""
+    try:
+        found = find_on_support(capture, photos, region, told)
+    except _NoTime:
+        found = None
+    if found is None:
+        return capture, photos
+    write_masks(job.masks_dir, capture.cameras, found.outlines)
+    write_standing(job.standing_path, found.standing)
+    progress.warning(
+        "there are no masks, so all that stands there was taken for the object, as the job's folder "
+        "'masks' shows; if that is wrong, draw the Region around the object, or add masks (to have none, "
+        "set fit.cut_out_standing=no)"
+    )
+    cut = [before_support(p, o) for p, o in zip(photos, found.outlines, strict=True)]
+    return replace(capture, region=found.box), cut
+
+
+def _as_they_were(job: JobFolder, capture: Capture, photos: list[Photo]) -> list[Photo]:
+    shapes = [photo.pixels.shape[:2] for photo in photos]
+    outlines = read_masks(job.masks_dir, capture.cameras, shapes)
+    if outlines is None:
+        return photos
+    return [before_support(p, o) for p, o in zip(photos, outlines, strict=True)]
+
+
+def _tell_of_backdrop(photos: list[Photo], progress: Progress) -> None:
+    backdrop = backdrop_behind(photos)
+    if backdrop is not None:
+        progress.warning(
+            f"the photos are before plain {backdrop}, but parts of the object are as {backdrop}, so "
+            "masks cannot be made of it; add some"
+        )
