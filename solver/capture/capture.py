@@ -44,6 +44,8 @@ FEWEST_POINTS = 100
 """sparse points from which they say more about the object's bounds than the cameras do"""
 
 
+MARGIN, CLOSEST = 0.3, 0.7
+"""of half the views: how far a box reaches beyond its sparse points, and at least from its centre"""
 LONGEST_WITHOUT_MASKS = 1.2
 """longer side of what belongs to the object, in shorter sides of the views, where there are no masks"""
 
@@ -53,22 +55,25 @@ def region_seen_by(cameras: list[Camera], points: np.ndarray | None = None) -> n
 
     A cube around the point where the optical axes meet, as big as the views: the centre minimises
     the squared distance to all axes, the half edge is what the median camera sees to either side.
-    Sparse points within it, where there are many, draw its faces closer. Masks will do so later, so
-    with them the longer side of the views counts; without, what lies along it is likely the room.
+    Sparse points within it, where there are many, draw its faces closer. Masks will do so better, so
+    with them points do not, and the longer side of the views counts; without, what lies along it is
+    likely the room.
 
     Args:
         points: [N, 3] sparse points, world.
     """
     cube = cube_seen_by(cameras)
-    if points is None:
+    if points is None or _may_have_masks(cameras):
         return cube
     inside = points[((points >= cube[0]) & (points <= cube[1])).all(axis=1)]
     if len(inside) < FEWEST_POINTS:
         return cube
     low, high = np.percentile(inside, (0.5, 99.5), axis=0)
-    # Shiny and plain parts have no points, so the box stays generous.
-    margin = 0.15 * (cube[1] - cube[0])
-    return np.stack([np.maximum(low - margin, cube[0]), np.minimum(high + margin, cube[1])])
+    # Shiny and plain things have no points, only what they stand on, so the box stays generous.
+    centre, half = cube.mean(0), (cube[1] - cube[0]) / 2
+    low = np.minimum(low - MARGIN * half, centre - CLOSEST * half)
+    high = np.maximum(high + MARGIN * half, centre + CLOSEST * half)
+    return np.stack([np.maximum(low, cube[0]), np.minimum(high, cube[1])])
 
 
 def cube_seen_by(cameras: list[Camera]) -> np.ndarray:

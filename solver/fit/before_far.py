@@ -17,7 +17,7 @@ from ..capture.panorama import Behind, Comparison, Panorama, panorama_of
 from ..capture.photos import Photo, resized
 from ..threads import usable_cores
 from .common_masks import CELLS, fit_together, mended, silhouettes
-from .photo_alpha import filled, srgb_of, with_alpha
+from .photo_alpha import filled, levels_of, with_alpha
 
 FEWER = 0.02
 """share of the photos that may be wrong about a place before surroundings that are far: it is chance if one
@@ -63,7 +63,7 @@ def cut_out_before_far(
     cameras, box = capture.cameras, capture.region if region is None else region
     small = [camera.no_larger(COMPARED) for camera in cameras]
     compared = Comparison(small, [
-        _levels(photo if smaller is camera else resized(photo, smaller.width, smaller.height))
+        levels_of(photo if smaller is camera else resized(photo, smaller.width, smaller.height))
         for photo, smaller, camera in zip(photos, small, cameras, strict=True)
     ])  # fmt: skip
     if not compared.is_far():
@@ -83,7 +83,7 @@ def cut_out_before_far(
         )
         for mask, around, photo in zip(maybe, near, photos, strict=True)
     ]
-    panorama = panorama_of(cameras, map(_levels, photos), maybe)
+    panorama = panorama_of(cameras, map(levels_of, photos), maybe)
     progress(MAPPED)
     found = before_panorama(cameras, photos, panorama, box)
     return None if found is None else BeforeFar(found, panorama)
@@ -100,7 +100,7 @@ def before_panorama(
     plain, known = [], []
     for camera, photo in zip(cameras, photos, strict=True):
         behind = _behind(camera, photo, panorama)
-        plain.append(behind.is_seen_in(_levels(photo)))
+        plain.append(behind.is_seen_in(levels_of(photo)))
         known.append(behind.known)
     shown = [~scipy.ndimage.binary_opening(mask, np.ones((2, 2))) for mask in plain]
     # What no other photo shows is told by where the object is.
@@ -145,7 +145,7 @@ def few_before_panorama(
     cut = []
     for camera, photo in zip(cameras, photos, strict=True):
         behind = _behind(camera, photo, panorama)
-        shown = without_dust(behind.known & ~behind.is_seen_in(_levels(photo)))
+        shown = without_dust(behind.known & ~behind.is_seen_in(levels_of(photo)))
         shown = scipy.ndimage.binary_fill_holes(shown)
         cut.append(_before(photo, shown, behind))
     return cut
@@ -180,8 +180,3 @@ def at_size(mask: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
         for size, own in zip(shape, mask.shape, strict=True)
     )
     return mask[row[:, None], column]
-
-
-def _levels(photo: Photo) -> np.ndarray:
-    """[H, W, 3] float32 sRGB, clipped."""
-    return srgb_of(photo).clip(0, 1).astype(np.float32)

@@ -16,10 +16,10 @@ from ..capture.photos import Photo, resized
 from ..capture.placement import estimate_up
 from .before_far import at_size
 from .common_masks import fit_together
-from .photo_alpha import filled, srgb_of, with_alpha
+from .photo_alpha import filled, levels_of, srgb_of, with_alpha
 from .standing import Outline, Picture, Standing
 from .standing_search import find_standing
-from .support import support_of
+from .support import Support, support_of
 
 COMPARED, OUTLINED = 60_000, 240_000
 """pixels of photos by which it is found where the object is, and where it ends"""
@@ -49,12 +49,10 @@ def find_on_support(
     Returns:
         None where photos have alpha, there is no support, or what stands on it does not fit together.
     """
-    if any(photo.has_alpha for photo in photos) or capture.has_few_points:
+    if any(photo.has_alpha for photo in photos):
         return None
-    # Points draw the capture's region together, and shiny things have none.
-    box = cube_seen_by(list(capture.cameras)) if region is None else region
-    up = estimate_up(list(capture.cameras)) if capture.up is None else np.asarray(capture.up)
-    support = support_of(capture.points, box, up / np.linalg.norm(up))
+    box = _searched(capture, region)
+    support = support_below(capture, region)
     if support is None:
         return None
     small = [camera.no_larger(COMPARED) for camera in capture.cameras]
@@ -73,6 +71,24 @@ def find_on_support(
     if not fit_together([p.camera for p in pictures], small, box):
         return None
     return OnSupport(standing, outlines, box)
+
+
+def support_below(capture: Capture, region: np.ndarray | None = None) -> Support | None:
+    """What the object stands on, by the capture's sparse points; None if they tell of nothing.
+
+    Args:
+        region: [2, 3] world box of the object; None: the capture's.
+    """
+    if capture.has_few_points:
+        return None
+    up = estimate_up(list(capture.cameras)) if capture.up is None else np.asarray(capture.up)
+    return support_of(capture.points, _searched(capture, region), up / np.linalg.norm(up))
+
+
+def _searched(capture: Capture, region: np.ndarray | None) -> np.ndarray:
+    """World box [2, 3] in which the object is looked for."""
+    # Points draw the capture's region together, and shiny things have none.
+    return cube_seen_by(list(capture.cameras)) if region is None else region
 
 
 def before_support(photo: Photo, outline: Outline) -> Photo:
@@ -98,7 +114,7 @@ def few_on_support(
 def picture_of(small: Camera, camera: Camera, photo: Photo) -> Picture:
     """A photo at the size of its camera made `small`."""
     seen = photo if small is camera else resized(photo, small.width, small.height)
-    return Picture(small, rgb2lab(srgb_of(seen).clip(0, 1)).astype(np.float32))
+    return Picture(small, rgb2lab(levels_of(seen)))
 
 
 def _outline(standing: Standing, camera: Camera, photo: Photo) -> Outline:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..capture.capture import Capture
-from ..capture.panorama import Panorama
+from ..capture.panorama import Panorama, panorama_of
 from ..capture.photos import Photo
 from ..job.apart import ApartError
 from ..job.folder import JobFolder
@@ -20,6 +20,7 @@ from .before_far import cut_out_before_far
 from .cut_out import backdrop_behind, cut_out
 from .cut_out_standing import before_support, find_on_support
 from .panorama_file import write_panorama
+from .photo_alpha import levels_of
 from .point_start import with_points
 from .progress import Progress
 from .settings import Settings
@@ -38,7 +39,8 @@ class Isolated(NamedTuple):
 
     capture: Capture  # with sparse points, where a fit without masks begins with those
     photos: list[Photo]
-    panorama: Panorama | None  # what is far behind the object, if photos show that
+    panorama: Panorama | None = None  # what is far behind the object, if photos show that
+    first_light: Panorama | None = None  # what is around it, about, where that is not far
 
 
 class _NoTime(Exception):
@@ -88,21 +90,21 @@ def isolated(
                 if time.monotonic() - began > STANDING_LIMIT * limit:
                     raise _NoTime
 
-            capture, photos = _on_support(job, capture, photos, region, progress, in_time)
+            return _on_support(job, capture, photos, region, progress, in_time)
     return Isolated(capture, photos, panorama)
 
 
 def _on_support(
     job: JobFolder, capture: Capture, photos: list[Photo], region: np.ndarray | None,
     progress: Progress, told: Callable[[float], None],
-) -> tuple[Capture, list[Photo]]:  # fmt: skip
-    """The capture and its photos, cut out before what the object stands on, if it stands on something."""
+) -> Isolated:  # fmt: skip
+    """Photos cut out before what the object stands on, if it stands on something."""
     try:
         found = find_on_support(capture, photos, region, told)
     except _NoTime:
         found = None
     if found is None:
-        return capture, photos
+        return Isolated(capture, photos)
     write_masks(job.masks_dir, capture.cameras, found.outlines)
     write_standing(job.standing_path, found.standing)
     progress.warning(
@@ -110,8 +112,11 @@ def _on_support(
         "'masks' shows; if that is wrong, draw the Region around the object, or add masks (to have none, "
         "set fit.cut_out_standing=no)"
     )
+    around = panorama_of(
+        capture.cameras, (levels_of(photo) for photo in photos), [o.shown for o in found.outlines]
+    )
     cut = [before_support(p, o) for p, o in zip(photos, found.outlines, strict=True)]
-    return replace(capture, region=found.box), cut
+    return Isolated(replace(capture, region=found.box), cut, first_light=around)
 
 
 def _as_they_were(job: JobFolder, capture: Capture, photos: list[Photo]) -> list[Photo]:

@@ -16,6 +16,11 @@ def srgb_of(photo: Photo) -> np.ndarray:
     return linear_to_srgb(photo.pixels[..., :3])
 
 
+def levels_of(photo: Photo) -> np.ndarray:
+    """[H, W, 3] float32 sRGB, clipped."""
+    return srgb_of(photo).clip(0, 1).astype(np.float32)
+
+
 def with_alpha(photo: Photo, shown: np.ndarray, behind: float | np.ndarray) -> Photo:
     """A photo of which the object is what is `shown` [H, W], and the rest the backdrop.
 

@@ -97,7 +97,7 @@ def run_job(
         progress.fraction(done, text)
         _stop_if_asked(control)
 
-    capture, photos, panorama = isolated(
+    capture, photos, panorama, first_light = isolated(
         job, settings, capture, photos, state is not None, progress,
         lambda done: told(FINDING_SHARE * done),
     )  # fmt: skip
@@ -107,7 +107,16 @@ def run_job(
         checkpoint.restore(trainer, state, tensors)
     else:
         trainer = _at_start(
-            request, settings, capture, photos, region, device, progress, control, panorama
+            request,
+            settings,
+            capture,
+            photos,
+            region,
+            device,
+            progress,
+            control,
+            panorama,
+            first_light,
         )
     settings = trainer.settings
     _stop_if_asked(control)
@@ -186,7 +195,7 @@ def _tell_of_missing_masks(capture: Capture, photos: list[Photo], progress: Prog
 def _at_start(
     request: JobRequest, settings: Settings, capture: Capture, photos: list[Photo],
     region: np.ndarray | None, device: str, progress: Progress, control: Control,
-    panorama: Panorama | None,
+    panorama: Panorama | None, first_light: Panorama | None,
 ) -> Trainer:  # fmt: skip
     """A trainer at the start of a fit."""
 
@@ -194,7 +203,9 @@ def _at_start(
         progress.fraction(FINDING_SHARE + (1 - FINDING_SHARE) * done)
         _stop_if_asked(control)
 
-    trainer = new_trainer(capture, photos, settings, request.seed, region, device, told, panorama)
+    trainer = new_trainer(
+        capture, photos, settings, request.seed, region, device, told, panorama, first_light
+    )
     if trainer.scene.turntable is not None and settings.light.turntable == "auto":
         progress.warning(
             "the object was turned before a still camera, so the light goes round with the cameras; if it "

@@ -85,7 +85,7 @@ class Region:
 def new_trainer(
     capture: Capture, photos: list[Photo], settings: Settings, seed: int,
     region: np.ndarray | None, device: str, progress: Callable[[float], None],
-    panorama: Panorama | None = None,
+    panorama: Panorama | None = None, first_light: Panorama | None = None,
 ) -> Trainer:  # fmt: skip
     """A trainer at its start; its settings are those given, but for the grid's sizes if there are no masks.
 
@@ -95,7 +95,8 @@ def new_trainer(
 
     Args:
         region: [2, 3] world box given by the person, or None.
-        panorama: what is far behind the object, if that is known: it is the first light.
+        panorama: what is far behind the object, if that is known: it is the first light, and holds it.
+        first_light: what is around the object, about, where that is not far.
 
     Raises:
         CaptureError: the photos' masks have nothing in common.
@@ -151,6 +152,9 @@ def new_trainer(
     if trainer.far is not None:
         trainer.begin_light(trainer.far.begin(environment.height, settings.light.initial))
         trainer.far.put_into(environment)
+    elif first_light is not None and turntable is None:
+        around = FarLight(first_light, scene.device)
+        trainer.begin_light(around.begin(environment.height, settings.light.initial))
     return trainer
 
 

@@ -8,6 +8,8 @@ import numpy as np
 
 TRIES = 600
 """planes through three points each that are tried"""
+MARGIN = 0.25
+"""of the region's edges, within which around it points count, too: it may end where the object does"""
 THICK = 0.01
 """of the region's longest edge: how far from a plane its points may be"""
 LEVEL = np.cos(np.radians(20))
@@ -46,7 +48,8 @@ def support_of(points: np.ndarray, region: np.ndarray, up: np.ndarray) -> Suppor
         region: [2, 3] world box of the object.
         up: [3] unit world direction.
     """
-    inside = points[((points >= region[0]) & (points <= region[1])).all(1)]
+    margin = MARGIN * (region[1] - region[0])
+    inside = points[((points >= region[0] - margin) & (points <= region[1] + margin)).all(1)]
     if len(inside) < FEWEST:
         return None
     thick = THICK * float((region[1] - region[0]).max())

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..capture.capture import Capture
+from ..fit.cut_out_standing import support_below
 from ..fit.presets import settings_for
+from ..fit.settings import Settings
 from ..fit.turned_light import circles_of
 from . import photos
 from .bounds import nothing_in_common, object_box
@@ -62,7 +64,7 @@ def check(
     found = [note(text) for text in capture.warnings]
     found += photos.blur(looks) + photos.exposure(looks) + photos.duplicates(looks)
     found += (
-        photos.masks(looks)
+        photos.masks(looks, _stands(capture, settings, region))
         + photos.size(looks, asked, settings.photos.most_pixels)
         + coverage(asked)
         + turning(circles)
@@ -79,3 +81,10 @@ def check(
         )  # fmt: skip
     found.sort(key=lambda finding: finding.level != "warning")
     return Report(tuple(found), told, box)
+
+
+def _stands(capture: Capture, settings: Settings, region: np.ndarray | None) -> bool:
+    """True if a fit looks for something that stands on a support, and there is one."""
+    fit = settings.fit
+    looks_for = fit.use_masks and fit.cut_out and fit.cut_out_standing
+    return looks_for and support_below(capture, region) is not None

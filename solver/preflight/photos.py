@@ -110,10 +110,17 @@ def duplicates(looks: list[Look]) -> list[Finding]:
     return found
 
 
-def masks(looks: list[Look]) -> list[Finding]:
-    """Photos without masks, and masks that cannot be right."""
+def masks(looks: list[Look], stands: bool = False) -> list[Finding]:
+    """Photos without masks, and masks that cannot be right.
+
+    Args:
+        stands: there is something on which the object may stand; then masks may be made of that.
+    """
     without = [look.name for look in looks if look.coverage is None]
     if len(without) == len(looks):
+        if stands:
+            return [note("no photo has a mask or alpha; masks are made of what stands on the table or "
+                         "floor, if that is more than the object, draw the region around it")]  # fmt: skip
         return [note("no photo has a mask or alpha; the object is found without them, which is slower "
                      "and less sure, so add masks if the background is busy")]  # fmt: skip
     backdrop = looks[0].backdrop

@@ -149,14 +149,32 @@ def test_without_masks_the_region_is_no_longer_than_the_views_are_wide(tmp_path)
     assert edge("RGB", tmp_path / "mask.png") == pytest.approx(edge("RGBA"))
 
 
-def test_points_draw_the_region_closer_and_a_few_do_not():
+@pytest.fixture
+def jpegs(tmp_path):
+    """Cameras whose photos can have no alpha."""
+    Image.new("RGB", (60, 40)).save(tmp_path / "a.jpg")
+    return [replace(camera, image_path=tmp_path / "a.jpg") for camera in ring()]
+
+
+def test_points_draw_the_region_closer_and_a_few_do_not(jpegs):
     rng = np.random.default_rng(0)
-    cube = region_seen_by(ring())
+    cube = region_seen_by(jpegs)
     points = np.concatenate([rng.normal(0, 0.1, (500, 3)), rng.uniform(20, 30, (500, 3))])
-    region = region_seen_by(ring(), points)
+    region = region_seen_by(jpegs, points)
     assert (region[1] - region[0]).max() < 0.8 * (cube[1] - cube[0]).max()
     assert (region[0] < -0.3).all() and (region[1] > 0.3).all()
-    np.testing.assert_array_equal(region_seen_by(ring(), points[:50]), cube)
+    np.testing.assert_array_equal(region_seen_by(jpegs, points[:50]), cube)
+
+
+def test_points_on_a_table_alone_leave_room_for_a_shiny_thing_on_it(jpegs, tmp_path):
+    table = np.random.default_rng(1).uniform(-1, 1, (500, 3)) * [1, 1, 0.01]
+    cube = region_seen_by(jpegs)
+    region = region_seen_by(jpegs, table)
+    half = (cube[1] - cube[0])[2] / 2
+    assert region[1, 2] > 0.65 * half and region[0, 2] < -0.65 * half
+    # Masks say it better: the object may reach as far as the views.
+    masked = [replace(camera, mask_path=tmp_path / "mask.png") for camera in jpegs]
+    np.testing.assert_array_equal(region_seen_by(masked, table), region_seen_by(masked))
 
 
 @pytest.mark.parametrize("second", [(0, 0, 1), (0, 0, -1), (0, 1, 0), (0.6, 0, 0.8)])

@@ -103,3 +103,20 @@ def test_masks_with_nothing_in_common_are_told_before_the_fit_fails(pictures, tm
     report = check(write(tmp_path, pictures, only(at3=aside)))
     assert report.box is None and report.as_json()["box"] is None
     assert any("inside the masks of all photos" in f.text for f in warnings(report.findings))
+
+
+def test_without_masks_a_check_tells_of_what_the_object_may_stand_on(pictures, tmp_path):
+    capture = write(tmp_path, pictures, masked=False)
+    low, high = capture.region
+    plane = np.random.default_rng(0).uniform(low, high, (300, 3))
+    plane[:, 2] = low[2] + 0.3 * (high[2] - low[2])
+    level = replace(capture, points=plane, up=np.array([0.0, 0.0, 1.0]))
+
+    def told(capture, **how):
+        return [f.text for f in check(capture, **how).findings if "no photo has a mask" in f.text]
+
+    assert "stands on the table" in told(level)[0]
+    assert "stands on" not in told(level, preset="paper")[0]
+    assert "stands on" not in told(replace(level, up=np.array([1.0, 0.0, 0.0])))[0]
+    above = np.stack([[low[0], low[1], high[2] - 0.1], high])
+    assert "stands on" not in told(level, region=above)[0]
