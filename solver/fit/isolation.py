@@ -14,7 +14,7 @@ from ..capture.capture import Capture
 from ..capture.panorama import Panorama, panorama_of
 from ..capture.photos import Photo
 from ..job.apart import ApartError
-from ..job.folder import JobFolder
+from ..job.folder import JobError, JobFolder
 from ..job.inputs import region_of
 from .before_far import cut_out_before_far
 from .cut_out import backdrop_behind, cut_out
@@ -56,6 +56,9 @@ def isolated(
     Args:
         resumed: the fit has begun; then photos are cut out as they were.
         told: is told the share done; what it raises ends the work.
+
+    Raises:
+        JobError: the job goes on, but its masks are gone.
     """
     region, began, panorama = region_of(job.request), time.monotonic(), None
     limit = job.request.time_limit or math.inf
@@ -123,7 +126,10 @@ def _as_they_were(job: JobFolder, capture: Capture, photos: list[Photo]) -> list
     shapes = [photo.pixels.shape[:2] for photo in photos]
     outlines = read_masks(job.masks_dir, capture.cameras, shapes)
     if outlines is None:
-        return photos
+        raise JobError(
+            f"{job.masks_dir}: masks that the reconstruction began with are missing or of another size; "
+            "put them back, or start it anew."
+        )
     return [before_support(p, o) for p, o in zip(photos, outlines, strict=True)]
 
 

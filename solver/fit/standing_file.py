@@ -4,6 +4,7 @@ masks/NAME.png of its own."""
 from __future__ import annotations
 
 import zipfile
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from .places import Places
 from .standing import Odds, Outline, Standing
 from .support import Support
 
+DAMAGED = zipfile.BadZipFile, zlib.error
 DARK, LIGHT = 0.25, 0.75
 """of a mask where a photo is not sure to show the object, or that it does not"""
 
@@ -62,7 +64,7 @@ def read_standing(path: Path) -> Standing | None:
             Places(read["places"], float(read["places_edge"])), read["likely"].astype(np.float32),
             Places(read["surface"], float(read["surface_edge"])),
         )  # fmt: skip
-    except (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+    except (OSError, EOFError, ValueError, KeyError, TypeError, *DAMAGED) as error:
         raise JobError(
             f"{path}: it cannot be read ({error}); start the reconstruction anew."
         ) from error

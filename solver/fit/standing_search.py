@@ -97,7 +97,6 @@ class _Search:
         cameras = [picture.camera for picture in self.pictures]
         self.ground_colours = GroundColours.seen_in(self.ground, cameras, colours, self.masks)
         unlike = list(self.pool.map(self.ground_colours.unlike, colours, self.ground_cells))
-        self.unlike = unlike
         kept = self.kept.astype(np.float32)
         allowed = list(self.pool.map(lambda own: own.highest(kept, 0) > A_LITTLE, self.placed))
         shown, past = self._by_support(unlike) if self.masks is None else self._by_masks()
@@ -115,7 +114,7 @@ class _Search:
         self.likely = self._likely(odds)
         likeliest = self.pool.map(lambda own: own.highest(self.likely, NO_PLACE), self.placed)
         self.masks = list(self.pool.map(outline_of, colours, odds, allowed, likeliest))
-        self.kept_last = self.kept
+        self.kept_last, self.unlike = self.kept, unlike
         self.object = shown_by_all_but(few, self.placed, self.masks, self.seen)
         self.kept = self._grown(self.object)
         return bool(self.object.any())

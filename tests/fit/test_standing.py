@@ -108,6 +108,15 @@ def test_photos_stay_as_they_are_of(what, glazed):
     assert find_on_support(capture, photos) is None
 
 
+def test_a_region_says_what_of_all_that_stands_there_is_the_object():
+    capture, photos, _ = table_scene(views=10)
+    around = np.array([CENTRE - 0.4, CENTRE + 0.4])
+    found = find_on_support(capture, photos, around)
+    assert found.box is around and all(o.shown.any() for o in found.outlines)
+    for nowhere in ([[-0.8, -0.8, 5], [0.8, 0.8, 6.5]], [[-0.8, -0.8, 0.5], [-0.5, -0.5, 0.8]]):
+        assert find_on_support(capture, photos, np.array(nowhere, float)) is None
+
+
 def test_nothing_is_found_rather_than_a_part_of_what_stands_there(glazed):
     capture, photos, shown, _ = glazed
     pictures = [picture_of(c, c, p) for c, p in zip(capture.cameras, photos, strict=True)]
@@ -138,7 +147,9 @@ def test_what_is_known_of_the_object_is_kept_in_a_file(tmp_path, mirror):
     assert overlap([again.shown], [found.standing.outline(picture).shown]) > 0.99
     assert [entry.name for entry in tmp_path.iterdir()] == ["standing.npz"]
     data = path.read_bytes()
-    for broken in (b"", data[: len(data) // 2], b"PK" + data[2:50]):
+    flipped = bytearray(data)
+    flipped[len(data) // 2] ^= 0xFF
+    for broken in (b"", data[: len(data) // 2], b"PK" + data[2:50], bytes(flipped)):
         path.write_bytes(broken)
         with pytest.raises(JobError, match=r"standing\.npz.*start the reconstruction anew"):
             read_standing(path)
@@ -192,7 +203,8 @@ def test_a_job_cuts_photos_out_once_and_goes_on_with_the_same(tmp_path, glazed, 
         np.testing.assert_array_equal(one.pixels, other.pixels)
         np.testing.assert_array_equal(one.unsure, other.unsure)
     (job.masks_dir / f"{capture.cameras[0].name}.png").unlink()
-    assert isolated(job, SETTINGS, capture, photos, True, heard, told.append).photos is photos
+    with pytest.raises(JobError, match="masks.*put them back, or start it anew"):
+        isolated(job, SETTINGS, capture, photos, True, heard, told.append)
 
 
 def test_a_job_leaves_photos_alone_if_told_to_or_short_of_time(tmp_path, glazed):
