@@ -119,8 +119,8 @@ def masks(looks: list[Look], stands: bool = False) -> list[Finding]:
     without = [look.name for look in looks if look.coverage is None]
     if len(without) == len(looks):
         if stands:
-            return [note("no photo has a mask or alpha; masks are made of what stands on the table or "
-                         "floor, if that is more than the object, draw the region around it")]  # fmt: skip
+            return [note("no photo has a mask or alpha: masks are made of what stands on the table or "
+                         "floor; if that is more than the object, draw the region around it")]  # fmt: skip
         return [note("no photo has a mask or alpha; the object is found without them, which is slower "
                      "and less sure, so add masks if the background is busy")]  # fmt: skip
     backdrop = looks[0].backdrop
