@@ -76,6 +76,11 @@ def region_seen_by(cameras: list[Camera], points: np.ndarray | None = None) -> n
     return np.stack([np.maximum(low, cube[0]), np.minimum(high, cube[1])])
 
 
+def evenly_taken(count: int, most: int) -> np.ndarray:
+    """Indices of at most so many of `count` cameras, evenly taken from all."""
+    return np.linspace(0, count - 1, min(most, count)).astype(int)
+
+
 def cube_seen_by(cameras: list[Camera]) -> np.ndarray:
     """World cube [2, 3] as big as the views of cameras, around what they look at (see `region_seen_by`)."""
     positions = np.stack([camera.position for camera in cameras])

@@ -96,7 +96,9 @@ def load_photo(camera: Camera, settings: PhotoSettings | None = None) -> Photo:
 
 
 def resized(photo: Photo, width: int, height: int) -> Photo:
-    """The photo at another size: means of linear premultiplied pixels."""
+    """The photo at a size, itself if it has that: means of linear premultiplied pixels."""
+    if photo.pixels.shape[1::-1] == (width, height):
+        return photo
     channels = (np.ascontiguousarray(photo.pixels[..., c]) for c in range(4))
     channels = [
         np.asarray(Image.fromarray(channel).resize((width, height), Image.Resampling.HAMMING))
@@ -129,7 +131,7 @@ def load_photos(
 
     def load(camera: Camera) -> Photo:
         photo, small = load_photo(camera, settings), camera.no_larger(most_pixels)
-        return photo if small is camera else resized(photo, small.width, small.height)
+        return resized(photo, small.width, small.height)
 
     photos = []
     with ThreadPoolExecutor(max_workers=min(MOST_AT_ONCE, usable_cores())) as pool:

@@ -33,8 +33,7 @@ def suggest_placement(capture: Capture) -> np.ndarray:
     Files that say which way is up are turned only if it is not +Z, and keep their scale. All others
     are turned by `estimate_up`, made `SIZE` units big and moved to the origin.
     """
-    up = estimate_up(list(capture.cameras)) if capture.up is None else np.asarray(capture.up)
-    rotation = rotation_between(up / np.linalg.norm(up), UP)
+    rotation = rotation_between(up_of(capture), UP)
     low, high = capture.region
     centre, size = (low + high) / 2, float((high - low).max())
     matrix = np.eye(4)
@@ -94,6 +93,11 @@ def seen_from(capture: Capture, origin: np.ndarray) -> Capture:
         points=None if capture.points is None else capture.points - origin,
         region=capture.region - origin,
     )  # fmt: skip
+
+
+def up_of(capture: Capture) -> np.ndarray:
+    """Unit world direction [3] that is up: what the file says, else `estimate_up`."""
+    return _unit(estimate_up(list(capture.cameras)) if capture.up is None else capture.up)
 
 
 def estimate_up(cameras: list[Camera]) -> np.ndarray:

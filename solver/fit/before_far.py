@@ -63,8 +63,8 @@ def cut_out_before_far(
     cameras, box = capture.cameras, capture.region if region is None else region
     small = [camera.no_larger(COMPARED) for camera in cameras]
     compared = Comparison(small, [
-        levels_of(photo if smaller is camera else resized(photo, smaller.width, smaller.height))
-        for photo, smaller, camera in zip(photos, small, cameras, strict=True)
+        levels_of(resized(photo, smaller.width, smaller.height))
+        for photo, smaller in zip(photos, small, strict=True)
     ])  # fmt: skip
     if not compared.is_far():
         return None

@@ -13,7 +13,7 @@ from skimage.color import rgb2lab
 from ..capture.camera import Camera
 from ..capture.capture import Capture, cube_seen_by
 from ..capture.photos import Photo, resized
-from ..capture.placement import estimate_up
+from ..capture.placement import up_of
 from .before_far import at_size
 from .common_masks import fit_together
 from .photo_alpha import filled, levels_of, srgb_of, with_alpha
@@ -55,10 +55,9 @@ def find_on_support(
     support = support_below(capture, region)
     if support is None:
         return None
-    small = [camera.no_larger(COMPARED) for camera in capture.cameras]
     pictures = [
-        picture_of(own, camera, photo)
-        for own, camera, photo in zip(small, capture.cameras, photos, strict=True)
+        picture_of(camera.no_larger(COMPARED), photo)
+        for camera, photo in zip(capture.cameras, photos, strict=True)
     ]
     standing = find_standing(support, pictures, box, lambda done: progress(FINDING * done))
     if standing is None:
@@ -81,8 +80,7 @@ def support_below(capture: Capture, region: np.ndarray | None = None) -> Support
     """
     if capture.has_few_points:
         return None
-    up = estimate_up(list(capture.cameras)) if capture.up is None else np.asarray(capture.up)
-    return support_of(capture.points, _searched(capture, region), up / np.linalg.norm(up))
+    return support_of(capture.points, _searched(capture, region), up_of(capture))
 
 
 def _searched(capture: Capture, region: np.ndarray | None) -> np.ndarray:
@@ -111,12 +109,11 @@ def few_on_support(
     ]
 
 
-def picture_of(small: Camera, camera: Camera, photo: Photo) -> Picture:
-    """A photo at the size of its camera made `small`."""
-    seen = photo if small is camera else resized(photo, small.width, small.height)
-    return Picture(small, rgb2lab(levels_of(seen)))
+def picture_of(camera: Camera, photo: Photo) -> Picture:
+    """A photo at the size of its camera, which may have been made smaller."""
+    return Picture(camera, rgb2lab(levels_of(resized(photo, camera.width, camera.height))))
 
 
 def _outline(standing: Standing, camera: Camera, photo: Photo) -> Outline:
-    found = standing.outline(picture_of(camera.no_larger(OUTLINED), camera, photo))
+    found = standing.outline(picture_of(camera.no_larger(OUTLINED), photo))
     return Outline(*(at_size(mask, photo.pixels.shape[:2]) for mask in found))

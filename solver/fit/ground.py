@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.ndimage
@@ -17,8 +19,6 @@ MOST_CELLS = 512
 """per axis"""
 FEWEST_VIEWS = 3
 """photos that must show a place for its colour to be known"""
-MOST_VIEWS = 40
-"""evenly taken from all photos, that tell what it looks like"""
 ROWS = 16
 """of cells that are looked at together, for memory"""
 SHEEN = 1 / 10
@@ -81,6 +81,14 @@ class Ground:
         found[meets] = cell[:, 0] * self.cells + cell[:, 1]
         return found.reshape(camera.height, camera.width)
 
+    def pixels_in(self, camera: Camera) -> np.ndarray:
+        """[cells · cells] int32 pixel, counted along rows, that shows each cell's centre; −1 for none."""
+        shape = camera.height, camera.width
+        (row, column), inside, _ = camera.pixels_of(self.points, shape)
+        pixel = np.full(len(inside), -1, np.int32)
+        pixel[inside] = row * shape[1] + column
+        return pixel
+
 
 @dataclass(frozen=True, eq=False)
 class GroundColours:
@@ -92,31 +100,28 @@ class GroundColours:
 
     @classmethod
     def seen_in(
-        cls, ground: Ground, cameras: list[Camera], colours: list[np.ndarray],
-        hidden: list[np.ndarray] | None,
+        cls, ground: Ground, pixels: Sequence[np.ndarray], colours: Sequence[np.ndarray],
+        hidden: Sequence[np.ndarray] | None,
     ) -> GroundColours:  # fmt: skip
         """Medians of photos [H, W, 3] CIE Lab.
 
         Args:
+            pixels: where each photo has the cells (`Ground.pixels_in`).
             hidden: [H, W] bool each: what is no ground; None: that is not known yet.
         """
-        chosen = np.linspace(0, len(cameras) - 1, min(MOST_VIEWS, len(cameras))).astype(int)
-        points, seen = ground.points, []
-        for index in chosen:
-            shape = colours[index].shape[:2]
-            (row, column), inside, _ = cameras[index].pixels_of(points, shape)
-            pixel = np.full(len(points), -1, np.int32)
-            pixel[inside] = row * shape[1] + column
-            if hidden is not None:
-                pixel[inside] = np.where(hidden[index][row, column], -1, pixel[inside])
-            seen.append(pixel)
-        colour = np.full((len(points), 3), np.nan, np.float32)
-        spread = np.full(len(points), np.nan, np.float32)
-        for start in range(0, len(points), ROWS * ground.cells):
+        if hidden is not None:
+            pixels = [
+                np.where((own >= 0) & ~mask.ravel()[own], own, -1)
+                for own, mask in zip(pixels, hidden, strict=True)
+            ]
+        count = ground.cells**2
+        colour = np.full((count, 3), np.nan, np.float32)
+        spread = np.full(count, np.nan, np.float32)
+        for start in range(0, count, ROWS * ground.cells):
             part = slice(start, start + ROWS * ground.cells)
             found = np.stack([
-                np.where((own[part] >= 0)[:, None], colours[i].reshape(-1, 3)[own[part]], np.nan)
-                for i, own in zip(chosen, seen, strict=True)
+                np.where((own[part] >= 0)[:, None], photo.reshape(-1, 3)[own[part]], np.nan)
+                for own, photo in zip(pixels, colours, strict=True)
             ])  # fmt: skip
             told = (~np.isnan(found[..., 0])).sum(0) >= FEWEST_VIEWS
             found = found[:, told]
@@ -129,6 +134,11 @@ class GroundColours:
                     spread[rows] = np.nanmedian(away, axis=0)
         return cls(colour, spread)
 
+    @cached_property
+    def usual(self) -> float:
+        """The spread of most cells."""
+        return float(np.nanmedian(self.spread)) if np.isfinite(self.spread).any() else 0.0
+
     def unlike(self, photo: np.ndarray, cell: np.ndarray) -> np.ndarray:
         """How much a photo's pixels [H, W, 3] differ from the ground behind them, [H, W]: about 1 is usual;
         NaN where it is not known.
@@ -138,7 +148,7 @@ class GroundColours:
         Args:
             cell: [H, W] as `Ground.cells_in` has it.
         """
-        usual = float(np.nanmedian(self.spread)) if np.isfinite(self.spread).any() else 0.0
+        usual = self.usual
         spread = np.where(cell >= 0, self.spread[cell], np.nan)
         known = spread <= DISAGREE * max(usual, 1.0)
         least = LEAST_SPREAD + SPREAD * np.maximum(np.nan_to_num(spread), usual)

@@ -60,9 +60,12 @@ def isolated(
     Raises:
         JobError: the job goes on, but its masks are gone.
     """
-    region, began, panorama = region_of(job.request), time.monotonic(), None
-    limit = job.request.time_limit or math.inf
+    request, began, panorama, backdrop = job.request, time.monotonic(), None, None
+    region, limit = region_of(request), request.time_limit or math.inf
     may = settings.fit.use_masks and settings.fit.cut_out
+    standing = may and settings.fit.cut_out_standing
+    if resumed and standing and job.standing_path.is_file():
+        return Isolated(capture, _as_they_were(job, capture, photos))
     if may:
         photos = cut_out(capture, photos, region)
         if settings.fit.cut_out_before_far:
@@ -70,31 +73,30 @@ def isolated(
             if before is not None:
                 photos, panorama = before
                 write_panorama(job.surroundings_path, panorama)
-        _tell_of_backdrop(photos, progress)
-    standing = may and settings.fit.cut_out_standing
-    if resumed:
-        if standing and job.standing_path.is_file():
-            photos = _as_they_were(job, capture, photos)
-        return Isolated(capture, photos, panorama)
-    if starts_from_points(photos, settings):
-        try:
-            capture = with_points(
-                capture,
-                photos,
-                lambda done: told(FAR + (POINTS - FAR) * done),
-                POINTS_LIMIT * limit,
+        backdrop = backdrop_behind(photos)
+        if backdrop is not None:
+            progress.warning(
+                f"the photos are before plain {backdrop}, but parts of the object are as {backdrop}, so "
+                "masks cannot be made of it; add some"
             )
-        except ApartError as error:
-            progress.warning(f"no sparse points ({error}); the fit starts without them")
-        if standing and backdrop_behind(photos) is None:
+    if resumed or not starts_from_points(photos, settings):
+        return Isolated(capture, photos, panorama)
 
-            def in_time(done: float) -> None:
-                told(POINTS + (STANDING - POINTS) * done)
-                if time.monotonic() - began > STANDING_LIMIT * limit:
-                    raise _NoTime
+    def finding_points(done: float) -> None:
+        told(FAR + (POINTS - FAR) * done)
 
-            return _on_support(job, capture, photos, region, progress, in_time)
-    return Isolated(capture, photos, panorama)
+    def finding_support(done: float) -> None:
+        told(POINTS + (STANDING - POINTS) * done)
+        if time.monotonic() - began > STANDING_LIMIT * limit:
+            raise _NoTime
+
+    try:
+        capture = with_points(capture, photos, finding_points, POINTS_LIMIT * limit)
+    except ApartError as error:
+        progress.warning(f"no sparse points ({error}); the fit starts without them")
+    if standing and backdrop is None:
+        return _on_support(job, capture, photos, region, progress, finding_support)
+    return Isolated(capture, photos)
 
 
 def _on_support(
@@ -131,12 +133,3 @@ def _as_they_were(job: JobFolder, capture: Capture, photos: list[Photo]) -> list
             "put them back, or start it anew."
         )
     return [before_support(p, o) for p, o in zip(photos, outlines, strict=True)]
-
-
-def _tell_of_backdrop(photos: list[Photo], progress: Progress) -> None:
-    backdrop = backdrop_behind(photos)
-    if backdrop is not None:
-        progress.warning(
-            f"the photos are before plain {backdrop}, but parts of the object are as {backdrop}, so "
-            "masks cannot be made of it; add some"
-        )

@@ -57,9 +57,10 @@ class PlacesIn:
         smooth = scipy.ndimage.gaussian_filter(pixels, self.size / 2)
         return smooth[: self._shape[0], : self._shape[1]]
 
-    def covered(self, share: float = 0.5) -> np.ndarray:
-        """[H, W] bool: where places are; for a small share, a little beyond."""
-        return self.highest(np.ones(len(self.inside)), 0.0) > share
+    def covered(self, share: float = 0.5, chosen: np.ndarray | None = None) -> np.ndarray:
+        """[H, W] bool: where places are, or those `chosen`, [N]; for a small share, a little beyond."""
+        there = np.ones(len(self.inside)) if chosen is None else chosen
+        return self.highest(there, 0.0) > share
 
 
 def times_seen(found: Sequence[PlacesIn]) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,6 @@ import torch
 from .. import __version__
 from ..asset.from_scene import asset_of
 from ..capture.capture import Capture
-from ..capture.panorama import Panorama
 from ..capture.photos import Photo, at_sizes_of, load_photos
 from ..capture.placement import counted_from
 from ..job.control import Cancelled, Control
@@ -23,7 +23,7 @@ from ..kernels.warm_up import compile_kernels
 from . import checkpoint
 from .clock import FitClock, finishing_seconds, seconds_to_fit
 from .errors import SettingsError
-from .isolation import isolated
+from .isolation import Isolated, isolated
 from .presets import settings_for
 from .preview import write_previews
 from .progress import Progress
@@ -97,27 +97,17 @@ def run_job(
         progress.fraction(done, text)
         _stop_if_asked(control)
 
-    capture, photos, panorama, first_light = isolated(
+    start = isolated(
         job, settings, capture, photos, state is not None, progress,
         lambda done: told(FINDING_SHARE * done),
     )  # fmt: skip
+    capture, photos = start.capture, start.photos
     if state is not None:
         scene, state, tensors = checkpoint.load_scene(job.checkpoint_dir, device)
-        trainer = trainer_for(scene, capture, photos, settings, request.seed, panorama)
+        trainer = trainer_for(scene, capture, photos, settings, request.seed, start.panorama)
         checkpoint.restore(trainer, state, tensors)
     else:
-        trainer = _at_start(
-            request,
-            settings,
-            capture,
-            photos,
-            region,
-            device,
-            progress,
-            control,
-            panorama,
-            first_light,
-        )
+        trainer = _at_start(request, settings, start, region, device, progress, told)
     settings = trainer.settings
     _stop_if_asked(control)
 
@@ -193,19 +183,14 @@ def _tell_of_missing_masks(capture: Capture, photos: list[Photo], progress: Prog
 
 
 def _at_start(
-    request: JobRequest, settings: Settings, capture: Capture, photos: list[Photo],
-    region: np.ndarray | None, device: str, progress: Progress, control: Control,
-    panorama: Panorama | None, first_light: Panorama | None,
+    request: JobRequest, settings: Settings, start: Isolated, region: np.ndarray | None,
+    device: str, progress: Progress, told: Callable[[float], None],
 ) -> Trainer:  # fmt: skip
     """A trainer at the start of a fit."""
-
-    def told(done: float) -> None:
-        progress.fraction(FINDING_SHARE + (1 - FINDING_SHARE) * done)
-        _stop_if_asked(control)
-
     trainer = new_trainer(
-        capture, photos, settings, request.seed, region, device, told, panorama, first_light
-    )
+        start.capture, start.photos, settings, request.seed, region, device,
+        lambda done: told(FINDING_SHARE + (1 - FINDING_SHARE) * done), start.panorama, start.first_light,
+    )  # fmt: skip
     if trainer.scene.turntable is not None and settings.light.turntable == "auto":
         progress.warning(
             "the object was turned before a still camera, so the light goes round with the cameras; if it "

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from ..asset.files import write_png
 from ..capture.camera import Camera
-from ..capture.capture import Capture
+from ..capture.capture import Capture, evenly_taken
 from ..capture.errors import CaptureError
 from ..capture.photos import Photo, resized
 from ..job.events import read_events
@@ -46,7 +46,7 @@ def write_job_report(
         numbers: to be told besides.
     """
     held_out, warnings = False, warnings_of(job)
-    chosen = _spread(capture.cameras)
+    chosen = evenly_taken(len(capture.cameras), VIEWS)
     cameras, images = [capture.cameras[i] for i in chosen], [photos[i] for i in chosen]
     try:
         test = held_out_of(job)
@@ -61,9 +61,8 @@ def write_job_report(
     rows, scores = [], []
     folder = job.result_dir / "report"
     for done, (camera, photo) in enumerate(zip(cameras, images, strict=True)):
-        small = camera.no_larger(MOST_PIXELS)
-        if small is not camera:
-            camera, photo = small, resized(photo, small.width, small.height)
+        camera = camera.no_larger(MOST_PIXELS)
+        photo = resized(photo, camera.width, camera.height)
         near = camera.seen_from(scene.origin)
         view = render_view(scene, StepTables.seen_by(near, scene), render_settings, near)
         view = brought_to(view, photo, behind, settings.fit.exposure)
@@ -119,16 +118,11 @@ def _held_out(
     """
     panorama = read_panorama(job.surroundings_path)
     # Before what is far away, photos tell together where the object is.
-    loaded = _spread(test.cameras, VIEWS if panorama is None else CUT_OUT)
+    loaded = evenly_taken(len(test.cameras), VIEWS if panorama is None else CUT_OUT)
     test = replace(test, cameras=tuple(test.cameras[i] for i in loaded))
     photos = photos_as_fitted(
         test, settings, use_masks, region_of(job.request), panorama,
         read_standing(job.standing_path),
     )  # fmt: skip
-    chosen = _spread(test.cameras)
+    chosen = evenly_taken(len(test.cameras), VIEWS)
     return [test.cameras[i] for i in chosen], [photos[i] for i in chosen]
-
-
-def _spread(cameras: Sequence, count: int = VIEWS) -> np.ndarray:
-    """Indices of so many cameras, evenly taken."""
-    return np.linspace(0, len(cameras) - 1, min(count, len(cameras))).astype(int)

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import scipy.ndimage
 
+from ..capture.capture import evenly_taken
 from ..threads import usable_cores
 from .colour_counts import ColourCounts
 from .ground import Ground, GroundColours
@@ -25,6 +26,9 @@ SEEN_BY = 0.3
 FEW = (0.4, 0.4, 0.12, 0.12)
 """share of the photos that may take a place of the object for something else, in each turn"""
 FEW_AT_LAST = 0.06
+"""the same of the surface that is kept"""
+MOST_VIEWS = 40
+"""photos, evenly taken from all, that tell what the support looks like"""
 AROUND = 3
 """cells around it where the object may be in the next turn"""
 UNLIKE, LIKE = 4.0, 1.5
@@ -73,6 +77,9 @@ class _Search:
         pixel = np.median([d / p.camera.fx for d, p in zip(distances, pictures, strict=True)])
         self.ground = Ground.around(support, region, float(pixel))
         self.ground_cells = list(pool.map(lambda p: self.ground.cells_in(p.camera), pictures))
+        self.telling = evenly_taken(len(pictures), MOST_VIEWS)
+        cameras = [pictures[i].camera for i in self.telling]
+        self.ground_pixels = list(pool.map(self.ground.pixels_in, cameras))
         lifted = support.above(self.grid) > LIFTED * CELLS * self.edge
         self.possible = self._seen_enough(np.flatnonzero(lifted))
         self.places = Places(self.grid[self.possible], self.edge)
@@ -94,12 +101,13 @@ class _Search:
     def turn(self, few: float) -> bool:
         """Cut photos out once; false if no place is left that nearly all of them show."""
         colours = [picture.colour for picture in self.pictures]
-        cameras = [picture.camera for picture in self.pictures]
-        self.ground_colours = GroundColours.seen_in(self.ground, cameras, colours, self.masks)
+        self.ground_colours = self._ground_colours(colours)
         unlike = list(self.pool.map(self.ground_colours.unlike, colours, self.ground_cells))
-        kept = self.kept.astype(np.float32)
-        allowed = list(self.pool.map(lambda own: own.highest(kept, 0) > A_LITTLE, self.placed))
-        shown, past = self._by_support(unlike) if self.masks is None else self._by_masks()
+        allowed = list(self.pool.map(lambda own: own.covered(A_LITTLE, self.kept), self.placed))
+        if self.masks is None:
+            shown, past = self._by_support(unlike)
+        else:
+            shown, past = self.masks, [~mask for mask in self.masks]
         if not any(mask.any() for mask in shown):
             return False
         own, beside = (
@@ -119,12 +127,15 @@ class _Search:
         self.kept = self._grown(self.object)
         return bool(self.object.any())
 
-    def _by_masks(self) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Where photos show the object, [H, W] bool, and where something else."""
-        return self.masks, [~mask for mask in self.masks]
+    def _ground_colours(self, colours: list[np.ndarray]) -> GroundColours:
+        """What the support looks like where photos do not show the object, as far as is known."""
+        told = [colours[i] for i in self.telling]
+        hidden = None if self.masks is None else [self.masks[i] for i in self.telling]
+        return GroundColours.seen_in(self.ground, self.ground_pixels, told, hidden)
 
     def _by_support(self, unlike: list[np.ndarray]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """The same at first, as far as is known: by places that photos do not see past."""
+        """Where photos show the object, [H, W] bool, and where something else, as far as is known at first:
+        by places that photos do not see past."""
         likely = self._likely([np.nan_to_num(by_support(far)) for far in unlike])
         shown, past = [], []
         for placed, far in zip(self.placed, unlike, strict=True):

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
-from ..capture.placement import estimate_up
+from ..capture.placement import up_of
 from ..capture.reduced import load_reduced
 from ..capture.turntable import ON_STANDS, Stands, Turntable, stands_of, stands_still
 from .errors import SettingsError
@@ -68,9 +66,8 @@ def turntable_of(capture: Capture, wanted: str) -> Turntable | None:
     if stands is not None and stands.share >= MANY:
         return stands.turntable
     # The camera was held in a hand: the object turned about what is up, where all cameras look.
-    up = estimate_up(list(capture.cameras)) if capture.up is None else np.asarray(capture.up)
     first = capture.cameras[0].position
-    found = Turntable.through(up / np.linalg.norm(up), capture.region.mean(0), first)
+    found = Turntable.through(up_of(capture), capture.region.mean(0), first)
     if found is None:
         raise SettingsError(
             "Setting 'light.turntable': the first photo is from right above, so it does not tell where the "

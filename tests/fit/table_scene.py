@@ -5,8 +5,9 @@ import numpy as np
 from solver.capture.camera import Camera
 from solver.capture.capture import Capture
 from solver.capture.photos import Photo, srgb_to_linear
+from tests.capture.test_placement import look_at
 
-WIDTH, HEIGHT, VIEWS, FINE = 100, 76, 26, 2
+WIDTH, HEIGHT, VIEWS, FINE, FOCAL = 100, 76, 26, 2, 105.0
 REGION = np.array([[-0.8, -0.8, -0.3], [0.8, 0.8, 1.3]])
 CENTRE, RADIUS = np.array([0.05, -0.05, 0.3]), 0.3
 LAMP = np.array([0.5, -0.3, 0.81]) / np.linalg.norm([0.5, -0.3, 0.81])
@@ -43,11 +44,11 @@ def gold(points, normals, directions):
     return 0.1 + 0.8 * _around(points, mirrored) * np.array([1.0, 0.8, 0.45])
 
 
-def table_scene(thing=ball, paint=red, views=VIEWS, turn=0.0, upright=True):
+def table_scene(thing=ball, paint=red, views=VIEWS, turn=0.0):
     """A capture, its photos, and where these show the thing, [H, W] bool.
 
     Args:
-        turn: rad by which the ring of cameras is turned. upright: the table is a table; else it is a wall.
+        turn: rad by which the ring of cameras is turned.
     """
     rng = np.random.default_rng(0)
     table = np.concatenate([rng.uniform(-0.9, 0.9, (500, 2)), rng.normal(0, 0.002, (500, 1))], 1)
@@ -57,7 +58,9 @@ def table_scene(thing=ball, paint=red, views=VIEWS, turn=0.0, upright=True):
     for i in range(views):
         angle = 2 * np.pi * i / views + turn
         position = 1.9 * np.array([np.cos(angle), np.sin(angle), 0.5 + 0.25 * np.sin(2.3 * i)])
-        camera = _looking(f"v{i:02d}", position, np.array([0, 0, 0.25]))
+        pose = look_at(position, target=(0, 0, 0.25))
+        size = WIDTH, HEIGHT, FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2
+        camera = Camera(f"v{i:02d}", None, pose, *size)
         row, column = (np.mgrid[: HEIGHT * FINE, : WIDTH * FINE] + 0.5).reshape(2, -1) / FINE
         origins, directions = camera.rays(column, row)
         distance = _distance(thing, origins, directions)
@@ -74,21 +77,8 @@ def table_scene(thing=ball, paint=red, views=VIEWS, turn=0.0, upright=True):
         cameras.append(camera)
         photos.append(Photo(pixels.astype(np.float32), False, False))
         shown.append(means(hit.astype(float))[..., 0] > 0.5)
-    up = np.array([0.0, 0.0, 1.0]) if upright else np.array([0.0, 1.0, 0.0])
-    capture = Capture(
-        "memory", tuple(cameras), REGION, points=np.concatenate([table, walls]), up=up
-    )
-    return capture, photos, shown
-
-
-def _looking(name, position, target):
-    back = position - target
-    back /= np.linalg.norm(back)
-    right = np.cross((0, 0, 1), back)
-    right /= np.linalg.norm(right)
-    matrix = np.eye(4)
-    matrix[:3] = np.stack([right, np.cross(back, right), back, position], 1)
-    return Camera(name, None, matrix, WIDTH, HEIGHT, 105.0, 105.0, WIDTH / 2, HEIGHT / 2)
+    points, up = np.concatenate([table, walls]), np.array([0.0, 0.0, 1.0])
+    return Capture("memory", tuple(cameras), REGION, points=points, up=up), photos, shown
 
 
 def _distance(thing, origins, directions):

@@ -84,10 +84,11 @@ def test_a_gloss_is_like_the_ground_and_what_stands_on_it_is_not(cameras):
         photos.append(photo + rng.normal(0, 0.5, photo.shape))
         cells.append(cell)
     photos[0][45:60, 40:55] = [40, -5, 30]
+    pixels = [ground.pixels_in(camera) for camera in cameras]
     hidden = [np.zeros(cell.shape, bool) for cell in cells]
     hidden[0][45:60, 40:55] = True
     for known in (None, hidden):
-        colours = GroundColours.seen_in(ground, cameras, photos, known)
+        colours = GroundColours.seen_in(ground, pixels, photos, known)
         unlike = [colours.unlike(p, c) for p, c in zip(photos, cells, strict=True)]
         assert np.nanmedian(unlike[0][45:60, 40:55]) > 4
         assert np.nanmedian(unlike[1]) < 1.2

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from solver.cameras.output import write_points
+from solver.capture.formats.transforms import write_transforms
 from solver.capture.photos import linear_to_srgb
 from solver.fit import isolation
 from solver.fit.checkpoint import BEFORE
@@ -119,7 +121,7 @@ def test_a_region_says_what_of_all_that_stands_there_is_the_object():
 
 def test_nothing_is_found_rather_than_a_part_of_what_stands_there(glazed):
     capture, photos, shown, _ = glazed
-    pictures = [picture_of(c, c, p) for c, p in zip(capture.cameras, photos, strict=True)]
+    pictures = [picture_of(c, p) for c, p in zip(capture.cameras, photos, strict=True)]
     support = Support(np.array([0.0, 0.0, 1.0]), 0.0)
     told = []
     assert find_standing(support, pictures, REGION, told.append) is not None
@@ -142,7 +144,7 @@ def test_what_is_known_of_the_object_is_kept_in_a_file(tmp_path, mirror):
     path = tmp_path / "standing.npz"
     assert read_standing(path) is None
     write_standing(path, found.standing)
-    picture = picture_of(capture.cameras[5], capture.cameras[5], photos[5])
+    picture = picture_of(capture.cameras[5], photos[5])
     again = read_standing(path).outline(picture)
     assert overlap([again.shown], [found.standing.outline(picture).shown]) > 0.99
     assert [entry.name for entry in tmp_path.iterdir()] == ["standing.npz"]
@@ -238,26 +240,15 @@ def test_without_sparse_points_a_job_says_so_and_goes_on(tmp_path, glazed, monke
 def written(folder, capture, photos):
     """A capture's folder with photos, cameras and sparse points."""
     (folder / "photos").mkdir(parents=True)
-    frames = []
+    named = []
     for camera, photo in zip(capture.cameras, photos, strict=True):
         levels = np.round(linear_to_srgb(photo.pixels[..., :3]).clip(0, 1) * 255).astype(np.uint8)
-        Image.fromarray(levels).save(folder / "photos" / f"{camera.name}.png")
-        pose = camera.camera_to_world.tolist()
-        frames.append({"file_path": f"photos/{camera.name}.png", "transform_matrix": pose})
-    header = "ply\nformat ascii 1.0\nelement vertex {}\n{}end_header\n"
-    columns = "".join(f"property float {name}\n" for name in "xyz")
-    rows = "".join(" ".join(f"{value:.5f}" for value in row) + "\n" for row in capture.points)
-    (folder / "points.ply").write_text(header.format(len(capture.points), columns) + rows)
-    lens = {
-        "fl_x": 105.0,
-        "fl_y": 105.0,
-        "cx": WIDTH / 2,
-        "cy": HEIGHT / 2,
-        "w": WIDTH,
-        "h": HEIGHT,
-    }
-    content = {**lens, "ply_file_path": "points.ply", "frames": frames}
-    (folder / "transforms.json").write_text(json.dumps(content))
+        path = f"photos/{camera.name}.png"
+        Image.fromarray(levels).save(folder / path)
+        named.append(dataclasses.replace(camera, image_path=path))
+    write_transforms(folder / "transforms.json", named, {"ply_file_path": "points.ply"})
+    colours = np.zeros((len(capture.points), 3), np.uint8)
+    write_points(folder / "points.ply", capture.points, colours)
 
 
 def test_of_a_ball_on_a_table_a_job_makes_a_ball_alone(tmp_path):
