@@ -104,6 +104,8 @@ def _on_support(
     progress: Progress, told: Callable[[float], None],
 ) -> Isolated:  # fmt: skip
     """Photos cut out before what the object stands on, if it stands on something."""
+    # It tells a job that goes on how it began, which a stop before the first checkpoint does not settle.
+    job.standing_path.unlink(missing_ok=True)
     try:
         found = find_on_support(capture, photos, region, told)
     except _NoTime:
