@@ -6,7 +6,7 @@ A scene that was rendered with its HDRI is so, and an object high before a lands
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -105,10 +105,16 @@ class Behind(NamedTuple):
 
 
 def panorama_of(
-    cameras: Sequence[Camera], colours: Iterable[np.ndarray], shown: Sequence[np.ndarray]
-) -> Panorama:
+    cameras: Sequence[Camera], colours: Iterable[np.ndarray], shown: Sequence[np.ndarray],
+    close: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None,
+) -> Panorama:  # fmt: skip
     """The panorama that photos [H, W, 3] show beside what is `shown` [H, W] of the object in each: their
-    mean."""
+    mean.
+
+    Args:
+        close: the world points [N, 3] that are seen in directions [N, 3], and which of them [N] are known
+            and close by (`Floor.places`); None: all is far away.
+    """
     sharpest = min(
         camera.pixel_angle * camera.width / mask.shape[1]
         for camera, mask in zip(cameras, shown, strict=True)
@@ -118,11 +124,14 @@ def panorama_of(
     uv = np.stack([column.ravel() / (2 * height), row.ravel() / height], axis=-1)
     directions = direction_from_equirect(uv).astype(np.float32)
     total, count = np.zeros_like(directions), np.zeros(len(directions), np.int32)
+    places, is_close = (directions, np.zeros(len(directions), bool)) if close is None else close(directions)
     for camera, colour, object_ in zip(cameras, colours, shown, strict=True):
-        near = np.flatnonzero(directions @ camera.view_direction >= _cosine_of_cone(camera))
-        at, inside, _ = camera.pixels_of(camera.position + directions[near], object_.shape)
+        away = np.where(is_close[:, None], places - camera.position, directions)
+        along = away @ camera.view_direction
+        in_cone = np.flatnonzero(along >= _cosine_of_cone(camera) * np.linalg.norm(away, axis=1))
+        at, inside, _ = camera.pixels_of(camera.position + away[in_cone], object_.shape)
         free = ~object_[at]
-        texel = near[inside][free]
+        texel = in_cone[inside][free]
         total[texel] += colour[at][free]
         count[texel] += 1
     mean = total / np.maximum(count, 1)[:, None]

@@ -17,6 +17,7 @@ from ..field.field import MicrofacetField
 from ..field.room import Room
 from ..job.folder import JobError, replace_file, set_aside, write_json_atomic
 from ..light.environment import EnvironmentMap
+from ..light.floor import Floor
 from ..light.irradiance import Arriving
 from ..render.probes import Nodes
 from ..render.probing import PASSING_STEPS
@@ -73,6 +74,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
         },
         "origin": scene.origin.tolist(),
         "environment_height": scene.environment.height,
+        "floor": scene.environment.floor and scene.environment.floor._asdict(),
         "turntable": scene.turntable and {
             name: values.tolist() for name, values in vars(scene.turntable).items()
         },
@@ -131,9 +133,9 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
     )  # fmt: skip
     field.smoothing = shape.get("smoothing", 0.0)  # jobs of version 0.1 have none
     scene = Scene(
-        field, EnvironmentMap(state["environment_height"]), NeuralTerm(shape["feature_size"]),
-        shape["occupancy_cells"], _room_of(state, tensors), state.get("origin"),
-        _turntable_of(state),
+        field, EnvironmentMap(state["environment_height"], floor=_floor_of(state)),
+        NeuralTerm(shape["feature_size"]), shape["occupancy_cells"], _room_of(state, tensors),
+        state.get("origin"), _turntable_of(state),
     ).to(device)  # fmt: skip
     scene.load_state_dict(
         {k.removeprefix("scene."): v for k, v in tensors.items() if k.startswith("scene.")}
@@ -156,6 +158,11 @@ def _room_of(state: dict, tensors: dict[str, torch.Tensor]) -> Room | None:
 def _turntable_of(state: dict) -> Turntable | None:
     values = state.get("turntable")
     return values and Turntable(**{name: np.array(value) for name, value in values.items()})
+
+
+def _floor_of(state: dict) -> Floor | None:
+    values = state.get("floor")
+    return values and Floor(tuple(values["up"]), values["height"], tuple(values["centre"]))
 
 
 def _restore_occupancy(scene: Scene, tensors: dict[str, torch.Tensor]) -> None:

@@ -14,6 +14,7 @@ from ..capture.camera import Camera
 from ..capture.capture import Capture, cube_seen_by
 from ..capture.photos import Photo, resized
 from ..capture.placement import up_of
+from ..light.floor import Floor
 from .before_far import at_size
 from .common_masks import fit_together
 from .photo_alpha import filled, levels_of, srgb_of, with_alpha
@@ -87,6 +88,13 @@ def _searched(capture: Capture, region: np.ndarray | None) -> np.ndarray:
     """World box [2, 3] in which the object is looked for."""
     # Points draw the capture's region together, and shiny things have none.
     return cube_seen_by(list(capture.cameras)) if region is None else region
+
+
+def floor_below(standing: Standing) -> Floor:
+    """The support as a part of the object's light, which is seen from the object's middle."""
+    support, surface = standing.ground.support, standing.surface.centres
+    middle = (surface.min(0) + surface.max(0)) / 2
+    return Floor(tuple(support.normal.tolist()), support.height, tuple(middle.tolist()))
 
 
 def before_support(photo: Photo, outline: Outline) -> Photo:

@@ -16,9 +16,10 @@ from ..capture.photos import Photo
 from ..job.apart import ApartError
 from ..job.folder import JobError, JobFolder
 from ..job.inputs import region_of
+from ..light.floor import Floor
 from .before_far import cut_out_before_far
 from .cut_out import backdrop_behind, cut_out
-from .cut_out_standing import before_support, find_on_support
+from .cut_out_standing import before_support, find_on_support, floor_below
 from .panorama_file import write_panorama
 from .photo_alpha import levels_of
 from .point_start import with_points
@@ -41,6 +42,7 @@ class Isolated(NamedTuple):
     photos: list[Photo]
     panorama: Panorama | None = None  # what is far behind the object, if photos show that
     first_light: Panorama | None = None  # what is around it, about, where that is not far
+    floor: Floor | None = None  # what of that is close by, world
 
 
 class _NoTime(Exception):
@@ -95,7 +97,8 @@ def isolated(
     except ApartError as error:
         progress.warning(f"no sparse points ({error}); the fit starts without them")
     if standing and backdrop is None:
-        return _on_support(job, capture, photos, region, progress, finding_support)
+        found = _on_support(job, capture, photos, region, progress, finding_support)
+        return found if settings.light.floor else found._replace(floor=None)
     return Isolated(capture, photos)
 
 
@@ -119,11 +122,13 @@ def _on_support(
         "'masks' shows; if that is wrong, draw the Region around the object, or add masks (to have none, "
         "set fit.cut_out_standing=no)"
     )
+    floor = floor_below(found.standing)
     around = panorama_of(
-        capture.cameras, (levels_of(photo) for photo in photos), [o.shown for o in found.outlines]
-    )
+        capture.cameras, (levels_of(photo) for photo in photos), [o.shown for o in found.outlines],
+        floor.places,
+    )  # fmt: skip
     cut = [before_support(p, o) for p, o in zip(photos, found.outlines, strict=True)]
-    return Isolated(replace(capture, region=found.box), cut, first_light=around)
+    return Isolated(replace(capture, region=found.box), cut, first_light=around, floor=floor)
 
 
 def _as_they_were(job: JobFolder, capture: Capture, photos: list[Photo]) -> list[Photo]:

@@ -70,6 +70,7 @@ def load_light(path: Path, device: torch.device) -> EnvironmentMap:
     """
     if path.is_dir():
         scene, _, _ = checkpoint.load_scene(JobFolder.open(path).checkpoint_dir, str(device))
+        scene.environment.floor = None
         return scene.environment
     if not path.is_file():
         raise CaptureError(path, "", "there is no such file or job", "check --environment")

@@ -190,6 +190,7 @@ def _at_start(
     trainer = new_trainer(
         start.capture, start.photos, settings, request.seed, region, device,
         lambda done: told(FINDING_SHARE + (1 - FINDING_SHARE) * done), start.panorama, start.first_light,
+        start.floor,
     )  # fmt: skip
     if trainer.scene.turntable is not None and settings.light.turntable == "auto":
         progress.warning(

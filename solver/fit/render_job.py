@@ -56,6 +56,7 @@ def compose_jobs(
     first, settings = load_job(jobs[0])
     scenes = [first, *(load_job(job, first.device)[0] for job in jobs[1:])]
     light = first.environment
+    light.floor = None
     if environment is not None:
         light = load_light(environment, first.device)
     world = Composition(scenes, placements, light)

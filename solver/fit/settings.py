@@ -80,6 +80,8 @@ class LightSettings:
     turntable: str = "auto"
     """'yes': the object was turned before a still camera, so the light goes round with the cameras; 'no';
     or 'auto': yes if the cameras stand on circles and what is beside the object never moves"""
+    floor: bool = True
+    """what the object stands on, where photos say what that is, lights it from close by; else all is far"""
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from ..field.field import MicrofacetField
 from ..field.room import EXTENT, Room, expand
 from ..job.folder import JobFolder
 from ..light.environment import EnvironmentMap
+from ..light.floor import Floor
 from ..render.scene import Scene
 from .checkpoint import load_scene
 from .chunk import SURROUNDED
@@ -85,7 +86,7 @@ class Region:
 def new_trainer(
     capture: Capture, photos: list[Photo], settings: Settings, seed: int,
     region: np.ndarray | None, device: str, progress: Callable[[float], None],
-    panorama: Panorama | None = None, first_light: Panorama | None = None,
+    panorama: Panorama | None = None, first_light: Panorama | None = None, floor: Floor | None = None,
 ) -> Trainer:  # fmt: skip
     """A trainer at its start; its settings are those given, but for the grid's sizes if there are no masks.
 
@@ -97,6 +98,7 @@ def new_trainer(
         region: [2, 3] world box given by the person, or None.
         panorama: what is far behind the object, if that is known: it is the first light, and holds it.
         first_light: what is around the object, about, where that is not far.
+        floor: what of the light is close by, world.
 
     Raises:
         CaptureError: the photos' masks have nothing in common.
@@ -137,6 +139,8 @@ def new_trainer(
     if near.points is not None and starts_from_points(photos, settings):
         start_from_points(field, room, near.points, shape.points_density)
     environment = EnvironmentMap(settings.light.heights[0], settings.light.initial)
+    if floor is not None and turntable is None:
+        environment.floor = floor.counted_from(origin)
     neural = NeuralTerm(shape.feature_size)
     scene = Scene(field, environment, neural, shape.occupancy_cells, room, origin, turntable)
     scene = scene.to(device)

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
 import torch
 
 from . import integral_numba, specular_numba
 from .backend import gradient_buffer
 from .specular_numba import SELF_SHADOW_COSINE
 
-__all__ = ["SELF_SHADOW_COSINE", "Blockers", "Carried", "specular"]
+__all__ = ["SELF_SHADOW_COSINE", "Blockers", "Carried", "Near", "specular"]
 
 
 class Blockers(NamedTuple):
@@ -34,10 +35,20 @@ class Carried(NamedTuple):
     passing: torch.Tensor  # [K] transmittance of the grid, no gradient
 
 
+class Near(NamedTuple):
+    """What of the light comes from close by (see `light.floor`)."""
+
+    shifts: torch.Tensor  # [S, 3] of the samples; none at all if all light is far
+    up: tuple[float, float, float]
+
+
+ALL_FAR = Near(torch.empty(0, 3), (0.0, 0.0, 0.0))
+
+
 class _Specular(torch.autograd.Function):
     @staticmethod
     def forward(ctx, normals, alphas, f0s, table, views, points, first, shares, u, rows, masking,
-                averaged, blockers, spread):  # fmt: skip
+                averaged, blockers, spread, near):  # fmt: skip
         samples, rays = len(normals), len(u)
         radiance = torch.empty(samples, 3)
         directions, weights, light = torch.empty(3, rays, 3).unbind()
@@ -46,14 +57,14 @@ class _Specular(torch.autograd.Function):
         inputs = [normals, views, alphas, f0s, first, shares, u]
         arrays = [value.detach().contiguous().numpy() for value in inputs]
         specular_numba.specular(
-            *arrays, masking, averaged, spread.contiguous().numpy(), points.contiguous().numpy(),
-            blockers.reach,
+            *arrays, masking, averaged, spread.contiguous().numpy(), *_arrays_of(near),
+            points.contiguous().numpy(), blockers.reach,
             blockers.low.double().numpy(), 1 / blockers.edge, blockers.cell,
             blockers.blocking.numpy(), table.numpy(), rows.numpy(), radiance.numpy(),
             directions.numpy(), weights.numpy(), passing.numpy(), light.numpy(), slope.numpy(),
             centre.numpy(), size.numpy(),
         )  # fmt: skip
-        ctx.masking = masking
+        ctx.masking, ctx.near = masking, near
         ctx.save_for_backward(
             *inputs, table, rows, directions, weights, passing, light, slope, centre, size
         )
@@ -71,7 +82,7 @@ class _Specular(torch.autograd.Function):
         g_normals, g_f0s = torch.empty_like(normals), torch.empty_like(normals)
         g_alphas = torch.empty(len(normals))
         specular_numba.specular_backward(
-            *arrays, ctx.masking, directions.numpy(), light.numpy(), slope.numpy(), width, height,
+            *arrays, ctx.masking, *_arrays_of(ctx.near), directions.numpy(), light.numpy(), slope.numpy(), width, height,
             cotangent, g_directions.contiguous().numpy(), g_weights.contiguous().numpy(),
             g_normals.numpy(), g_alphas.numpy(), g_f0s.numpy(),
         )  # fmt: skip
@@ -83,14 +94,18 @@ class _Specular(torch.autograd.Function):
         integral_numba.rectangle_mean_backward(
             rows.numpy(), centre.numpy(), size.numpy(), to_light.numpy(), buffer.detach().numpy()
         )
-        return g_normals, g_alphas, g_f0s, g_table, *[None] * 10
+        return g_normals, g_alphas, g_f0s, g_table, *[None] * 11
+
+
+def _arrays_of(near: Near) -> tuple[np.ndarray, np.ndarray]:
+    return near.shifts.contiguous().numpy(), np.array(near.up)
 
 
 def specular(
     normals: torch.Tensor, alphas: torch.Tensor, f0s: torch.Tensor, table: torch.Tensor,
     views: torch.Tensor, points: torch.Tensor, counts: torch.Tensor, shares: torch.Tensor,
     u: torch.Tensor, rows: torch.Tensor, masking: bool, averaged: bool, blockers: Blockers,
-    spread: torch.Tensor | None = None,
+    spread: torch.Tensor | None = None, near: Near = ALL_FAR,
 ) -> tuple[torch.Tensor, Carried]:  # fmt: skip
     """Radiance [S, 3] that samples reflect from the environment, as far as the grid lets it through.
 
@@ -101,6 +116,7 @@ def specular(
         u: [K, 2] uniform in [0, 1), K = Σ counts.
         masking: weigh by G2/G1. averaged: a ray stands for its share of the solid angle.
         spread: [S, 2, 3] what the pixel adds to that (`footprint.reflected_spread`); none: nothing.
+        near: what of the light comes from close by.
 
     Gradients of the radiance flow to normals, alphas, f0s and the table, those of what rays carried to
     the first three.
@@ -109,6 +125,6 @@ def specular(
     spread = normals.new_zeros(len(normals), 2, 3) if spread is None else spread
     radiance, *carried = _Specular.apply(
         normals, alphas, f0s, table, views, points, first, shares, u, rows, masking, averaged,
-        blockers, spread,
+        blockers, spread, near,
     )  # fmt: skip
     return radiance, Carried(*carried)

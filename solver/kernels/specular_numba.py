@@ -37,9 +37,33 @@ NEVER = 1e30  # distance from which a ray that is not looked at can be blocked
 
 
 @numba.njit(inline="always", fastmath=True)
+def from_centre(d, shifts, up, s):
+    """Direction in which a floor's centre sees what ray d of sample s meets, its length before it was made
+    unit, and the sample's shift, which is 0 for rays that do not go down (see `light.floor`)."""
+    zero = (0.0, 0.0, 0.0)
+    if shifts.shape[0] == 0:
+        return d, 1.0, zero
+    down = -dot(d, up)
+    if down <= 0.0:
+        return d, 1.0, zero
+    shift = (float(shifts[s, 0]), float(shifts[s, 1]), float(shifts[s, 2]))
+    moved = plus(d, down, shift)
+    length = math.sqrt(dot(moved, moved))
+    return (moved[0] / length, moved[1] / length, moved[2] / length), length, shift
+
+
+@numba.njit(inline="always", fastmath=True)
+def along_ray(axis, d, length, shift, up):
+    """See `SeenFromCentre.along_rays`."""
+    moved = plus(axis, -dot(axis, shift), up)
+    moved = plus(moved, -dot(moved, d), d)
+    return moved[0] / length, moved[1] / length, moved[2] / length
+
+
+@numba.njit(inline="always", fastmath=True)
 def leave(
-    s, normals, views, alphas, f0s, first, shares, u, masking, averaged, spread, width, height, reach,
-    directions, weights, start, centre, size,
+    s, normals, views, alphas, f0s, first, shares, u, masking, averaged, spread, shifts, up, width,
+    height, reach, directions, weights, start, centre, size,
 ):  # fmt: skip
     """Rays of one sample: directions, weights, from where they can be blocked, what they see of the map."""
     alpha = float(alphas[s])
@@ -68,17 +92,22 @@ def leave(
         density = alpha * alpha / max(math.pi * denominator * denominator, 1e-20)
         density /= (1.0 + view_lambda) * 4.0 * view[2]
         solid_angle = min(1.0 / max(count * density, 1e-6), 4.0 * math.pi) if averaged else 0.0
-        sine = max(math.sqrt(d[0] * d[0] + d[1] * d[1]), 1e-4)
+        e, length, shift = from_centre(d, shifts, up, s)
+        sine = max(math.sqrt(e[0] * e[0] + e[1] * e[1]), 1e-4)
         wide, high = solid_angle, solid_angle
         if averaged:
-            for e in range(2):
-                x, y, z = spread[s, e, 0], spread[s, e, 1], spread[s, e, 2]
-                east = (y * d[0] - x * d[1]) / sine
-                south = (x * d[0] + y * d[1]) * d[2] / sine - z * sine
-                wide += east * east
-                high += south * south
-        centre[k, 0] = (0.5 - angle_of(d[0], d[1]) / (2.0 * math.pi)) * width
-        centre[k, 1] = angle_of(d[2], sine) / math.pi * height
+            east = (-e[1] / sine, e[0] / sine, 0.0)
+            south = (e[0] * e[2] / sine, e[1] * e[2] / sine, -sine)
+            if shifts.shape[0] > 0:
+                east, south = along_ray(east, d, length, shift, up), along_ray(south, d, length, shift, up)
+                wide, high = wide * dot(east, east), high * dot(south, south)
+            for edge in range(2):
+                x, y, z = spread[s, edge, 0], spread[s, edge, 1], spread[s, edge, 2]
+                by_east, by_south = dot(east, (x, y, z)), dot(south, (x, y, z))
+                wide += by_east * by_east
+                high += by_south * by_south
+        centre[k, 0] = (0.5 - angle_of(e[0], e[1]) / (2.0 * math.pi)) * width
+        centre[k, 1] = angle_of(e[2], sine) / math.pi * height
         size[k, 0] = min(max(math.sqrt(wide) / sine * width / (2.0 * math.pi), 1.0), float(width))
         size[k, 1] = min(max(math.sqrt(high) * height / math.pi, 1.0), 0.5 * height)
         start[k] = min(reach * (1.0 / max(out[2], SELF_SHADOW_COSINE) - 1.0), 4.0 * reach)
@@ -103,17 +132,18 @@ def gather(s, first, weights, passing, table, rows, centre, size, radiance, ligh
 
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
 def specular(
-    normals, views, alphas, f0s, first, shares, u, masking, averaged, spread,
+    normals, views, alphas, f0s, first, shares, u, masking, averaged, spread, shifts, up,
     points, reach, box_low, box_scale, cell, blocking, table, rows,
     radiance, directions, weights, passing, light, slope, centre, size,
 ):  # fmt: skip
     """Reflected radiance [S, 3] of samples; what rays [K] carried, for the adjoint and for tracing.
 
     Rays of sample s are first[s]:first[s + 1], each counting `shares[s]`. `box_low`, `box_scale`:
-    world to box units. `weights` [K, 3] are BRDF · cosine / density · share; `light` and `slope` are
+    world to box units. `shifts` [S, 3] and `up`: of a floor, if there is one, else `shifts` is empty. `weights` [K, 3] are BRDF · cosine / density · share; `light` and `slope` are
     dimmed by `passing` already.
     """
     samples, nobody = normals.shape[0], np.empty(0, np.float32)
+    up = (up[0], up[1], up[2])
     height, width = table.shape[0] - 1, table.shape[1] - 1
     for block in numba.prange((samples + BLOCK - 1) // BLOCK):
         low, high = block * BLOCK, min((block + 1) * BLOCK, samples)
@@ -126,8 +156,8 @@ def specular(
                 origins[s - low, axis] = (lifted - box_low[axis]) * box_scale
             owners[first[s] - begin : first[s + 1] - begin] = s - low
             leave(
-                s, normals, views, alphas, f0s, first, shares, u, masking, averaged, spread, width,
-                height, reach, directions, weights, passing, centre, size,
+                s, normals, views, alphas, f0s, first, shares, u, masking, averaged, spread, shifts, up,
+                width, height, reach, directions, weights, passing, centre, size,
             )  # fmt: skip
         walk(
             origins, owners, directions[begin:end], np.float32(box_scale), passing[begin:end],
@@ -139,8 +169,8 @@ def specular(
 
 @numba.njit(fastmath=True, nogil=True)
 def specular_backward_of_sample(
-    s, normals, views, alphas, f0s, first, shares, u, masking, directions, light, slope, width, height,
-    cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
+    s, normals, views, alphas, f0s, first, shares, u, masking, shifts, up, directions, light, slope,
+    width, height, cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
 ):  # fmt: skip
     """One sample of `specular_backward`."""
     alpha = float(alphas[s])
@@ -192,17 +222,20 @@ def specular_backward_of_sample(
             by_cosine, by_alpha = smith_slopes(out[2], alpha)
             g_out_z += g_out_lambda * by_cosine
             g_alpha += g_out_lambda * by_alpha
-        x, y, z = float(directions[k, 0]), float(directions[k, 1]), float(directions[k, 2])
-        square_xy = max(x * x + y * y, 1e-14)
+        d = (float(directions[k, 0]), float(directions[k, 1]), float(directions[k, 2]))
+        e, e_length, shift = from_centre(d, shifts, up, s)
+        square_xy = max(e[0] * e[0] + e[1] * e[1], 1e-14)
         turn = g_column * width / (2.0 * math.pi * square_xy)
         fall = 0.0
-        if abs(z) < 1.0 - 1e-7:
-            fall = -g_row * height / (math.pi * math.sqrt(1.0 - z * z))
+        if abs(e[2]) < 1.0 - 1e-7:
+            fall = -g_row * height / (math.pi * math.sqrt(1.0 - e[2] * e[2]))
+        g_d = (turn * e[1], -turn * e[0], fall)
+        if e_length != 1.0:
+            g_d = across(g_d, e, e_length)
+            g_d = plus(g_d, -dot(g_d, shift), up)
         _, d_length = to_world(t, b, n, out)
-        g_d = (
-            turn * y + g_directions[k, 0], g_directions[k, 1] - turn * x, fall + g_directions[k, 2]
-        )  # fmt: skip
-        g_d = across(g_d, (x, y, z), d_length)
+        g_d = plus(g_d, 1.0, (g_directions[k, 0], g_directions[k, 1], g_directions[k, 2]))
+        g_d = across(g_d, d, d_length)
         g_t, g_b, g_n = plus(g_t, out[0], g_d), plus(g_b, out[1], g_d), plus(g_n, out[2], g_d)
         g_out = (dot(t, g_d), dot(b, g_d), dot(n, g_d) + g_out_z)
         g_view_half = 2.0 * dot(half, g_out) - 5.0 * m * m * m * m * g_m5
@@ -252,15 +285,16 @@ def specular_backward_of_sample(
 
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
 def specular_backward(
-    normals, views, alphas, f0s, first, shares, u, masking, directions, light, slope, width, height,
-    cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
+    normals, views, alphas, f0s, first, shares, u, masking, shifts, up, directions, light, slope,
+    width, height, cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
 ):  # fmt: skip
     """Adjoint of `specular` with respect to normals, α and F0: of radiances (`cotangent`), and of the
     rays' directions and weights."""
+    up = (up[0], up[1], up[2])
     for s in numba.prange(normals.shape[0]):
         specular_backward_of_sample(
-            s, normals, views, alphas, f0s, first, shares, u, masking, directions, light, slope,
-            width, height, cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
+            s, normals, views, alphas, f0s, first, shares, u, masking, shifts, up, directions, light,
+            slope, width, height, cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
         )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from ..capture.frames import direction_from_equirect
 from ..kernels.backend import precise
 from ..kernels.integral import prefix_sums, rectangle_mean
 from ..kernels.sphere import look_up
+from .floor import Floor, SeenFromCentre
 from .irradiance import COSINE_LOBE, Arriving, arriving_harmonics, bright_lobes
 from .spherical_harmonics import sh_basis
 
@@ -98,12 +99,14 @@ class EnvironmentMap(nn.Module):
     Args:
         height: rows; the map is twice as wide.
         initial: radiance of every texel at the start, linear Rec.709.
+        floor: what of the light comes from close by; None: all is far away.
     """
 
     MAX_LOG_RADIANCE = 20.0
 
-    def __init__(self, height: int, initial: float = 0.5):
+    def __init__(self, height: int, initial: float = 0.5, floor: Floor | None = None):
         super().__init__()
+        self.floor = floor
         self.log_radiance = nn.Parameter(torch.full((3, height, 2 * height), math.log(initial)))
 
     @property
@@ -182,7 +185,7 @@ class EnvironmentMap(nn.Module):
 
     def lookup(
         self, tables: LightTables, directions: torch.Tensor, solid_angle: torch.Tensor,
-        spread: torch.Tensor | None = None,
+        spread: torch.Tensor | None = None, points: torch.Tensor | None = None,
     ) -> torch.Tensor:  # fmt: skip
         """Mean radiance [N, 3] over a square of `solid_angle` [N] sr around directions [N, 3].
 
@@ -193,44 +196,59 @@ class EnvironmentMap(nn.Module):
         Args:
             spread: [N, 2, 3] edges of a parallelogram of directions, rad, over which the square is
                 blurred: the rectangle gets the variance of both along either axis. No gradient.
+            points: [N, 3] where the light arrives, which matters for what of it is close by; None: far
+                from all.
         """
+        seen = None
+        if self.floor is not None and points is not None:
+            seen = self.floor.seen(self.floor.shifts(points), directions)
+            directions = seen.directions
         centre = equirect_coordinates(directions, self.height, self.width)
         with torch.no_grad():
-            blur = None if spread is None else self._variance(directions, spread)
-            size = self.footprint(centre[:, 1], solid_angle, blur)
+            variance = self._variance(directions, solid_angle, spread, seen)
+            size = self.footprint(centre[:, 1], variance)
         return rectangle_mean(tables.table, self.row_prefix, centre, size)
 
-    def footprint(
-        self, row: torch.Tensor, solid_angle: torch.Tensor, blur: torch.Tensor | None = None
-    ) -> torch.Tensor:
-        """(columns, rows) [N, 2] of a square of the given solid angle [N] at continuous rows [N].
+    def footprint(self, row: torch.Tensor, variance: torch.Tensor) -> torch.Tensor:
+        """(columns, rows) [N, 2] of rectangles at continuous rows [N].
 
         Args:
-            blur: [N, 2] squared widths, rad², along longitude and latitude, added to the square's.
+            variance: [N, 2] their squared widths, rad², along longitude and latitude.
         """
         sine = torch.sin(row * (math.pi / self.height)).clamp(min=1e-4)
-        square = solid_angle.clamp(0, 4 * math.pi)[:, None]
-        side = (square if blur is None else square + blur).sqrt()
-        rows = side[:, -1] * (self.height / math.pi)
+        side = variance.sqrt()
+        rows = side[:, 1] * (self.height / math.pi)
         columns = side[:, 0] / sine * (self.width / (2 * math.pi))
         return torch.stack(
             [columns.clamp(1.0, float(self.width)), rows.clamp(1.0, 0.5 * self.height)], dim=-1
         )
 
     @staticmethod
-    def _variance(directions: torch.Tensor, spread: torch.Tensor) -> torch.Tensor:
-        """Squared widths [N, 2], rad², along longitude and latitude, of parallelograms [N, 2, 3]."""
+    def _variance(
+        directions: torch.Tensor, solid_angle: torch.Tensor, spread: torch.Tensor | None,
+        seen: SeenFromCentre | None,
+    ) -> torch.Tensor:  # fmt: skip
+        """Squared widths [N, 2], rad², along longitude and latitude, of squares of solid angles [N]
+        around directions [N, 3], blurred by parallelograms [N, 2, 3]; both as rays see them."""
+        square = solid_angle.clamp(0, 4 * math.pi)[:, None].expand(-1, 2)
+        if seen is None and spread is None:
+            return square
         x, y, z = directions.unbind(-1)
         sine = (x * x + y * y).sqrt().clamp(min=1e-4)
         east = torch.stack([-y / sine, x / sine, torch.zeros_like(z)], dim=-1)
         south = torch.stack([x * z / sine, y * z / sine, -sine], dim=-1)
         axes = torch.stack([east, south], dim=1)
-        return torch.einsum("nij,nkj->nki", spread, axes).square().sum(-1)
+        if seen is not None:
+            axes = seen.along_rays(axes)
+            square = square * axes.square().sum(-1)
+        if spread is None:
+            return square
+        return square + torch.einsum("nij,nkj->nki", spread, axes).square().sum(-1)
 
     def resized(self, height: int) -> EnvironmentMap:
         """The same light on a map of another height (coarse to fine), bilinear in its logarithm."""
         log_radiance = resized_map(self.log_radiance.detach(), height)
-        other = EnvironmentMap(height)
+        other = EnvironmentMap(height, floor=self.floor)
         with torch.no_grad():
             other.log_radiance.copy_(log_radiance)
         return other.to(self.log_radiance.device)

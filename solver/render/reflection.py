@@ -16,7 +16,8 @@ from ..brdf.microfacet import (
 from ..kernels import drawing
 from ..kernels.backend import fast, on_numba, precise
 from ..kernels.drawing import Plan
-from ..kernels.specular import SELF_SHADOW_COSINE, specular
+from ..kernels.specular import ALL_FAR, SELF_SHADOW_COSINE, Near, specular
+from ..light.floor import Floor
 from .random_numbers import ALLOCATION, CHOICE, ROTATION, RandomNumbers
 from .scene import RenderSettings, Samples, Scene, StepTables, Surface
 
@@ -156,12 +157,13 @@ def reflected(
             toward, surface.materials.alpha, surface.materials.f0, tables.light.table, view,
             samples.points, plan.counts, plan.share, plan.u, scene.environment.row_prefix,
             settings.light_masking, settings.integral_image, scene.blockers(surface.reach), spread,
+            _near(scene.environment.floor, samples.points),
         )  # fmt: skip
     else:
         secondary = scatter(surface, toward, view, samples.part, plan, scene, settings, spread)
         direction, weight = secondary.direction, secondary.weight
         light = scene.environment.lookup(
-            tables.light, direction, secondary.solid_angle, secondary.spread
+            tables.light, direction, secondary.solid_angle, secondary.spread, samples.points[sample]
         )
         passing = light.new_ones(len(light))
         if settings.visibility:
@@ -193,3 +195,8 @@ def reflected(
     if not settings.visibility:
         bounced = bounced - (1 - transmittance)[:, None] * light.index_select(0, chosen)
     return radiance.index_add(0, sample, weight * bounced / probability[:, None])
+
+
+def _near(floor: Floor | None, points: torch.Tensor) -> Near:
+    """What of the light comes from close by to points [S, 3]."""
+    return ALL_FAR if floor is None else Near(floor.shifts(points), floor.up)

@@ -102,7 +102,7 @@ def test_solid_angles_of_the_texels_add_up_to_the_sphere():
 def test_footprints_cover_the_solid_angle_they_stand_for(row, solid_angle):
     """d/(N·p), not N·p/d: the erratum of Appendix A."""
     environment = EnvironmentMap(64)
-    columns, rows = environment.footprint(torch.tensor([row]), torch.tensor([solid_angle]))[0]
+    columns, rows = environment.footprint(torch.tensor([row]), torch.full((1, 2), solid_angle))[0]
     top, bottom = row - float(rows) / 2, row + float(rows) / 2
     band = math.cos(top * math.pi / 64) - math.cos(bottom * math.pi / 64)
     area = band * float(columns) * 2 * math.pi / 128

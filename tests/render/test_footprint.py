@@ -93,10 +93,10 @@ def test_a_blurred_lookup_has_the_variance_of_square_and_parallelogram():
     south = torch.stack([torch.tensor([0.0, 0.0, -1.0]),
                          torch.tensor([math.sin(0.8), 0.0, -math.cos(0.8)])])  # fmt: skip
     spread = torch.stack([0.3 * east.expand(2, 3), 0.4 * south], dim=1)
-    blur = light._variance(direction, spread)
-    torch.testing.assert_close(blur, torch.tensor([[0.09, 0.16]]).expand(2, 2))
+    both = light._variance(direction, torch.full((2,), 0.25), spread, None)
+    torch.testing.assert_close(both, torch.tensor([[0.34, 0.41]]).expand(2, 2))
     rows = torch.tensor([32.0, 32.0])
-    size = light.footprint(rows, torch.full((2,), 0.25), blur)
+    size = light.footprint(rows, both)
     radians = size * torch.tensor([2 * math.pi / 128, math.pi / 64])
     torch.testing.assert_close(radians, torch.tensor([[0.34, 0.41]]).sqrt().expand(2, 2))
 

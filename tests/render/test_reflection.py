@@ -8,12 +8,15 @@ import torch
 from solver.field.heads import Materials
 from solver.kernels.backend import plain_torch
 from solver.light.environment import EnvironmentMap, equirect_directions
+from solver.light.floor import Floor
 from solver.render.random_numbers import RandomNumbers
 from solver.render.reflection import choose_noisy_largest, reflected
 from solver.render.scene import RenderSettings, Samples, StepTables, Surface
 from tests.render.scenes import ball
 
 COUNT = 60
+FLOOR = Floor((0.0, 0.6, 0.8), -0.45, (0.1, 0.0, 0.1))
+"""slanted, with some of the ball below it"""
 
 
 def setting(alpha):
@@ -53,9 +56,11 @@ def result(scene, samples, view, leaves, settings, spread=None, trace=None):
 @pytest.mark.parametrize("alpha", [0.02, 0.2, 0.9])
 @pytest.mark.parametrize("change", [{}, {"light_masking": False}, {"integral_image": False}])
 @pytest.mark.parametrize("pixel", [0.0, 0.3])
-def test_fused_reflection_agrees_with_its_twin_in_values_and_gradients(alpha, change, pixel):
+@pytest.mark.parametrize("floor", [None, FLOOR], ids=["all far", "floor"])
+def test_fused_reflection_agrees_with_its_twin_in_values_and_gradients(alpha, change, pixel, floor):
     settings = dataclasses.replace(RenderSettings(neural=0.0, retraced_rays=0), **change)
     arguments = setting(alpha)
+    arguments[0].environment.floor = floor
     spread = pixel * torch.randn(COUNT, 2, 3) if pixel else None
     compare(arguments, settings, spread)
 
