@@ -28,7 +28,13 @@ LEAST_SPREAD, SPREAD = 1.6, 0.3
 UNLIKE = 3.0
 """differences, counted in those, from which a pixel tells nothing of the gloss around it"""
 DISAGREE = 3.0
-"""times the usual spread from which photos disagree too much about a place: it is not on the support"""
+"""times the usual spread from which photos disagree too much about a place: it is not on the support, or
+the object hides it from most"""
+ALIKE, FEW_ALIKE = 4.0, 0.1
+"""difference (CIE Lab) up to which photos show one thing, and the share of those that show a place which
+then say what it looks like, though most do not"""
+AT_ONCE = 1500
+"""cells whose photos are compared with each other at once, for memory"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +111,10 @@ class GroundColours:
     ) -> GroundColours:  # fmt: skip
         """Medians of photos [H, W, 3] CIE Lab.
 
+        What is under an overhang few photos see, and the others show the object there. So while nobody knows
+        where that is, and photos disagree, those count of which most agree: the ground looks the same from
+        wherever it is seen, and what hides it mostly does not.
+
         Args:
             pixels: where each photo has the cells (`Ground.pixels_in`).
             hidden: [H, W] bool each: what is no ground; None: that is not known yet.
@@ -115,24 +125,30 @@ class GroundColours:
                 for own, mask in zip(pixels, hidden, strict=True)
             ]
         count = ground.cells**2
+
+        def shown(rows: np.ndarray | slice) -> np.ndarray:
+            """[photos, N, 3] of cells; NaN where a photo does not show one."""
+            return np.stack([
+                np.where((own[rows] >= 0)[:, None], photo.reshape(-1, 3)[own[rows]], np.nan)
+                for own, photo in zip(pixels, colours, strict=True)
+            ])  # fmt: skip
+
         colour = np.full((count, 3), np.nan, np.float32)
         spread = np.full(count, np.nan, np.float32)
         for start in range(0, count, ROWS * ground.cells):
-            part = slice(start, start + ROWS * ground.cells)
-            found = np.stack([
-                np.where((own[part] >= 0)[:, None], photo.reshape(-1, 3)[own[part]], np.nan)
-                for own, photo in zip(pixels, colours, strict=True)
-            ])  # fmt: skip
+            found = shown(slice(start, start + ROWS * ground.cells))
             told = (~np.isnan(found[..., 0])).sum(0) >= FEWEST_VIEWS
-            found = found[:, told]
             if told.any():
                 rows = np.flatnonzero(told) + start
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore", RuntimeWarning)
-                    colour[rows] = np.nanmedian(found, axis=0)
-                    away = np.linalg.norm(found - colour[rows], axis=-1)
-                    spread[rows] = np.nanmedian(away, axis=0)
-        return cls(colour, spread)
+                colour[rows], spread[rows] = _medians(found[:, told])
+        medians = cls(colour, spread)
+        if hidden is None:
+            disputed = np.flatnonzero(spread > DISAGREE * max(medians.usual, 1.0))
+            for start in range(0, len(disputed), AT_ONCE):
+                rows = disputed[start : start + AT_ONCE]
+                found, enough = _most_alike(shown(rows))
+                colour[rows[enough]], spread[rows[enough]] = _medians(found[:, enough])
+        return medians
 
     @cached_property
     def usual(self) -> float:
@@ -165,3 +181,22 @@ class GroundColours:
             found = np.linalg.norm(difference - sheen, axis=-1) / least
             like = known & (found < UNLIKE)
         return np.where(known, found, np.nan)
+
+
+def _medians(found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Median colours [N, 3] of what photos show, [photos, N, 3], and how far [N] these are from it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        colour = np.nanmedian(found, axis=0)
+        return colour, np.nanmedian(np.linalg.norm(found - colour, axis=-1), axis=0)
+
+
+def _most_alike(found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What photos show, [photos, N, 3], of those alone that show the same as the most others, and whether
+    these are enough [N]."""
+    same = np.linalg.norm(found[:, None] - found[None], axis=-1) <= ALIKE
+    count, cell = same.sum(1), np.arange(found.shape[1])
+    best = count.argmax(0)
+    fewest = np.maximum(FEWEST_VIEWS, FEW_ALIKE * (~np.isnan(found[..., 0])).sum(0))
+    alike = np.where(same[best, :, cell].T[..., None], found, np.nan)
+    return alike, count[best, cell] >= fewest

@@ -35,6 +35,9 @@ NO_PLACE = -3.0
 """odds of a place where the object is not, and those beside all places"""
 HIGHLIGHT = 0.5
 """odds of the places behind a hole in the object from which it is a highlight"""
+WITHIN, AT_LAST = 1 / 16, 1 / 128
+"""what outlines cost between pixels of one colour (`outline.cut`): much while all of the object is to be
+found, as a whole; and little when it is known about where each of them runs"""
 A_LITTLE = 0.05
 """share of a place, in a picture, from which the object may be there"""
 
@@ -108,7 +111,7 @@ class Standing:
         places = PlacesIn(self.places, picture.camera, picture.shape)
         shown = outline_of(
             picture.colour, self.odds.of(picture.colour, unlike), places.covered(A_LITTLE),
-            places.highest(self.likely, NO_PLACE),
+            places.highest(self.likely, NO_PLACE), AT_LAST,
         )  # fmt: skip
         surface = PlacesIn(self.surface, picture.camera, picture.shape)
         others = surface.covered()
@@ -119,14 +122,16 @@ class Standing:
 
 
 def outline_of(
-    colour: np.ndarray, odds: np.ndarray, allowed: np.ndarray, likely: np.ndarray
-) -> np.ndarray:
+    colour: np.ndarray, odds: np.ndarray, allowed: np.ndarray, likely: np.ndarray,
+    within: float = WITHIN,
+) -> np.ndarray:  # fmt: skip
     """[H, W] bool: what the odds [H, W] make of a photo, where the object is `allowed`, [H, W].
 
     Args:
-        colour: [H, W, 3] CIE Lab. likely: [H, W] odds of the likeliest place along each ray.
+        colour: [H, W, 3] CIE Lab. likely: [H, W] odds of the likeliest place along each ray. within:
+            see `outline.cut`.
     """
-    mask = cut(colour, np.where(allowed, odds + likely, NOWHERE))
+    mask = cut(colour, np.where(allowed, odds + likely, NOWHERE), within)
     # A highlight leaves a hole. So does a handle, but through that photos see past the object.
     holes, count = scipy.ndimage.label(~mask)
     if count > 1:

@@ -33,12 +33,15 @@ def run_apart(work: Callable[..., Any], *args: Any, progress: Callable[[float], 
     """
     # Not forked: a fork would have torch's threads' locks, without the threads.
     context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_work, args=(work, args, theirs), daemon=True)
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_work, args=(theirs,), daemon=True)
     process.start()
     theirs.close()
     told = 0.0
     try:
+        # Not as the process's arguments: if it died before it had read all of them, Python would wait
+        # for ever (it keeps that pipe's other end open itself).
+        ours.send((work, args))
         while True:
             if ours.poll(TURN):
                 kind, value = ours.recv()
@@ -49,7 +52,7 @@ def run_apart(work: Callable[..., Any], *args: Any, progress: Callable[[float], 
                     raise ApartError(value)
                 told = value
             progress(told)
-    except EOFError:
+    except (EOFError, ConnectionError):
         process.join()
         raise ApartError(f"the process ended with code {process.exitcode}") from None
     finally:
@@ -58,12 +61,13 @@ def run_apart(work: Callable[..., Any], *args: Any, progress: Callable[[float], 
         ours.close()
 
 
-def _work(work: Callable[..., Any], args: tuple, pipe: Connection) -> None:
+def _work(pipe: Connection) -> None:
     # Ctrl-C and a terminal's end reach all its processes; the parent decides what they mean.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
+        work, args = pipe.recv()
         pipe.send(("done", work(*args, lambda done: pipe.send(("progress", done)))))
     except Exception as error:
         pipe.send(("failed", f"{type(error).__name__}: {error}"))
