@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -30,7 +30,7 @@ UNLIKE = 3.0
 DISAGREE = 3.0
 """times the usual spread from which photos disagree too much about a place: it is not on the support, or
 the object hides it from most"""
-ALIKE, FEW_ALIKE = 4.0, 0.1
+ALIKE, FEW_ALIKE = 2.5, 0.1
 """difference (CIE Lab) up to which photos show one thing, and the share of those that show a place which
 then say what it looks like, though most do not"""
 AT_ONCE = 1500
@@ -72,6 +72,15 @@ class Ground:
         along = steps[:, None, None] * self.first + steps[None, :, None] * self.second
         return (self.origin + along).reshape(-1, 3)
 
+    def cells_below(self, points: np.ndarray, closed: float) -> np.ndarray:
+        """[cells · cells] bool: what is straight below world points [N, 3], or between such, if the gap is no
+        wider than twice `closed` (world units)."""
+        steps = (points - self.origin) @ np.stack([self.first, self.second], -1) / self.edge
+        inside = ((steps >= 0) & (steps < self.cells)).all(1)
+        below = np.zeros((self.cells, self.cells), dtype=bool)
+        below[tuple(steps[inside].astype(int).T)] = True
+        return _closed(below, int(np.ceil(closed / self.edge))).ravel()
+
     def cells_in(self, camera: Camera) -> np.ndarray:
         """[H, W] int32 cell that is where each pixel's ray meets the support; −1 for none."""
         row, column = np.mgrid[: camera.height, : camera.width].reshape(2, -1)
@@ -98,11 +107,12 @@ class Ground:
 
 @dataclass(frozen=True, eq=False)
 class GroundColours:
-    """CIE Lab `colour` [N, 3] of a ground's cells, NaN where it is not known, and how far photos are from
-    it, `spread` [N]."""
+    """CIE Lab `colour` [N, 3] of a ground's cells, and how far photos are from it, `spread` [N], NaN where
+    that is not known; and by how few it is told, `by_few` [N] bool: most photos show something else."""
 
     colour: np.ndarray
     spread: np.ndarray
+    by_few: np.ndarray | None = None
 
     @classmethod
     def seen_in(
@@ -141,14 +151,19 @@ class GroundColours:
             if told.any():
                 rows = np.flatnonzero(told) + start
                 colour[rows], spread[rows] = _medians(found[:, told])
-        medians = cls(colour, spread)
-        if hidden is None:
-            disputed = np.flatnonzero(spread > DISAGREE * max(medians.usual, 1.0))
-            for start in range(0, len(disputed), AT_ONCE):
-                rows = disputed[start : start + AT_ONCE]
-                found, enough = _most_alike(shown(rows))
-                colour[rows[enough]], spread[rows[enough]] = _medians(found[:, enough])
-        return medians
+        if hidden is not None:
+            return cls(colour, spread)
+        disputed = spread > DISAGREE * max(cls(colour, spread).usual, 1.0)
+        rows = np.flatnonzero(disputed)
+        for some in np.split(rows, range(AT_ONCE, len(rows), AT_ONCE)):
+            found, enough = _most_alike(shown(some))
+            colour[some[enough]], spread[some[enough]] = _medians(found[:, enough])
+        return cls(colour, spread, disputed)
+
+    def unknown_in(self, cells: np.ndarray) -> GroundColours:
+        """The same without what all photos tell of some cells [N] bool: what stands there looks the same from
+        everywhere."""
+        return replace(self, spread=np.where(cells & ~self.by_few, np.nan, self.spread))
 
     @cached_property
     def usual(self) -> float:
@@ -200,3 +215,8 @@ def _most_alike(found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     fewest = np.maximum(FEWEST_VIEWS, FEW_ALIKE * (~np.isnan(found[..., 0])).sum(0))
     alike = np.where(same[best, :, cell].T[..., None], found, np.nan)
     return alike, count[best, cell] >= fewest
+
+
+def _closed(cells: np.ndarray, by: int) -> np.ndarray:
+    """Cells [K, K] bool, and gaps between them up to twice `by` wide."""
+    return scipy.ndimage.binary_closing(np.pad(cells, by), np.ones((3, 3)), by)[by:-by, by:-by]

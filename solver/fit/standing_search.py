@@ -102,7 +102,13 @@ class _Search:
         """Cut photos out once; false if no place is left that nearly all of them show."""
         colours = [picture.colour for picture in self.pictures]
         self.ground_colours = self._ground_colours(colours)
-        unlike = list(self.pool.map(self.ground_colours.unlike, colours, self.ground_cells))
+        unlike = self._unlike(colours)
+        if self.masks is None:
+            # What is under the object nobody sees.
+            likely = self.places.centres[self._likely_by(unlike) > 0]
+            below = self.ground.cells_below(likely, self.edge)
+            self.ground_colours = self.ground_colours.unknown_in(below)
+            unlike = self._unlike(colours)
         allowed = list(self.pool.map(lambda own: own.covered(A_LITTLE, self.kept), self.placed))
         if self.masks is None:
             shown, past = self._by_support(unlike)
@@ -133,10 +139,17 @@ class _Search:
         hidden = None if self.masks is None else [self.masks[i] for i in self.telling]
         return GroundColours.seen_in(self.ground, self.ground_pixels, told, hidden)
 
+    def _unlike(self, colours: list[np.ndarray]) -> list[np.ndarray]:
+        return list(self.pool.map(self.ground_colours.unlike, colours, self.ground_cells))
+
+    def _likely_by(self, unlike: list[np.ndarray]) -> np.ndarray:
+        """Odds [N] of the places by the support alone."""
+        return self._likely([np.nan_to_num(by_support(far)) for far in unlike])
+
     def _by_support(self, unlike: list[np.ndarray]) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """Where photos show the object, [H, W] bool, and where something else, as far as is known at first:
         by places that photos do not see past."""
-        likely = self._likely([np.nan_to_num(by_support(far)) for far in unlike])
+        likely = self._likely_by(unlike)
         shown, past = [], []
         for placed, far in zip(self.placed, unlike, strict=True):
             maybe = placed.highest(likely, NO_PLACE) > LIKELY
@@ -171,12 +184,14 @@ class _Search:
         )  # fmt: skip
 
     def _left_out(self) -> float:
-        """What is unlike the support beside the object, where it may be, as a share of the object."""
-        cell = np.ones((3, 3))
+        """What is unlike the support beside the object, and likely there by all photos, as a share of the
+        object. A lamp that one of them sees in a polished table is not."""
+        cell, likely = np.ones((3, 3)), self._likely_by(self.unlike)
         left = 0
         for placed, far, mask in zip(self.placed, self.unlike, self.masks, strict=True):
             around = scipy.ndimage.binary_dilation(mask, cell, BESIDE)
-            unlike = placed.covered() & (np.nan_to_num(far) > UNLIKE) & ~around
+            maybe = placed.highest(likely, NO_PLACE) > LIKELY
+            unlike = maybe & (np.nan_to_num(far) > UNLIKE) & ~around
             left += int(scipy.ndimage.binary_opening(unlike, cell).sum())
         return left / max(sum(int(mask.sum()) for mask in self.masks), 1)
 
