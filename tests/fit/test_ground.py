@@ -8,7 +8,7 @@ from solver.fit.ground import MOST_CELLS, Ground, GroundColours
 from solver.fit.outline import cut
 from solver.fit.places import Places, PlacesIn, shown_by_all_but, times_seen
 from solver.fit.seen_space import cell_centres
-from solver.fit.standing import Picture
+from solver.fit.standing import AT_LAST, WITHIN, Picture
 from solver.fit.support import FEWEST, Support, support_of
 from tests.fit.table_scene import REGION, table_scene
 
@@ -146,10 +146,64 @@ def test_an_outline_lies_on_an_edge_near_what_is_likely():
     # A part is known for sure, and a pixel of it is known wrongly.
     odds[16:24, 16:24], odds[20, 20], odds[2, 2] = 2.0, -3.0, 3.0
     odds[true & (odds < 0)] = 0.1
-    np.testing.assert_array_equal(cut(colour, odds), true)
-    assert not cut(colour, np.full(true.shape, -1.0)).any()
-    assert cut(colour, np.full(true.shape, 1.0)).all()
+    np.testing.assert_array_equal(cut(colour, odds, WITHIN), true)
+    assert not cut(colour, np.full(true.shape, -1.0), WITHIN).any()
+    assert cut(colour, np.full(true.shape, 1.0), WITHIN).all()
+
+
+def test_an_outline_that_costs_little_follows_what_is_likely_more_closely():
+    rng = np.random.default_rng(6)
+    colour = np.full((40, 40, 3), 50.0) + rng.normal(0, 3, (40, 40, 3))
+    thin = np.zeros((40, 40), bool)
+    thin[10:30, 10:30] = thin[19:21, 30:36] = True
+    found = [cut(colour, np.where(thin, 0.8, -0.8), within) for within in (WITHIN, AT_LAST)]
+    assert not found[0][19:21, 32:36].any() and (found[1] == thin).all()
 
 
 def test_a_picture_knows_its_shape(cameras):
     assert Picture(cameras[0], np.zeros((76, 100, 3))).shape == (76, 100)
+
+
+def seen_by_few(few, views=20, cells=32):
+    """A brown ground of which an object hides one cell: `few` photos see it there, and the others something
+    that looks different in each. Its cells, photos' pixels and colours."""
+    rng = np.random.default_rng(7)
+    ground = Ground(TABLE, np.zeros(3), np.eye(3)[0], np.eye(3)[1], 0.1, cells)
+    brown, pixels = np.array([35.0, 15, 30]), np.arange(cells**2, dtype=np.int32)
+    photos = []
+    for view in range(views):
+        photo = brown + rng.normal(0, 0.5, (cells, cells, 3))
+        if view >= few:
+            photo[5, 7] = rng.uniform([0, -60, -60], [100, 60, 60])
+        photos.append(photo)
+    hidden_cell = np.ravel_multi_index((5, 7), (cells, cells))
+    return ground, [pixels] * views, photos, hidden_cell, brown
+
+
+def test_what_few_photos_see_below_an_overhang_is_the_ground_as_the_others_disagree():
+    ground, pixels, photos, cell, brown = seen_by_few(5)
+    found = GroundColours.seen_in(ground, pixels, photos, None)
+    np.testing.assert_allclose(found.colour[cell], brown, atol=1.5)
+    assert found.spread[cell] < 2 and found.by_few[cell] and found.by_few.sum() == 1
+    # Once it is known where the object is, all count that do not show it.
+    nothing = [np.zeros((32, 32), bool)] * len(photos)
+    later = GroundColours.seen_in(ground, pixels, photos, nothing)
+    assert np.linalg.norm(later.colour[cell] - brown) > 5 and later.by_few is None
+
+
+def test_what_hardly_any_photos_agree_about_stays_unknown():
+    ground, pixels, photos, cell, _ = seen_by_few(0)
+    found = GroundColours.seen_in(ground, pixels, photos, None)
+    assert np.isnan(found.unlike(photos[0], np.arange(32**2).reshape(32, 32))[5, 7])
+
+
+def test_of_what_is_below_the_object_only_what_few_saw_is_known():
+    ground, pixels, photos, cell, _ = seen_by_few(5)
+    points = np.array([[0.35, 0.55, 0.4], [0.35, 0.95, 0.2], [-3.0, 0, 0.3]])
+    below = ground.cells_below(points, 0.1)
+    assert set(zip(*np.divmod(np.flatnonzero(below), 32), strict=True)) == {(3, 5), (3, 9)}
+    assert ground.cells_below(points, 0.2).sum() == 5
+    below[cell] = True
+    found = GroundColours.seen_in(ground, pixels, photos, None).unknown_in(below)
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(found.spread)), np.flatnonzero(below)[
+        np.flatnonzero(below) != cell])  # fmt: skip

@@ -119,6 +119,20 @@ def test_a_region_says_what_of_all_that_stands_there_is_the_object():
         assert find_on_support(capture, photos, np.array(nowhere, float)) is None
 
 
+def test_a_lamp_that_a_polished_table_mirrors_elsewhere_in_each_photo_is_no_part_left_out(glazed):
+    capture, photos, shown, _ = glazed
+    rng, lit = np.random.default_rng(0), []
+    row, column = np.mgrid[:HEIGHT, :WIDTH]
+    for photo, mask in zip(photos, shown, strict=True):
+        pixels = photo.pixels.copy()
+        at = rng.integers((HEIGHT - 16, 10), (HEIGHT - 8, WIDTH - 10))
+        glare = (np.hypot(row - at[0], column - at[1]) < 7) & ~mask
+        pixels[glare, :3] = 0.95
+        lit.append(dataclasses.replace(photo, pixels=pixels))
+    found = find_on_support(capture, lit)
+    assert overlap([o.shown for o in found.outlines], shown) > 0.85
+
+
 def test_nothing_is_found_rather_than_a_part_of_what_stands_there(glazed):
     capture, photos, shown, _ = glazed
     pictures = [picture_of(c, p) for c, p in zip(capture.cameras, photos, strict=True)]
