@@ -1,7 +1,10 @@
 """Work in a process of its own."""
 
 import os
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -53,3 +56,24 @@ def test_what_progress_raises_ends_the_process(tmp_path):
         run_apart(sleep, file, progress=stop)
     with pytest.raises(ProcessLookupError):
         os.kill(int(file.read_text()), 0)
+
+
+def test_a_process_that_dies_before_it_has_read_its_work_is_told_of(tmp_path):
+    """As one does whose main module cannot be imported; what it was to read is more than a pipe holds."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from solver.job.apart import ApartError, run_apart\n"
+        "from tests.job.test_apart import double\n"
+        "if __name__ == '__mp_main__':\n"
+        "    raise SystemExit(7)\n"
+        "try:\n"
+        "    run_apart(double, 'x' * 10**7, progress=lambda done: None)\n"
+        "except ApartError as error:\n"
+        "    print(error)\n"
+    )
+    command, root = [sys.executable, str(script)], Path(__file__).parents[2]
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=60, cwd=root,
+        env={**os.environ, "PYTHONPATH": str(root)},
+    )  # fmt: skip
+    assert done.stdout == "the process ended with code 7\n", done.stderr
