@@ -49,7 +49,7 @@ def write_job_report(
     chosen = evenly_taken(len(capture.cameras), VIEWS)
     cameras, images = [capture.cameras[i] for i in chosen], [photos[i] for i in chosen]
     try:
-        test = held_out_of(job)
+        test = held_out_of(job, capture)
         if test is not None:
             cameras, images = _held_out(job, test, settings, uses_masks(photos, settings))
             held_out = True

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..capture.capture import Capture
+from ..capture.errors import CaptureError
 from ..capture.placement import suggest_placement
 from ..capture.read import held_out_file, read_capture
 from .folder import JobFolder, JobRequest
@@ -25,14 +26,29 @@ def capture_of(job: JobFolder) -> Capture:
     return _read(job, job.request.capture, trusted=trusted)
 
 
-def held_out_of(job: JobFolder) -> Capture | None:
+def held_out_of(job: JobFolder, fitted: Capture) -> Capture | None:
     """The photos that a job's capture holds out, with their cameras; None if it holds out none.
 
+    Args:
+        fitted: the capture that it does not hold out.
+
     Raises:
-        CaptureError: as `read_capture`.
+        CaptureError: as `read_capture`; or the folder of masks has those of the fitted photos alone, and
+            some that are held out have the same names.
     """
     file = held_out_file(job.request.capture)
-    return file and _read(job, file, fewest=1)
+    if file is None:
+        return None
+    held_out = _read(job, file, fewest=1)
+    taken = {camera.mask_path: camera.name for camera in fitted.cameras if camera.mask_path}
+    for camera in held_out.cameras:
+        if camera.mask_path in taken:
+            raise CaptureError(
+                file, "masks", f"'{camera.mask_path}' would be the mask of '{camera.name}' as well as "
+                f"of the photo '{taken[camera.mask_path]}'",
+                "keep masks in folders that are named as those of their photos",
+            )  # fmt: skip
+    return held_out
 
 
 def _read(job: JobFolder, cameras: Path | str, **how) -> Capture:
