@@ -124,7 +124,9 @@ def panorama_of(
     uv = np.stack([column.ravel() / (2 * height), row.ravel() / height], axis=-1)
     directions = direction_from_equirect(uv).astype(np.float32)
     total, count = np.zeros_like(directions), np.zeros(len(directions), np.int32)
-    places, is_close = (directions, np.zeros(len(directions), bool)) if close is None else close(directions)
+    places, is_close = (
+        (directions, np.zeros(len(directions), bool)) if close is None else close(directions)
+    )
     for camera, colour, object_ in zip(cameras, colours, shown, strict=True):
         away = np.where(is_close[:, None], places - camera.position, directions)
         along = away @ camera.view_direction

@@ -48,7 +48,7 @@ def work_done(settings: Settings, fraction: float, fog: bool = False) -> float:
 
     def cost(at: float) -> float:
         level = sum(start <= at for start in settings.field.size_starts) - 1
-        grid = 1 + (settings.field.sizes[level] / _GRID_AT_EQUAL_COST) ** 2
+        grid = grid_cost(settings.field.sizes[level])
         shining = emission_share(settings.fit, at) if fog else 0.0
         further = pixel_grid(settings, at) ** 2 - 1
         return grid * (1 + (_FOG_COST - 1) * shining) * (1 + _RAY_COST * further)
@@ -56,6 +56,11 @@ def work_done(settings: Settings, fraction: float, fog: bool = False) -> float:
     spans = [(start, end, cost((start + end) / 2)) for start, end in pairwise(edges)]
     whole = sum((end - start) * cost for start, end, cost in spans)
     return sum(max(min(end, fraction) - start, 0) * cost for start, end, cost in spans) / whole
+
+
+def grid_cost(size: int) -> float:
+    """What a step takes on a grid of `size` nodes per axis, in times of one on a grid of none."""
+    return 1 + (size / _GRID_AT_EQUAL_COST) ** 2
 
 
 def finishing_seconds(scene: Scene, settings: Settings, cameras: Sequence[Camera] = ()) -> float:

@@ -73,8 +73,8 @@ class Ground:
         return (self.origin + along).reshape(-1, 3)
 
     def cells_below(self, points: np.ndarray, closed: float) -> np.ndarray:
-        """[cells · cells] bool: what is straight below world points [N, 3], or between such, if the gap is no
-        wider than twice `closed` (world units)."""
+        """[cells · cells] bool: what is straight below world points [N, 3], or between such, if the gap is
+        no wider than twice `closed` (world units)."""
         steps = (points - self.origin) @ np.stack([self.first, self.second], -1) / self.edge
         inside = ((steps >= 0) & (steps < self.cells)).all(1)
         below = np.zeros((self.cells, self.cells), dtype=bool)
@@ -121,9 +121,9 @@ class GroundColours:
     ) -> GroundColours:  # fmt: skip
         """Medians of photos [H, W, 3] CIE Lab.
 
-        What is under an overhang few photos see, and the others show the object there. So while nobody knows
-        where that is, and photos disagree, those count of which most agree: the ground looks the same from
-        wherever it is seen, and what hides it mostly does not.
+        What is under an overhang few photos see, and the others show the object there. So while nobody
+        knows where that is, and photos disagree, those count of which most agree: the ground looks the
+        same from wherever it is seen, and what hides it mostly does not.
 
         Args:
             pixels: where each photo has the cells (`Ground.pixels_in`).
@@ -161,8 +161,8 @@ class GroundColours:
         return cls(colour, spread, disputed)
 
     def unknown_in(self, cells: np.ndarray) -> GroundColours:
-        """The same without what all photos tell of some cells [N] bool: what stands there looks the same from
-        everywhere."""
+        """The same without what all photos tell of some cells [N] bool: what stands there looks the same
+        from everywhere."""
         return replace(self, spread=np.where(cells & ~self.by_few, np.nan, self.spread))
 
     @cached_property

@@ -99,7 +99,10 @@ def leave(
             east = (-e[1] / sine, e[0] / sine, 0.0)
             south = (e[0] * e[2] / sine, e[1] * e[2] / sine, -sine)
             if shifts.shape[0] > 0:
-                east, south = along_ray(east, d, length, shift, up), along_ray(south, d, length, shift, up)
+                east, south = (
+                    along_ray(east, d, length, shift, up),
+                    along_ray(south, d, length, shift, up),
+                )
                 wide, high = wide * dot(east, east), high * dot(south, south)
             for edge in range(2):
                 x, y, z = spread[s, edge, 0], spread[s, edge, 1], spread[s, edge, 2]
@@ -139,8 +142,9 @@ def specular(
     """Reflected radiance [S, 3] of samples; what rays [K] carried, for the adjoint and for tracing.
 
     Rays of sample s are first[s]:first[s + 1], each counting `shares[s]`. `box_low`, `box_scale`:
-    world to box units. `shifts` [S, 3] and `up`: of a floor, if there is one, else `shifts` is empty. `weights` [K, 3] are BRDF · cosine / density · share; `light` and `slope` are
-    dimmed by `passing` already.
+    world to box units. `shifts` [S, 3] and `up` are those of a floor; without one, `shifts` is empty.
+    `weights` [K, 3] are BRDF · cosine / density · share; `light` and `slope` are dimmed by `passing`
+    already.
     """
     samples, nobody = normals.shape[0], np.empty(0, np.float32)
     up = (up[0], up[1], up[2])

@@ -60,11 +60,15 @@ def check(
     looks = look_at_photos(asked, progress)
     circles = circles_of(asked)
     turned = circles is not None and circles.still is True
-    told = estimate(asked, preset, all(look.coverage is not None for look in looks), turned=turned)
+    stands, masked = (
+        _stands(capture, settings, region),
+        all(look.coverage is not None for look in looks),
+    )
+    told = estimate(asked, preset, masked, turned=turned, standing=stands)
     found = [note(text) for text in capture.warnings]
     found += photos.blur(looks) + photos.exposure(looks) + photos.duplicates(looks)
     found += (
-        photos.masks(looks, _stands(capture, settings, region))
+        photos.masks(looks, stands)
         + photos.size(looks, asked, settings.photos.most_pixels)
         + coverage(asked)
         + turning(circles)

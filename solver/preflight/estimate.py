@@ -12,8 +12,9 @@ from dataclasses import asdict, dataclass, replace
 
 from ..capture.capture import Capture
 from ..capture.photos import MOST_AT_ONCE
+from ..fit.clock import grid_cost
 from ..fit.presets import settings_for
-from ..fit.settings import Settings
+from ..fit.settings import FieldSettings, Settings
 from ..threads import usable_cores
 
 CORE_SECONDS = {"draft": 0.11, "standard": 0.33, "paper": 3.0}
@@ -29,6 +30,8 @@ TURNED = 1.9
 EFFICIENCY = 0.9
 FINDING_POINTS = 0.4
 """processor seconds it takes to find the sparse points that a photo without mask shows"""
+FINDING_STANDING = 1.0
+"""the same to find where a photo shows what stands on a support"""
 LOADING = 0.25e-6
 """processor seconds a pixel of the photos takes until it is in the ray bank"""
 
@@ -74,7 +77,8 @@ class Estimate:
 
 
 def estimate(
-    capture: Capture, preset: str, masked: bool, cores: int | None = None, turned: bool = False
+    capture: Capture, preset: str, masked: bool, cores: int | None = None, turned: bool = False,
+    standing: bool = False,
 ) -> Estimate:  # fmt: skip
     """Estimate a reconstruction of a capture.
 
@@ -82,6 +86,7 @@ def estimate(
         masked: all photos have masks or alpha.
         cores: None: this machine's.
         turned: its light goes round with the cameras.
+        standing: the object stands on something, by which photos without masks get some first.
 
     Raises:
         SettingsError: there is no such preset.
@@ -91,15 +96,20 @@ def estimate(
     usable = cores_in_use(settings, cores)
     pixels = sum(camera.width * camera.height for camera in capture.cameras)
     speed = 1 + EFFICIENCY * (usable - 1)
-    fit = settings.fit.steps * CORE_SECONDS[preset] * (1 if masked else WITHOUT_MASKS) / speed
+    fog, standing = not (masked or standing), standing and not masked
+    fit = settings.fit.steps * CORE_SECONDS[preset] / speed
+    if fog:
+        fit *= WITHOUT_MASKS * _share_of_coarser_grid(settings.field)
     if turned and settings.light.turntable != "no":
         fit *= TURNED
     seconds = fit + OVERHEAD[preset] + pixels * LOADING
-    if not masked and capture.has_few_points and settings.field.hull_start:
+    if standing:
+        seconds += len(capture.cameras) * FINDING_STANDING / speed
+    if fog and capture.has_few_points and settings.field.hull_start:
         seconds += len(capture.cameras) * FINDING_POINTS / cores
     most = settings.photos.most_pixels
     fitted = tuple(camera.no_larger(most) for camera in capture.cameras)
-    photos = photo_bytes(replace(capture, cameras=fitted), masked)
+    photos = photo_bytes(replace(capture, cameras=fitted), not fog)
     if any(small is not whole for small, whole in zip(fitted, capture.cameras, strict=True)):
         largest = max(camera.width * camera.height for camera in capture.cameras)
         photos += DECODING_BYTES * largest * min(MOST_AT_ONCE, cores)
@@ -111,6 +121,12 @@ def estimate(
         usable,
         memory_of_machine(),
     )
+
+
+def _share_of_coarser_grid(field: FieldSettings) -> float:
+    """Of the time of a step on the finest grid, what one takes where no masks hold the shape."""
+    finest = field.sizes[-1]
+    return grid_cost(min(finest, field.finest_without_masks)) / grid_cost(finest)
 
 
 def photo_bytes(capture: Capture, masked: bool) -> int:

@@ -16,6 +16,8 @@ from solver.preflight.estimate import (
     BASE_BYTES,
     DIRECTION_BYTES,
     FINDING_POINTS,
+    FINDING_STANDING,
+    WITHOUT_MASKS,
     cores_in_use,
     estimate,
     photo_bytes,
@@ -68,3 +70,22 @@ def test_a_step_of_few_chunks_cannot_use_many_cores():
     assert cores_in_use(settings_for("draft"), 64) == 2
     assert cores_in_use(settings_for("standard"), 64) == 4
     assert cores_in_use(settings_for("paper"), 64) == 64
+
+
+def test_what_stands_on_something_takes_the_time_of_masks_and_of_making_them():
+    capture = capture_at(around(20))
+    for preset in ("draft", "standard"):
+        fog, standing, masked = (
+            estimate(capture, preset, m, 1, standing=s).seconds
+            for m, s in ((False, False), (False, True), (True, False))
+        )
+        assert masked < standing < fog
+        assert standing == pytest.approx(masked + 20 * FINDING_STANDING)
+        assert estimate(capture, preset, True, 1, standing=True).seconds == masked
+
+
+def test_a_fog_on_a_coarser_grid_takes_less_time():
+    capture, settings = capture_at(around(20)), settings_for("standard")
+    assert settings.field.finest_without_masks < settings.field.sizes[-1]
+    fog, masked = (estimate(capture, "standard", m, 1).seconds for m in (False, True))
+    assert masked < fog < WITHOUT_MASKS * masked
