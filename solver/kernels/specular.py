@@ -83,7 +83,8 @@ class _Specular(torch.autograd.Function):
         g_alphas = torch.empty(len(normals))
         specular_numba.specular_backward(
             *arrays, ctx.masking, *_arrays_of(ctx.near), directions.numpy(), light.numpy(),
-            slope.numpy(), width, height, cotangent, g_directions.contiguous().numpy(), g_weights.contiguous().numpy(),
+            slope.numpy(), width, height, cotangent, g_directions.contiguous().numpy(),
+            g_weights.contiguous().numpy(),
             g_normals.numpy(), g_alphas.numpy(), g_f0s.numpy(),
         )  # fmt: skip
         to_light = torch.empty_like(light)
