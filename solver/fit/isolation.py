@@ -97,16 +97,21 @@ def isolated(
     except ApartError as error:
         progress.warning(f"no sparse points ({error}); the fit starts without them")
     if standing and backdrop is None:
-        found = _on_support(job, capture, photos, region, progress, finding_support)
-        return found if settings.light.floor else found._replace(floor=None)
+        return _on_support(
+            job, capture, photos, region, settings.light.floor, progress, finding_support
+        )  # fmt: skip
     return Isolated(capture, photos)
 
 
 def _on_support(
-    job: JobFolder, capture: Capture, photos: list[Photo], region: np.ndarray | None,
+    job: JobFolder, capture: Capture, photos: list[Photo], region: np.ndarray | None, close: bool,
     progress: Progress, told: Callable[[float], None],
 ) -> Isolated:  # fmt: skip
-    """Photos cut out before what the object stands on, if it stands on something."""
+    """Photos cut out before what the object stands on, if it stands on something.
+
+    Args:
+        close: light comes from there as from close by.
+    """
     # It tells a job that goes on how it began, which a stop before the first checkpoint does not settle.
     job.standing_path.unlink(missing_ok=True)
     try:
@@ -122,10 +127,10 @@ def _on_support(
         "'masks' shows; if that is wrong, draw the Region around the object, or add masks (to have none, "
         "set fit.cut_out_standing=no)"
     )
-    floor = floor_below(found.standing)
+    floor = floor_below(found.standing) if close else None
     around = panorama_of(
         capture.cameras, (levels_of(photo) for photo in photos), [o.shown for o in found.outlines],
-        floor.places,
+        floor and floor.places,
     )  # fmt: skip
     cut = [before_support(p, o) for p, o in zip(photos, found.outlines, strict=True)]
     return Isolated(replace(capture, region=found.box), cut, first_light=around, floor=floor)

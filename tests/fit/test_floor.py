@@ -1,0 +1,85 @@
+"""A table as light from close by, on its way from photos to a fit and a checkpoint."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from solver.capture.frames import direction_from_equirect
+from solver.fit import checkpoint
+from solver.fit.isolation import Isolated, isolated
+from solver.fit.load import load_light
+from solver.fit.presets import PAPER
+from solver.fit.start import new_trainer
+from solver.job.folder import JobFolder, JobRequest
+from solver.light.floor import Floor
+from tests.fit import table_scene as things
+from tests.fit.table_scene import CENTRE, RADIUS, table_scene
+from tests.fit.test_fit import SMALL, ball_capture
+from tests.fit.test_standing import SETTINGS, Heard
+
+FLOOR = Floor((0.0, 0.0, 1.0), -0.5, (0.0, 0.1, 0.2))
+
+
+@pytest.fixture(scope="module")
+def started(tmp_path_factory):
+    """What a fit of a red ball on a table begins with."""
+    capture, photos, _ = table_scene(things.ball, things.red)
+    job = JobFolder.create(tmp_path_factory.mktemp("floor") / "job", JobRequest(capture="/nowhere"))
+    far = dataclasses.replace(SETTINGS.light, floor=False)
+    first = isolated(job, SETTINGS, capture, photos, False, Heard(), lambda done: None)
+    without = isolated(
+        job, dataclasses.replace(SETTINGS, light=far), capture, photos, False, Heard(),
+        lambda done: None,
+    )  # fmt: skip
+    return first, without
+
+
+def test_the_floor_is_the_table_seen_from_the_middle_of_what_stands_there(started):
+    floor = started[0].floor
+    np.testing.assert_allclose(floor.up, [0, 0, 1], atol=0.01)
+    assert abs(floor.height) < 0.01
+    np.testing.assert_allclose(floor.centre, CENTRE, atol=0.2 * RADIUS)
+    assert started[1].floor is None and not PAPER.light.floor
+
+
+def test_the_first_light_has_the_table_where_it_is(started):
+    """As traced from the floor's centre, but for its gloss; taken as far away, its grain is lost."""
+    likeness = []
+    for start in started:
+        light = start.first_light
+        row, column = np.mgrid[: light.height, : 2 * light.height] + 0.5
+        uv = np.stack([column / (2 * light.height), row / light.height], -1)
+        directions = direction_from_equirect(uv)[light.known]
+        low = directions[:, 2] < -0.4
+        centre = np.array(started[0].floor.centre)
+        true = things._around(np.broadcast_to(centre, directions[low].shape), directions[low])
+        likeness.append(np.corrcoef(light.colour[light.known][low, 0], true[:, 0])[0, 1])
+    assert likeness[0] > 0.65 and likeness[1] < 0.4, likeness
+
+
+def trainer_on(floor, **how):
+    capture, photos = ball_capture()
+    return new_trainer(
+        capture, photos, SMALL, 0, None, "cpu", lambda done: None, floor=floor, **how
+    )
+
+
+def test_a_fit_lights_its_object_by_the_floor_at_every_resolution_of_the_light():
+    trainer = trainer_on(FLOOR)
+    assert trainer.scene.environment.floor == FLOOR
+    height = trainer.scene.environment.height
+    trainer.advance(0.0)
+    trainer.advance(0.6)
+    assert trainer.scene.environment.height > height
+    assert trainer.scene.environment.floor == FLOOR
+    assert trainer_on(None).scene.environment.floor is None and Isolated(None, []).floor is None
+
+
+def test_a_checkpoint_keeps_the_floor_and_as_another_objects_light_it_is_far(tmp_path):
+    trainer = trainer_on(FLOOR)
+    job = JobFolder.create(tmp_path / "job", JobRequest(capture="/nowhere"))
+    checkpoint.save_checkpoint(trainer, job.checkpoint_dir, 1.0, done=True)
+    scene, _, _ = checkpoint.load_scene(job.checkpoint_dir)
+    assert scene.environment.floor == FLOOR
+    assert load_light(job.root, scene.device).floor is None
