@@ -14,6 +14,7 @@ from ..render.image import ray_peaks
 from ..render.scene import RenderSettings, Scene
 from .build import build_asset
 from .errors import EmptySurfaceError
+from .far_light import light_from_afar
 from .settings import AssetSettings
 
 MAX_RAYS = 400_000
@@ -99,7 +100,7 @@ def asset_of(
         EmptySurfaceError: there is no surface.
     """
     level = surface_level(scene, render, cameras)
-    surface, light = SceneSurface(scene, cameras), scene.environment.image()
+    surface, light = SceneSurface(scene, cameras), light_from_afar(scene, cameras).image()
     return build_asset(surface, light, level, folder, asset, progress, name, placement)
 
 

@@ -29,6 +29,8 @@ _OTHER_LOOKUPS = 30_000_000
 # Without masks each pixel of the report shows something, and the surface is looked at from all photos
 # (measured on *fox*: 40 to 60 s with the rest, the more the longer the fit was).
 _LOOKUPS_PER_SHOWN_PIXEL, _LOOKUPS_PER_PHOTO = 800, 1_100_000
+# A light of which a floor is close by is looked up for its far twin (measured, 6 s).
+_LOOKUPS_OF_FLOOR = 20_000_000
 _TRIAL = 30_000
 LEAST_FIT, LEAST_FIT_FROM_FOG = 0.2, 0.4
 """share of a time limit that is the fit's at least"""
@@ -82,6 +84,8 @@ def finishing_seconds(scene: Scene, settings: Settings, cameras: Sequence[Camera
     lookups = _LOOKUPS_PER_TEXEL * settings.asset.texture_size**2 + _OTHER_LOOKUPS
     shown = sum(min(c.width * c.height, MOST_PIXELS) for c in cameras[:VIEWS])
     lookups += _LOOKUPS_PER_SHOWN_PIXEL * shown + _LOOKUPS_PER_PHOTO * len(cameras)
+    if scene.environment.floor is not None:
+        lookups += _LOOKUPS_OF_FLOOR
     return lookups * best / _TRIAL
 
 
