@@ -1,7 +1,7 @@
 """A scene's light with all of it far away, as Blender's World has it.
 
-Where a part of the light is close by (`light.floor`), no such light is right for all of an object. The one here
-is nearest to what photos show: in each direction the mean of what is seen in it from where the object
+Where a part of the light is close by (`light.floor`), no such light is right for all of an object. The one
+here is near to what photos show: in each direction the mean of what is seen in it from where the object
 mirrors it to their cameras.
 """
 
@@ -36,7 +36,7 @@ GRAZING, SEEN = 0.1, 0.3
 
 
 class Mirrors(NamedTuple):
-    """Points [P, 3] of a surface, world, and how much [P, h, 2h] of each direction they mirror to cameras."""
+    """Points [P, 3] of a surface, world, and how much of each direction [P, h, 2h] they mirror to cameras."""
 
     points: torch.Tensor
     weights: torch.Tensor
