@@ -36,7 +36,8 @@ GRAZING, SEEN = 0.1, 0.3
 
 
 class Mirrors(NamedTuple):
-    """Points [P, 3] of a surface, world, and how much of each direction [P, h, 2h] they mirror to cameras."""
+    """Points [P, 3] of a surface, world, and how much of each direction [P, h, 2h] they mirror to
+    cameras."""
 
     points: torch.Tensor
     weights: torch.Tensor
