@@ -67,6 +67,18 @@ class Panorama:
         known = count[..., 0] >= 0.5 * times * times
         return Panorama(sums(self.colour) / np.maximum(count, 1) * known[..., None], known)
 
+    def filled_where(self, wanted: Callable[[np.ndarray], np.ndarray]) -> Panorama:
+        """The panorama in directions [N, 3] that are wanted, [N] bool, alone; there its gaps have the
+        colour of what is next to them."""
+        directions = _texel_directions(self.height)
+        inside = wanted(directions).reshape(self.known.shape)
+        if not (self.known & inside).any():
+            return Panorama(np.zeros_like(self.colour), np.zeros_like(self.known))
+        nearest = scipy.ndimage.distance_transform_edt(
+            ~(self.known & inside), return_distances=False, return_indices=True
+        )
+        return Panorama(self.colour[tuple(nearest)] * inside[..., None], inside)
+
     def behind(self, camera: Camera, shape: tuple[int, int]) -> Behind:
         """What is behind the pixels of a camera's photo of `shape` rows and columns."""
         size = np.array([2 * self.height, self.height])
@@ -120,9 +132,7 @@ def panorama_of(
         for camera, mask in zip(cameras, shown, strict=True)
     )
     height = next((h for h in HEIGHTS if np.pi / h <= PER_TEXEL * sharpest), HEIGHTS[-1])
-    row, column = np.mgrid[0:height, 0 : 2 * height] + 0.5
-    uv = np.stack([column.ravel() / (2 * height), row.ravel() / height], axis=-1)
-    directions = direction_from_equirect(uv).astype(np.float32)
+    directions = _texel_directions(height)
     total, count = np.zeros_like(directions), np.zeros(len(directions), np.int32)
     places, is_close = (
         (directions, np.zeros(len(directions), bool)) if close is None else close(directions)
@@ -195,6 +205,13 @@ class Comparison:
             seen, far = (border_of(v[..., None])[:, 0] for v in (found.seen > 1, found.is_far))
             shares.append(far[seen].mean() if seen.mean() >= SEEN_BORDER else 0.0)
         return bool(np.median(shares) >= FAR_BORDER)
+
+
+def _texel_directions(height: int) -> np.ndarray:
+    """Unit directions [2·height², 3] float32 of the texels of a panorama of `height` rows."""
+    row, column = np.mgrid[0:height, 0 : 2 * height] + 0.5
+    uv = np.stack([column.ravel() / (2 * height), row.ravel() / height], axis=-1)
+    return direction_from_equirect(uv).astype(np.float32)
 
 
 def _directions(camera: Camera, shape: tuple[int, int]) -> np.ndarray:

@@ -26,7 +26,7 @@ from .settings import Settings
 from .trainer import Trainer
 
 BEFORE = {
-    "light": {"turntable": "no", "from_room": False},
+    "light": {"turntable": "no", "from_room": False, "floor": False},
     "render": {"diffuse_visibility": False},
     "fit": {
         "palette_weight": 0.0, "dielectric_weight": 0.0, "metal_weight": 0.0,

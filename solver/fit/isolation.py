@@ -20,12 +20,14 @@ from ..light.floor import Floor
 from .before_far import cut_out_before_far
 from .cut_out import backdrop_behind, cut_out
 from .cut_out_standing import before_support, find_on_support, floor_below
+from .far_light import ROWS
 from .panorama_file import write_panorama
 from .photo_alpha import levels_of
 from .point_start import with_points
 from .progress import Progress
 from .settings import Settings
-from .standing_file import read_masks, write_masks, write_standing
+from .standing import Outline
+from .standing_file import read_masks, read_standing, write_masks, write_standing
 from .start import starts_from_points
 
 FAR, POINTS, STANDING = 0.3, 0.6, 1.0
@@ -40,7 +42,7 @@ class Isolated(NamedTuple):
 
     capture: Capture  # with sparse points, where a fit without masks begins with those
     photos: list[Photo]
-    panorama: Panorama | None = None  # what is far behind the object, if photos show that
+    panorama: Panorama | None = None  # what photos show of its light: what is far, or the floor
     first_light: Panorama | None = None  # what is around it, about, where that is not far
     floor: Floor | None = None  # what of that is close by, world
 
@@ -67,7 +69,7 @@ def isolated(
     may = settings.fit.use_masks and settings.fit.cut_out
     standing = may and settings.fit.cut_out_standing
     if resumed and standing and job.standing_path.is_file():
-        return Isolated(capture, _as_they_were(job, capture, photos))
+        return _as_they_were(job, settings, capture, photos)
     if may:
         photos = cut_out(capture, photos, region)
         if settings.fit.cut_out_before_far:
@@ -127,16 +129,30 @@ def _on_support(
         "'masks' shows; if that is wrong, draw the Region around the object, or add masks (to have none, "
         "set fit.cut_out_standing=no)"
     )
-    floor = floor_below(found.standing) if close else None
+    capture = replace(capture, region=found.box)
+    return _isolated_by(
+        capture, photos, found.outlines, floor_below(found.standing) if close else None
+    )
+
+
+def _isolated_by(
+    capture: Capture, photos: list[Photo], outlines: list[Outline], floor: Floor | None
+) -> Isolated:  # fmt: skip
+    """Photos cut out along outlines, and what they show of the light around those."""
     around = panorama_of(
-        capture.cameras, (levels_of(photo) for photo in photos), [o.shown for o in found.outlines],
+        capture.cameras, (levels_of(photo) for photo in photos), [o.shown for o in outlines],
         floor and floor.places,
     )  # fmt: skip
-    cut = [before_support(p, o) for p, o in zip(photos, found.outlines, strict=True)]
-    return Isolated(replace(capture, region=found.box), cut, first_light=around, floor=floor)
+    cut = [before_support(p, o) for p, o in zip(photos, outlines, strict=True)]
+    held = None
+    if floor is not None:
+        held = around.smaller(ROWS).filled_where(lambda towards: floor.places(towards)[1])
+    return Isolated(capture, cut, held, around, floor)
 
 
-def _as_they_were(job: JobFolder, capture: Capture, photos: list[Photo]) -> list[Photo]:
+def _as_they_were(
+    job: JobFolder, settings: Settings, capture: Capture, photos: list[Photo]
+) -> Isolated:
     shapes = [photo.pixels.shape[:2] for photo in photos]
     outlines = read_masks(job.masks_dir, capture.cameras, shapes)
     if outlines is None:
@@ -144,4 +160,7 @@ def _as_they_were(job: JobFolder, capture: Capture, photos: list[Photo]) -> list
             f"{job.masks_dir}: masks that the reconstruction began with are missing or of another size; "
             "put them back, or start it anew."
         )
-    return [before_support(p, o) for p, o in zip(photos, outlines, strict=True)]
+    standing = read_standing(job.standing_path)
+    return _isolated_by(
+        capture, photos, outlines, floor_below(standing) if settings.light.floor else None
+    )  # fmt: skip

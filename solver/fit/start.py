@@ -96,7 +96,8 @@ def new_trainer(
 
     Args:
         region: [2, 3] world box given by the person, or None.
-        panorama: what is far behind the object, if that is known: it is the first light, and holds it.
+        panorama: what photos show of the light, if they do: it is held to that. Without `first_light` it is
+            the first light, too.
         first_light: what is around the object, about, where that is not far.
         floor: what of the light is close by, world.
 
@@ -153,12 +154,12 @@ def new_trainer(
     if settings.fit.decoder:
         take_decoder(scene, Path(settings.fit.decoder), device)
     trainer = trainer_for(scene, capture, photos, settings, seed, panorama)
-    if trainer.far is not None:
-        trainer.begin_light(trainer.far.begin(environment.height, settings.light.initial))
-        trainer.far.put_into(environment)
-    elif first_light is not None and turntable is None:
+    if first_light is not None and turntable is None:
         around = FarLight(first_light, scene.device)
         trainer.begin_light(around.begin(environment.height, settings.light.initial))
+    elif trainer.far is not None:
+        trainer.begin_light(trainer.far.begin(environment.height, settings.light.initial))
+        trainer.far.put_into(environment)
     return trainer
 
 
@@ -223,7 +224,7 @@ def trainer_for(
     """A trainer of a given scene on a capture's photos.
 
     Args:
-        panorama: what is far behind the object, if that is known: it lights it.
+        panorama: what photos show of the light, if they do.
     """
     use_masks = uses_masks(photos, settings)
     cameras = [camera.seen_from(scene.origin) for camera in capture.cameras]

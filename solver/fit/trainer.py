@@ -242,7 +242,8 @@ class Trainer:
         height = heights[min(level, len(heights) - 1)]
         if height != self.scene.environment.height:
             self.scene.environment = self.scene.environment.resized(height)
-            if self.far is not None:
+            # A table's gloss is another in each photo; of what is far all show the same.
+            if self.far is not None and self.scene.environment.floor is None:
                 self.far.put_into(self.scene.environment)
         self.batching.restart()
         self._begin_level()

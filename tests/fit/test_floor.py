@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from solver.capture.frames import direction_from_equirect
+from solver.capture.panorama import Panorama
 from solver.fit import checkpoint
 from solver.fit.isolation import Isolated, isolated
 from solver.fit.load import load_light
@@ -58,6 +59,31 @@ def test_the_first_light_has_the_table_where_it_is(started):
     assert likeness[0] > 0.65 and likeness[1] < 0.4, likeness
 
 
+def test_the_light_is_held_to_the_floor_that_photos_show_and_to_nothing_else(started):
+    first, without = started
+    held = first.panorama
+    rows = np.flatnonzero(held.known.all(1))
+    assert rows.min() in range(held.height // 2, held.height // 2 + 12)
+    assert rows.max() == held.height - 1 and not held.known[: held.height // 2].any()
+    # What the ball stands on no photo shows; there it is as beside it.
+    assert not first.first_light.known[-1].any() and held.colour[-1].min() > 0.1
+    assert without.panorama is None
+
+
+def test_a_fit_that_goes_on_is_held_to_the_same(tmp_path):
+    capture, photos, _ = table_scene(things.ball, things.red, views=14)
+    job = JobFolder.create(tmp_path / "job", JobRequest(capture="/nowhere"))
+    began, again = (
+        isolated(job, SETTINGS, capture, photos, resumed, Heard(), lambda done: None)
+        for resumed in (False, True)
+    )
+    np.testing.assert_array_equal(again.panorama.colour, began.panorama.colour)
+    old = dataclasses.replace(SETTINGS, light=dataclasses.replace(SETTINGS.light, floor=False))
+    assert checkpoint.BEFORE["light"]["floor"] is False
+    then = isolated(job, old, capture, photos, True, Heard(), lambda done: None)
+    assert then.panorama is None and then.floor is None
+
+
 def trainer_on(floor, **how):
     capture, photos = ball_capture()
     return new_trainer(
@@ -74,6 +100,27 @@ def test_a_fit_lights_its_object_by_the_floor_at_every_resolution_of_the_light()
     assert trainer.scene.environment.height > height
     assert trainer.scene.environment.floor == FLOOR
     assert trainer_on(None).scene.environment.floor is None and Isolated(None, []).floor is None
+
+
+def test_the_light_on_the_floor_stays_with_what_photos_show_but_is_not_overwritten():
+    known = np.zeros((256, 512), bool)
+    known[160:] = True
+    red = known[..., None] * np.float32([0.8, 0.2, 0.2])
+    shown = Panorama(red, known)
+    free, held, far = (
+        trainer_on(floor, panorama=panorama, first_light=Panorama(red * 0 + 0.5, known | True))
+        for floor, panorama in ((FLOOR, None), (FLOOR, shown), (None, shown))
+    )
+    for trainer in (free, held, far):
+        for step in range(6):
+            trainer.advance(0.1 * (step + 1))
+    tint = [
+        float(
+            (t.scene.environment.log_radiance[0] - t.scene.environment.log_radiance[1])[-8:].mean()
+        )
+        for t in (free, held, far)
+    ]
+    assert tint[1] > 3 * abs(tint[0]) and 2 < tint[2] > 3 * tint[1]
 
 
 def test_a_checkpoint_keeps_the_floor_and_as_another_objects_light_it_is_far(tmp_path):
