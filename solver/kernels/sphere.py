@@ -30,7 +30,12 @@ def look_up(values: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
     """A map [3, H, W] at continuous (column, row) [H', W', 2] on it, bilinear on the sphere: [3, H', W'].
 
     Columns go on around, and rows beyond a pole half a turn away. Places have no gradient.
+
+    Raises:
+        ValueError: the map has not three channels, beyond which a kernel would write.
     """
+    if len(values) != 3:
+        raise ValueError(f"a map has three channels, this one has {len(values)}")
     if fast(values) and on_numba(values.device) and not places.requires_grad:
         return _LookUp.apply(values.contiguous(), places.contiguous())
     return sphere_torch.look_up(values, places)

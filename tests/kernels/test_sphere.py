@@ -1,6 +1,7 @@
 """Bilinear lookups on the sphere: the fast path against its twin, and both against the sphere itself."""
 
 import numpy as np
+import pytest
 import torch
 
 from solver.kernels.backend import forced_path
@@ -72,3 +73,8 @@ def test_columns_go_on_around():
     expected = 0.5 * (values()[:, 2, 0] + values()[:, 2, -1])
     for column in found.unbind(1):
         torch.testing.assert_close(column, expected)
+
+
+def test_a_map_of_other_than_three_channels_is_refused():
+    with pytest.raises(ValueError, match="three channels, this one has 1"):
+        look_up(values()[:1], places())
