@@ -64,7 +64,7 @@ def mirrors_of(scene: Scene, cameras: list[Camera]) -> Mirrors:
     normals = scene.surface_normals(points, None, scene.normal_tables())
     start = scene.self_shadow
     origins, begin = points + start * normals, torch.full_like(points[:, 0], start)
-    around = equirect_directions(COARSE, 2 * COARSE, points.device).float().view(-1, 3)
+    around = equirect_directions(COARSE, 2 * COARSE).float().view(-1, 3).to(points)
     weights = torch.zeros(len(points), len(around), device=points.device)
     for camera in cameras:
         view = torch.from_numpy(camera.position).to(points) - points
@@ -83,9 +83,9 @@ def mirrors_of(scene: Scene, cameras: list[Camera]) -> Mirrors:
 def mean_from(environment: EnvironmentMap, floor: Floor, mirrors: Mirrors) -> EnvironmentMap:
     """In each direction the mean of what the points see in it of a light of which a floor is close by."""
     shape = environment.height, environment.width
-    directions = equirect_directions(*shape, environment.log_radiance.device).float().view(-1, 3)
-    light, total = environment.radiance(), torch.zeros(shape, device=directions.device)
-    mean = torch.zeros_like(light)
+    light = environment.radiance()
+    directions = equirect_directions(*shape).float().view(-1, 3).to(light)
+    mean, total = torch.zeros_like(light), torch.zeros_like(light[0])
     for shift, coarse in zip(floor.shifts(mirrors.points), mirrors.weights, strict=True):
         weight = resized_map(coarse.expand(3, -1, -1), environment.height)[0]
         seen = floor.seen(shift.expand_as(directions), directions).directions

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 import torch
 
+from solver.asset.far_light import light_from_afar
 from solver.asset.files import write_png
+from solver.capture.panorama import Panorama
 from solver.fit.presets import settings_for
 from solver.fit.preview import over_plain
 from solver.fit.reconstruct import run_job
@@ -18,6 +20,7 @@ from solver.fit.start import new_trainer
 from solver.job.control import Cancelled
 from solver.job.folder import JobFolder, JobRequest
 from solver.kernels.warm_up import compile_kernels
+from solver.light.floor import Floor
 from solver.render.composition import Placement
 from tests.devices.pretend import Placed, pretended, problems
 from tests.fit.test_fit import SIZE, ball_capture
@@ -90,6 +93,21 @@ def test_a_fit_on_a_card_mixes_nothing_with_the_processor(device, with_warp, fit
         trainer = new_trainer(capture, photos, settings, 0, None, device, lambda fraction: None)
         losses = [trainer.advance(step / STEPS)["image"] for step in range(STEPS)]
     assert isinstance(trainer.scene.field.density_planes, Placed) and np.isfinite(losses).all()
+
+
+@pytest.mark.parametrize("device, with_warp", WAYS)
+def test_a_fit_lit_by_a_floor_and_its_far_light_mix_nothing_with_the_processor(device, with_warp):
+    capture, photos = ball_capture()
+    shown = Panorama(np.full((256, 512, 3), 0.4, np.float32), np.ones((256, 512), bool))
+    floor = Floor((0.0, 0.0, 1.0), -0.5, (0.0, 0.0, 0.1))
+    settings = settings_for("draft", SMALL)
+    with pretended(device, with_warp):
+        trainer = new_trainer(
+            capture, photos, settings, 0, None, device, lambda fraction: None, shown, shown, floor
+        )
+        losses = [trainer.advance(step / STEPS)["image"] for step in range(STEPS)]
+        light = light_from_afar(trainer.scene, list(capture.cameras)).image()
+    assert np.isfinite(losses).all() and np.isfinite(light).all()
 
 
 @pytest.fixture
