@@ -210,13 +210,14 @@ def test_the_papers_rectangle_is_inverted(roughness, monkeypatch):
     derived = error()
     right_size = EnvironmentMap.footprint
 
-    def inverted(self, row, solid_angle, blur=None):
+    def inverted(self, row, variance):
         texels_per_steradian = (
             self.height
             * self.width
             / (2 * math.pi**2 * torch.sin(row * math.pi / self.height).clamp(min=1e-4))
         )
-        texels = 1 / (solid_angle * texels_per_steradian)
+        texels_per_steradian = texels_per_steradian[:, None]
+        texels = 1 / (variance * texels_per_steradian)
         return right_size(self, row, texels / texels_per_steradian)
 
     monkeypatch.setattr(EnvironmentMap, "footprint", inverted)
