@@ -22,6 +22,7 @@ from ..light.environment import (
 )
 from ..light.floor import Floor
 from ..render.scene import Scene
+from .sight import seen_by
 
 POINTS = 512
 """on the surface, evenly taken from all, of which it is looked at what they mirror"""
@@ -31,8 +32,6 @@ SHARPNESS = 60.0
 """κ of the lobe exp(κ (cos − 1)), about 7° wide, that a point mirrors to a camera"""
 ELSEWHERE = 1e-3
 """of the largest weight: what points count by their cosine in directions that none mirrors"""
-GRAZING, SEEN = 0.1, 0.3
-"""cosine and transmittance from which a camera sees a point"""
 
 
 class Mirrors(NamedTuple):
@@ -62,19 +61,19 @@ def mirrors_of(scene: Scene, cameras: list[Camera]) -> Mirrors:
     points = scene.new_probes()[1]
     points = points[evenly_taken(len(points), POINTS)]
     normals = scene.surface_normals(points, None, scene.normal_tables())
-    start = scene.self_shadow
-    origins, begin = points + start * normals, torch.full_like(points[:, 0], start)
+    origins = points + scene.self_shadow * normals
+    begin = torch.full_like(points[:, 0], scene.self_shadow)
     around = equirect_directions(COARSE, 2 * COARSE).float().view(-1, 3).to(points)
     weights = torch.zeros(len(points), len(around), device=points.device)
+    on_surface = [value.cpu().numpy() for value in (origins, normals)]
     for camera in cameras:
         view = torch.from_numpy(camera.position).to(points) - points
         view = torch.nn.functional.normalize(view, dim=-1)
         cosine = (view * normals).sum(-1)
-        passing = scene.grid_transmittance(origins, view, begin)
-        seen = cosine * ((cosine > GRAZING) & (passing > SEEN))
         mirrored = 2 * cosine[:, None] * normals - view
-        seen = seen * scene.grid_transmittance(origins, mirrored, begin)
-        weights += seen[:, None] * torch.exp(SHARPNESS * (mirrored @ around.T - 1))
+        seen = torch.from_numpy(seen_by(camera, scene, *on_surface)).to(points)
+        weight = cosine * seen * scene.grid_transmittance(origins, mirrored, begin)
+        weights += weight[:, None] * torch.exp(SHARPNESS * (mirrored @ around.T - 1))
     facing = (normals @ around.T).clamp(min=1e-6)
     weights += ELSEWHERE * weights.max().clamp(min=1e-6) * facing
     return Mirrors(points, weights.view(-1, COARSE, 2 * COARSE))

@@ -16,15 +16,12 @@ from .build import build_asset
 from .errors import EmptySurfaceError
 from .far_light import light_from_afar
 from .settings import AssetSettings
+from .sight import seen_by
 
 MAX_RAYS = 400_000
 MIN_BORDER_RAYS = 50
 FEWEST_PHOTOS = 3
 """that must show a place for it to be seen: what one or two show, they would show at many a depth"""
-SEEN_TRANSMITTANCE = 0.3
-"""a point is seen if more than this of its light gets to a camera: the grid's cells are coarse"""
-GRAZING_COSINE = 0.1
-"""between a surface's normal and the flattest look at it that still shows it"""
 
 
 class SceneSurface:
@@ -65,23 +62,12 @@ class SceneSurface:
         materials = self._field.materials(self._field.features(self._box_points(points)))
         return tuple(values.cpu().numpy() for values in materials)
 
-    @torch.no_grad()
     def seen(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """[N] true where enough photos show the surface at points [N, 3] with outward normals [N, 3]."""
-        scene, times = self._scene, np.zeros(len(points), dtype=int)
+        times = np.zeros(len(points), dtype=int)
         for camera in self._cameras:
             waiting = np.flatnonzero(times < FEWEST_PHOTOS)
-            towards = camera.position - points[waiting]
-            towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-12)
-            faces_it = (towards * normals[waiting]).sum(1) > GRAZING_COSINE
-            candidates = faces_it & camera.in_frame(points[waiting])
-            origins, directions = (
-                torch.from_numpy(values[candidates]).float().to(scene.device)
-                for values in (points[waiting], towards)
-            )
-            start = torch.full((len(origins),), scene.self_shadow, device=scene.device)
-            passing = scene.grid_transmittance(origins, directions, start).cpu().numpy()
-            times[waiting[candidates]] += passing > SEEN_TRANSMITTANCE
+            times[waiting] += seen_by(camera, self._scene, points[waiting], normals[waiting])
         return times >= FEWEST_PHOTOS
 
 

@@ -78,6 +78,12 @@ def equirect_from_direction(directions: np.ndarray) -> np.ndarray:
     return np.stack([u, v], axis=-1)
 
 
+def texel_directions(height: int, width: int) -> np.ndarray:
+    """Unit world directions [H, W, 3] of an equirectangular map's texel centres."""
+    row, column = np.mgrid[0:height, 0:width] + 0.5
+    return direction_from_equirect(np.stack([column / width, row / height], axis=-1))
+
+
 def direction_from_equirect(uv: np.ndarray) -> np.ndarray:
     """Unit world directions [..., 3] of (u, v) [..., 2]."""
     uv = np.asarray(uv, dtype=np.float64)

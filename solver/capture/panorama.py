@@ -16,7 +16,7 @@ import scipy.ndimage
 
 from .backdrop import border_of
 from .camera import Camera
-from .frames import direction_from_equirect, equirect_from_direction
+from .frames import equirect_from_direction, texel_directions
 
 SAME = 8 / 255
 """levels, sRGB, by which two photos of one thing differ: traces of JPEG"""
@@ -70,8 +70,7 @@ class Panorama:
     def filled_where(self, wanted: Callable[[np.ndarray], np.ndarray]) -> Panorama:
         """The panorama in directions [N, 3] that are wanted, [N] bool, alone; there its gaps have the
         colour of what is next to them."""
-        directions = _texel_directions(self.height)
-        inside = wanted(directions).reshape(self.known.shape)
+        inside = wanted(_texels(self.height)).reshape(self.known.shape)
         if not (self.known & inside).any():
             return Panorama(np.zeros_like(self.colour), np.zeros_like(self.known))
         nearest = scipy.ndimage.distance_transform_edt(
@@ -119,6 +118,7 @@ class Behind(NamedTuple):
 def panorama_of(
     cameras: Sequence[Camera], colours: Iterable[np.ndarray], shown: Sequence[np.ndarray],
     close: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None,
+    most_rows: int = HEIGHTS[-1],
 ) -> Panorama:  # fmt: skip
     """The panorama that photos [H, W, 3] show beside what is `shown` [H, W] of the object in each: their
     mean.
@@ -126,24 +126,28 @@ def panorama_of(
     Args:
         close: the world points [N, 3] that are seen in directions [N, 3], and which of them [N] are known
             and close by (`Floor.places`); None: all is far away.
+        most_rows: of the panorama, where so many will do.
     """
     sharpest = min(
         camera.pixel_angle * camera.width / mask.shape[1]
         for camera, mask in zip(cameras, shown, strict=True)
     )
     height = next((h for h in HEIGHTS if np.pi / h <= PER_TEXEL * sharpest), HEIGHTS[-1])
-    directions = _texel_directions(height)
+    height = min(height, most_rows)
+    directions = _texels(height)
     total, count = np.zeros_like(directions), np.zeros(len(directions), np.int32)
-    places, is_close = (
-        (directions, np.zeros(len(directions), bool)) if close is None else close(directions)
-    )
+    if close is not None:
+        places, is_close = close(directions)
+        places = places[is_close]
+    towards = directions.copy()
     for camera, colour, object_ in zip(cameras, colours, shown, strict=True):
-        away = np.where(is_close[:, None], places - camera.position, directions)
-        along = away @ camera.view_direction
-        in_cone = np.flatnonzero(along >= _cosine_of_cone(camera) * np.linalg.norm(away, axis=1))
-        at, inside, _ = camera.pixels_of(camera.position + away[in_cone], object_.shape)
+        if close is not None:
+            away = places - camera.position
+            towards[is_close] = away / np.linalg.norm(away, axis=1, keepdims=True)
+        near = np.flatnonzero(towards @ camera.view_direction >= _cosine_of_cone(camera))
+        at, inside, _ = camera.pixels_of(camera.position + towards[near], object_.shape)
         free = ~object_[at]
-        texel = in_cone[inside][free]
+        texel = near[inside][free]
         total[texel] += colour[at][free]
         count[texel] += 1
     mean = total / np.maximum(count, 1)[:, None]
@@ -207,11 +211,9 @@ class Comparison:
         return bool(np.median(shares) >= FAR_BORDER)
 
 
-def _texel_directions(height: int) -> np.ndarray:
+def _texels(height: int) -> np.ndarray:
     """Unit directions [2·height², 3] float32 of the texels of a panorama of `height` rows."""
-    row, column = np.mgrid[0:height, 0 : 2 * height] + 0.5
-    uv = np.stack([column.ravel() / (2 * height), row.ravel() / height], axis=-1)
-    return direction_from_equirect(uv).astype(np.float32)
+    return texel_directions(height, 2 * height).reshape(-1, 3).astype(np.float32)
 
 
 def _directions(camera: Camera, shape: tuple[int, int]) -> np.ndarray:

@@ -33,6 +33,8 @@ from .start import starts_from_points
 FAR, POINTS, STANDING = 0.3, 0.6, 1.0
 """shares of the time by which it is known whether surroundings are far, where sparse points are, and
 whether something stands on a support"""
+AROUND_ROWS = 2 * ROWS
+"""of the panorama of what is around an object that stands on something: the light takes half of them"""
 POINTS_LIMIT, STANDING_LIMIT = 0.2, 0.35
 """of a time limit that the last two may take: with less left, the fit would be the worse for it"""
 
@@ -141,7 +143,7 @@ def _isolated_by(
     """Photos cut out along outlines, and what they show of the light around those."""
     around = panorama_of(
         capture.cameras, (levels_of(photo) for photo in photos), [o.shown for o in outlines],
-        floor and floor.places,
+        floor and floor.places, AROUND_ROWS,
     )  # fmt: skip
     cut = [before_support(p, o) for p, o in zip(photos, outlines, strict=True)]
     held = None
@@ -160,7 +162,8 @@ def _as_they_were(
             f"{job.masks_dir}: masks that the reconstruction began with are missing or of another size; "
             "put them back, or start it anew."
         )
-    standing = read_standing(job.standing_path)
-    return _isolated_by(
-        capture, photos, outlines, floor_below(standing) if settings.light.floor else None
-    )  # fmt: skip
+    if settings.light.floor:
+        return _isolated_by(
+            capture, photos, outlines, floor_below(read_standing(job.standing_path))
+        )
+    return Isolated(capture, [before_support(p, o) for p, o in zip(photos, outlines, strict=True)])

@@ -233,10 +233,8 @@ def specular_backward_of_sample(
         fall = 0.0
         if abs(e[2]) < 1.0 - 1e-7:
             fall = -g_row * height / (math.pi * math.sqrt(1.0 - e[2] * e[2]))
-        g_d = (turn * e[1], -turn * e[0], fall)
-        if e_length != 1.0:
-            g_d = across(g_d, e, e_length)
-            g_d = plus(g_d, -dot(g_d, shift), up)
+        g_d = across((turn * e[1], -turn * e[0], fall), e, e_length)
+        g_d = plus(g_d, -dot(g_d, shift), up)
         _, d_length = to_world(t, b, n, out)
         g_d = plus(g_d, 1.0, (g_directions[k, 0], g_directions[k, 1], g_directions[k, 2]))
         g_d = across(g_d, d, d_length)

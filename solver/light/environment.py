@@ -15,7 +15,7 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-from ..capture.frames import direction_from_equirect
+from ..capture.frames import texel_directions
 from ..kernels.backend import precise
 from ..kernels.integral import prefix_sums, rectangle_mean
 from ..kernels.sphere import look_up
@@ -43,9 +43,7 @@ def equirect_coordinates(directions: torch.Tensor, height: int, width: int) -> t
 
 def equirect_directions(height: int, width: int, device=None) -> torch.Tensor:
     """Unit directions [H, W, 3] double of the texel centres."""
-    v, u = np.mgrid[0:height, 0:width] + 0.5
-    uv = np.stack([u / width, v / height], axis=-1)
-    return torch.from_numpy(direction_from_equirect(uv)).to(device)
+    return torch.from_numpy(texel_directions(height, width)).to(device)
 
 
 def texel_solid_angles(height: int) -> torch.Tensor:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import skimage.transform
 
-from ..capture.frames import direction_from_equirect
+from ..capture.frames import texel_directions
 from .scale import LeastSquaresFactor
 
 
@@ -31,9 +31,7 @@ def environment_errors(
     size = prediction.shape[:2]
     if truth.shape[:2] != size:
         truth = skimage.transform.resize(truth, size, order=1, anti_aliasing=True)
-    height, width = size
-    v, u = np.mgrid[0:height, 0:width] + 0.5
-    up = direction_from_equirect(np.stack([u / width, v / height], -1))[..., 2]
+    up = texel_directions(*size)[..., 2]
     solid_angle = np.sqrt(np.maximum(1 - up * up, 0))
     if factor is None:
         fitted = LeastSquaresFactor()

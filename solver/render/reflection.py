@@ -162,8 +162,9 @@ def reflected(
     else:
         secondary = scatter(surface, toward, view, samples.part, plan, scene, settings, spread)
         direction, weight = secondary.direction, secondary.weight
+        at = None if scene.environment.floor is None else samples.points[sample]
         light = scene.environment.lookup(
-            tables.light, direction, secondary.solid_angle, secondary.spread, samples.points[sample]
+            tables.light, direction, secondary.solid_angle, secondary.spread, at
         )
         passing = light.new_ones(len(light))
         if settings.visibility:

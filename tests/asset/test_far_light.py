@@ -1,39 +1,25 @@
 """A light of which a part is close by, as one that is all far away."""
 
-import math
-
-import numpy as np
 import pytest
 import torch
 
 from solver.asset.far_light import COARSE, Mirrors, light_from_afar, mean_from, mirrors_of
-from solver.capture.camera import Camera
-from solver.light.environment import EnvironmentMap, equirect_directions
 from solver.light.floor import Floor
-from tests.capture.test_placement import look_at
+from tests.capture.test_placement import ring
+from tests.light.floors import striped
 from tests.render.scenes import ball
 
 FLOOR = Floor((0.0, 0.0, 1.0), -0.6, (0.2, 0.0, 0.1))
 
 
-def light_on(floor, height=64):
-    """Stripes on the floor under an even sky."""
-    directions = equirect_directions(height, 2 * height).view(-1, 3)
-    places, on_floor = FLOOR.places(directions.numpy())
-    value = np.where(on_floor, 1 + 0.7 * np.sin(4 * places[:, 0]), 0.5)
-    radiance = torch.from_numpy(value).float().view(height, -1, 1).expand(-1, -1, 3)
-    light = EnvironmentMap.from_radiance(radiance)
+def light_on(floor):
+    light = striped(FLOOR, 64, sky=0.5)
     light.floor = floor
     return light
 
 
-def cameras(height=1.2, count=8):
-    turns = [2 * math.pi * i / count for i in range(count)]
-    return [
-        Camera(f"c{i}", None, look_at((2.5 * math.cos(t), 2.5 * math.sin(t), height)),
-               40, 40, 50.0, 50.0, 20.0, 20.0)
-        for i, t in enumerate(turns)
-    ]  # fmt: skip
+def cameras(height=1.44):
+    return ring(8, (height,))
 
 
 def test_a_light_that_is_far_stays_as_it_is():

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from solver.capture.frames import direction_from_equirect
+from solver.capture.frames import texel_directions
 from solver.capture.panorama import Panorama
 from solver.fit import checkpoint
 from solver.fit.isolation import Isolated, isolated
@@ -49,9 +49,7 @@ def test_the_first_light_has_the_table_where_it_is(started):
     likeness = []
     for start in started:
         light = start.first_light
-        row, column = np.mgrid[: light.height, : 2 * light.height] + 0.5
-        uv = np.stack([column / (2 * light.height), row / light.height], -1)
-        directions = direction_from_equirect(uv)[light.known]
+        directions = texel_directions(light.height, 2 * light.height)[light.known]
         low = directions[:, 2] < -0.4
         centre = np.array(started[0].floor.centre)
         true = things._around(np.broadcast_to(centre, directions[low].shape), directions[low])

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from solver.light.environment import EnvironmentMap, equirect_directions
+from solver.brdf.microfacet import tangent_frame
 from solver.light.floor import LOWEST, Floor
+from tests.light.floors import striped, stripes
 
 UP = torch.nn.functional.normalize(torch.tensor([0.2, -0.3, 0.9], dtype=torch.float64), dim=0)
 FLOOR = Floor(tuple(UP.tolist()), -0.7, (0.1, 0.2, 0.3))
@@ -86,8 +87,8 @@ def test_turns_of_a_ray_move_its_place_as_finite_differences_say():
     points, directions = rays()
     shifts = FLOOR.shifts(points)
     seen = FLOOR.seen(shifts, directions)
-    axes = torch.stack(tangents(seen.directions), 1)
-    across = torch.stack(tangents(directions), 1)
+    axes = torch.stack(tangent_frame(seen.directions), 1)
+    across = torch.stack(tangent_frame(directions), 1)
     step = 1e-6
     for which in range(2):
         there, back = (
@@ -102,38 +103,21 @@ def test_turns_of_a_ray_move_its_place_as_finite_differences_say():
         torch.testing.assert_close(found, expected, atol=1e-6, rtol=1e-6)
 
 
-def tangents(directions):
-    other = torch.eye(3, dtype=torch.float64)[directions.abs().argmin(-1)]
-    first = torch.nn.functional.normalize(torch.linalg.cross(directions, other), dim=-1)
-    return first, torch.linalg.cross(directions, first)
-
-
 @pytest.fixture(scope="module")
-def striped():
-    """A light whose floor has stripes, in world units across, and whose sky is dark."""
-    directions = equirect_directions(128, 256).view(-1, 3)
-    places, on_floor = FLOOR.places(directions.numpy())
-    colour = np.where(on_floor, stripes(places), 0.1)
-    radiance = torch.from_numpy(colour).float().view(128, 256, 1).expand(-1, -1, 3)
-    light = EnvironmentMap.from_radiance(radiance)
-    light.floor = FLOOR
-    return light
+def light():
+    return striped(FLOOR, 128)
 
 
-def stripes(places):
-    return 1 + 0.8 * np.sin(3 * places[..., 0])
-
-
-def test_mirrors_anywhere_show_the_stripes_where_they_are(striped):
+def test_mirrors_anywhere_show_the_stripes_where_they_are(light):
     points, directions = (value.float() for value in rays())
     down = -(directions @ UP.float())
     met = points + directions * ((points @ UP.float() - FLOOR.height) / down)[:, None]
     from_centre = (met - met.new_tensor(FLOOR.centre)).norm(dim=-1)
     near = (down > 0.3) & (from_centre < 4 * FLOOR.centre_height)
     expected = torch.from_numpy(stripes(met.numpy()))[near]
-    tables, sharp = striped.tables(), torch.zeros(len(points))
+    tables, sharp = light.tables(), torch.zeros(len(points))
     close, far = (
-        striped.lookup(tables, directions, sharp, points=where)[near, 0] for where in (points, None)
+        light.lookup(tables, directions, sharp, points=where)[near, 0] for where in (points, None)
     )
     assert near.sum() > 30
     assert (close - expected).abs().mean() < 0.03 < 0.2 < (far - expected).abs().mean()
@@ -147,16 +131,16 @@ def test_gradients_to_directions_are_finite_differences():
     )
 
 
-def test_a_wide_look_at_the_floor_is_the_mean_of_what_its_rays_see(striped):
+def test_a_wide_look_at_the_floor_is_the_mean_of_what_its_rays_see(light):
     point = torch.tensor([[0.6, -0.2, 0.0]])
     down = -UP.float()
-    first, second = (t.float() for t in tangents(down.double()[None]))
+    first, second = tangent_frame(down[None])
     side, count = 0.5, 15
     ticks = (torch.arange(count) + 0.5) / count - 0.5
     a, b = torch.meshgrid(ticks, ticks, indexing="ij")
     fan = down + side * (a.reshape(-1, 1) * first + b.reshape(-1, 1) * second)
     fan = torch.nn.functional.normalize(fan, dim=-1)
-    tables = striped.tables()
-    each = striped.lookup(tables, fan, torch.zeros(len(fan)), points=point.expand(len(fan), 3))
-    whole = striped.lookup(tables, down[None], torch.tensor([side**2]), points=point)
+    tables = light.tables()
+    each = light.lookup(tables, fan, torch.zeros(len(fan)), points=point.expand(len(fan), 3))
+    whole = light.lookup(tables, down[None], torch.tensor([side**2]), points=point)
     assert math.isclose(float(whole[0, 0]), float(each[:, 0].mean()), rel_tol=0.05)

@@ -1,0 +1,33 @@
+"""What of a scene's surface a photo shows."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from ..capture.camera import Camera
+from ..render.scene import Scene
+
+SEEN_TRANSMITTANCE = 0.3
+"""a point is seen if more than this of its light gets to a camera: the grid's cells are coarse"""
+GRAZING_COSINE = 0.1
+"""between a surface's normal and the flattest look at it that still shows it"""
+
+
+@torch.no_grad()
+def seen_by(
+    camera: Camera, scene: Scene, points: np.ndarray, normals: np.ndarray
+) -> np.ndarray:  # fmt: skip
+    """[N] true where a camera of the scene's world shows the surface at points [N, 3] with outward normals
+    [N, 3]."""
+    towards = camera.position - points
+    towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-12)
+    faces_it = (towards * normals).sum(1) > GRAZING_COSINE
+    seen = faces_it & camera.in_frame(points)
+    origins, directions = (
+        torch.from_numpy(values[seen]).float().to(scene.device) for values in (points, towards)
+    )
+    start = torch.full((len(origins),), scene.self_shadow, device=scene.device)
+    passing = scene.grid_transmittance(origins, directions, start).cpu().numpy()
+    seen[seen] = passing > SEEN_TRANSMITTANCE
+    return seen
