@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+UPWARD = {3: (0, -1), 4: (0, -1), 5: (-1, 0), 6: (-1, 0), 7: (1, 0), 8: (1, 0)}
+"""where up is, right and up in the pixels as they lie, by EXIF orientation, where that is not up"""
+
 
 def oriented(pixels: np.ndarray, orientation: int) -> np.ndarray:
     """Pixels [H, W, …] turned upright, a view: what an EXIF orientation from 1 to 8 asks for."""

@@ -1,8 +1,4 @@
-"""Stand a capture upright, at a size and place that suit a scene: which way is up, how big, where.
-
-Structure from motion leaves all three open. People hold cameras level, so one axis of each picture
-is horizontal; that of all of them together says which way is up.
-"""
+"""Stand a capture upright, at a size and place that suit a scene; structure from motion leaves all open."""
 
 from __future__ import annotations
 
@@ -11,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from .camera import Camera
 from .capture import Capture, region_seen_by
-from .image_header import image_orientation
+from .upright import up_of
 
 UP = np.array([0.0, 0.0, 1.0])
 SIZE = 2.0
@@ -23,15 +18,13 @@ FAR = 100.0
 PRECISE = 1e3
 """distance from the origin, in sizes of the region, up to which single precision is fine enough: a
 fiftieth of a fine grid's voxel"""
-LEVEL = 0.35
-"""sine of the roll, at most, at which a camera counts as held level"""
 
 
 def suggest_placement(capture: Capture) -> np.ndarray:
     """A similarity [4, 4] from the file's world to one that is upright (+Z), in place and in size.
 
     Files that say which way is up are turned only if it is not +Z, and keep their scale. All others
-    are turned by `estimate_up`, made `SIZE` units big and moved to the origin.
+    are turned by `upright.estimate_up`, made `SIZE` units big and moved to the origin.
     """
     rotation = rotation_between(up_of(capture), UP)
     low, high = capture.region
@@ -93,55 +86,6 @@ def seen_from(capture: Capture, origin: np.ndarray) -> Capture:
         points=None if capture.points is None else capture.points - origin,
         region=capture.region - origin,
     )  # fmt: skip
-
-
-def up_of(capture: Capture) -> np.ndarray:
-    """Unit world direction [3] that is up: what the file says, else `estimate_up`."""
-    return _unit(estimate_up(list(capture.cameras)) if capture.up is None else capture.up)
-
-
-def estimate_up(cameras: list[Camera]) -> np.ndarray:
-    """Unit world direction [3] that is up, from how cameras are held.
-
-    Of several guesses the one is taken under which most cameras have one image axis horizontal, so
-    portrait photos count as much as landscape ones; its sign is that of the upper edges of photos
-    held level, else the one that lets cameras look down.
-    """
-    across = np.stack([camera.camera_to_world[:3, 0] for camera in cameras])
-    upward = np.stack([_way_up(camera) * camera.camera_to_world[:3, 1] for camera in cameras])
-    forward = np.stack([camera.view_direction for camera in cameras])
-    positions = np.stack([camera.position for camera in cameras])
-    guesses = [upward.mean(0)]
-    guesses += [np.linalg.svd(axes)[2][2] for axes in (across, upward)]
-    guesses.append(np.linalg.svd(positions - positions.mean(0), full_matrices=True)[2][2])
-    guesses = [_unit(guess) for guess in guesses if np.linalg.norm(guess) > 1e-6]
-
-    def unlevel(guess: np.ndarray) -> float:
-        return float(np.median(np.minimum(np.abs(across @ guess), np.abs(upward @ guess))))
-
-    best = min(guesses, key=unlevel)
-    for _ in range(10):
-        # Least squares over the axis of each camera that is horizontal, bad ones left out.
-        rolled = np.abs(upward @ best) < np.abs(across @ best)
-        level = np.where(rolled[:, None], upward, across)
-        residual = np.abs(level @ best)
-        kept = level[residual <= max(2 * float(np.median(residual)), 1e-6)]
-        if len(kept) < 2 or np.linalg.matrix_rank(kept, tol=0.1) < 2:
-            break
-        # One camera more or less upright settles what a single direction of sight leaves open.
-        system = kept.T @ kept - 1e-3 * np.outer(best, best)
-        best = _unit(np.linalg.eigh(system)[1][:, 0])
-    held_level = np.abs(across @ best) < LEVEL
-    vote = float((upward @ best)[held_level].sum()) if held_level.mean() > 0.5 else 0.0
-    if abs(vote) < 1e-6:
-        vote = -float((forward @ best).sum())
-    return best if vote >= 0 else -best
-
-
-def _way_up(camera: Camera) -> int:
-    """−1 where a photo lies upside down in its file, as its header says, and so does its camera; else 1."""
-    path = camera.image_path
-    return -1 if path is not None and image_orientation(path) in (3, 4) else 1
 
 
 def rotation_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -29,8 +29,8 @@ BEFORE = {
     "light": {"turntable": "no", "from_room": False, "floor": False},
     "render": {"diffuse_visibility": False},
     "fit": {
-        "palette_weight": 0.0, "dielectric_weight": 0.0, "metal_weight": 0.0,
-        "metal_albedo_weight": 0.0, "light_floor_without_room": 0.0, "cut_out": False,
+        "palette_weight": 0.0, "dielectric_weight": 0.0, "grey_f0_weight": 0.0,
+        "metal_weight": 0.0, "metal_albedo_weight": 0.0, "light_floor_without_room": 0.0, "cut_out": False,
         "cut_out_before_far": False, "cut_out_standing": False,
     },
 }  # fmt: skip

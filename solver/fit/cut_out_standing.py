@@ -13,7 +13,7 @@ from skimage.color import rgb2lab
 from ..capture.camera import Camera
 from ..capture.capture import Capture, cube_seen_by
 from ..capture.photos import Photo, resized
-from ..capture.placement import up_of
+from ..capture.upright import up_of
 from ..light.floor import Floor
 from .before_far import at_size
 from .common_masks import fit_together

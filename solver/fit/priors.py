@@ -14,6 +14,8 @@ from .settings import FitSettings
 
 DIELECTRIC_SPREAD = 0.02
 """of F0 among what is no metal"""
+SURE_DIELECTRIC_F0 = 0.2
+"""below which it is surely no metal; diamond, among the highest, has 0.17"""
 METAL_F0 = 0.9
 """of the brightest channel of metals that people photograph: silver, gold, copper, aluminium, brass"""
 LEAST_METAL_F0, SURE_METAL_F0, METAL_SPREAD = 0.3, 0.6, 0.05
@@ -36,6 +38,8 @@ def of_materials(buffers: RayBuffers, settings: FitSettings, fraction: float) ->
         return loss
     if settings.dielectric_weight > 0:
         loss = loss + settings.dielectric_weight * unlike_dielectric(buffers)
+    if settings.grey_f0_weight > 0 and fraction >= settings.grey_f0_start:
+        loss = loss + settings.grey_f0_weight * coloured_dielectric(buffers)
     if settings.metal_weight > 0:
         loss = loss + settings.metal_weight * unlike_metal(buffers)
     if settings.metal_albedo_weight > 0:
@@ -47,6 +51,18 @@ def unlike_dielectric(buffers: RayBuffers) -> torch.Tensor:
     """Mean of x²/(x² + s²) in [0, 1), x = F0 − 0.04: it pulls what is close, and leaves metals alone."""
     usual = DIELECTRIC_F0 * buffers.opacity.detach()[:, None]
     return saturating((buffers.f0 - usual).square(), DIELECTRIC_SPREAD).mean()
+
+
+def coloured_dielectric(buffers: RayBuffers) -> torch.Tensor:
+    """Mean of (F0 − its mean over channels)², over what is no metal: only metals reflect in a colour.
+
+    All of it counts up to an F0 of 0.2, nothing from 0.3 on; that has no gradient.
+    """
+    f0 = _straight(buffers.f0, buffers.opacity)
+    room = LEAST_METAL_F0 - f0.detach().amax(-1)
+    dielectric = (room / (LEAST_METAL_F0 - SURE_DIELECTRIC_F0)).clamp(0, 1)
+    colour = (f0 - f0.mean(-1, keepdim=True)).square().mean(-1)
+    return (buffers.opacity.detach() * dielectric * colour).mean()
 
 
 def unlike_metal(buffers: RayBuffers) -> torch.Tensor:

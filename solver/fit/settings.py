@@ -161,13 +161,18 @@ class FitSettings:
     dielectric_weight: float = 1e-3
     """of x²/(x² + 0.02²), x being how far F0 is from 0.04: photos hardly tell a brighter light from a
     higher F0, but what is no metal has an index of refraction near 1.5 (docs/decisions/0015)"""
+    grey_f0_weight: float = 1.0
+    """of the squared colour of F0 where that is below 0.2, fading to nothing at 0.3: what is no metal has
+    none, but seams between colours take from it what their albedo lacks (docs/decisions/0015)"""
+    grey_f0_start: float = 0.7
+    """fraction of the fit from which on that counts: metals that are late pass through such an F0"""
     metal_weight: float = 0.01
     """of (F0 − 0.9)² where F0 is above 0.3: photos hardly tell a dim metal with a diffuse share under a
     bright light from a bright one (docs/decisions/0015)"""
     metal_albedo_weight: float = 0.02
     """of albedo² where F0 is above 0.6: metals have no diffuse layer"""
     f0_start: float = 0.3
-    """fraction of the fit from which on those three count: by then metals have got away from dielectrics"""
+    """fraction of the fit from which on those four count: by then metals have got away from dielectrics"""
     roughness_weight: float = 0.0
     """of α = r² at the start, falling to nothing at the end: a wide lobe under a blurred light fits
     most photos, so roughness that starts wide stays there; 0.002 helps glazes (docs/decisions/0009)"""

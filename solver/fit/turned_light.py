@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
-from ..capture.placement import up_of
 from ..capture.reduced import load_reduced
 from ..capture.turntable import ON_STANDS, Stands, Turntable, stands_of, stands_still
+from ..capture.upright import up_of
 from .errors import SettingsError
 
 LONGEST = 64

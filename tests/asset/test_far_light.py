@@ -5,7 +5,7 @@ import torch
 
 from solver.asset.far_light import COARSE, Mirrors, light_from_afar, mean_from, mirrors_of
 from solver.light.floor import Floor
-from tests.capture.test_placement import ring
+from tests.capture.poses import ring
 from tests.light.floors import striped
 from tests.render.scenes import ball
 

@@ -1,93 +1,26 @@
 """Which way is up, how big and where: captures stand upright whatever their file's world was."""
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
-from scipy.spatial.transform import Rotation
 
-from solver.capture.camera import Camera
 from solver.capture.capture import Capture, region_seen_by
 from solver.capture.placement import (
     SIZE,
     counted_from,
-    estimate_up,
     placed,
     rotation_between,
     suggest_placement,
 )
-
-
-def look_at(position, roll=0.0, target=(0, 0, 0)):
-    back = np.array(position, dtype=float) - target
-    back /= np.linalg.norm(back)
-    right = np.cross((0, 0, 1), back)
-    right /= np.linalg.norm(right)
-    matrix = np.eye(4)
-    matrix[:3] = np.stack([right, np.cross(back, right), back, position], 1)
-    matrix[:3, :3] = matrix[:3, :3] @ Rotation.from_euler("z", roll).as_matrix()
-    return matrix
-
-
-def ring(count=24, heights=(0.3, 1.2), roll=lambda i: 0.0):
-    cameras = []
-    for i in range(count):
-        angle = 2 * np.pi * i / count
-        height = heights[i % len(heights)]
-        pose = look_at((3 * np.cos(angle), 3 * np.sin(angle), height), roll(i))
-        cameras.append(Camera(f"c{i}", None, pose, 60, 40, 70.0, 70.0, 30.0, 20.0))
-    return cameras
+from solver.capture.upright import estimate_up
+from tests.capture.poses import ring, similarity
 
 
 def capture_of(cameras, **more):
     return Capture(Path("x"), tuple(cameras), region_seen_by(cameras), **more)
-
-
-def similarity(seed):
-    rng = np.random.default_rng(seed)
-    matrix = np.eye(4)
-    matrix[:3, :3] = rng.uniform(0.1, 30) * Rotation.random(random_state=seed).as_matrix()
-    matrix[:3, 3] = rng.normal(size=3) * 50
-    return matrix
-
-
-ROLLS = {
-    "level": lambda i: 0.0,
-    "shaky": lambda i: 0.12 * np.sin(7.0 * i),
-    "portrait": lambda i: np.pi / 2,
-    "mixed": lambda i: (0.0, np.pi / 2, -np.pi / 2)[i % 3],
-    "mostly level": lambda i: np.pi / 2 if i % 5 == 0 else 0.05 * np.sin(i),
-}
-
-
-@pytest.mark.parametrize("roll", ROLLS.values(), ids=ROLLS)
-@pytest.mark.parametrize("seed", range(3))
-def test_up_is_found_within_two_degrees_in_any_world_and_however_photos_are_held(roll, seed):
-    moved = placed(capture_of(ring(roll=roll)), similarity(seed))
-    rotation = similarity(seed)[:3, :3]
-    truth = rotation[:, 2] / np.linalg.norm(rotation[:, 2])
-    assert estimate_up(list(moved.cameras)) @ truth > np.cos(np.radians(2))
-
-
-def test_up_is_found_from_photos_that_all_lie_upside_down_in_their_files(tmp_path):
-    exif = Image.Exif()
-    exif[0x0112] = 3
-    Image.new("RGB", (8, 6)).save(tmp_path / "a.jpg", exif=exif)
-    cameras = [replace(c, image_path=tmp_path / "a.jpg") for c in ring(roll=lambda i: math.pi)]
-    assert estimate_up(cameras) @ [0, 0, 1] > 0.99
-    Image.new("RGB", (8, 6)).save(tmp_path / "a.jpg")
-    assert estimate_up(cameras) @ [0, 0, 1] < -0.99
-
-
-def test_cameras_that_look_one_way_still_have_an_up():
-    cameras = [
-        Camera(f"c{i}", None, look_at((x, -3, 0.2), target=(x, 0, 0.2)), 60, 40, 70, 70, 30, 20)
-        for i, x in enumerate(np.linspace(-1, 1, 6))
-    ]
-    assert estimate_up(cameras)[2] > 0.99
 
 
 @pytest.mark.parametrize("seed", range(3))

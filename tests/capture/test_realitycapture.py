@@ -174,8 +174,9 @@ def test_epics_sample_matrix_is_a_camera_that_looks_along_minus_y_with_z_up(tmp_
         np.testing.assert_allclose(item.camera_to_world[:3, 1], (0, 0, 1), atol=1e-12)
 
 
-def test_a_perspective_lens_has_no_distortion(tmp_path):
-    write_sidecars(tmp_path, model="perspective")
+@pytest.mark.parametrize("model", ["perspective", "none"])
+def test_a_perspective_lens_has_no_distortion(tmp_path, model):
+    write_sidecars(tmp_path, model=model)
     assert {item.lens for item in read_capture(tmp_path).cameras} == {"pinhole"}
 
 
@@ -237,6 +238,45 @@ def test_sidecars_without_a_pose_and_of_other_programs_are_left_out(tmp_path):
     capture = read_capture(tmp_path)
     assert len(capture.cameras) == COUNT - 2
     assert any("no pose" in text and names()[0] in text for text in capture.warnings)
+
+
+def with_coordinates(index, coordinates, extra=""):
+    text = sidecar(poses()[index], LENS, extra=extra)
+    return text.replace('Coordinates="absolute"', f'Coordinates="{coordinates}"')
+
+
+@pytest.mark.parametrize("coordinates", ["relative", "rigid"])
+@pytest.mark.parametrize("extra", ['xcr:ComponentId="{70F5304C-4695-4299-8F99-2D331BE3EB98}"', ""])
+def test_places_in_a_component_are_places(tmp_path, coordinates, extra):
+    write_sidecars(tmp_path, lambda i: with_coordinates(i, coordinates, extra))
+    capture = read_capture(tmp_path)
+    assert not capture.warnings
+    np.testing.assert_allclose(
+        np.stack([c.camera_to_world for c in capture.cameras]),
+        np.stack([c.camera_to_world for c in read_capture(write_sidecars(tmp_path / "b")).cameras]),
+    )
+
+
+def test_of_several_components_the_largest_is_read_and_the_others_are_named(tmp_path):
+    write_sidecars(
+        tmp_path, lambda i: with_coordinates(i, "relative", f'xcr:ComponentId="{{{i == 1}}}"')
+    )
+    capture = read_capture(tmp_path)
+    assert len(capture.cameras) == COUNT - 1
+    assert any(f"{names()[1]}.xmp" in warning for warning in capture.warnings)
+
+
+def test_places_in_a_rig_are_none_in_the_world(tmp_path):
+    rig = 'xcr:Rig="{1}" xcr:RigInstance="{2}" xcr:RigPoseIndex="0"'
+    write_sidecars(
+        tmp_path / "some",
+        lambda i: with_coordinates(i, "relative" if i == 0 else "absolute", rig),
+    )
+    capture = read_capture(tmp_path / "some")
+    assert len(capture.cameras) == COUNT - 1 and "rig" in capture.warnings[0]
+    write_sidecars(tmp_path / "all", lambda i: with_coordinates(i, "relative", rig))
+    with pytest.raises(CaptureError, match="xcr:Coordinates.*in a rig"):
+        read_capture(tmp_path / "all")
 
 
 def test_photos_are_found_by_windows_paths_of_another_machine(tmp_path):

@@ -195,6 +195,11 @@ def test_points_that_cannot_be_read_are_named_and_cost_nothing(tmp_path, content
         tracemalloc.stop()
 
 
+def test_panoramas_are_refused_with_a_way_out(tmp_path):
+    with pytest.raises(CaptureError, match="EQUIRECTANGULAR.*cut the panoramas into"):
+        capture_with(tmp_path, camera_model="EQUIRECTANGULAR")
+
+
 def test_unusable_points_are_a_warning(tmp_path):
     (tmp_path / "a").mkdir()
     (tmp_path / "outside.ply").write_bytes(ply(POINTS))

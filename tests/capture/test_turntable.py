@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from solver.capture.camera import Camera
 from solver.capture.turntable import ON_STANDS, Turntable, stands_of, stands_still
-from tests.capture.test_placement import look_at
+from tests.capture.poses import look_at
 
 WORLDS = {
     "upright": (Rotation.identity(), np.zeros(3), 1.0),

@@ -5,7 +5,7 @@ import numpy as np
 from solver.capture.camera import Camera
 from solver.capture.capture import Capture
 from solver.capture.photos import Photo, srgb_to_linear
-from tests.capture.test_placement import look_at
+from tests.capture.poses import look_at
 
 WIDTH, HEIGHT, VIEWS, FINE, FOCAL = 100, 76, 26, 2, 105.0
 REGION = np.array([[-0.8, -0.8, -0.3], [0.8, 0.8, 1.3]])

@@ -189,6 +189,7 @@ def test_the_paper_preset_resumes_as_if_nothing_had_happened(tmp_path):
     [
         "palette_weight",
         "dielectric_weight",
+        "grey_f0_weight",
         "metal_weight",
         "metal_albedo_weight",
         "light_floor_without_room",

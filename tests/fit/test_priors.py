@@ -45,6 +45,18 @@ def test_metals_are_pulled_to_bright_ones_without_colour_and_dielectrics_are_lef
     assert abs(of(0.04, 0.04, 0.04)[0]) < 0.05 * abs(red)
 
 
+def test_what_is_no_metal_loses_the_colour_of_its_f0_and_keeps_its_brightness():
+    def of(*f0):
+        return pull(priors.coloured_dielectric, "f0", [f0])[0]
+
+    assert of(0.04, 0.04, 0.04).tolist() == pytest.approx([0, 0, 0], abs=1e-8)
+    orange = of(0.09, 0.05, 0.04)
+    assert orange[0] > 0 > orange[2] and float(orange.sum()) == pytest.approx(0, abs=1e-8)
+    copper, on_its_way = of(0.95, 0.6, 0.5), of(0.31, 0.2, 0.17)
+    assert copper.tolist() == on_its_way.tolist() == [0, 0, 0]
+    assert 0 < of(0.25, 0.21, 0.2)[0] < orange[0]
+
+
 def test_only_what_is_surely_metal_loses_its_albedo():
     albedo = [[0.5] * 3, [0.5] * 3, [0.5] * 3]
     f0 = [[0.9, 0.6, 0.3], [0.04] * 3, [0.3] * 3]
@@ -91,7 +103,11 @@ def test_what_is_not_the_object_has_no_colour():
 
 def test_the_paper_has_no_such_terms():
     ones = torch.ones(4, 3)
-    seen = SimpleNamespace(opacity=ones[:, 0], albedo=ones, f0=0.5 * ones, alpha=ones[:, 0])
+    f0 = torch.tensor([[0.5, 0.5, 0.5], [0.04, 0.04, 0.04], [0.09, 0.05, 0.04], [0.9, 0.6, 0.5]])
+    seen = SimpleNamespace(opacity=ones[:, 0], albedo=ones, f0=f0, alpha=ones[:, 0])
     fit = settings_for("paper").fit
     assert priors.of_materials(seen, fit, 0.5) == 0
+    assert priors.of_materials(seen, fit, 0.9) == 0
     assert priors.of_materials(seen, dataclasses.replace(fit, metal_weight=1.0), 0.5) > 0
+    grey = dataclasses.replace(fit, grey_f0_weight=1.0)
+    assert priors.of_materials(seen, grey, 0.5) == 0 < priors.of_materials(seen, grey, 0.9)

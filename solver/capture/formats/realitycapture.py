@@ -154,33 +154,49 @@ def _read_sidecars(path: Path, photos: PhotoFinder) -> Capture:
     for picture in photos.pictures():
         if (file := picture.with_suffix(".xmp")).is_file():
             sidecars[file] = picture
-    found, placeless, relative = [], [], []
+    posed, placeless, rigged = [], [], []
     for file in sorted(sidecars):
         if _NAMESPACE.encode() not in head_of(file):
             continue
         values = _values(file)
         if "Rotation" not in values or "Position" not in values:
             placeless.append(file.name)
-        elif values.get("Coordinates", "absolute").strip().lower() == "relative":
-            relative.append(file.name)
+        elif _coordinates(values) == "relative" and "Rig" in values:
+            rigged.append(file.name)
         else:
             photo = sidecars[file] or photos.find(file.stem, beside=file)
-            found.append(_from_sidecar(file, values, photo))
+            posed.append((file.name, _component(values), _from_sidecar(file, values, photo)))
+    # Each component has a world of its own.
+    components = [component for _, component, _ in posed]
+    largest = max(components, key=components.count, default="")
+    found = [one for _, component, one in posed if component == largest]
+    elsewhere = [name for name, component, _ in posed if component != largest]
     warnings = []
     for names, what in (
         (placeless, "have no pose"),
-        (relative, "have a place in a rig, but none in the world,"),
+        (rigged, "have a place in a rig, but none in the world,"),
+        (elsewhere, "belong to another component than most"),
     ):
         if names:
             warnings.append(
                 f"{len(names)} sidecars {what} and are left out (the first: {shown(names[0])})"
             )
-    if placeless and not found:
+    if not found and (placeless or rigged):
         raise CaptureError(
-            path, "xcr:Rotation", "no sidecar has a pose",
+            path, "xcr:Rotation" if placeless else "xcr:Coordinates",
+            "no sidecar has a pose" if placeless else "all places are in a rig, none in the world",
             "export XMP with camera poses in RealityCapture",
         )  # fmt: skip
     return assemble(path, NAME, found, photos, up=_UP, warnings=tuple(warnings))
+
+
+def _coordinates(values: dict[str, str]) -> str:
+    return values.get("Coordinates", "absolute").strip().lower()
+
+
+def _component(values: dict[str, str]) -> str:
+    """Of the world that a pose is in; "" is the world itself, which it is as well if none is named."""
+    return values.get("ComponentId", "").strip() if _coordinates(values) != "absolute" else ""
 
 
 def _values(file: Path) -> dict[str, str]:
@@ -216,7 +232,7 @@ def _from_sidecar(file: Path, values: dict[str, str], photo: Path | None) -> Fou
             given = numbers(file, "xcr:DistortionCoeficients", values["DistortionCoeficients"])
             coefficients[: min(6, len(given))] = given[:6]
         model = values.get("DistortionModel", "brown3").strip().lower()
-        if model == "perspective":
+        if model in ("none", "perspective"):
             coefficients[:] = 0
         if model not in _LENSES and coefficients.any():
             raise CaptureError(

@@ -26,13 +26,14 @@ from ..files import number as checked_number
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
-from ..placement import estimate_up
 from ..ply_points import read_ply_points
+from ..upright import estimate_up
 
 NAME = "transforms.json"
 EXTENSIONS = (".json",)
 PATTERNS = ("transforms_train.json", "transforms.json")
 
+_PANORAMAS = ("EQUIRECTANGULAR", "SPHERICAL")
 _LENS_OF_MODEL = {
     "PINHOLE": "pinhole",
     "SIMPLE_PINHOLE": "pinhole",
@@ -271,9 +272,11 @@ def _lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, ...]]
         model = "OPENCV_FISHEYE"
     lens = "opencv" if model is None else _LENS_OF_MODEL.get(str(model).upper())
     if lens is None:
+        panorama = str(model).upper() in _PANORAMAS
         raise CaptureError(
             path, f"{where}.camera_model", f"the lens model '{model}' is not supported",
-            f"use one of {', '.join(_LENS_OF_MODEL)}",
+            "cut the panoramas into perspective photos and solve or export their cameras" if panorama
+            else f"use one of {', '.join(_LENS_OF_MODEL)}",
         )  # fmt: skip
     keys = _KEYS[lens]
     if str(model).upper() == "FULL_OPENCV":
