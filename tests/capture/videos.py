@@ -16,7 +16,7 @@ def write_video(
     transfer: int = 2, primaries: int = 2, full: bool = False, pixel: Fraction = Fraction(1),
     interlaced: bool = False, form: str = "yuv444p", codec: str = "libx264",
 ) -> Path:  # fmt: skip
-    """Write pictures [H, W, 3], uint8 or uint16, almost without loss.
+    """Write pictures [H, W, 3], uint8 or uint16, almost without loss, the same on any machine.
 
     Args:
         rotation: degrees counterclockwise by which a player turns it.
@@ -34,6 +34,7 @@ def write_video(
         if interlaced:
             stream.options |= {"x264-params": "interlaced=1:tff=1"}
         context = stream.codec_context
+        context.thread_count = 1
         context.sample_aspect_ratio = pixel
         context.colorspace, context.color_trc, context.color_primaries = said, transfer, primaries
         context.color_range = 2 if full else 1
