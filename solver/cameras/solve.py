@@ -204,22 +204,26 @@ class Solver:
         def told(placed: int) -> None:
             nonlocal most
             most = min(max(most, placed), len(photos))
-            self.progress.fraction(most / len(photos), f"placing cameras: {placed} placed")
+            self.progress.fraction(most / len(photos), f"placing cameras: {most} placed")
 
-        best = self._largest_model(self.folder.database_path, len(photos), told)
+        joined = {
+            photo.file for photo, item in zip(photos, self._evidence(photos), strict=True)
+            if max(item.matches, default=0) >= 2 * FEWEST_SEEN_POINTS
+        }  # fmt: skip
+        best = self._largest_model(self.folder.database_path, joined, told)
         if best is None or best.num_reg_images() < FEWEST_PHOTOS:
             self._fail(self._evidence(photos), set())
         return best
 
-    def _largest_model(self, database: Path, photos: int, told: Callable[[int], None]) -> Any:
-        """The largest model that the matches of a database give, or None; where it lacks some of the
-        `photos`, one that asks for less evidence of each, if it has more of them.
+    def _largest_model(self, database: Path, wanted: set[str], told: Callable[[int], None]) -> Any:
+        """The largest model that the matches of a database give, or None; where it lacks some of the photos
+        that are `wanted`, one that asks for less evidence of each, if it has more cameras.
 
         Args:
             told: how many cameras have been placed.
         """
         best = self._model(database, told, None)
-        if best is not None and best.num_reg_images() >= photos:
+        if best is not None and wanted <= _placed(best):
             return best
         more = self._model(database, told, FEWEST_SEEN_POINTS)
         if best is None or (more is not None and more.num_reg_images() > best.num_reg_images()):
@@ -272,7 +276,7 @@ class Solver:
         shutil.copyfile(self.folder.database_path, copy)
         walked = walked_model(
             self.colmap, copy, model, number,
-            lambda: self._largest_model(copy, model.num_reg_images(), told),
+            lambda: self._largest_model(copy, _placed(model), told),
         )  # fmt: skip
         if walked is None:
             self.progress.warning(
@@ -300,10 +304,14 @@ class Solver:
 
     def _write(self, photos: list[Prepared], model: Any) -> Solved:
         cameras, points = finish_model(self.colmap, model, photos, self.folder)
-        placed = {image.name for image in model.images.values() if image.has_pose}
-        problem, remedy = unplaced(self._evidence(photos), placed)
+        problem, remedy = unplaced(self._evidence(photos), _placed(model))
         write_cameras(self.folder, Path(self.request.photos), cameras)
         return Solved(len(photos), len(cameras), points, f"{problem}; {remedy}" if problem else "")
+
+
+def _placed(model: Any) -> set[str]:
+    """Names, in the database or the model's own, of the photos that have a camera in it."""
+    return {image.name for image in model.images.values() if image.has_pose}
 
 
 @contextmanager
