@@ -15,9 +15,7 @@ GRAZING_COSINE = 0.1
 
 
 @torch.no_grad()
-def seen_by(
-    camera: Camera, scene: Scene, points: np.ndarray, normals: np.ndarray
-) -> np.ndarray:  # fmt: skip
+def seen_by(camera: Camera, scene: Scene, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """[N] true where a camera of the scene's world shows the surface at points [N, 3] with outward normals
     [N, 3]."""
     towards = camera.position - points

@@ -206,13 +206,14 @@ class Solver:
             most = min(max(most, placed), len(photos))
             self.progress.fraction(most / len(photos), f"placing cameras: {most} placed")
 
+        evidence = self._evidence(photos)
         joined = {
-            photo.file for photo, item in zip(photos, self._evidence(photos), strict=True)
+            photo.file for photo, item in zip(photos, evidence, strict=True)
             if max(item.matches, default=0) >= 2 * FEWEST_SEEN_POINTS
         }  # fmt: skip
         best = self._largest_model(self.folder.database_path, joined, told)
         if best is None or best.num_reg_images() < FEWEST_PHOTOS:
-            self._fail(self._evidence(photos), set())
+            self._fail(evidence, set())
         return best
 
     def _largest_model(self, database: Path, wanted: set[str], told: Callable[[int], None]) -> Any:

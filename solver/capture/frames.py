@@ -78,6 +78,11 @@ def equirect_from_direction(directions: np.ndarray) -> np.ndarray:
     return np.stack([u, v], axis=-1)
 
 
+def unit(vector: np.ndarray) -> np.ndarray:
+    """A vector [3] as long as one."""
+    return vector / np.linalg.norm(vector)
+
+
 def texel_directions(height: int, width: int) -> np.ndarray:
     """Unit world directions [H, W, 3] of an equirectangular map's texel centres."""
     row, column = np.mgrid[0:height, 0:width] + 0.5

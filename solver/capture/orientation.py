@@ -32,6 +32,12 @@ def turn_for(size: tuple[int, int], orientation: int, width: int, height: int) -
     return orientation if orientation >= 5 and size == (height, width) else None
 
 
+def lies_on_its_side(size: tuple[int, int], width: int, height: int) -> bool:
+    """Whether pixels of `size` (width, height) would have to be turned by a quarter to be a camera's, which
+    may be of another size; squares do not tell, and are as they lie (see `turn_for`)."""
+    return size[0] != size[1] and (size[0] > size[1]) != (width > height)
+
+
 def as_camera_saw(
     pixels: np.ndarray, orientation: int, width: int, height: int
 ) -> np.ndarray | None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from .capture import Capture, region_seen_by
+from .frames import unit
 from .upright import up_of
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -92,12 +93,8 @@ def rotation_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """The smallest rotation [3, 3] that takes unit `first` [3] to unit `second` [3]."""
     cosine = float(first @ second)
     if cosine < -1 + 1e-9:
-        axis = _unit(np.cross(first, np.eye(3)[np.argmin(np.abs(first))]))
+        axis = unit(np.cross(first, np.eye(3)[np.argmin(np.abs(first))]))
         return 2 * np.outer(axis, axis) - np.eye(3)
     x, y, z = np.cross(first, second)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + cross + cross @ cross / (1 + cosine)
-
-
-def _unit(vector: np.ndarray) -> np.ndarray:
-    return vector / np.linalg.norm(vector)

@@ -11,9 +11,9 @@ import numpy as np
 from .camera import Camera
 from .capture import Capture
 from .errors import CaptureError
-from .frames import texel_directions
+from .frames import texel_directions, unit
 from .image_header import image_orientation, image_size
-from .orientation import UPWARD
+from .orientation import UPWARD, lies_on_its_side
 
 ROWS = 24
 """of the map of directions that are tried first, 7.5° apart"""
@@ -36,7 +36,7 @@ these leave the slope open: shakes of 3° against slopes of 30°, squared"""
 
 def up_of(capture: Capture) -> np.ndarray:
     """Unit world direction [3] that is up: what the file says, else `estimate_up`."""
-    return _unit(estimate_up(list(capture.cameras)) if capture.up is None else capture.up)
+    return unit(estimate_up(list(capture.cameras)) if capture.up is None else capture.up)
 
 
 def estimate_up(cameras: list[Camera]) -> np.ndarray:
@@ -58,7 +58,7 @@ def estimate_up(cameras: list[Camera]) -> np.ndarray:
         level, rolled = _rolls(best[None], across, upward, forward)
         on_side = rolled < level
         held = np.where(on_side, across * np.sign(across @ best)[:, None], upward)
-        mean_up = _unit(held.mean(0) + 1e-9 * best)
+        mean_up = unit(held.mean(0) + 1e-9 * best)
         axes = np.where(on_side, upward, across)
         residual = np.abs(axes @ best)
         # Cauchy's weights: one that is far from level hardly counts.
@@ -115,12 +115,7 @@ def _orientation_in_file(camera: Camera) -> int:
     if orientation < 5:
         return orientation
     try:
-        width, height = image_size(path)
+        turned = lies_on_its_side(image_size(path), camera.width, camera.height)
     except CaptureError:
         return 1
-    turned = (width > height) != (camera.width > camera.height) and width != height
     return 1 if turned else orientation
-
-
-def _unit(vector: np.ndarray) -> np.ndarray:
-    return vector / np.linalg.norm(vector)

@@ -172,7 +172,7 @@ class FitSettings:
     metal_albedo_weight: float = 0.02
     """of albedo² where F0 is above 0.6: metals have no diffuse layer"""
     f0_start: float = 0.3
-    """fraction of the fit from which on those four count: by then metals have got away from dielectrics"""
+    """fraction of the fit from which on the other three count: metals are away from dielectrics by then"""
     roughness_weight: float = 0.0
     """of α = r² at the start, falling to nothing at the end: a wide lobe under a blurred light fits
     most photos, so roughness that starts wide stays there; 0.002 helps glazes (docs/decisions/0009)"""

@@ -17,13 +17,18 @@ def look_at(position, roll=0.0, target=(0, 0, 0)):
     return matrix
 
 
+def camera_at(pose, name="c"):
+    """A camera without a photo."""
+    return Camera(name, None, pose, 60, 40, 70.0, 70.0, 30.0, 20.0)
+
+
 def ring(count=24, heights=(0.3, 1.2), roll=lambda i: 0.0):
     cameras = []
     for i in range(count):
         angle = 2 * np.pi * i / count
         height = heights[i % len(heights)]
         pose = look_at((3 * np.cos(angle), 3 * np.sin(angle), height), roll(i))
-        cameras.append(Camera(f"c{i}", None, pose, 60, 40, 70.0, 70.0, 30.0, 20.0))
+        cameras.append(camera_at(pose, f"c{i}"))
     return cameras
 
 

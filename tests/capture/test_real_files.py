@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from solver.capture.read import read_capture
+from tests.capture.programs import save_photos
 
 DATA = Path(__file__).parent / "data"
 EQUATOR, FLATTENING = 6378137.0, 1 / 298.257223563  # WGS 84
@@ -18,17 +18,11 @@ METRES = 22.039365691522473
 """of a unit of the chunk, by its file"""
 
 
-def photo(path, size):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    Image.new("RGB", size).save(path)
-
-
 def test_visualsfms_points_project_to_where_it_measured_them(tmp_path):
     shutil.copy(DATA / "visualsfm" / "model.nvm", tmp_path)
     lines = (tmp_path / "model.nvm").read_text().splitlines()
     names = [line.split("\t")[0] for line in lines[3:8]]
-    for name in names:
-        photo(tmp_path / name, (2592, 1944))
+    save_photos(tmp_path, names, (2592, 1944), "")
     capture = read_capture(tmp_path)
     assert capture.format == "VisualSFM" and not capture.warnings
     cameras = {camera.image_path.name: camera for camera in capture.cameras}
@@ -52,7 +46,8 @@ def test_metashapes_cameras_are_where_the_drone_was_and_look_where_it_looked(tmp
     shutil.copy(DATA / "metashape" / "cameras.xml", tmp_path)
     stated = {}
     for camera in ElementTree.parse(tmp_path / "cameras.xml").iter("camera"):
-        photo(tmp_path / camera.get("label"), (4864, 3648))
+        file = tmp_path / camera.get("label")
+        save_photos(file.parent, [file.name], (4864, 3648), "")
         stated[camera.get("label")] = {
             k: float(v) for k, v in camera.find("reference").items() if k != "enabled"
         }

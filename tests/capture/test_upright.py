@@ -9,12 +9,11 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from solver.capture.camera import Camera
 from solver.capture.capture import Capture, region_seen_by
 from solver.capture.orientation import UPWARD, oriented
 from solver.capture.placement import placed
 from solver.capture.upright import estimate_up, up_of
-from tests.capture.poses import look_at, ring, similarity
+from tests.capture.poses import camera_at, look_at, ring, similarity
 
 ROLLS = {
     "level": lambda i: 0.0,
@@ -41,7 +40,7 @@ def arc(degrees, slope, roll, seed, count=24, shake=3.0):
             [np.cos(angle) * np.cos(down), np.sin(angle) * np.cos(down), np.sin(down)]
         )
         pose = look_at(position, roll(i) + sway)
-        cameras.append(Camera(f"c{i}", None, pose, 60, 40, 70.0, 70.0, 30.0, 20.0))
+        cameras.append(camera_at(pose, f"c{i}"))
     return cameras
 
 
@@ -70,33 +69,19 @@ def test_few_photos_have_an_up():
 
 def test_photos_from_below_to_above_have_an_up():
     cameras = [
-        Camera(
-            f"c{i}",
-            None,
-            look_at((3 * np.cos(a), 0.1 * i % 3, 3 * np.sin(a))),
-            60,
-            40,
-            70,
-            70,
-            30,
-            20,
-        )
+        camera_at(look_at((3 * np.cos(a), 0.1 * i, 3 * np.sin(a))))
         for i, a in enumerate(np.radians(np.linspace(0, 70, 12)))
     ]
     assert degrees_off(cameras) < 25
 
 
 def test_cameras_that_look_one_way_still_have_an_up():
-    cameras = [
-        Camera(f"c{i}", None, look_at((x, -3, 0.2), target=(x, 0, 0.2)), 60, 40, 70, 70, 30, 20)
-        for i, x in enumerate(np.linspace(-1, 1, 6))
-    ]
+    cameras = [camera_at(look_at((x, -3, 0.2), target=(x, 0, 0.2))) for x in np.linspace(-1, 1, 6)]
     assert degrees_off(cameras) < 8
 
 
 def test_cameras_that_all_stand_in_one_place_and_look_alike_have_their_own_up():
-    camera = Camera("c", None, look_at((0, -3, 0.0)), 60, 40, 70, 70, 30, 20)
-    assert degrees_off([camera] * 3) < 8
+    assert degrees_off([camera_at(look_at((0, -3, 0.0)))] * 3) < 8
 
 
 def test_a_file_that_says_what_is_up_is_believed():
@@ -146,10 +131,7 @@ def test_the_sign_follows_upright_photos_where_others_lie_on_their_sides():
 
 def test_many_cameras_are_judged_by_some():
     cameras = ring(count=1300, roll=ROLLS["shaky"])
-    turned = Rotation.from_euler("xyz", (1.0, 2.0, 3.0)).as_matrix()
-    moved = []
-    for camera in cameras:
-        pose = camera.camera_to_world.copy()
-        pose[:3] = turned @ pose[:3]
-        moved.append(replace(camera, camera_to_world=pose))
-    assert degrees_off(moved, turned[:, 2]) < 1
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("xyz", (1.0, 2.0, 3.0)).as_matrix()
+    capture = Capture(Path("x"), tuple(cameras), region_seen_by(cameras))
+    assert degrees_off(list(placed(capture, turn).cameras), turn[:3, 2]) < 1

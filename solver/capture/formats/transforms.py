@@ -272,12 +272,12 @@ def _lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, ...]]
         model = "OPENCV_FISHEYE"
     lens = "opencv" if model is None else _LENS_OF_MODEL.get(str(model).upper())
     if lens is None:
-        panorama = str(model).upper() in _PANORAMAS
+        remedy = f"use one of {', '.join(_LENS_OF_MODEL)}"
+        if str(model).upper() in _PANORAMAS:
+            remedy = "cut the panoramas into perspective photos and solve or export their cameras"
         raise CaptureError(
-            path, f"{where}.camera_model", f"the lens model '{model}' is not supported",
-            "cut the panoramas into perspective photos and solve or export their cameras" if panorama
-            else f"use one of {', '.join(_LENS_OF_MODEL)}",
-        )  # fmt: skip
+            path, f"{where}.camera_model", f"the lens model '{model}' is not supported", remedy
+        )
     keys = _KEYS[lens]
     if str(model).upper() == "FULL_OPENCV":
         keys = _RATIONAL_KEYS  # elsewhere k4 is a power of the radius
