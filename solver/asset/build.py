@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..capture.colour import linear_to_srgb
-from ..capture.placement import scale_and_rotation
+from ..capture.frames import scale_and_rotation
 from ..light.turned import turned
 from .bake import fill_texture, gather
 from .files import write_exr, write_fine_png, write_ply, write_png

@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 import xatlas
 
-from ..capture.placement import scale_and_rotation
+from ..capture.frames import scale_and_rotation
 
 LEAST_CHARTS = 30
 """xatlas grows a chart in time with the square of its triangles: without a limit to their area, a smooth

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .frames import opencv_from_opengl, opengl_from_opencv
+from .frames import opencv_from_opengl, opengl_from_opencv, scale_and_rotation
 from .lenses import LENSES, distort, undistort
 
 __all__ = ["LENSES", "Camera"]
@@ -58,6 +58,13 @@ class Camera:
         """The camera in the same world with its origin at `origin` [3]."""
         pose = self.camera_to_world.copy()
         pose[:3, 3] -= origin
+        return replace(self, camera_to_world=pose)
+
+    def placed(self, matrix: np.ndarray) -> Camera:
+        """The camera in another world: `matrix` [4, 4] is a similarity from its own to that."""
+        pose = np.eye(4)
+        pose[:3, :3] = scale_and_rotation(matrix)[1] @ self.camera_to_world[:3, :3]
+        pose[:3, 3] = matrix[:3, :3] @ self.position + matrix[:3, 3]
         return replace(self, camera_to_world=pose)
 
     def resized(self, width: int, height: int) -> Camera:

@@ -51,6 +51,12 @@ def invert_pose(pose: np.ndarray) -> np.ndarray:
     return inverse
 
 
+def scale_and_rotation(matrix: np.ndarray) -> tuple[float, np.ndarray]:
+    """What a similarity [4, 4] does to lengths, and its rotation [3, 3]."""
+    scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
+    return scale, matrix[:3, :3] / scale
+
+
 def rotation_from_quaternion(quaternion: np.ndarray) -> np.ndarray:
     """Rotation matrices [..., 3, 3] of quaternions [..., 4] w x y z (Hamilton's), of any length.
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from .capture import Capture, region_seen_by
-from .frames import unit
+from .frames import scale_and_rotation, unit
 from .upright import up_of
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -41,25 +41,15 @@ def suggest_placement(capture: Capture) -> np.ndarray:
 def placed(capture: Capture, matrix: np.ndarray) -> Capture:
     """The capture in another world: `matrix` [4, 4] is a similarity from its own to that."""
     scale, rotation = scale_and_rotation(matrix)
-    shift = matrix[:3, 3]
-    cameras = []
-    for camera in capture.cameras:
-        pose = np.eye(4)
-        pose[:3, :3] = rotation @ camera.camera_to_world[:3, :3]
-        pose[:3, 3] = scale * rotation @ camera.position + shift
-        cameras.append(replace(camera, camera_to_world=pose))
-    points = None if capture.points is None else capture.points @ matrix[:3, :3].T + shift
+    cameras = [camera.placed(matrix) for camera in capture.cameras]
+    points = None
+    if capture.points is not None:
+        points = capture.points @ matrix[:3, :3].T + matrix[:3, 3]
     up = None if capture.up is None else rotation @ capture.up
     return replace(
         capture, cameras=tuple(cameras), points=points, up=up,
         region=region_seen_by(cameras, points), metric=capture.metric and abs(scale - 1) < 1e-9,
     )  # fmt: skip
-
-
-def scale_and_rotation(matrix: np.ndarray) -> tuple[float, np.ndarray]:
-    """What a similarity [4, 4] does to lengths, and its rotation [3, 3]."""
-    scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
-    return scale, matrix[:3, :3] / scale
 
 
 def counted_from(matrix: np.ndarray, origin: np.ndarray) -> np.ndarray:

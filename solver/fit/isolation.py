@@ -10,9 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..capture.agreement import another_convention
 from ..capture.capture import Capture
+from ..capture.errors import CaptureError
 from ..capture.panorama import Panorama, panorama_of
+from ..capture.photo_matches import LONGEST
 from ..capture.photos import Photo
+from ..capture.triangulate import Triangulated
+from ..job.adjusted import write_adjusted
 from ..job.apart import ApartError
 from ..job.folder import JobError, JobFolder
 from ..job.inputs import region_of
@@ -23,7 +28,7 @@ from .cut_out_standing import before_support, find_on_support, floor_below
 from .far_light import ROWS
 from .panorama_file import write_panorama
 from .photo_alpha import levels_of
-from .point_start import with_points
+from .point_start import found_in_photos
 from .progress import Progress
 from .settings import Settings
 from .standing import Outline
@@ -64,7 +69,8 @@ def isolated(
         told: is told the share done; what it raises ends the work.
 
     Raises:
-        JobError: the job goes on, but its masks are gone.
+        CaptureError: the cameras' poses have another convention. JobError: the job goes on, but its masks
+            are gone.
     """
     request, began, panorama, backdrop = job.request, time.monotonic(), None, None
     region, limit = region_of(request), request.time_limit or math.inf
@@ -97,14 +103,37 @@ def isolated(
             raise _NoTime
 
     try:
-        capture = with_points(capture, photos, finding_points, POINTS_LIMIT * limit)
+        found = found_in_photos(
+            capture, photos, finding_points, POINTS_LIMIT * limit, settings.fit.refine_cameras
+        )
     except ApartError as error:
         progress.warning(f"no sparse points ({error}); the fit starts without them")
+    else:
+        capture = capture if found is None else _with_points(job, capture, found, progress)
     if standing and backdrop is None:
         return _on_support(
             job, capture, photos, region, settings.light.floor, progress, finding_support
         )  # fmt: skip
     return Isolated(capture, photos)
+
+
+def _with_points(
+    job: JobFolder, capture: Capture, found: Triangulated, progress: Progress
+) -> Capture:
+    """The capture with what its photos have in common, and with better cameras, if that told of them."""
+    if found.remedy is not None:
+        raise CaptureError(
+            capture.source, "camera poses", another_convention(found.beside), found.remedy
+        )
+    capture = replace(capture, points=found.points)
+    if found.refined is None:
+        return capture
+    write_adjusted(job.cameras_path, found.refined)
+    progress.warning(
+        f"photos lay {found.beside:.1f} pixels (of {LONGEST}) beside their cameras, so these were "
+        f"adjusted: {found.refined_beside:.1f} now (fit.refine_cameras=no leaves them as they are)"
+    )
+    return replace(capture, cameras=tuple(found.refined))
 
 
 def _on_support(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import scipy.ndimage
@@ -13,7 +12,7 @@ import torch
 
 from ..capture.capture import Capture
 from ..capture.photos import Photo
-from ..capture.triangulate import triangulate
+from ..capture.triangulate import Triangulated, triangulate
 from ..field.field import MicrofacetField
 from ..field.room import EXTENT, Room, contract
 from ..job.apart import ApartError
@@ -23,21 +22,22 @@ REACH = 1.7
 """standard deviation, in nodes of the grid, over which a point makes the fog denser"""
 
 
-def with_points(
+def found_in_photos(
     capture: Capture, photos: list[Photo], progress: Callable[[float], None],
-    seconds: float = math.inf,
-) -> Capture:  # fmt: skip
-    """The capture with sparse points; found in its photos where its file has too few.
+    seconds: float = math.inf, refine: bool = False,
+) -> Triangulated | None:  # fmt: skip
+    """Sparse points that a capture's photos have in common; None: its file has enough.
 
     Args:
         progress: told the share done; what it raises ends the search.
         seconds: that the search may take.
+        refine: look for better cameras, too.
 
     Raises:
         ApartError: they cannot be found, or not in time.
     """
     if not capture.has_few_points:
-        return capture
+        return None
     began = time.monotonic()
 
     def told(done: float) -> None:
@@ -45,7 +45,7 @@ def with_points(
         if time.monotonic() - began > seconds:
             raise ApartError("there is no time to find them")
 
-    return replace(capture, points=triangulate(list(capture.cameras), photos, told))
+    return triangulate(list(capture.cameras), photos, told, refine)
 
 
 def start_from_points(

@@ -131,6 +131,8 @@ class FitSettings:
     exposure: str = "fixed"
     """'gain' finds each photo's exposure, 'white_balance' a gain per channel, for photos that were shot
     on automatic; 'fixed' takes them as they are"""
+    refine_cameras: bool = True
+    """cameras that photos show to be off are adjusted to them, where sparse points are sought"""
     use_masks: bool = True
     """photos' alpha tells where the object is; else it is only used to lay them over a background"""
     cut_out: bool = True

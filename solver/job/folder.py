@@ -149,6 +149,7 @@ class JobFolder:
         self.status_path = self.root / "status.json"
         self.log_path = self.root / "log.txt"
         self.cancel_path = self.root / "cancel"
+        self.cameras_path = self.root / "cameras.json"
         self.surroundings_path = self.root / "surroundings.exr"
         self.standing_path = self.root / "standing.npz"
         self.masks_dir = self.root / "masks"

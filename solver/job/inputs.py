@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from ..capture.capture import Capture
 from ..capture.errors import CaptureError
 from ..capture.placement import suggest_placement
 from ..capture.read import held_out_file, read_capture
+from .adjusted import adjusted
 from .folder import JobFolder, JobRequest
 
 
@@ -19,11 +21,14 @@ def capture_of(job: JobFolder) -> Capture:
     Cameras that lie in the job's own folder were written there by this program, so they may name
     photos anywhere.
 
+    Its cameras are those that were adjusted to the photos, if the job has some.
+
     Raises:
-        CaptureError: as `read_capture`.
+        CaptureError: as `read_capture`. JobError: the adjusted cameras cannot be read.
     """
     trusted = Path(job.request.capture).is_relative_to(job.root / "capture")
-    return _read(job, job.request.capture, trusted=trusted)
+    capture = _read(job, job.request.capture, trusted=trusted)
+    return replace(capture, cameras=adjusted(job.cameras_path, capture.cameras))
 
 
 def held_out_of(job: JobFolder, fitted: Capture) -> Capture | None:

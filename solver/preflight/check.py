@@ -17,7 +17,8 @@ from .bounds import nothing_in_common, object_box
 from .coverage import coverage
 from .estimate import Estimate, estimate
 from .findings import Finding, note, warning
-from .looks import look_at_photos
+from .looks import ReducedPhotos, look_at_photos
+from .poses import poses
 from .turning import turning
 
 
@@ -57,7 +58,8 @@ def check(
     """
     settings = settings_for(preset)
     asked = capture if region is None else replace(capture, region=region)
-    looks = look_at_photos(asked, progress)
+    reduced = ReducedPhotos()
+    looks = look_at_photos(asked, progress, reduced)
     circles = circles_of(asked)
     turned = circles is not None and circles.still is True
     stands, masked = (
@@ -73,6 +75,8 @@ def check(
         + coverage(asked)
         + turning(circles)
     )
+    if not masked and not turned:
+        found = poses(capture, reduced, settings) + found
     margin = settings.field.box_margin
     box = object_box(asked, looks, margin)
     found += nothing_in_common(looks, box)

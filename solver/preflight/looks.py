@@ -70,14 +70,15 @@ class Look:
 
 
 def look_at_photos(
-    capture: Capture, progress: Callable[[int, int], None] | None = None
-) -> list[Look]:
+    capture: Capture, progress: Callable[[int, int], None] | None = None,
+    photos: ReducedPhotos | None = None,
+) -> list[Look]:  # fmt: skip
     """Look at all photos of a capture, in the cameras' order.
 
     Raises:
         CaptureError: one cannot be decoded.
     """
-    photos = _Photos()
+    photos = photos or ReducedPhotos()
     looks = _look_at_all(photos, capture.cameras, capture.region, True, progress)
     if (cut_out := _with_common_backdrop(capture, looks)) is not None:
         return cut_out
@@ -87,7 +88,7 @@ def look_at_photos(
     return _before_far_surroundings(photos, capture, looks) or looks
 
 
-class _Photos:
+class ReducedPhotos:
     """Photos at the size that is looked at, as `load_reduced` has them.
 
     Those without masks, which are asked for again, are decoded once as long as `MOST_KEPT` lasts.
@@ -110,7 +111,7 @@ class _Photos:
 
 
 def _before_far_surroundings(
-    photos: _Photos, capture: Capture, looks: list[Look]
+    photos: ReducedPhotos, capture: Capture, looks: list[Look]
 ) -> list[Look] | None:
     """The looks, with masks of what stands out from surroundings that are far away; None: they are not, or
     photos have masks."""
@@ -131,7 +132,7 @@ def _before_far_surroundings(
         return [replace(look, backdrop="far") for look in again]
 
 
-def _small_photo(photos: _Photos, camera: Camera, small: Camera) -> Photo:
+def _small_photo(photos: ReducedPhotos, camera: Camera, small: Camera) -> Photo:
     colour = smaller(np.ascontiguousarray(photos(camera)[0]), max(small.width, small.height))
     opaque = np.ones((*colour.shape[:2], 1), np.float32)
     return Photo(np.concatenate([_TO_LINEAR[colour], opaque], axis=-1), False, False)
@@ -160,7 +161,7 @@ def _with_common_backdrop(capture: Capture, looks: list[Look]) -> list[Look] | N
 
 
 def _look_at_all(
-    photos: _Photos, cameras: Sequence[Camera], region: np.ndarray, cut_out: bool,
+    photos: ReducedPhotos, cameras: Sequence[Camera], region: np.ndarray, cut_out: bool,
     progress: Callable[[int, int], None] | None,
 ) -> list[Look]:  # fmt: skip
     looks = []
@@ -185,7 +186,7 @@ def look_at(
         read: what has a camera's colour and alpha, as `load_reduced`; None: the photo is decoded.
     """
     path = camera.image_path
-    colour, alpha = (read or _Photos())(camera)
+    colour, alpha = (read or ReducedPhotos())(camera)
     height, width = colour.shape[:2]
     if alpha is not None and alpha.min() == 255:
         alpha = None

@@ -8,13 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scipy.ndimage
 from PIL import Image
 
 from solver.capture.formats.transforms import write_transforms
+from solver.capture.frames import pose_opengl_from_opencv
 from solver.capture.photos import linear_to_srgb
 from tests.capture.far_scene import far_scene
-from tests.capture.test_triangulate import camera_at, photo_of
+from tests.capture.printed_table import camera_at, shaken, write_table
 from tests.cli.command import DUCK, ROOT, TINY, solver
 
 
@@ -103,29 +103,10 @@ def test_snapshots_are_laid_side_by_side(tmp_path):
 
 
 def test_blenders_way_of_starting_finds_points_in_photos_without_masks(tmp_path):
-    angles = np.linspace(0, 1.2, 6)
-    rough = scipy.ndimage.gaussian_filter(np.random.default_rng(3).random((300, 300)), 1.5)
-    frames = []
-    for angle in angles:
-        camera = camera_at(angle)
-        shown = linear_to_srgb(photo_of(camera, 0.5 + 4 * (rough - 0.5)).pixels[..., :3])
-        picture = Image.fromarray((255 * np.clip(shown, 0, 1)).astype(np.uint8))
-        picture.save(tmp_path / f"{camera.name}.png")
-        frames.append(
-            {"file_path": f"{camera.name}.png", "transform_matrix": camera.camera_to_world.tolist()}
-        )
-    lens = {"w": camera.width, "h": camera.height, "fl_x": camera.fx, "fl_y": camera.fy}
-    lens |= {"cx": camera.cx, "cy": camera.cy, "frames": frames}
-    (tmp_path / "transforms.json").write_text(json.dumps(lens))
+    write_table(tmp_path, [camera_at(angle) for angle in np.linspace(0, 1.2, 6)])
     command = [sys.executable, "-I", ROOT / "solver" / "bootstrap.py", "reconstruct"]
-    command += [
-        tmp_path / "transforms.json",
-        "--out",
-        tmp_path / "job",
-        *TINY,
-        "--set",
-        "fit.steps=2",
-    ]
+    command += [tmp_path / "transforms.json", "--out", tmp_path / "job", *TINY]
+    command += ["--set", "fit.steps=2"]
     subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL, timeout=300, check=False)
     events = [
         json.loads(line) for line in (tmp_path / "job" / "events.jsonl").read_text().splitlines()
@@ -133,6 +114,33 @@ def test_blenders_way_of_starting_finds_points_in_photos_without_masks(tmp_path)
     assert "fit" in [event.get("name") for event in events if event["ev"] == "stage"]
     assert not [event["text"] for event in events if event["ev"] == "warning"]
     assert max(e["fraction"] for e in events if e.get("stage") == "geometry") > 0.3
+
+
+def test_cameras_that_are_off_are_adjusted_once_and_a_job_that_goes_on_keeps_them(tmp_path):
+    cameras = [camera_at(angle) for angle in np.linspace(0, 1.2, 6)]
+    file = write_table(tmp_path, cameras, told=shaken(cameras, 0.7, 0.01))
+    arguments = ["reconstruct", file, "--out", tmp_path / "job", *TINY, "--set", "fit.steps=2"]
+    first = solver(*arguments)
+    assert "beside their cameras, so these were adjusted" in first.stderr
+    kept = (tmp_path / "job" / "cameras.json").read_text()
+    assert set(json.loads(kept)) == {camera.name for camera in cameras}
+    again = solver(*arguments, "--resume")
+    assert "adjusted" not in again.stderr
+    assert (tmp_path / "job" / "cameras.json").read_text() == kept
+    (tmp_path / "job" / "cameras.json").write_text(kept[:100])
+    broken = solver(*arguments, "--resume")
+    assert broken.returncode == 2 and "cameras.json" in broken.stderr
+
+
+def test_cameras_of_another_convention_end_with_what_to_do(tmp_path):
+    cameras = [camera_at(angle) for angle in np.linspace(0, 1.2, 6)]
+    turned = [
+        replace(c, camera_to_world=pose_opengl_from_opencv(c.camera_to_world)) for c in cameras
+    ]
+    file = write_table(tmp_path, cameras, told=turned)
+    result = solver("reconstruct", file, "--out", tmp_path / "job", *TINY)
+    assert result.returncode == 2
+    assert "transforms.json" in result.stderr and "negate the second and third" in result.stderr
 
 
 def write_small_photos(folder, change):

@@ -8,9 +8,10 @@ import pytest
 import torch
 
 from solver.capture.capture import FEWEST_POINTS
+from solver.capture.triangulate import Triangulated
 from solver.field.room import contract
 from solver.fit import point_start
-from solver.fit.point_start import density_near, with_points
+from solver.fit.point_start import density_near, found_in_photos
 from solver.fit.start import new_trainer, starts_from_points
 from solver.job.apart import ApartError
 from tests.fit.test_fit import SMALL, ball_capture
@@ -84,24 +85,24 @@ def test_without_points_or_with_no_density_the_fog_is_even():
 def test_points_are_looked_for_only_where_masks_and_the_file_say_nothing(monkeypatch):
     asked = []
 
-    def found(cameras, photos, progress):
+    def found(cameras, photos, progress, refine):
         asked.append(len(cameras))
-        return np.ones((7, 3))
+        return Triangulated(np.ones((7, 3)))
 
     monkeypatch.setattr(point_start, "triangulate", found)
     capture, photos = room_capture()
-    assert len(with_points(capture, photos, lambda done: None).points) == 7
+    assert len(found_in_photos(capture, photos, lambda done: None).points) == 7
     few = dataclasses.replace(capture, points=np.zeros((FEWEST_POINTS - 1, 3)))
-    assert len(with_points(few, photos, lambda done: None).points) == 7
+    assert len(found_in_photos(few, photos, lambda done: None).points) == 7
     enough = dataclasses.replace(capture, points=np.zeros((FEWEST_POINTS, 3)))
-    assert with_points(enough, photos, lambda done: None) is enough
+    assert found_in_photos(enough, photos, lambda done: None) is None
     assert asked == [len(photos)] * 2
     assert starts_from_points(photos, SMALL)
     assert not starts_from_points(ball_capture()[1], SMALL)
 
 
 def test_a_search_for_points_that_takes_too_long_is_given_up(monkeypatch):
-    def endless(cameras, photos, progress):
+    def endless(cameras, photos, progress, refine):
         for _ in range(1000):
             time.sleep(0.01)
             progress(0.1)
@@ -109,5 +110,5 @@ def test_a_search_for_points_that_takes_too_long_is_given_up(monkeypatch):
     monkeypatch.setattr(point_start, "triangulate", endless)
     told = []
     with pytest.raises(ApartError, match="no time"):
-        with_points(*room_capture(), told.append, seconds=0.05)
+        found_in_photos(*room_capture(), told.append, seconds=0.05)
     assert 1 < len(told) < 500

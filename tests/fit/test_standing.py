@@ -248,7 +248,7 @@ def test_without_sparse_points_a_job_says_so_and_goes_on(tmp_path, glazed, monke
     def none(*_):
         raise ApartError("no COLMAP")
 
-    monkeypatch.setattr(isolation, "with_points", none)
+    monkeypatch.setattr(isolation, "found_in_photos", none)
     heard = Heard()
     few = dataclasses.replace(capture, points=None)
     found = isolated(job_in(tmp_path), SETTINGS, few, photos, False, heard, lambda done: None)

@@ -1,0 +1,227 @@
+"""What photos of known cameras have in common: SIFT features, found and matched with COLMAP.
+
+Features (Lowe 2004, doi:10.1023/B:VISI.0000029664.99615.94) are told as pixels of a pinhole without the
+lens's distortion, so that all that follows knows no lenses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from PIL import Image
+
+from ..threads import usable_cores
+from .camera import Camera
+from .colour import linear_to_srgb
+from .frames import invert_pose, opencv_from_opengl, pose_opencv_from_opengl
+from .photos import Photo
+
+LONGEST, MOST_ENLARGED = 800, 4
+"""longer side, in pixels, at which features are found; small photos are enlarged, by so much at most, for
+features are sought from some pixels' width on"""
+MOST_FEATURES = 2048
+NEIGHBOURS = 10
+"""photos that each is compared with"""
+WIDEST = np.radians(60)
+"""angle between directions of view beyond which photos are not compared: features look different then"""
+DATABASE = "database.db"
+
+
+class Features(NamedTuple):
+    """What was found in a photo."""
+
+    places: np.ndarray  # [N, 2] float32, pixels, without the lens's distortion
+    descriptors: Any  # pycolmap's
+    camera: Any  # pycolmap's: the pinhole whose pixels they are
+
+
+class PairMatches(NamedTuple):
+    """What two photos, by their numbers, have in common."""
+
+    first: int
+    second: int
+    seen: np.ndarray  # [2, N, 3] where each sees it: (x, y, 1), +x right, +y down
+    focal: float  # pixels, of the pictures in which features were sought
+
+
+def grey_picture(photo: Photo) -> np.ndarray:
+    """A photo as people see it, grey, [H, W] uint8, about `LONGEST`; with alpha over white."""
+    alpha = photo.pixels[..., 3:]
+    straight = photo.pixels[..., :3] / np.maximum(alpha, 1e-4)
+    shown = np.clip(linear_to_srgb(straight), 0, 1) * alpha + 1 - alpha
+    return grey_of((255 * shown + 0.5).astype(np.uint8))
+
+
+def grey_of(colour: np.ndarray) -> np.ndarray:
+    """The same of sRGB [H, W, 3] uint8."""
+    height, width = colour.shape[:2]
+    factor = min(LONGEST / max(height, width), MOST_ENLARGED)
+    size = max(1, round(factor * width)), max(1, round(factor * height))
+    picture = Image.fromarray(colour).convert("L")
+    return np.array(picture.resize(size, Image.Resampling.LANCZOS))
+
+
+def neighbours(cameras: list[Camera], most: int = NEIGHBOURS) -> list[tuple[int, int]]:
+    """Pairs (i < j) of cameras that look alike from nearby, up to about `most` each."""
+    positions = np.stack([camera.position for camera in cameras])
+    axes = np.stack([camera.view_direction for camera in cameras])
+    pairs = set()
+    for index, (position, axis) in enumerate(zip(positions, axes, strict=True)):
+        angle = np.arccos(np.clip(axes @ axis, -1, 1))
+        away = np.linalg.norm(positions - position, axis=1)
+        # What two photos have in common is lost by turning away as by walking away.
+        cost = away / max(np.median(away), 1e-12) + angle / WIDEST
+        cost[index] = np.inf
+        near = [int(j) for j in np.argsort(cost)[:most] if angle[j] < WIDEST and j != index]
+        pairs |= {(min(index, j), max(index, j)) for j in near}
+    return sorted(pairs)
+
+
+def matched(
+    colmap: Any, folder: Path, cameras: list[Camera], pictures: list[np.ndarray],
+    pairs: list[tuple[int, int]], progress: Callable[[float], None],
+) -> list[Features]:  # fmt: skip
+    """Features of all pictures [H, W] uint8, and a database `DATABASE` of them in an empty folder, with
+    the matches of all `pairs` verified: those that some motion of a pinhole explains."""
+    features = _features(colmap, cameras, pictures, lambda done: progress(0.7 * done))
+    _register(colmap, folder / DATABASE, features)
+    _match(colmap, folder, pairs, lambda done: progress(0.7 + 0.3 * done))
+    return features
+
+
+def posed_model(colmap: Any, cameras: list[Camera], features: list[Features]) -> Any:
+    """COLMAP's model of cameras where they are, without points, for the database of `matched`."""
+    model = colmap.Reconstruction()
+    for index, (camera, found) in enumerate(zip(cameras, features, strict=True)):
+        pinhole = found.camera
+        image = colmap.Image(name=_name(index), camera_id=pinhole.camera_id)
+        image.image_id = _number(index)
+        pose = invert_pose(pose_opencv_from_opengl(camera.camera_to_world))
+        model.add_camera_with_trivial_rig(pinhole)
+        model.add_image_with_trivial_frame(image, colmap.Rigid3d(pose[:3]))
+    return model
+
+
+def image_of(model: Any, index: int) -> Any:
+    """COLMAP's image of the photo `index` in a model made by `posed_model`."""
+    return model.images[_number(index)]
+
+
+def verified_matches(colmap: Any, folder: Path, features: list[Features]) -> list[PairMatches]:
+    """The matches of a database of `matched`."""
+    database = colmap.Database.open(folder / DATABASE)
+    try:
+        ids, geometries = database.read_two_view_geometries()
+    finally:
+        database.close()
+    return list(_pairs(colmap, ids, geometries, features))
+
+
+def _pairs(
+    colmap: Any, ids: list[int], geometries: list[Any], features: list[Features]
+) -> Iterator[PairMatches]:
+    for pair, geometry in zip(ids, geometries, strict=True):
+        numbers = colmap.pair_id_to_image_pair(pair)
+        indices = [_index(number) for number in numbers]
+        inliers = np.asarray(geometry.inlier_matches, dtype=np.int64).reshape(-1, 2)
+        seen, focal = [], 0.0
+        for index, side in zip(indices, inliers.T, strict=True):
+            fx, fy, cx, cy = features[index].camera.params
+            flat = (features[index].places[side] - (cx, cy)) / (fx, fy)
+            seen.append(np.concatenate([flat, np.ones((len(flat), 1))], axis=1))
+            focal += (fx + fy) / 4
+        yield PairMatches(*indices, np.stack(seen), focal)
+
+
+def _features(
+    colmap: Any, cameras: list[Camera], pictures: list[np.ndarray],
+    progress: Callable[[float], None],
+) -> list[Features]:  # fmt: skip
+    options = colmap.FeatureExtractionOptions()
+    options.num_threads, options.use_gpu = 1, False
+    options.sift.max_num_features, options.sift.first_octave = MOST_FEATURES, 0
+
+    def find(camera: Camera, grey: np.ndarray) -> Features:
+        extractor = colmap.FeatureExtractor.create(options, colmap.Device.cpu)
+        keypoints, descriptors = extractor.extract_from_uint8_array(grey)
+        places = np.array([(k.x, k.y) for k in keypoints]).reshape(-1, 2)
+        height, width = grey.shape
+        scale = np.array([width / camera.width, height / camera.height])
+        local = opencv_from_opengl(
+            camera.rays(*(places / scale).T)[1] @ camera.camera_to_world[:3, :3]
+        )
+        # A pinhole has no place for what a fisheye sees beside itself: far outside, it fits no match.
+        flat = local[:, :2] / np.maximum(local[:, 2:], 1e-2)
+        focal, centre = scale * (camera.fx, camera.fy), scale * (camera.cx, camera.cy)
+        pinhole = colmap.Camera(
+            model="PINHOLE", width=width, height=height, params=[*focal, *centre]
+        )
+        return Features((flat * focal + centre).astype(np.float32), descriptors, pinhole)
+
+    found = []
+    with ThreadPoolExecutor(max_workers=usable_cores()) as pool:
+        for features in pool.map(find, cameras, pictures):
+            found.append(features)
+            progress(len(found) / len(pictures))
+    return found
+
+
+def _register(colmap: Any, path: Path, features: list[Features]) -> None:
+    """Put all into a new database, each photo with a pinhole of its own."""
+    database = colmap.Database.open(path)
+    try:
+        with colmap.DatabaseTransaction(database):
+            for index, found in enumerate(features):
+                pinhole = found.camera
+                pinhole.camera_id = database.write_camera(pinhole)
+                rig = colmap.Rig(rig_id=pinhole.camera_id)
+                rig.add_ref_sensor(pinhole.sensor_id)
+                database.write_rig(rig)
+                image = colmap.Image(name=_name(index), camera_id=pinhole.camera_id)
+                number = database.write_image(image)
+                assert number == _number(index)
+                frame = colmap.Frame(frame_id=number, rig_id=rig.rig_id)
+                frame.add_data_id(colmap.data_t(pinhole.sensor_id, number))
+                database.write_frame(frame)
+                database.write_keypoints(number, found.places)
+                database.write_descriptors(number, found.descriptors)
+    finally:
+        database.close()
+
+
+def _match(
+    colmap: Any, folder: Path, pairs: list[tuple[int, int]], progress: Callable[[float], None]
+) -> None:
+    """Matches of all pairs, verified, in blocks of about a second."""
+    matching = colmap.FeatureMatchingOptions()
+    matching.num_threads, matching.use_gpu = usable_cores(), False
+    verification = colmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = 0
+    listing = folder / "pairs.txt"
+    block = 20 * usable_cores()
+    for first in range(0, len(pairs), block):
+        progress(first / len(pairs))
+        lines = (f"{_name(i)} {_name(j)}\n" for i, j in pairs[first : first + block])
+        listing.write_text("".join(lines), encoding="ascii")
+        colmap.match_image_pairs(
+            folder / DATABASE, matching_options=matching,
+            pairing_options=colmap.ImportedPairingOptions(match_list_path=listing),
+            verification_options=verification, device=colmap.Device.cpu,
+        )  # fmt: skip
+
+
+def _name(index: int) -> str:
+    return f"{index:06d}.png"
+
+
+def _number(index: int) -> int:
+    """COLMAP's number of a photo; it counts from one."""
+    return index + 1
+
+
+def _index(number: int) -> int:
+    return number - 1
