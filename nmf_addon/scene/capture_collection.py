@@ -196,7 +196,7 @@ def write_capture(collection: bpy.types.Collection, folder: Path) -> Path:
         CaptureError: no cameras, or photos missing.
     """
     bpy.context.view_layer.update()
-    items = _photo_cameras(collection)
+    items = photo_cameras(collection)
     if not items:
         raise CaptureError(
             collection.name, "cameras", "the collection holds no camera with a photo",
@@ -210,7 +210,7 @@ def write_capture(collection: bpy.types.Collection, folder: Path) -> Path:
 
 def photo_paths(collection: bpy.types.Collection) -> set[Path]:
     """Where the photos of a collection's cameras lie."""
-    return {photo_path(photo_of(item)).resolve() for item in _photo_cameras(collection)}
+    return {photo_path(photo_of(item)).resolve() for item in photo_cameras(collection)}
 
 
 def add_region_box(
@@ -221,7 +221,7 @@ def add_region_box(
     if existing is not None:
         return existing
     matrix = to_capture_space(collection)
-    cameras = [to_solver(item, matrix) for item in _photo_cameras(collection)]
+    cameras = [to_solver(item, matrix) for item in photo_cameras(collection)]
     return new_region_box(collection, region_seen_by(cameras), root_of(collection))
 
 
@@ -271,7 +271,8 @@ def fit_region_box(collection: bpy.types.Collection) -> bpy.types.Object | None:
     return box
 
 
-def _photo_cameras(collection: bpy.types.Collection) -> list[bpy.types.Object]:
+def photo_cameras(collection: bpy.types.Collection) -> list[bpy.types.Object]:
+    """The collection's camera objects that have a photo behind them."""
     return [item for item in collection.all_objects if _has_photo(item)]
 
 

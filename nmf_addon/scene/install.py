@@ -10,6 +10,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ...solver.job.folder import JobError, JobFolder
+from .adjusted_cameras import adjust_cameras
 from .capture_collection import root_of, scene_of
 from .images import nothing_left_behind
 from .job_capture import file_placement
@@ -36,6 +37,7 @@ def install_result(
     """Add the asset of a job to the scene and light it by the recovered World.
 
     If it was installed before, the object stays as and where it is, and gets the new mesh and material.
+    Cameras that the job has adjusted to their photos move to where it has them.
 
     Args:
         job_root: the job's folder, its folder `result`, or a copy of that.
@@ -66,6 +68,8 @@ def install_result(
         replace_asset(item, mesh, material, world)
     for block in (item, mesh, material, world):
         block[JOB] = str(job.root)
+    if collection is not None:
+        adjust_cameras(JobFolder(job.root), collection)
     if item.parent is not None:
         turn_with(world, item.parent)
     scene = context.scene if context.scene in item.users_scene else item.users_scene[0]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
 from ..capture.placement import suggest_placement
@@ -16,19 +17,34 @@ from .folder import JobFolder, JobRequest
 
 
 def capture_of(job: JobFolder) -> Capture:
-    """Read a job's capture.
+    """Read a job's capture; its cameras are those that were adjusted to the photos, if the job has some.
 
     Cameras that lie in the job's own folder were written there by this program, so they may name
     photos anywhere.
 
-    Its cameras are those that were adjusted to the photos, if the job has some.
-
     Raises:
         CaptureError: as `read_capture`. JobError: the adjusted cameras cannot be read.
     """
-    trusted = Path(job.request.capture).is_relative_to(job.root / "capture")
-    capture = _read(job, job.request.capture, trusted=trusted)
+    capture = _given(job)
     return replace(capture, cameras=adjusted(job.cameras_path, capture.cameras))
+
+
+def moved_cameras(job: JobFolder) -> list[tuple[Camera, Camera]]:
+    """Cameras as a job's capture has them, each with what it became when it was adjusted to its photo;
+    none if the job adjusted none.
+
+    Raises:
+        CaptureError, JobError: as `capture_of`.
+    """
+    if not job.cameras_path.is_file():
+        return []
+    given = _given(job).cameras
+    return list(zip(given, adjusted(job.cameras_path, given), strict=True))
+
+
+def _given(job: JobFolder) -> Capture:
+    trusted = Path(job.request.capture).is_relative_to(job.root / "capture")
+    return _read(job, job.request.capture, trusted=trusted)
 
 
 def held_out_of(job: JobFolder, fitted: Capture) -> Capture | None:

@@ -15,6 +15,9 @@ from solver.capture.frames import pose_opengl_from_opencv
 from solver.capture.photos import Photo, linear_to_srgb, srgb_to_linear
 
 WIDTH, HEIGHT = 240, 180
+TEXEL = 0.01
+FAR_AND_WIDE = 2400
+"""texels of a table that fills every photo"""
 LENSES = {
     "pinhole": (),
     "opencv": (-0.15, 0.04, 0.002, -0.001),
@@ -38,27 +41,28 @@ def camera_at(angle, lens="pinhole", height=1.6):
 
 
 def photo_of(camera, pattern):
-    """What the camera sees of a printed table, z = 0, of half edge 1.5 in the dark."""
+    """What the camera sees of a printed table in the dark, z = 0, a hundredth of a unit to a texel."""
     rows, columns = np.mgrid[:HEIGHT, :WIDTH] + 0.5
     origins, directions = camera.rays(columns.ravel(), rows.ravel())
     place = origins - directions * (origins[:, 2:] / directions[:, 2:])
-    at = (place[:, :2] / 3 + 0.5) * len(pattern) - 0.5
+    at = place[:, :2] / TEXEL + 0.5 * len(pattern) - 0.5
     seen = scipy.ndimage.map_coordinates(pattern, at.T, order=1, cval=0.0)
     pixels = np.repeat(srgb_to_linear(seen)[:, None], 3, axis=1)
     pixels = np.concatenate([pixels, np.ones_like(pixels[:, :1])], axis=1)
     return Photo(pixels.reshape(HEIGHT, WIDTH, 4).astype(np.float32), False, False)
 
 
-def printed():
-    """A pattern [300, 300] with something to find everywhere."""
-    rough = np.random.default_rng(3).random((300, 300))
+def printed(size=300):
+    """A pattern [size, size] with something to find everywhere."""
+    rough = np.random.default_rng(3).random((size, size))
     smooth = scipy.ndimage.gaussian_filter(rough, 1.5)
     return np.clip(0.5 + (smooth - 0.5) * 4, 0, 1)
 
 
 def write_table(folder, cameras, told=None):
-    """A capture of photos from the cameras, or from those it is told of; returns its file."""
-    named, pattern = [], printed()
+    """A capture of photos of a wide table from the cameras, or from those that its file tells of; returns
+    that."""
+    named, pattern = [], printed(FAR_AND_WIDE)
     for camera, pose in zip(cameras, told or cameras, strict=True):
         pixels = linear_to_srgb(photo_of(camera, pattern).pixels[..., :3])
         path = folder / f"{camera.name}.png"
