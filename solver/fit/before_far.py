@@ -27,6 +27,9 @@ GAP = 5
 MOST_STRAY = 0.03
 """of the object's pixels, that stand out elsewhere: more, and parts of the object look like what is behind
 them, so that its hull lacks them, or that is not far"""
+MOST_AT_EDGE = 0.5
+"""of a photo's edge that the object takes, in the median photo: more, and it is the ground, of which some
+is as even as what is far"""
 TOGETHER = 10
 """photos of which the hull tells where the object is"""
 FINE_CELLS = 96
@@ -115,7 +118,12 @@ def before_panorama(
         # A gap that hardly any other photo shows is one all the same.
         wide = [_from_the_edge(mask, GAP) for mask in plain]
         shown = [mask & ~gap for mask, gap in zip(shown, wide, strict=True)]
-    if shown is None or not fit_together(cameras, shown, region):
+    if (
+        shown is None
+        or np.median([border_of(mask[..., None]).mean() for mask in shown]) > MOST_AT_EDGE
+    ):
+        return None
+    if not fit_together(cameras, shown, region):
         return None
     # Looked up once more: of all photos together, that is more than may be kept.
     return [

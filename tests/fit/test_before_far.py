@@ -8,7 +8,8 @@ import scipy.ndimage
 import torch
 
 from solver.capture.panorama import Panorama
-from solver.capture.photos import linear_to_srgb, srgb_to_linear
+from solver.capture.photos import linear_to_srgb, load_photos, srgb_to_linear
+from solver.capture.read import read_capture
 from solver.fit.before_far import before_panorama, cut_out_before_far
 from solver.fit.cut_out import photos_as_fitted
 from solver.fit.far_light import FarLight
@@ -20,6 +21,7 @@ from solver.light.environment import EnvironmentMap, equirect_directions
 from solver.render.random_numbers import RandomNumbers
 from solver.render.scene import StepTables
 from tests.capture.far_scene import RADIUS, WALL, far_colour, far_scene
+from tests.capture.printed_table import camera_at, write_table
 from tests.fit.test_fit import SMALL
 
 
@@ -60,6 +62,14 @@ def test_an_object_that_is_the_same_everywhere_is_no_surroundings():
     found = cut_out_before_far(capture, photos)
     errors = [off(p, c) for p, c in zip(found.photos, coverages, strict=True)]
     assert np.mean(errors) < 0.02
+
+
+def test_ground_that_is_even_in_part_is_no_surroundings(tmp_path):
+    """A table of fine print that fills every photo: some of it is grey in all of them."""
+    cameras = [camera_at(angle) for angle in np.linspace(0, 3.0, 14)]
+    capture = read_capture(write_table(tmp_path, cameras))
+    photos = load_photos(capture, lambda *done: None)
+    assert cut_out_before_far(capture, photos) is None
 
 
 def test_photos_that_were_held_out_are_cut_out_before_the_panorama(scene):
