@@ -13,10 +13,15 @@ RETRACED_START, RETRACED_MEMORY = 1000, 20
 
 
 class Batching:
-    """How many primary rays a step and a chunk take, and how many secondary rays are retraced."""
+    """How many primary rays a step and a chunk take, and how many secondary rays are retraced.
+
+    Attributes:
+        share: of the rays that the settings say, where `samples` does not; less where there is no time.
+    """
 
     def __init__(self, settings: FitSettings, retraced_rays: int):
         self.settings, self.first_retraced = settings, retraced_rays
+        self.share = 1.0
         self.restart()
 
     def restart(self) -> None:
@@ -31,7 +36,8 @@ class Batching:
         settings = self.settings
         if settings.samples <= 0:
             count = max(1, round(settings.rays * each / settings.chunk_rays))
-            edges = [settings.rays * i // count for i in range(count + 1)]
+            rays = max(count, round(settings.rays * self.share))
+            edges = [rays * i // count for i in range(count + 1)]
             return [last - first for first, last in zip(edges, edges[1:], strict=False)]
         most = max(settings.most_rays, settings.rays)
         held = max(1, self.chunk // each)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +16,12 @@ from ..capture.capture import Capture
 from ..capture.photos import Photo, at_sizes_of, load_photos
 from ..capture.placement import counted_from
 from ..job.control import Cancelled, Control
-from ..job.events import clock
 from ..job.folder import JobFolder, JobRequest
 from ..job.inputs import capture_of, placement_of, region_of
 from ..kernels.backend import fast
 from ..kernels.warm_up import compile_kernels
 from . import checkpoint
-from .clock import FitClock, finishing_seconds, seconds_to_fit
+from .clock import FitClock
 from .errors import SettingsError
 from .isolation import Isolated, isolated
 from .presets import settings_for
@@ -31,6 +31,7 @@ from .report import write_job_report
 from .settings import Settings
 from .snapshots import write_figure, write_snapshot
 from .start import new_trainer, trainer_for
+from .time_limit import finish_within, limit_of_fit, too_few_steps
 from .trainer import Trainer
 from .visual_hull import not_all_masked
 
@@ -38,9 +39,6 @@ FINDING_SHARE = 0.9
 """of the time in which a fit is begun: finding masks, or sparse points"""
 PREVIEW_PAUSE = 20.0
 """time between two previews, at least, in times that the last one took"""
-FEW_STEPS, FEW_STEPS_FROM_FOG = 0.05, 0.2
-"""share of a fit's steps below which a person is told; of fits that start as a fog, 7 % left a block and
-25 % an object (docs/decisions/0019)"""
 STAGES = ("photos", "compile", "geometry", "fit", "asset", "report")
 
 
@@ -113,19 +111,15 @@ def run_job(
 
     progress.stage("fit")
     before = state["seconds"] if state else 0.0
-    limit = None
+    left = None
     if request.time_limit is not None:
         left = request.time_limit - before - (time.monotonic() - started)
-        finishing = finishing_seconds(
-            trainer.scene, settings, capture.cameras if trainer.fog else ()
-        )
-        limit = seconds_to_fit(request.time_limit, left, finishing, trainer.fog)
-        if limit > left - finishing:
-            longer = request.time_limit - left + limit + finishing
-            progress.warning(
-                f"a time limit of {clock(request.time_limit)} is too short for a fit with mesh and "
-                f"textures; it will take about {clock(longer)}"
-            )
+    finish = finish_within(
+        request.time_limit, trainer.scene, settings, capture.cameras if trainer.fog else ()
+    )
+    limit = None
+    if left is not None:
+        limit = limit_of_fit(request.time_limit, left, finish, trainer, progress)
     if not (state and state["done"]):
         fit(trainer, job, progress, control, limit, before)
     short_of = too_few_steps(trainer.step, settings.fit.steps, trainer.fog)
@@ -135,8 +129,14 @@ def run_job(
     progress.stage("asset", "mesh and textures")
     scene = trainer.scene
     cameras = [camera.seen_from(scene.origin) for camera in capture.cameras]
+    if finish.is_less_than(settings):
+        progress.warning(
+            f"for the time limit's sake textures have {finish.texture_size} texels an edge, and the "
+            "report's pictures are small; `export` bakes finer ones"
+        )
     parts = asset_of(
-        scene, settings.render, cameras, job.result_dir, settings.asset, told, job.root.name,
+        scene, settings.render, cameras, job.result_dir,
+        replace(settings.asset, texture_size=finish.texture_size), told, job.root.name,
         counted_from(placement, scene.origin),
     )  # fmt: skip
 
@@ -146,8 +146,9 @@ def run_job(
         "photos": len(photos), "triangles": parts.pop("triangles"),
     }  # fmt: skip
     report = write_job_report(
-        job, scene, settings, capture, photos, trainer.background, numbers, told
-    )
+        job, scene, settings, capture, photos, trainer.background, numbers, told,
+        finish.report_pixels,
+    )  # fmt: skip
     half, centre = scene.field.half_size, scene.field.centre.cpu().numpy()
     job.write_manifest(
         {
@@ -158,20 +159,6 @@ def run_job(
         }
     )  # fmt: skip
     return job.manifest_path
-
-
-def too_few_steps(done: int, planned: int, fog: bool) -> str | None:
-    """What to tell of a fit that had time for few of its steps; None: it had enough.
-
-    Args:
-        fog: it started as one (see `Trainer`).
-    """
-    told = f"there was time for {done} of {planned} steps"
-    if fog and done < FEW_STEPS_FROM_FOG * planned:
-        return (
-            f"{told}, too few for an object to form without masks; give it more time, or add masks"
-        )
-    return f"{told}; for a better result, give it more" if done < FEW_STEPS * planned else None
 
 
 def _tell_of_missing_masks(capture: Capture, photos: list[Photo], progress: Progress) -> None:

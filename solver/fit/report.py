@@ -38,12 +38,14 @@ MOST_PIXELS = 65_536
 def write_job_report(
     job: JobFolder, scene: Scene, settings: Settings, capture: Capture, photos: list[Photo],
     background: str, numbers: dict[str, float], progress: Callable[[float], None],
+    most_pixels: int = MOST_PIXELS,
 ) -> dict[str, str]:  # fmt: skip
     """Write the report; held-out views if the capture has a test split, else some of the photos.
 
     Args:
         background: what stands behind the object in the photos that were fitted.
         numbers: to be told besides.
+        most_pixels: of a view, at most.
     """
     held_out, warnings = False, warnings_of(job)
     chosen = evenly_taken(len(capture.cameras), VIEWS)
@@ -61,7 +63,7 @@ def write_job_report(
     rows, scores = [], []
     folder = job.result_dir / "report"
     for done, (camera, photo) in enumerate(zip(cameras, images, strict=True)):
-        camera = camera.no_larger(MOST_PIXELS)
+        camera = camera.no_larger(most_pixels)
         photo = resized(photo, camera.width, camera.height)
         near = camera.seen_from(scene.origin)
         view = render_view(scene, StepTables.seen_by(near, scene), render_settings, near)

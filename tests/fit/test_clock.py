@@ -5,17 +5,8 @@ import dataclasses
 import pytest
 
 from solver.fit import clock
-from solver.fit.clock import (
-    LEAST_STEPS_FROM_FOG,
-    FitClock,
-    finishing_seconds,
-    seconds_to_fit,
-    work_done,
-)
+from solver.fit.clock import LEAST_STEPS_FROM_FOG, FitClock, work_done
 from solver.fit.presets import DRAFT
-from solver.fit.reconstruct import too_few_steps
-from tests.capture.test_capture import camera
-from tests.render.scenes import ball
 
 
 class Time:
@@ -88,26 +79,6 @@ def test_a_resumed_fit_goes_on_where_it_was(time):
     assert watch.fraction(DRAFT.fit.steps // 2) == pytest.approx(0.75)
 
 
-def test_larger_textures_take_longer_to_finish():
-    scene = ball()
-    seconds = []
-    for size in (64, 4096):
-        asset = dataclasses.replace(DRAFT.asset, texture_size=size)
-        seconds.append(finishing_seconds(scene, dataclasses.replace(DRAFT, asset=asset)))
-    assert 0 < seconds[0] < seconds[1]
-
-
-def test_photos_without_masks_take_longer_to_finish():
-    scene, cameras = ball(), [camera()] * 50
-    assert finishing_seconds(scene, DRAFT, cameras) > 1.3 * finishing_seconds(scene, DRAFT)
-
-
-def test_a_limit_too_short_for_what_follows_still_leaves_the_fit_its_share():
-    assert seconds_to_fit(300, 290, 20, False) == 270
-    assert seconds_to_fit(60, 40, 90, False) == 0.2 * 60
-    assert seconds_to_fit(60, 40, 90, True) == 0.4 * 60
-
-
 def test_a_fog_gets_the_steps_it_needs_to_become_an_object_however_short_the_limit(time):
     fog, hull = (FitClock(DRAFT, 0.0, 10.0, fog) for fog in (True, False))
     time.now += 10
@@ -116,10 +87,3 @@ def test_a_fog_gets_the_steps_it_needs_to_become_an_object_however_short_the_lim
         fog.fraction(50) == 50 / LEAST_STEPS_FROM_FOG and fog.fraction(LEAST_STEPS_FROM_FOG) == 1.0
     )
     assert fog.seconds_left(50) == 0.0
-
-
-def test_fits_of_few_steps_are_told_and_those_from_a_fog_earlier():
-    assert too_few_steps(1000, 2800, fog=True) is None
-    assert too_few_steps(200, 2800, fog=False) is None
-    assert "200 of 2800 steps, too few for an object" in too_few_steps(200, 2800, fog=True)
-    assert "100 of 2800 steps; for a better" in too_few_steps(100, 2800, fog=False)

@@ -1,0 +1,153 @@
+"""What a time limit leaves: seconds for the fit; mesh, textures and report of a size to go with them."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+
+from ..capture.camera import Camera
+from ..job.events import clock
+from ..render.scene import Scene
+from .clock import LEAST_STEPS_FROM_FOG
+from .progress import Progress
+from .report import MOST_PIXELS, VIEWS
+from .settings import Settings
+from .trainer import Trainer
+
+# Mesh, textures and report take as long as this many lookups of the surface a texel, and that many
+# for what does not depend on the textures (measured: 18 s where a lookup takes 0.29 µs).
+_LOOKUPS_PER_TEXEL = 30.0
+_OTHER_LOOKUPS = 30_000_000
+# Without masks each pixel of the report shows something, and the surface is looked at from all photos
+# (measured on *fox*: 40 to 60 s with the rest, the more the longer the fit was).
+_LOOKUPS_PER_SHOWN_PIXEL, _LOOKUPS_PER_PHOTO = 800, 1_100_000
+# A light of which a floor is close by is looked up for its far twin (measured, 6 s).
+_LOOKUPS_OF_FLOOR = 20_000_000
+# A step of a fog, of draft's 1024 rays (measured: 0.3 s where a lookup takes 0.29 µs).
+_LOOKUPS_PER_FOG_STEP = 1_000_000
+_TRIAL = 30_000
+FINISHING = 0.3
+"""of a time limit that mesh, textures and report may take: with more, they get smaller"""
+_HURRIES = (1.0, 1.0), (0.5, 0.25), (0.5, 0.0625)
+_LEAST_TEXTURE = 256
+LEAST_FIT, LEAST_FIT_FROM_FOG = 0.2, 0.4
+"""share of a time limit that is the fit's at least"""
+FEWEST_RAYS = 0.5
+"""share of a step's rays that are left where a limit is short and a fit starts as a fog"""
+FEW_STEPS, FEW_STEPS_FROM_FOG = 0.05, 0.2
+"""share of a fit's steps below which a person is told; of fits that start as a fog, 7 % left a block and
+25 % an object (docs/decisions/0019)"""
+
+
+@dataclass(frozen=True)
+class Finish:
+    """What follows a fit, and how long it is estimated to take.
+
+    Attributes:
+        texture_size: texels per edge. report_pixels: of a view of the report, at most.
+        lookup: seconds that a lookup of the surface takes here.
+    """
+
+    texture_size: int
+    report_pixels: int
+    seconds: float
+    lookup: float
+
+    def is_less_than(self, settings: Settings) -> bool:
+        """True if it is hurried."""
+        return self.texture_size < settings.asset.texture_size or self.report_pixels < MOST_PIXELS
+
+
+def finish_within(
+    limit: float | None, scene: Scene, settings: Settings, cameras: Sequence[Camera] = ()
+) -> Finish:
+    """Mesh, textures and report as a time limit leaves room for them; a trial of lookups tells how long
+    they take.
+
+    Args:
+        limit: seconds for the whole job; None: there is none.
+        cameras: of the photos, where these have no masks.
+    """
+    lookup = _seconds_of_a_lookup(scene)
+    for shrink, fewer in _HURRIES:
+        size = max(round(settings.asset.texture_size * shrink), _LEAST_TEXTURE)
+        size, pixels = min(size, settings.asset.texture_size), round(MOST_PIXELS * fewer)
+        lookups = _LOOKUPS_PER_TEXEL * size**2 + _OTHER_LOOKUPS
+        shown = sum(min(c.width * c.height, pixels) for c in cameras[:VIEWS])
+        lookups += _LOOKUPS_PER_SHOWN_PIXEL * shown + _LOOKUPS_PER_PHOTO * len(cameras)
+        if scene.environment.floor is not None:
+            lookups += _LOOKUPS_OF_FLOOR
+        finish = Finish(size, pixels, lookups * lookup, lookup)
+        if limit is None or finish.seconds <= FINISHING * limit:
+            break
+    return finish
+
+
+def _seconds_of_a_lookup(scene: Scene) -> float:
+    generator = torch.Generator().manual_seed(0)
+    points = torch.rand(_TRIAL, 3, generator=generator).to(scene.device) * 2 - 1
+    points = scene.field.centre + scene.field.half_size * points
+    best = math.inf
+    with torch.no_grad():
+        factors = scene.normal_tables()
+        for _ in range(3):
+            started = time.monotonic()
+            float(scene.surface(points, None, factors).normals.sum())
+            best = min(best, time.monotonic() - started)
+    return best / _TRIAL
+
+
+def seconds_to_fit(limit: float, left: float, finishing: float, fog: bool) -> float:
+    """Seconds of a job's time limit that go to the fit.
+
+    What follows it cannot be shortened, so a limit may be too short for both. Then it is not kept, rather
+    than that nothing comes of it: there is a least share for the fit, the more where a fog must become
+    an object first.
+
+    Args:
+        limit: seconds for all. left: of those. finishing: what follows is estimated to take.
+        fog: the fit starts as one.
+    """
+    return max(left - finishing, (LEAST_FIT_FROM_FOG if fog else LEAST_FIT) * limit)
+
+
+def seconds_from_fog(lookup: float) -> float:
+    """Seconds until a fog may have become an object, where a lookup takes so many."""
+    return LEAST_STEPS_FROM_FOG * _LOOKUPS_PER_FOG_STEP * lookup
+
+
+def limit_of_fit(
+    whole: float, left: float, finish: Finish, trainer: Trainer, progress: Progress
+) -> float:
+    """Seconds for the fit, of those `left` of the `whole` limit; a step takes fewer rays where a fog would
+    need more to become an object."""
+    limit = seconds_to_fit(whole, left, finish.seconds, trainer.fog)
+    longer = limit
+    if trainer.fog:
+        needed = seconds_from_fog(finish.lookup)
+        trainer.batching.share = min(1.0, max(limit / needed, FEWEST_RAYS))
+        longer = max(limit, trainer.batching.share * needed)
+    if longer > left - finish.seconds:
+        progress.warning(
+            f"a time limit of {clock(whole)} is too short for a fit with mesh and textures; it will take "
+            f"about {clock(whole - left + longer + finish.seconds)}"
+        )
+    return limit
+
+
+def too_few_steps(done: int, planned: int, fog: bool) -> str | None:
+    """What to tell of a fit that had time for few of its steps; None: it had enough.
+
+    Args:
+        fog: it started as one (see `Trainer`).
+    """
+    told = f"there was time for {done} of {planned} steps"
+    if fog and done < FEW_STEPS_FROM_FOG * planned:
+        return (
+            f"{told}, too few for an object to form without masks; give it more time, or add masks"
+        )
+    return f"{told}; for a better result, give it more" if done < FEW_STEPS * planned else None

@@ -1,0 +1,100 @@
+"""What a time limit leaves for the fit, mesh, textures and report."""
+
+import dataclasses
+from types import SimpleNamespace
+
+import pytest
+
+from solver.fit.batching import Batching
+from solver.fit.presets import DRAFT
+from solver.fit.time_limit import (
+    Finish,
+    finish_within,
+    limit_of_fit,
+    seconds_from_fog,
+    seconds_to_fit,
+    too_few_steps,
+)
+from tests.capture.test_capture import camera
+from tests.fit.test_standing import Heard
+from tests.render.scenes import ball
+
+LOOKUP = 2.5e-7
+
+
+def limited(left, seconds, fog):
+    """The fit's seconds, its share of rays and what was told, of a limit of 100 s."""
+    heard = Heard()
+    trainer = SimpleNamespace(fog=fog, batching=Batching(DRAFT.fit, 0))
+    limit = limit_of_fit(100, left, Finish(512, 100, seconds, LOOKUP), trainer, heard)
+    return limit, trainer.batching.share, heard.warnings
+
+
+def test_a_limit_with_room_for_all_gives_the_fit_what_is_left_and_all_its_rays():
+    assert limited(95, 10, False) == (85, 1.0, [])
+    assert limited(95, 10, True) == (85, 1.0, [])
+
+
+def test_a_fog_gets_by_with_fewer_rays_where_there_is_no_time_for_its_steps():
+    assert seconds_from_fog(LOOKUP) == pytest.approx(50)
+    assert limited(60, 20, True) == (40, pytest.approx(0.8), [])
+    assert limited(60, 20, False) == (40, 1.0, [])
+    limit, share, warnings = limited(10, 5, True)
+    assert (limit, share) == (40, 0.8) and len(warnings) == 1
+
+
+def test_what_will_take_longer_is_told_with_how_long():
+    _, _, warnings = limited(30, 20, False)
+    assert "1:40 is too short" in warnings[0] and "about 1:50" in warnings[0]
+    assert len(limited(30, 20, True)[2]) == 1
+
+
+def test_chunks_of_fewer_rays_are_as_many():
+    batching = Batching(DRAFT.fit, 0)
+    whole = batching.chunks()
+    batching.share = 0.5
+    assert len(batching.chunks()) == len(whole)
+    assert sum(batching.chunks()) == sum(whole) // 2
+
+
+def test_larger_textures_take_longer_to_finish():
+    scene = ball()
+    seconds = []
+    for size in (64, 4096):
+        asset = dataclasses.replace(DRAFT.asset, texture_size=size)
+        settings = dataclasses.replace(DRAFT, asset=asset)
+        seconds.append(finish_within(None, scene, settings).seconds)
+    assert 0 < seconds[0] < seconds[1]
+
+
+def test_a_short_limit_makes_textures_and_the_reports_pictures_small_but_never_larger():
+    scene, cameras = ball(), [camera()] * 50
+    free = finish_within(None, scene, DRAFT, cameras)
+    assert (free.texture_size, free.is_less_than(DRAFT)) == (DRAFT.asset.texture_size, False)
+    ample = finish_within(100 * free.seconds, scene, DRAFT, cameras)
+    assert not ample.is_less_than(DRAFT)
+    short = finish_within(1e-3, scene, DRAFT, cameras)
+    assert short.is_less_than(DRAFT) and short.texture_size == DRAFT.asset.texture_size // 2
+    assert short.seconds < 0.9 * free.seconds
+    asset = dataclasses.replace(DRAFT.asset, texture_size=64)
+    tiny = dataclasses.replace(DRAFT, asset=asset)
+    assert finish_within(1e-3, scene, tiny, cameras).texture_size == 64
+
+
+def test_photos_without_masks_take_longer_to_finish():
+    scene, cameras = ball(), [camera()] * 50
+    with_cameras = finish_within(None, scene, DRAFT, cameras)
+    assert with_cameras.seconds > 1.3 * finish_within(None, scene, DRAFT).seconds
+
+
+def test_a_limit_too_short_for_what_follows_still_leaves_the_fit_its_share():
+    assert seconds_to_fit(300, 290, 20, False) == 270
+    assert seconds_to_fit(60, 40, 90, False) == 0.2 * 60
+    assert seconds_to_fit(60, 40, 90, True) == 0.4 * 60
+
+
+def test_fits_of_few_steps_are_told_and_those_from_a_fog_earlier():
+    assert too_few_steps(1000, 2800, fog=True) is None
+    assert too_few_steps(200, 2800, fog=False) is None
+    assert "200 of 2800 steps, too few for an object" in too_few_steps(200, 2800, fog=True)
+    assert "100 of 2800 steps; for a better" in too_few_steps(100, 2800, fog=False)
