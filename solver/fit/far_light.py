@@ -6,18 +6,32 @@ white, where a photo is saturated. It is the first light, and the light is held 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import torch
 import torch.nn.functional as F
 
 from ..capture.panorama import Panorama
 from ..capture.photos import srgb_to_linear
 from ..light.environment import EnvironmentMap, equirect_coordinates
+from ..light.floor import Floor
 from ..render.random_numbers import RandomNumbers
 from ..render.scene import Scene, StepTables
 from .light_start import HEIGHT, whole_light
 from .losses import LEAST_LIGHT, SATURATED, light_difference, random_directions
 
 ROWS = 256
+
+
+class SeenLight(NamedTuple):
+    """What photos show of the light of their object, as far as they do."""
+
+    held: Panorama | None = None  # to which the light is held: what is far, or the floor
+    first: Panorama | None = None  # what it begins as, where that is not what it is held to
+    floor: Floor | None = None  # what of it is close by, world
+
+
+NOTHING_SEEN = SeenLight()
 
 
 class FarLight:

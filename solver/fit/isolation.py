@@ -13,7 +13,7 @@ import numpy as np
 from ..capture.agreement import another_convention
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
-from ..capture.panorama import Panorama, panorama_of
+from ..capture.panorama import panorama_of
 from ..capture.photo_matches import LONGEST
 from ..capture.photos import Photo
 from ..capture.triangulate import Triangulated
@@ -25,7 +25,7 @@ from ..light.floor import Floor
 from .before_far import cut_out_before_far
 from .cut_out import backdrop_behind, cut_out
 from .cut_out_standing import before_support, find_on_support, floor_below
-from .far_light import ROWS
+from .far_light import NOTHING_SEEN, ROWS, SeenLight
 from .panorama_file import write_panorama
 from .photo_alpha import levels_of
 from .point_start import found_in_photos
@@ -49,9 +49,7 @@ class Isolated(NamedTuple):
 
     capture: Capture  # with sparse points, where a fit without masks begins with those
     photos: list[Photo]
-    panorama: Panorama | None = None  # what photos show of its light: what is far, or the floor
-    first_light: Panorama | None = None  # what is around it, about, where that is not far
-    floor: Floor | None = None  # what of that is close by, world
+    light: SeenLight = NOTHING_SEEN
 
 
 class _NoTime(Exception):
@@ -72,7 +70,7 @@ def isolated(
         CaptureError: the cameras' poses have another convention. JobError: the job goes on, but its masks
             are gone.
     """
-    request, began, panorama, backdrop = job.request, time.monotonic(), None, None
+    request, began, light, backdrop = job.request, time.monotonic(), NOTHING_SEEN, None
     region, limit = region_of(request), request.time_limit or math.inf
     may = settings.fit.use_masks and settings.fit.cut_out
     standing = may and settings.fit.cut_out_standing
@@ -83,8 +81,8 @@ def isolated(
         if settings.fit.cut_out_before_far:
             before = cut_out_before_far(capture, photos, region, lambda done: told(FAR * done))
             if before is not None:
-                photos, panorama = before
-                write_panorama(job.surroundings_path, panorama)
+                photos, light = before.photos, SeenLight(before.panorama)
+                write_panorama(job.surroundings_path, before.panorama)
         backdrop = backdrop_behind(photos)
         if backdrop is not None:
             progress.warning(
@@ -92,7 +90,7 @@ def isolated(
                 "masks cannot be made of it; add some"
             )
     if resumed or not starts_from_points(photos, settings):
-        return Isolated(capture, photos, panorama)
+        return Isolated(capture, photos, light)
 
     def finding_points(done: float) -> None:
         told(FAR + (POINTS - FAR) * done)
@@ -178,7 +176,7 @@ def _isolated_by(
     held = None
     if floor is not None:
         held = around.smaller(ROWS).filled_where(lambda towards: floor.places(towards)[1])
-    return Isolated(capture, cut, held, around, floor)
+    return Isolated(capture, cut, SeenLight(held, around, floor))
 
 
 def _as_they_were(

@@ -102,7 +102,7 @@ def run_job(
     capture, photos = start.capture, start.photos
     if state is not None:
         scene, state, tensors = checkpoint.load_scene(job.checkpoint_dir, device)
-        trainer = trainer_for(scene, capture, photos, settings, request.seed, start.panorama)
+        trainer = trainer_for(scene, capture, photos, settings, request.seed, start.light.held)
         checkpoint.restore(trainer, state, tensors)
     else:
         trainer = _at_start(request, settings, start, region, device, progress, told)
@@ -176,8 +176,7 @@ def _at_start(
     """A trainer at the start of a fit."""
     trainer = new_trainer(
         start.capture, start.photos, settings, request.seed, region, device,
-        lambda done: told(FINDING_SHARE + (1 - FINDING_SHARE) * done), start.panorama, start.first_light,
-        start.floor,
+        lambda done: told(FINDING_SHARE + (1 - FINDING_SHARE) * done), start.light,
     )  # fmt: skip
     if trainer.scene.turntable is not None and settings.light.turntable == "auto":
         progress.warning(

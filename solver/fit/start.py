@@ -23,13 +23,12 @@ from ..field.field import MicrofacetField
 from ..field.room import EXTENT, Room, expand
 from ..job.folder import JobFolder
 from ..light.environment import EnvironmentMap
-from ..light.floor import Floor
 from ..render.scene import Scene
 from .checkpoint import load_scene
 from .chunk import SURROUNDED
 from .cut_out import backdrop_behind
 from .errors import SettingsError
-from .far_light import FarLight
+from .far_light import NOTHING_SEEN, FarLight, SeenLight
 from .hollows import carve_hollows
 from .point_start import start_from_points
 from .ray_bank import RayBank
@@ -86,7 +85,7 @@ class Region:
 def new_trainer(
     capture: Capture, photos: list[Photo], settings: Settings, seed: int,
     region: np.ndarray | None, device: str, progress: Callable[[float], None],
-    panorama: Panorama | None = None, first_light: Panorama | None = None, floor: Floor | None = None,
+    light: SeenLight = NOTHING_SEEN,
 ) -> Trainer:  # fmt: skip
     """A trainer at its start; its settings are those given, but for the grid's sizes if there are no masks.
 
@@ -96,10 +95,7 @@ def new_trainer(
 
     Args:
         region: [2, 3] world box given by the person, or None.
-        panorama: what photos show of the light, if they do: it is held to that. Without `first_light` it is
-            the first light, too.
-        first_light: what is around the object, about, where that is not far.
-        floor: what of the light is close by, world.
+        light: what photos show of it.
 
     Raises:
         CaptureError: the photos' masks have nothing in common.
@@ -140,8 +136,8 @@ def new_trainer(
     if near.points is not None and starts_from_points(photos, settings):
         start_from_points(field, room, near.points, shape.points_density)
     environment = EnvironmentMap(settings.light.heights[0], settings.light.initial)
-    if floor is not None and turntable is None:
-        environment.floor = floor.counted_from(origin)
+    if light.floor is not None and turntable is None:
+        environment.floor = light.floor.counted_from(origin)
     neural = NeuralTerm(shape.feature_size)
     scene = Scene(field, environment, neural, shape.occupancy_cells, room, origin, turntable)
     scene = scene.to(device)
@@ -153,9 +149,9 @@ def new_trainer(
         scene.occupancy.allow_only(torch.from_numpy(allowed), 0)
     if settings.fit.decoder:
         take_decoder(scene, Path(settings.fit.decoder), device)
-    trainer = trainer_for(scene, capture, photos, settings, seed, panorama)
-    if first_light is not None and turntable is None:
-        around = FarLight(first_light, scene.device)
+    trainer = trainer_for(scene, capture, photos, settings, seed, light.held)
+    if light.first is not None and turntable is None:
+        around = FarLight(light.first, scene.device)
         trainer.begin_light(around.begin(environment.height, settings.light.initial))
     elif trainer.far is not None:
         trainer.begin_light(trainer.far.begin(environment.height, settings.light.initial))
@@ -219,12 +215,12 @@ def starts_from_points(photos: list[Photo], settings: Settings) -> bool:
 
 def trainer_for(
     scene: Scene, capture: Capture, photos: list[Photo], settings: Settings, seed: int,
-    panorama: Panorama | None = None,
+    held: Panorama | None = None,
 ) -> Trainer:  # fmt: skip
     """A trainer of a given scene on a capture's photos.
 
     Args:
-        panorama: what photos show of the light, if they do.
+        held: what photos show of the light, if they do: it is held to that.
     """
     use_masks = uses_masks(photos, settings)
     cameras = [camera.seen_from(scene.origin) for camera in capture.cameras]
@@ -241,8 +237,8 @@ def trainer_for(
     if scene.turntable is not None:
         turns = torch.stack([scene.turn_for(camera) for camera in cameras])
     far = None
-    if panorama is not None and scene.turntable is None:
-        far = FarLight(panorama, scene.device)
+    if held is not None and scene.turntable is None:
+        far = FarLight(held, scene.device)
     return Trainer(
         scene, bank, settings, seed, use_masks, background, bool(settings.fit.decoder), fog, opened,
         turns, far,

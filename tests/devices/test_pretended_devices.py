@@ -12,6 +12,7 @@ import torch
 from solver.asset.far_light import light_from_afar
 from solver.asset.files import write_png
 from solver.capture.panorama import Panorama
+from solver.fit.far_light import SeenLight
 from solver.fit.presets import settings_for
 from solver.fit.preview import over_plain
 from solver.fit.reconstruct import run_job
@@ -100,10 +101,11 @@ def test_a_fit_lit_by_a_floor_and_its_far_light_mix_nothing_with_the_processor(d
     capture, photos = ball_capture()
     shown = Panorama(np.full((256, 512, 3), 0.4, np.float32), np.ones((256, 512), bool))
     floor = Floor((0.0, 0.0, 1.0), -0.5, (0.0, 0.0, 0.1))
+    light = SeenLight(shown, shown, floor)
     settings = settings_for("draft", SMALL)
     with pretended(device, with_warp):
         trainer = new_trainer(
-            capture, photos, settings, 0, None, device, lambda fraction: None, shown, shown, floor
+            capture, photos, settings, 0, None, device, lambda fraction: None, light
         )
         losses = [trainer.advance(step / STEPS)["image"] for step in range(STEPS)]
         light = light_from_afar(trainer.scene, list(capture.cameras)).image()

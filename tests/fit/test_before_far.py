@@ -12,7 +12,7 @@ from solver.capture.photos import linear_to_srgb, load_photos, srgb_to_linear
 from solver.capture.read import read_capture
 from solver.fit.before_far import before_panorama, cut_out_before_far
 from solver.fit.cut_out import photos_as_fitted
-from solver.fit.far_light import FarLight
+from solver.fit.far_light import FarLight, SeenLight
 from solver.fit.losses import SATURATED
 from solver.fit.panorama_file import read_panorama, write_panorama
 from solver.fit.ray_bank import RayBank
@@ -112,7 +112,7 @@ def linear_far(height):
 def test_the_first_light_is_what_photos_show(scene):
     capture, _, _, found = scene
     trainer = new_trainer(
-        capture, found.photos, SMALL, 0, None, "cpu", lambda done: None, found.panorama
+        capture, found.photos, SMALL, 0, None, "cpu", lambda done: None, SeenLight(found.panorama)
     )
     light = trainer.scene.environment.image()
     error = np.abs(light - linear_far(len(light)))
@@ -152,7 +152,14 @@ def test_the_light_is_held_to_what_is_known_but_may_be_brighter_where_that_is_wh
 
     def difference(panorama, level):
         trainer = new_trainer(
-            capture, found.photos, SMALL, 0, None, "cpu", lambda done: None, found.panorama
+            capture,
+            found.photos,
+            SMALL,
+            0,
+            None,
+            "cpu",
+            lambda done: None,
+            SeenLight(found.panorama),
         )
         with torch.no_grad():
             trainer.scene.environment.log_radiance.fill_(float(np.log(level)))
