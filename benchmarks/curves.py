@@ -25,8 +25,9 @@ import numpy as np  # noqa: E402
 
 from benchmarks.machine import describe_machine  # noqa: E402
 from benchmarks.plots import line_charts  # noqa: E402
-from solver.capture.photos import load_photos, read_exr  # noqa: E402
+from solver.capture.photos import load_photos  # noqa: E402
 from solver.capture.read import read_capture  # noqa: E402
+from solver.fit.evaluate import true_normals  # noqa: E402
 from solver.fit.presets import settings_for  # noqa: E402
 from solver.fit.preview import display, over_plain  # noqa: E402
 from solver.fit.schedule import picture_settings  # noqa: E402
@@ -83,9 +84,9 @@ def score(trainer: Trainer, scene: Path) -> dict[str, float]:
         camera, photo = test.cameras[index], photos[index]
         view = render_view(trainer.scene, tables, settings, camera)
         values.append(psnr(display(view), over_plain(photo.pixels)))
-        truth = camera.image_path.with_name(camera.image_path.stem + "_normal.exr")
-        if truth.is_file():
-            angles.append(normal_mae(view.normal, read_exr(truth)[0], photo.pixels[..., 3]))
+        truth = true_normals(camera)
+        if truth is not None:
+            angles.append(normal_mae(view.normal, truth, photo.pixels[..., 3]))
     result = {"psnr": float(np.mean(values))}
     return result | ({"normal_mae": float(np.mean(angles))} if angles else {})
 

@@ -1,9 +1,9 @@
 """`solver evaluate`: a fitted scene against held-out photos and whatever truth lies beside them.
 
-Beside a photo NAME.png: NAME_normal.exr (world space), NAME_albedo (base colour; sRGB as .png, linear
-as .exr), NAME_roughness and NAME_metallic (linear, .png or .exr), NAME_hdr.exr (linear radiance,
-premultiplied). Beside the camera file: env.exr, the true light; and folders relight_X, the same object
-under another light, which is relight_X/env.exr or relight_X.exr. Their photos are those of
+Beside a photo NAME.png: NAME_normal (world space, .exr or .png), NAME_albedo (base colour; sRGB as
+.png, linear as .exr), NAME_roughness and NAME_metallic (linear, .png or .exr), NAME_hdr.exr (linear
+radiance, premultiplied). Beside the camera file: env.exr, the true light; and folders relight_X, the
+same object under another light, which is relight_X/env.exr or relight_X.exr. Their photos are those of
 transforms_relight_X.json, else those that bear the names of this camera file's.
 """
 
@@ -20,6 +20,7 @@ from .. import __version__
 from ..brdf.microfacet import DIELECTRIC_F0
 from ..capture.camera import Camera
 from ..capture.capture import Capture
+from ..capture.decoding import decode, no_colours
 from ..capture.photos import (
     Photo,
     load_photos,
@@ -118,13 +119,34 @@ def image_scores(prediction: np.ndarray, truth: np.ndarray) -> dict[str, float]:
     return {name: value for name, value in scores.items() if value is not None}
 
 
-def _normal_scores(camera: Camera, view: RenderedView, photo: Photo) -> dict[str, float]:
+def true_normals(camera: Camera) -> np.ndarray | None:
+    """World normals [H, W, 3] that lie beside a camera's photo, of any length; None if there are none.
+
+    NAME_normal.exr has them as they are, or as (n + 1)/2: then nothing is negative. NAME_normal.png has
+    128 for 0 in 8 bits, as Shiny Blender's (Verbin et al. 2022, doi:10.1109/CVPR52688.2022.00541), and
+    32768 in 16.
+
+    Raises:
+        CaptureError: it cannot be read.
+    """
     path = _beside(camera, "_normal.exr")
+    if path.is_file():
+        values = read_exr(path)[0]
+        return values if (values < -1e-3).any() else values * 2 - 1
+    path = path.with_suffix(".png")
     if not path.is_file():
+        return None
+    decoded = decode(path)
+    if decoded.pixels.shape[2] < 3:
+        raise no_colours(path, decoded)
+    half = (decoded.largest + 1) // 2
+    return (decoded.pixels[..., :3].astype(np.float32) - half) / (half - 1)
+
+
+def _normal_scores(camera: Camera, view: RenderedView, photo: Photo) -> dict[str, float]:
+    truth = true_normals(camera)
+    if truth is None:
         return {}
-    values = read_exr(path)[0]
-    # As they are, or coded as (n + 1)/2: then nothing is negative.
-    truth = values if (values < -1e-3).any() else values * 2 - 1
     alpha = photo.pixels[..., 3]
     scores = {
         "normal_mae": normal_mae(view.normal, truth, alpha),

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from solver.fit.evaluate import MaterialScores, image_scores
+from solver.asset.files import write_exr, write_fine_png, write_png
+from solver.capture.errors import CaptureError
+from solver.fit.evaluate import MaterialScores, image_scores, true_normals
 from solver.fit.preview import over_plain
 
 
@@ -51,3 +53,26 @@ def test_the_prediction_alone_is_rounded_to_eight_bits():
     step = 0.5 / 255
     assert image_scores(one, one)["psnr"] == pytest.approx(-20 * np.log10(step))
     assert image_scores(one + 0.4 * step, one)["psnr"] == image_scores(one + step, one)["psnr"]
+
+
+def test_true_normals_are_the_same_from_every_file_they_may_lie_in(tmp_path):
+    normals = np.random.default_rng(0).normal(size=(5, 7, 3)).astype(np.float32)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    camera = SimpleNamespace(name="a", image_path=tmp_path / "a.png")
+    assert true_normals(camera) is None
+    for bits, kind in ((8, np.uint8), (16, np.uint16)):
+        half = 2 ** (bits - 1)
+        coded = np.round(normals * (half - 1) + half).astype(kind)
+        (write_png if bits == 8 else write_fine_png)(
+            tmp_path / "a_normal.png", coded / (2**bits - 1)
+        )
+        np.testing.assert_allclose(true_normals(camera), normals, atol=0.51 / (half - 1))
+    for stored in (normals, normals * 0.5 + 0.5):
+        write_exr(tmp_path / "a_normal.exr", {"RGB": stored})
+        np.testing.assert_allclose(true_normals(camera), normals, atol=2e-3)
+
+
+def test_a_grey_picture_of_normals_is_refused(tmp_path):
+    Image.fromarray(np.zeros((4, 4), np.uint8)).save(tmp_path / "a_normal.png")
+    with pytest.raises(CaptureError, match=r"a_normal\.png"):
+        true_normals(SimpleNamespace(name="a", image_path=tmp_path / "a.png"))
