@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from .camera import Camera
-from .frames import invert_pose, pose_opencv_from_opengl, pose_opengl_from_opencv
+from .frames import invert_pose, pose_opencv_from_opengl, pose_opengl_from_opencv, unit
 from .photo_matches import LONGEST, PairMatches
 
 FEWEST_MATCHES = 15
@@ -24,8 +24,9 @@ def epipolar_errors(cameras: list[Camera], pairs: list[PairMatches]) -> np.ndarr
     """Pixels [P] by which what two photos both show would have to move, in both together, to lie where
     their cameras say; the median of each pair that has enough matches and sees from two places.
 
-    It is Sampson's distance (Hartley and Zisserman, Multiple View Geometry, §11.4.3): how far away things
-    are is open, so only what is beside the epipolar line counts.
+    It is Sampson's distance (Hartley and Zisserman, Multiple View Geometry, §11.4.3) of directions, as
+    pixels in the middle of the picture, so it is the same all over a fisheye's. How far away things are is
+    open: only what is beside the plane through both cameras counts.
     """
     to_camera = [invert_pose(pose_opencv_from_opengl(c.camera_to_world)) for c in cameras]
     positions = np.stack([camera.position for camera in cameras])
@@ -38,10 +39,10 @@ def epipolar_errors(cameras: list[Camera], pairs: list[PairMatches]) -> np.ndarr
         turn = to_camera[pair.second] @ invert_pose(to_camera[pair.first])
         x, y, z = turn[:3, 3]
         essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ turn[:3, :3]
-        first, second = pair.seen
-        lines, lines_back = first @ essential.T, second @ essential
-        beside = np.abs((second * lines).sum(1))
-        slope = np.sqrt((lines[:, :2] ** 2).sum(1) + (lines_back[:, :2] ** 2).sum(1))
+        first, second = unit(pair.seen)
+        planes, planes_back = first @ essential.T, second @ essential
+        beside = np.abs((second * planes).sum(1))
+        slope = np.sqrt((planes**2).sum(1) + (planes_back**2).sum(1))
         errors.append(pair.focal * np.median(beside / np.maximum(slope, 1e-30)))
     return np.array(errors)
 

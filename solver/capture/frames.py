@@ -84,9 +84,9 @@ def equirect_from_direction(directions: np.ndarray) -> np.ndarray:
     return np.stack([u, v], axis=-1)
 
 
-def unit(vector: np.ndarray) -> np.ndarray:
-    """A vector [3] as long as one."""
-    return vector / np.linalg.norm(vector)
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors [..., 3] as long as one."""
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
 def texel_directions(height: int, width: int) -> np.ndarray:
