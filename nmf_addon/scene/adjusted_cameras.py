@@ -8,13 +8,13 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ...solver.capture.camera import Camera
+from ...solver.capture.camera import Camera, positions_of
 from ...solver.capture.errors import CaptureError
 from ...solver.job.folder import JobError, JobFolder
 from ...solver.job.inputs import moved_cameras
 from .cameras import photo_of, photo_path, to_solver
 from .capture_collection import photo_cameras, to_capture_space
-from .job_capture import file_placement
+from .job_capture import from_file
 
 STILL_THERE = 1e-3
 """difference of a matrix, over the capture's size, up to which a camera stands where the job saw it"""
@@ -33,13 +33,13 @@ def adjust_cameras(job: JobFolder, collection: bpy.types.Collection) -> int:
     if source is None:
         return 0
     bpy.context.view_layer.update()
-    placement = file_placement(collection, source, np.zeros(3)) or Matrix.Identity(4)
-    to_space = np.array(placement, dtype=np.float64)
+    to_space = from_file(collection, source)
+    to_space = np.eye(4) if to_space is None else to_space
     pairs = {
         given.image_path.resolve(): (given.placed(to_space), found.placed(to_space))
         for given, found in moved
     }
-    positions = np.stack([given.position for given, _ in pairs.values()])
+    positions = positions_of(given for given, _ in pairs.values())
     size = np.linalg.norm(positions - positions.mean(0), axis=1).max()
     to_capture = to_capture_space(collection)
     count = 0

@@ -60,10 +60,17 @@ def file_placement(
 
     None if the collection was not imported from the file (or folder) `capture`.
     """
+    matrix = from_file(collection, capture)
+    return None if matrix is None else Matrix(counted_from(matrix, origin))
+
+
+def from_file(collection: bpy.types.Collection, capture: Path) -> np.ndarray | None:
+    """From coordinates of the capture's file to capture space, [4, 4] in double precision; None as
+    `file_placement`."""
     root = root_of(collection)
     if root is None or FILE_TO_CAPTURE not in root or not _is_imported_from(collection, capture):
         return None
-    return Matrix(counted_from(np.reshape(root[FILE_TO_CAPTURE], (4, 4)), origin))
+    return np.reshape(root[FILE_TO_CAPTURE], (4, 4)).astype(np.float64)
 
 
 def _is_imported_from(collection: bpy.types.Collection, capture: Path) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .camera import Camera
+from .camera import Camera, positions_of
 from .frames import invert_pose, pose_opencv_from_opengl, pose_opengl_from_opencv, unit
 from .photo_matches import LONGEST, PairMatches
 
@@ -29,7 +29,7 @@ def epipolar_errors(cameras: list[Camera], pairs: list[PairMatches]) -> np.ndarr
     open: only what is beside the plane through both cameras counts.
     """
     to_camera = [invert_pose(pose_opencv_from_opengl(c.camera_to_world)) for c in cameras]
-    positions = np.stack([camera.position for camera in cameras])
+    positions = positions_of(cameras)
     spread = np.linalg.norm(positions - positions.mean(0), axis=1).max()
     errors = []
     for pair in pairs:

@@ -5,6 +5,7 @@ World, camera axes and pixels are as `frames` has them.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import numpy as np
 from .frames import opencv_from_opengl, opengl_from_opencv, scale_and_rotation
 from .lenses import LENSES, distort, undistort
 
-__all__ = ["LENSES", "Camera"]
+__all__ = ["LENSES", "Camera", "positions_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,3 +143,8 @@ class Camera:
         x = (np.asarray(columns, dtype=np.float64) - self.cx) / self.fx
         y = (np.asarray(rows, dtype=np.float64) - self.cy) / self.fy
         return undistort(self.lens, tuple(self.distortion), x, y)
+
+
+def positions_of(cameras: Iterable[Camera]) -> np.ndarray:
+    """World positions [N, 3] of cameras."""
+    return np.stack([camera.position for camera in cameras])

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .camera import Camera
+from .camera import Camera, positions_of
 from .image_header import may_have_alpha
 
 
@@ -83,7 +83,7 @@ def evenly_taken(count: int, most: int) -> np.ndarray:
 
 def cube_seen_by(cameras: list[Camera]) -> np.ndarray:
     """World cube [2, 3] as big as the views of cameras, around what they look at (see `region_seen_by`)."""
-    positions = np.stack([camera.position for camera in cameras])
+    positions = positions_of(cameras)
     axes = np.stack([camera.view_direction for camera in cameras])
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     system = across.sum(0) + 1e-6 * len(cameras) * np.eye(3)

@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image
 
 from ..threads import usable_cores
-from .camera import Camera
+from .camera import Camera, positions_of
 from .colour import linear_to_srgb
 from .frames import invert_pose, opencv_from_opengl, pose_opencv_from_opengl
 from .photos import Photo
@@ -67,7 +67,7 @@ def grey_of(colour: np.ndarray) -> np.ndarray:
 
 def neighbours(cameras: list[Camera], most: int = NEIGHBOURS) -> list[tuple[int, int]]:
     """Pairs (i < j) of cameras that look alike from nearby, up to about `most` each."""
-    positions = np.stack([camera.position for camera in cameras])
+    positions = positions_of(cameras)
     axes = np.stack([camera.view_direction for camera in cameras])
     pairs = set()
     for index, (position, axis) in enumerate(zip(positions, axes, strict=True)):

@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from ..threads import usable_cores
 from .agreement import disagreement
-from .camera import Camera
+from .camera import Camera, positions_of
 from .frames import invert_pose, pose_opengl_from_opencv
 from .photo_matches import DATABASE, Features, PairMatches, image_of, posed_model
 
@@ -116,26 +117,21 @@ def _adjusted(colmap: Any, model: Any, cameras: list[Camera]) -> list[Camera] | 
         moved[index] = replace(cameras[index], camera_to_world=pose)
     # Photos know no world: it stays where it was, as does its scale.
     back, _, _ = trimesh.registration.procrustes(
-        _positions(moved)[indices], _positions(cameras)[indices], reflection=False
+        positions_of(moved)[indices], positions_of(cameras)[indices], reflection=False
     )
     for index in indices:
         moved[index] = moved[index].placed(back)
     return moved
 
 
-def _positions(cameras: list[Camera]) -> np.ndarray:
-    return np.stack([camera.position for camera in cameras])
-
-
 def _may_be(given: list[Camera], found: list[Camera]) -> bool:
     """True if cameras were moved by no more than what may have been measured wrongly."""
-    to, at = _positions(found), _positions(given)
+    to, at = positions_of(found), positions_of(given)
     spread = np.linalg.norm(at - at.mean(0), axis=1).mean()
     moved = np.median(np.linalg.norm(to - at, axis=1))
-    turned = np.median([_turn(a, b) for a, b in zip(given, found, strict=True)])
+    turns = [
+        Rotation.from_matrix(g.camera_to_world[:3, :3].T @ f.camera_to_world[:3, :3])
+        for g, f in zip(given, found, strict=True)
+    ]
+    turned = np.median([turn.magnitude() for turn in turns])
     return bool(moved < MOST_MOVED * spread and turned < MOST_TURNED)
-
-
-def _turn(first: Camera, second: Camera) -> float:
-    turn = first.camera_to_world[:3, :3].T @ second.camera_to_world[:3, :3]
-    return float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .camera import Camera
+from .camera import Camera, positions_of
 from .capture import Capture
 from .errors import CaptureError
 from .frames import texel_directions, unit
@@ -49,7 +49,7 @@ def estimate_up(cameras: list[Camera]) -> np.ndarray:
     pictures = np.stack([_right_and_up(camera) for camera in cameras])
     across, upward = pictures[:, 0], pictures[:, 1]
     forward = np.stack([camera.view_direction for camera in cameras])
-    positions = np.stack([camera.position for camera in cameras])
+    positions = positions_of(cameras)
     some = slice(None, None, -(-len(cameras) // CAMERAS))
     guesses = texel_directions(ROWS, 2 * ROWS).reshape(-1, 3)
     judged = _unlikely(guesses, across[some], upward[some], forward[some], positions[some])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.spatial
 
-from ..capture.camera import Camera
+from ..capture.camera import Camera, positions_of
 
 SHARE, FEWEST = 0.1, 3
 """of the cameras, and how many at least, that must look at what can be told from photos"""
@@ -43,7 +43,7 @@ def looked_at_most(cameras: list[Camera], region: np.ndarray, cells: int) -> np.
 def nearest_distance(cameras: list[Camera], centre: np.ndarray, share: float = 0.15) -> float:
     """Distance from a camera within which nothing is, world units: a share of the median distance
     from `centre` [3]. What hangs before a lens explains any photo."""
-    positions = np.stack([camera.position for camera in cameras])
+    positions = positions_of(cameras)
     return float(share * np.median(np.linalg.norm(positions - centre, axis=1)))
 
 
