@@ -58,18 +58,16 @@ def triangulated(
 
 def refined(
     colmap: Any, folder: Path, cameras: list[Camera], features: list[Features],
-    pairs: list[PairMatches], enlarged: float = 1.0,
+    pairs: list[PairMatches],
 ) -> list[Camera] | None:  # fmt: skip
     """Cameras in the same world that fit their photos better; None: they fit, or nothing better is found.
 
     Args:
         folder: with the database of `photo_matches.matched`.
         features, pairs: of it.
-        enlarged: how much larger the pictures are, in which features were sought, than the photos.
     """
     given = disagreement(cameras, pairs)
-    tolerated = TOLERATED * max(1.0, enlarged / 2)
-    if given is None or given < tolerated:
+    if given is None or given < TOLERATED:
         return None
     found = cameras
     for most_pixels in rounds_for(given):
@@ -78,7 +76,7 @@ def refined(
         if found is None:
             return None
     error = disagreement(found, pairs)
-    better = error is not None and error < min(tolerated, BETTER * given)
+    better = error is not None and error < min(TOLERATED, BETTER * given)
     return found if better and _may_be(cameras, found) else None
 
 

@@ -78,8 +78,7 @@ def with_colmap(
         lambda done: progress(MATCHING * done),
     )
     pairs = verified_matches(colmap, folder, features)
-    enlarged = max(pictures[0].shape) / max(cameras[0].width, cameras[0].height)
-    better = refined(colmap, folder, cameras, features, pairs, enlarged) if refine else None
+    better = refined(colmap, folder, cameras, features, pairs) if refine else None
     model = triangulated(colmap, folder, better or cameras, features)
     progress(1.0)
     points = [p.xyz for p in model.points3D.values() if p.track.length() >= FEWEST_VIEWS]
