@@ -44,12 +44,16 @@ class NMF_OT_install_result(bpy.types.Operator):
         """Install with the capture the job was made from, else by itself."""
         folder = Path(bpy.path.abspath(self.job or self.directory))
         try:
-            install_result(context, folder, capture_of_job(context, job_of_result(folder)))
+            asset = install_result(context, folder, capture_of_job(context, job_of_result(folder)))
         except (JobError, RuntimeError) as error:
             if not self.job and not monitor.running and (folder / "job.json").is_file():
                 monitor.look_at(str(folder))  # if it is not finished, the panel can resume it
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+        if asset.moved_cameras:
+            self.report(
+                {"INFO"}, f"{asset.moved_cameras} cameras were moved to where their photos fit"
+            )
         return {"FINISHED"}
 
 

@@ -23,12 +23,13 @@ from .world import build_world, turn_with
 
 @dataclass(frozen=True)
 class InstalledAsset:
-    """What an installation added."""
+    """What an installation added, and how many cameras it moved to where their photos fit."""
 
     object: bpy.types.Object
     material: bpy.types.Material
     world: bpy.types.World
     manifest: dict
+    moved_cameras: int = 0
 
 
 def install_result(
@@ -68,8 +69,7 @@ def install_result(
         replace_asset(item, mesh, material, world)
     for block in (item, mesh, material, world):
         block[JOB] = str(job.root)
-    if collection is not None:
-        adjust_cameras(JobFolder(job.root), collection)
+    moved = adjust_cameras(JobFolder(job.root), collection) if collection is not None else 0
     if item.parent is not None:
         turn_with(world, item.parent)
     scene = context.scene if context.scene in item.users_scene else item.users_scene[0]
@@ -77,7 +77,7 @@ def install_result(
         scene.world.use_fake_user = True
     scene.world = world
     _make_active(item, _view_layer(context, scene))
-    return InstalledAsset(item, material, world, manifest)
+    return InstalledAsset(item, material, world, manifest, moved)
 
 
 def _place(

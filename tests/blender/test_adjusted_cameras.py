@@ -37,7 +37,7 @@ def poses(capture):
 
 @pytest.mark.parametrize("made", ["in Blender", "of its file"])
 def test_cameras_move_to_where_the_job_has_them_in_the_captures_own_space(
-    capture, adjust, extension, tmp_path, made
+    capture, adjust, extension, tmp_path, made, capfd
 ):
     root = extension("scene.capture_collection").root_of(capture)
     root.scale, root.location = (2, 2, 2), (0, 5, 0)
@@ -50,6 +50,7 @@ def test_cameras_move_to_where_the_job_has_them_in_the_captures_own_space(
     job = finished_job(tmp_path / "job", **how)
     adjust(job)
     assert bpy.ops.nmf.install_result(directory=str(job)) == {"FINISHED"}
+    assert f"{len(before)} cameras were moved" in capfd.readouterr().out
     for name, pose in poses(capture).items():
         expected = before[name].copy()
         expected[2, 3] += 0.2
