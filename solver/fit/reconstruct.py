@@ -129,11 +129,9 @@ def run_job(
     progress.stage("asset", "mesh and textures")
     scene = trainer.scene
     cameras = [camera.seen_from(scene.origin) for camera in capture.cameras]
-    if finish.is_less_than(settings):
-        progress.warning(
-            f"for the time limit's sake textures have {finish.texture_size} texels an edge, and the "
-            "report's pictures are small; `export` bakes finer ones"
-        )
+    less = finish.what_is_less(settings)
+    if less is not None:
+        progress.warning(less)
     parts = asset_of(
         scene, settings.render, cameras, job.result_dir,
         replace(settings.asset, texture_size=finish.texture_size), told, job.root.name,

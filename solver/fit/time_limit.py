@@ -57,9 +57,16 @@ class Finish:
     seconds: float
     lookup: float
 
-    def is_less_than(self, settings: Settings) -> bool:
-        """True if it is hurried."""
-        return self.texture_size < settings.asset.texture_size or self.report_pixels < MOST_PIXELS
+    def what_is_less(self, settings: Settings) -> str | None:
+        """What is smaller for a limit's sake, one clause; None: nothing is."""
+        less = []
+        if self.texture_size < settings.asset.texture_size:
+            less.append(
+                f"textures have {self.texture_size} texels an edge (`export` bakes finer ones)"
+            )
+        if self.report_pixels < MOST_PIXELS:
+            less.append("the report's pictures are small")
+        return f"for the time limit's sake {' and '.join(less)}" if less else None
 
 
 def finish_within(

@@ -199,9 +199,10 @@ def test_a_limit_too_short_is_told_with_what_it_will_take_and_what_it_left(tmp_p
         "--set", "fit.steps=100000",
     )  # fmt: skip
     assert result.returncode == 0, result.stderr
-    short, few = result.stderr.splitlines()
+    short, few, small = result.stderr.splitlines()
     assert "a time limit of 0:01 is too short" in short and "it will take about 0:" in short
     assert "of 100000 steps; " in few
+    assert small == "Warning: for the time limit's sake the report's pictures are small."
 
 
 def test_photos_without_a_mask_among_others_are_told(tmp_path):

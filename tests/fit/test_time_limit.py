@@ -70,15 +70,18 @@ def test_larger_textures_take_longer_to_finish():
 def test_a_short_limit_makes_textures_and_the_reports_pictures_small_but_never_larger():
     scene, cameras = ball(), [camera()] * 50
     free = finish_within(None, scene, DRAFT, cameras)
-    assert (free.texture_size, free.is_less_than(DRAFT)) == (DRAFT.asset.texture_size, False)
+    assert free.texture_size == DRAFT.asset.texture_size and free.what_is_less(DRAFT) is None
     ample = finish_within(100 * free.seconds, scene, DRAFT, cameras)
-    assert not ample.is_less_than(DRAFT)
+    assert ample.what_is_less(DRAFT) is None
     short = finish_within(1e-3, scene, DRAFT, cameras)
-    assert short.is_less_than(DRAFT) and short.texture_size == DRAFT.asset.texture_size // 2
+    assert short.texture_size == DRAFT.asset.texture_size // 2
+    told = short.what_is_less(DRAFT)
+    assert f"{short.texture_size} texels" in told and "report's pictures" in told
     assert short.seconds < 0.9 * free.seconds
     asset = dataclasses.replace(DRAFT.asset, texture_size=64)
     tiny = dataclasses.replace(DRAFT, asset=asset)
-    assert finish_within(1e-3, scene, tiny, cameras).texture_size == 64
+    least = finish_within(1e-3, scene, tiny, cameras)
+    assert least.texture_size == 64 and "texels" not in least.what_is_less(tiny)
 
 
 def test_photos_without_masks_take_longer_to_finish():
