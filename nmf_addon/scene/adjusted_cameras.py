@@ -26,11 +26,10 @@ def adjust_cameras(job: JobFolder, collection: bpy.types.Collection) -> int:
     Those that a person has moved since stay, and all do if the job's capture is gone.
     """
     try:
-        moved = moved_cameras(job)
-        source = Path(job.request.capture) if moved else None
+        moved, source = moved_cameras(job), Path(job.request.capture)
     except (CaptureError, JobError):
         return 0
-    if source is None:
+    if not moved:
         return 0
     bpy.context.view_layer.update()
     to_space = from_file(collection, source)
@@ -42,12 +41,13 @@ def adjust_cameras(job: JobFolder, collection: bpy.types.Collection) -> int:
     positions = positions_of(given for given, _ in pairs.values())
     size = np.linalg.norm(positions - positions.mean(0), axis=1).max()
     to_capture = to_capture_space(collection)
+    to_world = to_capture.inverted()
     count = 0
     for item in photo_cameras(collection):
         pair = pairs.get(photo_path(photo_of(item)).resolve())
         if pair is None or _stands_elsewhere(to_solver(item, to_capture), pair[0], size):
             continue
-        item.matrix_world = to_capture.inverted() @ Matrix(pair[1].camera_to_world.tolist())
+        item.matrix_world = to_world @ Matrix(pair[1].camera_to_world.tolist())
         count += 1
     return count
 

@@ -69,7 +69,7 @@ def install_result(
         replace_asset(item, mesh, material, world)
     for block in (item, mesh, material, world):
         block[JOB] = str(job.root)
-    moved = adjust_cameras(JobFolder(job.root), collection) if collection is not None else 0
+    moved = adjust_cameras(job, collection) if collection is not None else 0
     if item.parent is not None:
         turn_with(world, item.parent)
     scene = context.scene if context.scene in item.users_scene else item.users_scene[0]

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ..capture.errors import CaptureError
+from ..capture.photo_matches import quiet_colmap
 from ..fit.progress import Progress
 from ..job.control import Cancelled, Control
 from ..threads import usable_cores
@@ -65,13 +66,10 @@ class Solver:
     def __init__(
         self, folder: SolveFolder, request: SolveRequest, progress: Progress, control: Control
     ):
-        import pycolmap
-
-        pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
-        self.colmap: Any = pycolmap
+        self.colmap = quiet_colmap()
         self.folder, self.request = folder, request
         self.progress, self.control = progress, control
-        self.token = pycolmap.CancellationToken()
+        self.token = self.colmap.CancellationToken()
         self.threads = usable_cores()
 
     def run(self) -> Solved:

@@ -25,6 +25,11 @@ def border_of(pixels: np.ndarray) -> np.ndarray:
     return np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
 
 
+def border_share(shown: np.ndarray) -> float:
+    """Share of a picture's edge that a mask [H, W] takes."""
+    return float(border_of(shown[..., None]).mean())
+
+
 def backdrop_of(borders: list[np.ndarray]) -> str | None:
     """'white' or 'black', if most of the border of the median photo is that; else None.
 

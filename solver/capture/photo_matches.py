@@ -29,6 +29,8 @@ NEIGHBOURS = 10
 WIDEST = np.radians(60)
 """angle between directions of view beyond which photos are not compared: features look different then"""
 DATABASE = "database.db"
+FINDING = 0.7
+"""of the time for features and matches, that the first take"""
 
 
 class Features(NamedTuple):
@@ -46,6 +48,14 @@ class PairMatches(NamedTuple):
     second: int
     seen: np.ndarray  # [2, N, 3] where each sees it: (x, y, 1), +x right, +y down
     focal: float  # pixels, of the pictures in which features were sought
+
+
+def quiet_colmap() -> Any:
+    """COLMAP that logs nothing but its end; imported only when it is used."""
+    import pycolmap
+
+    pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
+    return pycolmap
 
 
 def grey_picture(photo: Photo) -> np.ndarray:
@@ -87,9 +97,10 @@ def matched(
 ) -> list[Features]:  # fmt: skip
     """Features of all pictures [H, W] uint8, and a database `DATABASE` of them in an empty folder, with
     the matches of all `pairs` verified: those that some motion of a pinhole explains."""
-    features = _features(colmap, cameras, pictures, lambda done: progress(0.7 * done))
+    colmap.set_random_seed(0)
+    features = _features(colmap, cameras, pictures, lambda done: progress(FINDING * done))
     _register(colmap, folder / DATABASE, features)
-    _match(colmap, folder, pairs, lambda done: progress(0.7 + 0.3 * done))
+    _match(colmap, folder, pairs, lambda done: progress(FINDING + (1 - FINDING) * done))
     return features
 
 

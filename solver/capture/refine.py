@@ -58,26 +58,27 @@ def triangulated(
 
 def refined(
     colmap: Any, folder: Path, cameras: list[Camera], features: list[Features],
-    pairs: list[PairMatches],
-) -> list[Camera] | None:  # fmt: skip
-    """Cameras in the same world that fit their photos better; None: they fit, or nothing better is found.
+    pairs: list[PairMatches], beside: float | None,
+) -> tuple[list[Camera], float] | None:  # fmt: skip
+    """Cameras in the same world that fit their photos better, and how far beside these lie then; None: they
+    fit, or nothing better is found.
 
     Args:
         folder: with the database of `photo_matches.matched`.
         features, pairs: of it.
+        beside: how far beside the cameras photos lie (see `agreement.disagreement`).
     """
-    given = disagreement(cameras, pairs)
-    if given is None or given < TOLERATED:
+    if beside is None or beside < TOLERATED:
         return None
     found = cameras
-    for most_pixels in rounds_for(given):
+    for most_pixels in rounds_for(beside):
         model = triangulated(colmap, folder, found, features, most_pixels)
         found = _adjusted(colmap, model, found)
         if found is None:
             return None
-    error = disagreement(found, pairs)
-    better = error is not None and error < min(TOLERATED, BETTER * given)
-    return found if better and _may_be(cameras, found) else None
+    after = disagreement(found, pairs)
+    better = after is not None and after < min(TOLERATED, BETTER * beside)
+    return (found, after) if better and _may_be(cameras, found) else None
 
 
 def rounds_for(beside: float) -> list[float]:

@@ -9,19 +9,20 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..job.apart import run_apart
 from .agreement import convention_that_fits, disagreement
 from .camera import Camera
-from .photo_matches import grey_picture, matched, neighbours, verified_matches
+from .photo_matches import grey_picture, matched, neighbours, quiet_colmap, verified_matches
 from .photos import Photo
 from .refine import refined, triangulated
 
 FEWEST_VIEWS = 3
 """photos that must agree on a point: two do by chance along an epipolar line"""
+NO_POINTS = np.zeros((0, 3))
 MATCHING = 0.7
 """of the time, for the progress"""
 
@@ -31,7 +32,8 @@ class Triangulated(NamedTuple):
 
     `beside` is by how many pixels the photos lie beside their cameras, of pictures as long as
     `photo_matches.LONGEST` (None: they have too little in common), and beside those that are `refined`,
-    if better ones were found. `remedy` is what to do with matrices of another convention.
+    if better ones were found. `remedy` is what to do with matrices of another convention, of which no
+    points are sought.
     """
 
     points: np.ndarray  # [N, 3] world
@@ -56,7 +58,7 @@ def triangulate(
         ApartError: COLMAP cannot do it.
     """
     if len(cameras) < FEWEST_VIEWS:
-        return Triangulated(np.zeros((0, 3)))
+        return Triangulated(NO_POINTS)
     pictures = [grey_picture(photo) for photo in photos]
     with tempfile.TemporaryDirectory(prefix="nmf-points-") as folder:
         # In one process, COLMAP's and torch's OpenMP runtimes end Python on macOS.
@@ -68,25 +70,22 @@ def with_colmap(
     progress: Callable[[float], None],
 ) -> Triangulated:  # fmt: skip
     """As `triangulate`, of grey pictures [H, W] uint8, in this process and an empty folder."""
-    colmap = quiet_colmap()
+    colmap, pairs = quiet_colmap(), neighbours(cameras)
     features = matched(
-        colmap,
-        folder,
-        cameras,
-        pictures,
-        neighbours(cameras),
-        lambda done: progress(MATCHING * done),
+        colmap, folder, cameras, pictures, pairs, lambda done: progress(MATCHING * done)
     )
-    pairs = verified_matches(colmap, folder, features)
-    better = refined(colmap, folder, cameras, features, pairs) if refine else None
-    model = triangulated(colmap, folder, better or cameras, features)
+    matches = verified_matches(colmap, folder, features)
+    beside, remedy = disagreement(cameras, matches), convention_that_fits(cameras, matches)
+    if remedy is not None:
+        return Triangulated(NO_POINTS, beside, remedy)
+    better = refined(colmap, folder, cameras, features, matches, beside) if refine else None
+    found, after = better or (None, None)
+    model = triangulated(colmap, folder, found or cameras, features)
     progress(1.0)
     points = [p.xyz for p in model.points3D.values() if p.track.length() >= FEWEST_VIEWS]
     return Triangulated(
-        np.array(points, dtype=np.float64).reshape(-1, 3), disagreement(cameras, pairs),
-        convention_that_fits(cameras, pairs), better,
-        disagreement(better, pairs) if better else None,
-    )  # fmt: skip
+        np.array(points, dtype=np.float64).reshape(-1, 3), beside, None, found, after
+    )
 
 
 def compare(
@@ -116,14 +115,5 @@ def compare_with_colmap(
     features = matched(colmap, folder, cameras, pictures, pairs, progress)
     found = verified_matches(colmap, folder, features)
     return Triangulated(
-        np.zeros((0, 3)), disagreement(cameras, found), convention_that_fits(cameras, found)
+        NO_POINTS, disagreement(cameras, found), convention_that_fits(cameras, found)
     )
-
-
-def quiet_colmap() -> Any:
-    """COLMAP that tells nothing but its end, and does the same each time."""
-    import pycolmap
-
-    pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
-    pycolmap.set_random_seed(0)
-    return pycolmap

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.ndimage
 
-from ..capture.backdrop import border_of, without_dust
+from ..capture.backdrop import border_of, border_share, without_dust
 from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.panorama import Behind, Comparison, Panorama, panorama_of
@@ -118,10 +118,7 @@ def before_panorama(
         # A gap that hardly any other photo shows is one all the same.
         wide = [_from_the_edge(mask, GAP) for mask in plain]
         shown = [mask & ~gap for mask, gap in zip(shown, wide, strict=True)]
-    if (
-        shown is None
-        or np.median([border_of(mask[..., None]).mean() for mask in shown]) > MOST_AT_EDGE
-    ):
+    if shown is None or np.median([border_share(mask) for mask in shown]) > MOST_AT_EDGE:
         return None
     if not fit_together(cameras, shown, region):
         return None

@@ -49,7 +49,7 @@ class Finish:
 
     Attributes:
         texture_size: texels per edge. report_pixels: of a view of the report, at most.
-        lookup: seconds that a lookup of the surface takes here.
+        seconds, lookup: for all of that, and for a lookup of the surface here; 0 where there is no limit.
     """
 
     texture_size: int
@@ -76,10 +76,10 @@ def finish_within(
     they take.
 
     Args:
-        limit: seconds for the whole job; None: there is none.
+        limit: seconds for the whole job; None: there is none, and nothing is tried.
         cameras: of the photos, where these have no masks.
     """
-    lookup = _seconds_of_a_lookup(scene)
+    lookup = 0.0 if limit is None else _seconds_of_a_lookup(scene)
     for shrink, fewer in _HURRIES:
         size = max(round(settings.asset.texture_size * shrink), _LEAST_TEXTURE)
         size, pixels = min(size, settings.asset.texture_size), round(MOST_PIXELS * fewer)
@@ -111,9 +111,9 @@ def _seconds_of_a_lookup(scene: Scene) -> float:
 def seconds_to_fit(limit: float, left: float, finishing: float, fog: bool) -> float:
     """Seconds of a job's time limit that go to the fit.
 
-    What follows it cannot be shortened, so a limit may be too short for both. Then it is not kept, rather
-    than that nothing comes of it: there is a least share for the fit, the more where a fog must become
-    an object first.
+    What follows it cannot be shortened at will, so a limit may be too short for both. Then it is not kept,
+    rather than that nothing comes of it: there is a least share for the fit, the more where a fog must
+    become an object first.
 
     Args:
         limit: seconds for all. left: of those. finishing: what follows is estimated to take.

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.ndimage
 from PIL import Image
 
-from ..capture.backdrop import backdrop_of, border_of, object_before
+from ..capture.backdrop import backdrop_of, border_of, border_share, object_before
 from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.image_header import image_orientation
@@ -155,7 +155,7 @@ def _with_common_backdrop(capture: Capture, looks: list[Look]) -> list[Look] | N
     if masks is None or not fit_together(capture.cameras, masks, capture.region):
         return None
     return [
-        replace(look, mask=mask, coverage=float(mask.mean()), cut=_border_share(mask))
+        replace(look, mask=mask, coverage=float(mask.mean()), cut=border_share(mask))
         for look, mask in zip(looks, masks, strict=True)
     ]
 
@@ -206,11 +206,11 @@ def look_at(
     scale = camera.width / width
     inside = np.zeros((height, width), bool)
     inside[frame_of(camera, region, scale, (height, width))] = True
-    white = _border_share((colour >= 250).all(axis=-1))
+    white = border_share((colour >= 250).all(axis=-1))
     shown, coverage, cut, across = None, None, 0.0, None
     if alpha is not None:
         shown = alpha > 127
-        coverage, cut = float(shown.mean()), _border_share(shown)
+        coverage, cut = float(shown.mean()), border_share(shown)
         across = _longer_side(shown) * scale
         # Away from the mask's edge, whose sharpness and brightness are the mask's.
         object_only = scipy.ndimage.binary_erosion(shown, iterations=2)
@@ -251,7 +251,3 @@ def _middle_stops(luminance: np.ndarray) -> float:
     stops = np.log2(np.maximum(luminance, 1e-4))
     low, high = np.percentile(stops, (25, 75))
     return float(stops[(stops >= low) & (stops <= high)].mean())
-
-
-def _border_share(shown: np.ndarray) -> float:
-    return float(border_of(shown[..., None]).mean())

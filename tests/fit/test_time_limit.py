@@ -1,6 +1,7 @@
 """What a time limit leaves for the fit, mesh, textures and report."""
 
 import dataclasses
+import math
 from types import SimpleNamespace
 
 import pytest
@@ -63,14 +64,15 @@ def test_larger_textures_take_longer_to_finish():
     for size in (64, 4096):
         asset = dataclasses.replace(DRAFT.asset, texture_size=size)
         settings = dataclasses.replace(DRAFT, asset=asset)
-        seconds.append(finish_within(None, scene, settings).seconds)
+        seconds.append(finish_within(math.inf, scene, settings).seconds)
     assert 0 < seconds[0] < seconds[1]
 
 
 def test_a_short_limit_makes_textures_and_the_reports_pictures_small_but_never_larger():
     scene, cameras = ball(), [camera()] * 50
-    free = finish_within(None, scene, DRAFT, cameras)
+    free = finish_within(math.inf, scene, DRAFT, cameras)
     assert free.texture_size == DRAFT.asset.texture_size and free.what_is_less(DRAFT) is None
+    assert finish_within(None, scene, DRAFT, cameras).what_is_less(DRAFT) is None
     ample = finish_within(100 * free.seconds, scene, DRAFT, cameras)
     assert ample.what_is_less(DRAFT) is None
     short = finish_within(1e-3, scene, DRAFT, cameras)
@@ -86,8 +88,8 @@ def test_a_short_limit_makes_textures_and_the_reports_pictures_small_but_never_l
 
 def test_photos_without_masks_take_longer_to_finish():
     scene, cameras = ball(), [camera()] * 50
-    with_cameras = finish_within(None, scene, DRAFT, cameras)
-    assert with_cameras.seconds > 1.3 * finish_within(None, scene, DRAFT).seconds
+    with_cameras = finish_within(math.inf, scene, DRAFT, cameras)
+    assert with_cameras.seconds > 1.3 * finish_within(math.inf, scene, DRAFT).seconds
 
 
 def test_a_limit_too_short_for_what_follows_still_leaves_the_fit_its_share():
