@@ -15,6 +15,7 @@ from .scene.cameras import photo_of
 from .scene.capture_collection import active_capture, check_report, masked_box
 from .scene.hidden_photos import hidden_cameras
 from .scene.region import region_box
+from .scene.shot import shot_camera
 
 UNIT = 20  # pixels of a button's height at a resolution scale of 1
 ERROR_LINES = 3
@@ -49,6 +50,7 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
             row.scale_y = 1.4
             row.operator("nmf.import_capture", icon="IMPORT")
             layout.operator("nmf.solve_cameras", icon="CON_CAMERASOLVER")
+            _draw_moving_camera(layout, context, True)
             _note(layout, context, "Photos with known cameras, from COLMAP, Metashape, RealityScan, "
                   "Meshroom, transforms.json and others; or drop a camera file here. Photos alone, "
                   "or a video: Solve Cameras.")  # fmt: skip
@@ -58,6 +60,7 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
         row.prop(context.scene.nmf, "capture", text="", placeholder=collection.name)
         row.operator("nmf.import_capture", text="", icon="IMPORT")
         row.operator("nmf.solve_cameras", text="", icon="CON_CAMERASOLVER")
+        _draw_moving_camera(row, context, False)
         cameras = sum(
             i.type == "CAMERA" and photo_of(i) is not None for i in collection.all_objects
         )
@@ -129,6 +132,15 @@ class NMF_PT_result(Sidebar, bpy.types.Panel):
         column.operator("nmf.install_result", icon="APPEND_BLEND")
         column.operator("nmf.open_report", icon="URL")
         column.operator("nmf.open_job_folder", icon="FILE_FOLDER")
+
+
+def _draw_moving_camera(
+    layout: bpy.types.UILayout, context: bpy.types.Context, with_name: bool
+) -> None:
+    """Its button, where there is such a camera."""
+    if shot_camera(context) is not None:
+        words = {} if with_name else {"text": ""}
+        layout.operator("nmf.use_moving_camera", icon="VIEW_CAMERA", **words)
 
 
 def _draw_task(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

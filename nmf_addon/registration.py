@@ -17,6 +17,7 @@ from ..operators import (
     setup_solver,
     show_photos,
     solve_cameras,
+    use_moving_camera,
 )
 from . import panels, preferences, properties, runtime, setup_monitor, thumbnails
 from .jobs import monitor, side_task
@@ -24,8 +25,8 @@ from .names import BASE_PACKAGE
 from .scene import usd
 
 _class_modules = (
-    properties, preferences, import_capture, solve_cameras, show_photos, region, set_scale,
-    check_capture, reconstruct, install_result, relight, match_solver, job_files, setup_solver,
+    properties, preferences, import_capture, solve_cameras, use_moving_camera, show_photos, region,
+    set_scale, check_capture, reconstruct, install_result, relight, match_solver, job_files, setup_solver,
     panels,
 )  # fmt: skip
 _classes = [cls for module in _class_modules for cls in module.classes]

@@ -1,4 +1,4 @@
-"""The command line: solve, check, pictures, reconstruct, run, render, compose, evaluate, export, doctor.
+"""The command line: from photos to cameras, from them to an asset, and what can be done with that.
 
 Exit codes: 0 done, 2 bad input, 3 cancelled, 4 out of memory, 1 anything else.
 """
@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from . import __version__
-from .cameras.command import add_solve
+from .cameras.command import add_frames, add_solve
 from .job.exit_codes import CANCELLED, DONE, FAILED
 from .job.folder import MOST_SEED, JobError, JobFolder, JobRequest
 from .job.resume import take_up
@@ -48,6 +48,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     add_solve(commands)
+    add_frames(commands)
     add_check(commands)
     add_pictures(commands)
     new = commands.add_parser("reconstruct", help="photos and cameras to mesh, textures and light")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -35,6 +36,12 @@ class Session:
     control: Control
     events: EventStream
     code: int = DONE
+
+    def told(self, done: float, text: str) -> None:
+        """Tell the share done of the stage, and what is being done; raises `Cancelled` if asked to stop."""
+        if self.control.should_stop:
+            raise Cancelled
+        self.progress.fraction(done, text)
 
 
 @contextmanager
@@ -83,6 +90,21 @@ def session(
             events.emit("bye", exit_code=run.code)
         with suppress(OSError):
             events.close()
+
+
+@contextmanager
+def passing_session(stage: str, text: str, to_stdout: bool) -> Iterator[Session]:
+    """A session of one stage that keeps no files of its own.
+
+    Args:
+        text: what is being done.
+        to_stdout: as in `session`; then whoever started it speaks on stdin.
+    """
+    with tempfile.TemporaryDirectory(prefix="nmf-") as folder:
+        paths = (Path(folder) / name for name in ("events.jsonl", "status.json", "cancel"))
+        with session(*paths, to_stdout, has_parent=to_stdout, shares={stage: 1.0}) as run:
+            run.progress.stage(stage, text)
+            yield run
 
 
 def explain(error: Exception) -> tuple[int, str]:

@@ -17,6 +17,8 @@ SENSOR_WIDTH = 36.0  # mm; only its ratio to the focal length matters
 LENS, DISTORTION, ASPECT, MASK = "nmf_lens", "nmf_distortion", "nmf_fy_over_fx", "nmf_mask"
 SIZE = "nmf_size"
 """the camera's width and height, pixels; its photo's may be swapped in the file (EXIF orientation)"""
+FILMS = ("SEQUENCE", "MOVIE")
+"""sources of images that show another picture in every frame (see `shot`)"""
 UNDISTORTED = "nmf_undistorted"
 """mark of an image that shows another one upright and without its lens' distortion"""
 
@@ -70,10 +72,11 @@ def _add_background(data: bpy.types.Camera, picture: bpy.types.Image, is_shown: 
 
 
 def photo_of(item: bpy.types.Object) -> bpy.types.Image | None:
-    """The photo among the background images of a camera object."""
+    """The photo among the background images of a camera object; a film is none."""
     for background in item.data.background_images:
-        if background.image is not None and not background.image.get(UNDISTORTED):
-            return background.image
+        image = background.image
+        if image is not None and image.source not in FILMS and not image.get(UNDISTORTED):
+            return image
     return None
 
 
@@ -120,20 +123,37 @@ def to_solver(item: bpy.types.Object, to_capture: Matrix) -> Camera:
         raise CaptureError(
             path, f"photo of {item.name}", "the photo does not exist", "relink the background image"
         )
-    data = item.data
+    mask = item.data.get(MASK)
+    return camera_of(
+        item.data, to_capture @ item.matrix_world, name=item.name, image_path=path, width=width,
+        height=height, mask_path=Path(mask) if mask else None,
+    )  # fmt: skip
+
+
+def camera_of(
+    data: bpy.types.Camera, pose: Matrix, width: int, height: int, aspect: float | None = None,
+    **others,
+) -> Camera:  # fmt: skip
+    """The solver's camera of what Blender's says, for a photo of a size in pixels.
+
+    Args:
+        pose: camera to capture space.
+        aspect: width over height of a pixel; None: what our import left in `data`, or 1.
+        others: further fields of `Camera`; what they say goes before what our import left in `data`.
+    """
     across = width if _fits_width(data, width, height) else height
     sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
     fx = data.lens * across / sensor
-    aspect = float(data.get(ASPECT, 1.0))
-    pose = np.array((to_capture @ item.matrix_world).normalized())
+    aspect = float(data.get(ASPECT, 1.0)) if aspect is None else aspect
     lens = str(data.get(LENS, "pinhole"))
-    mask = data.get(MASK)
+    left = {
+        "lens": lens,
+        "distortion": tuple(data.get(DISTORTION, ())) if lens != "pinhole" else (),
+    }
     return Camera(
-        name=item.name, image_path=path, camera_to_world=pose, width=width, height=height,
-        fx=fx, fy=fx * aspect, cx=0.5 * width - data.shift_x * across,
-        cy=0.5 * height + data.shift_y * across * aspect,
-        lens=lens, distortion=tuple(data.get(DISTORTION, ())) if lens != "pinhole" else (),
-        mask_path=Path(mask) if mask else None,
+        camera_to_world=np.array(pose.normalized()), width=width, height=height, fx=fx,
+        fy=fx * aspect, cx=0.5 * width - data.shift_x * across,
+        cy=0.5 * height + data.shift_y * across * aspect, **(left | others),
     )  # fmt: skip
 
 

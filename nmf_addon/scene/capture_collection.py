@@ -42,7 +42,7 @@ def import_capture(
 
 def import_captures(
     context: bpy.types.Context, paths: list[Path], photos: Path | None = None,
-    masks: Path | None = None,
+    masks: Path | None = None, as_they_stand: bool = False,
 ) -> list[bpy.types.Collection]:  # fmt: skip
     """Read cameras and show them with their photos, upright, in a box for the object.
 
@@ -51,6 +51,7 @@ def import_captures(
 
     Args:
         photos, masks: their folders, if they are not below the capture's.
+        as_they_stand: the file's coordinates are the scene's; nothing is set upright or scaled.
 
     Raises:
         CaptureError: with file, field and remedy.
@@ -60,13 +61,18 @@ def import_captures(
         capture = read_capture(path, photos=photos, masks=masks)
         captures[capture.source] = capture
     images = _load_photos([camera for c in captures.values() for camera in c.cameras])
-    return [_add_capture(context, capture, images) for capture in captures.values()]
+    return [
+        _add_capture(
+            context, capture, images, np.eye(4) if as_they_stand else suggest_placement(capture)
+        )
+        for capture in captures.values()
+    ]
 
 
 def _add_capture(
-    context: bpy.types.Context, capture: Capture, images: dict[Path, bpy.types.Image]
-) -> bpy.types.Collection:
-    matrix = suggest_placement(capture)
+    context: bpy.types.Context, capture: Capture, images: dict[Path, bpy.types.Image],
+    matrix: np.ndarray,
+) -> bpy.types.Collection:  # fmt: skip
     capture = placed(capture, matrix)
     collection = bpy.data.collections.new(_capture_name(capture))
     collection[SOURCE], collection[WARNINGS] = str(capture.source), list(capture.warnings)

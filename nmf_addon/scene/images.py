@@ -23,6 +23,8 @@ def load_image(path: Path, check_existing: bool = False) -> bpy.types.Image:
         RuntimeError: Blender cannot load it.
     """
     image = bpy.data.images.load(str(path), check_existing=check_existing)
+    if image.source != "FILE":  # a film that begins with this picture
+        image = bpy.data.images.load(str(path))
     relative = bpy.data.filepath and bpy.context.preferences.filepaths.use_relative_paths
     if relative and not image.library:
         image.filepath = stored_path(path)

@@ -1,4 +1,4 @@
-"""The command `solve`: cameras from a folder of photos, or from a video."""
+"""The commands `solve`, cameras from a folder of photos or from a video, and `frames`, photos from a video."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..capture.errors import CaptureError
-from ..job.control import Cancelled
 from ..job.exit_codes import CANCELLED
 from ..job.status import process_is_alive, read_status
-from ..session import Session, session
+from ..session import Session, passing_session, session
 from .folder import (
     CAMERA_MODELS,
     FEWEST_PHOTOS,
@@ -56,6 +55,49 @@ def add_solve(commands: argparse._SubParsersAction) -> None:
     solve.set_defaults(run=run_solve, sharing="auto")
 
 
+def add_frames(commands: argparse._SubParsersAction) -> None:
+    """Add the command to the command line."""
+    command = commands.add_parser("frames", help="photos from a video")
+    command.add_argument("video", type=Path)
+    command.add_argument("--out", type=Path, required=True, metavar="DIR", help="new")
+    command.add_argument(
+        "--photos", type=int, default=VIDEO_PHOTOS, metavar="N",
+        help="how many, each the sharpest frame of its part (default %(default)s)",
+    )  # fmt: skip
+    command.add_argument(
+        "--span", type=int, nargs=2, metavar=("FIRST", "LAST"),
+        help="from these frames, counted from 0 by the video's clock; default: from all",
+    )
+    command.add_argument("--events", action="store_true", help="events on stdout, no bar")
+    command.set_defaults(run=run_frames)
+
+
+def run_frames(options: argparse.Namespace) -> int:
+    """Write photos; returns the exit code.
+
+    Raises:
+        CaptureError: it is no video, the numbers cannot be, or the folder is there already.
+    """
+    from ..capture.video import check_video
+    from .video_photos import take_photos
+
+    video, folder = options.video, Path(os.path.normpath(options.out.absolute()))
+    _check_count(video, "photos", options.photos)
+    check_video(video)
+    if folder.exists():
+        raise CaptureError(folder, "out", "it is there already", "give a new folder")
+    first, last = options.span or (0, -1)
+    span = range(first, last + 1) if options.span else None
+    with passing_session("video", "taking photos from the video", options.events) as run:
+        names = take_photos(video, folder, options.photos, run.told, span)
+        run.events.emit("result", photos=list(names))
+    if run.code == CANCELLED:
+        print("Cancelled.", file=sys.stderr)
+    elif not options.events:
+        print(f"{len(names)} photos in {folder}")
+    return run.code
+
+
 def run_solve(options: argparse.Namespace) -> int:
     """Solve, or continue a solve; returns the exit code. The last line on stdout is the camera file.
 
@@ -97,14 +139,18 @@ def request_of(
         return SolveRequest(str(photos), names, changed, **others)
     from ..capture.video import check_video
 
-    if not FEWEST_PHOTOS <= video_photos <= MOST_VIDEO_PHOTOS:
-        raise CaptureError(
-            photos, "video-photos", f"{video_photos} photos cannot be taken from it",
-            f"ask for {FEWEST_PHOTOS} to {MOST_VIDEO_PHOTOS}",
-        )  # fmt: skip
+    _check_count(photos, "video-photos", video_photos)
     check_video(photos)
     changed = (photos.stat().st_mtime_ns,)
     return SolveRequest(str(photos), (), changed, video_photos=video_photos, **others)
+
+
+def _check_count(video: Path, option: str, count: int) -> None:
+    if not FEWEST_PHOTOS <= count <= MOST_VIDEO_PHOTOS:
+        raise CaptureError(
+            video, option, f"{count} photos cannot be taken from it",
+            f"ask for {FEWEST_PHOTOS} to {MOST_VIDEO_PHOTOS}",
+        )  # fmt: skip
 
 
 def _run(folder: SolveFolder, request: SolveRequest, events: bool) -> int:
@@ -133,14 +179,9 @@ def _with_photos(folder: SolveFolder, request: SolveRequest, run: Session) -> So
     """The request of a video as one of the photos that are taken from it."""
     from .video_photos import take_photos
 
-    def told(done: float, text: str) -> None:
-        if run.control.should_stop:
-            raise Cancelled
-        run.progress.fraction(done, text)
-
     run.progress.stage("video", "taking photos from the video")
     names = take_photos(
-        Path(request.photos), folder.video_photos_dir, request.video_photos, told
+        Path(request.photos), folder.video_photos_dir, request.video_photos, run.told
     )  # fmt: skip
     matcher = "sequential" if request.matcher == "auto" else request.matcher
     return replace(request, photos=str(folder.video_photos_dir), names=names, matcher=matcher)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from itertools import groupby
+from itertools import dropwhile, groupby, takewhile
 from pathlib import Path
 
 import numpy as np
@@ -28,15 +28,18 @@ _LOOKED_AT = 800
 
 
 def take_photos(
-    video: Path, folder: Path, count: int, told: Callable[[float, str], None]
-) -> tuple[str, ...]:
+    video: Path, folder: Path, count: int, told: Callable[[float, str], None],
+    span: range | None = None,
+) -> tuple[str, ...]:  # fmt: skip
     """Write a video's photos into a folder, which is there only when all of them are.
 
-    JPEG, or linear OpenEXR where the video is HDR. A folder that is there already is taken as it is.
+    JPEG, or linear OpenEXR where the video is HDR, named by their frames' numbers. A folder that is there
+    already is taken as it is.
 
     Args:
         count: photos; fewer where the video is short.
         told: the share done and of what; may raise to stop.
+        span: the frames to take them from, numbered by the video's clock; None: all, numbered as they come.
 
     Returns:
         Their names, in order.
@@ -48,30 +51,45 @@ def take_photos(
         part = folder.with_name(folder.name + ".part")
         shutil.rmtree(part, ignore_errors=True)
         part.mkdir(parents=True)
-        for done, frame in sharpest(video, count):
-            write_photo(frame, part)
-            told(done, "taking photos from the video")
-        if len(list(part.iterdir())) < FEWEST_PHOTOS:  # it is damaged
+        try:
+            for done, frame in sharpest(video, count, span):
+                write_photo(frame, part)
+                told(done, "taking photos from the video")
+            if len(list(part.iterdir())) < FEWEST_PHOTOS:  # it is damaged
+                raise _too_short(video)
+        except BaseException:
             shutil.rmtree(part)
-            raise _too_short(video)
+            raise
         part.rename(folder)
     return photos_below(folder)
 
 
-def sharpest(video: Path, count: int) -> Iterator[tuple[float, Frame]]:
+def sharpest(
+    video: Path, count: int, span: range | None = None
+) -> Iterator[tuple[float, Frame]]:
     """The sharpest frame of each of `count` equal parts of a video, with the share of it that is past.
+
+    Args:
+        span: as `take_photos`.
 
     Raises:
         CaptureError: as `take_photos`.
     """
-    total = frame_count(video)
+    found = frames(video, by_clock=span is not None)
+    if span is None:
+        span = range(frame_count(video))
+    first, total = span.start, len(span)
     parts = min(count, total // FEWEST_FRAMES)
     if parts < FEWEST_PHOTOS:
         raise _too_short(video)
     step = -(-total // (parts * CANDIDATES))
+    within = takewhile(
+        lambda frame: frame.number < span.stop,
+        dropwhile(lambda frame: frame.number < first, found),
+    )
     with ThreadPoolExecutor(usable_cores()) as pool:
-        for part, members in groupby(frames(video), lambda frame: frame.number * parts // total):
-            rivals = [frame for frame in members if frame.number % step == 0]
+        for part, members in groupby(within, lambda f: (f.number - first) * parts // total):
+            rivals = [frame for frame in members if (frame.number - first) % step == 0]
             if rivals:
                 # A plain frame, which has no score, is the last choice.
                 scores = np.nan_to_num(list(pool.map(_sharpness, rivals)), nan=-np.inf)

@@ -6,7 +6,7 @@ as players show them; those of HDR videos become linear light.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
@@ -47,7 +47,7 @@ class Frame:
     """A decoded frame whose pixels are converted when they are asked for.
 
     Attributes:
-        number: from 0, in the order in which frames are shown.
+        number: from 0, in the order in which frames are shown, or by the video's clock (see `frames`).
         width, height: upright, in square pixels.
     """
 
@@ -132,8 +132,12 @@ def frame_count(path: Path) -> int:
     return found
 
 
-def frames(path: Path) -> Iterator[Frame]:
+def frames(path: Path, by_clock: bool = False) -> Iterator[Frame]:
     """The frames of a video in their order; of one that is cut off, those before.
+
+    Args:
+        by_clock: number them by when they are shown, as Blender counts: as many a second as the file says,
+            which leaves numbers out where a phone has recorded fewer.
 
     Raises:
         CaptureError: it is no video.
@@ -141,15 +145,31 @@ def frames(path: Path) -> Iterator[Frame]:
     with _opened(path) as (container, stream):
         stream.thread_type = "AUTO"
         shape = stream.sample_aspect_ratio or Fraction(1)
+        number_of = _clock(stream) if by_clock else lambda number, coded: number
         try:
             for number, coded in enumerate(_shown(container, stream)):
                 # The shorter side of a pixel is enlarged, so that nothing is lost.
                 width = round(coded.width * max(shape, 1))
                 height = round(coded.height / min(shape, 1))
                 size = (height, width) if _quarter_turns(coded) % 2 else (width, height)
-                yield Frame(number, *size, coded)
+                yield Frame(number_of(number, coded), *size, coded)
         except FFmpegError:
             return
+
+
+def _clock(stream: VideoStream) -> Callable[[int, VideoFrame], int]:
+    """How frames are numbered by their times; frames without one count on."""
+    rate, began = stream.guessed_rate or Fraction(25), None
+
+    def number_of(number: int, coded: VideoFrame) -> int:
+        nonlocal began
+        if coded.pts is None or coded.time_base is None:
+            return number
+        shown = coded.pts * coded.time_base
+        began = shown if began is None else began
+        return round((shown - began) * rate)
+
+    return number_of
 
 
 def _shown(container: InputContainer, stream: VideoStream) -> Iterator[VideoFrame]:

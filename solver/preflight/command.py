@@ -5,14 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..job.control import Cancelled
 from ..job.exit_codes import CANCELLED, DONE
 from ..job.folder import JobFolder
-from ..session import session
+from ..session import passing_session
 
 if TYPE_CHECKING:
     import numpy as np
@@ -83,19 +81,13 @@ def run_pictures(options: argparse.Namespace) -> int:
     from .pictures import write_pictures
 
     capture, _ = _capture_and_region(options, _job_of(options))
-    with tempfile.TemporaryDirectory(prefix="nmf-") as folder:
-        paths = (Path(folder) / name for name in ("events.jsonl", "status.json", "cancel"))
-        shares = {"pictures": 1.0}
-        with session(*paths, options.events, has_parent=options.events, shares=shares) as run:
-            run.progress.stage("pictures", "copying photos")
+    with passing_session("pictures", "copying photos", options.events) as run:
 
-            def tell(number: int, count: int) -> None:
-                run.progress.fraction(number / count, f"photo {number} of {count}")
-                if run.control.should_stop:
-                    raise Cancelled
+        def tell(number: int, count: int) -> None:
+            run.told(number / count, f"photo {number} of {count}")
 
-            pictures = write_pictures(capture, options.out, tell)
-            run.events.emit("result", pictures=pictures)
+        pictures = write_pictures(capture, options.out, tell)
+        run.events.emit("result", pictures=pictures)
     if run.code == CANCELLED:
         print("Cancelled.", file=sys.stderr)
     elif not options.events:

@@ -23,6 +23,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -208,6 +209,22 @@ def solve(photos: Path, out: Path) -> int:
     return 0
 
 
+def frames(out: Path) -> int:
+    """Three pictures of a span of a video, by the protocol of `solver frames`."""
+    import numpy as np
+
+    with tempfile.TemporaryDirectory() as folder:
+        events = EventStream(Path(folder) / "events.jsonl", take_stdout_for_events())
+        first, last = map(int, sys.argv[sys.argv.index("--span") + 1 :][:2])
+        names = [f"frame_{number:06d}.png" for number in (first, (first + last) // 2, last)]
+        for name in names:
+            fake_capture.write_pixels(out / name, np.full((48, 80, 3), 0.5))
+        events.emit("result", photos=names)
+        events.emit("bye", exit_code=0)
+        events.close()
+    return 0
+
+
 def check(job: Path) -> int:
     """One finding for the first camera of a job, by the protocol of `solver check --json`."""
     import json
@@ -249,6 +266,8 @@ def main() -> int:
         return 0
     if sys.argv[1] == "solve":
         return solve(Path(sys.argv[2]), Path(sys.argv[sys.argv.index("--out") + 1]))
+    if sys.argv[1] == "frames":
+        return frames(Path(sys.argv[sys.argv.index("--out") + 1]))
     if sys.argv[1] == "check":
         return check(Path(sys.argv[2]))
     if sys.argv[1] == "pictures":

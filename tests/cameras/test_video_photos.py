@@ -14,17 +14,22 @@ from solver.cameras.video_photos import CANDIDATES, FEWEST_FRAMES, sharpest, tak
 from solver.capture.decoding import read_exr
 from solver.capture.errors import CaptureError
 from solver.capture.read import read_capture
+from solver.capture.video import frames
 from tests.cameras.box_scene import BoxScene, align, box_camera, orbit
 from tests.capture.videos import plain, write_video
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def solve(*arguments):
+def run(*arguments):
     return subprocess.run(
-        [sys.executable, "-m", "solver", "solve", *map(str, arguments)], cwd=ROOT, text=True,
+        [sys.executable, "-m", "solver", *map(str, arguments)], cwd=ROOT, text=True,
         capture_output=True, stdin=subprocess.DEVNULL, timeout=300,
     )  # fmt: skip
+
+
+def solve(*arguments):
+    return run("solve", *arguments)
 
 
 def _blurred(picture):
@@ -62,6 +67,26 @@ def test_parts_are_equal_and_few_frames_of_each_are_looked_at(tmp_path, monkeypa
     numbers = [frame.number for _, frame in sharpest(video, 4)]
     assert [number // 30 for number in numbers] == [0, 1, 2, 3]
     assert len(looked) == 4 * CANDIDATES
+
+
+def test_photos_of_a_span_are_named_by_the_clock_and_are_the_sharpest_in_it(walk, tmp_path):
+    pictures = [frame.pixels() for frame in frames(walk[0])]
+    # Nothing was recorded from 6 to 9.
+    ticks = [*range(6), *range(10, 10 + len(pictures) - 6)]
+    video = write_video(tmp_path / "a.mp4", pictures, ticks=ticks)
+    names = take_photos(video, tmp_path / "photos", 4, lambda share, text: None, range(11, 23))
+    assert names == tuple(f"frame_{number:06d}.jpg" for number in (11, 14, 17, 20))
+
+
+def test_the_command_frames_takes_photos_and_leaves_nothing_when_it_cannot(walk, tmp_path):
+    made = run("frames", walk[0], "--out", tmp_path / "a", "--photos", 5, "--span", 3, 20)
+    assert made.returncode == 0 and "5 photos in" in made.stdout
+    assert len(list((tmp_path / "a").iterdir())) == 5
+    again = run("frames", walk[0], "--out", tmp_path / "a")
+    assert again.returncode == 2 and "it is there already; give a new folder" in again.stderr
+    empty = run("frames", walk[0], "--out", tmp_path / "b", "--span", 90, 99)
+    assert empty.returncode == 2 and "too short" in empty.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
 def test_a_short_video_gives_no_more_photos_than_it_has_views(tmp_path):

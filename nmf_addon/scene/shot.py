@@ -1,0 +1,106 @@
+"""The film behind a camera that moves: which of its pictures belongs to which frame of the scene.
+
+A film is a video or a numbered sequence of pictures, either as Blender's tracker has it (a movie clip) or as an
+image behind the camera. How Blender counts is in its sources: `movieclip.cc`, `image.cc` (BKE_image_user_frame_get).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+
+from .cameras import FILMS
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A film behind a camera.
+
+    Attributes:
+        file: the video, or one picture of the sequence.
+        is_video: what `file` is.
+        frames: those of the scene that have a picture, and in which the tracker knows the camera.
+        offset: added to a frame of the scene, it is the number in the picture's name, or counts the video's frames
+            from 0.
+        size: width and height that Blender takes the film for, pixels.
+        clip: the tracker's, which knows the lens; None for an image.
+    """
+
+    file: Path
+    is_video: bool
+    frames: range
+    offset: int
+    size: tuple[int, int]
+    clip: bpy.types.MovieClip | None = None
+
+    def picture(self, frame: int) -> Path:
+        """The sequence's file of a frame of the scene."""
+        head, number, tail = _numbered(self.file)
+        return self.file.with_name(f"{head}{frame + self.offset:0{len(number)}d}{tail}")
+
+
+def shot_of(item: bpy.types.Object, scene: bpy.types.Scene) -> Shot | None:
+    """The film behind a camera object, or the one that its Camera Solver was tracked in; None if there is none."""
+    if item.type != "CAMERA":
+        return None
+    for background in item.data.background_images:
+        if background.source == "MOVIE_CLIP":
+            clip = scene.active_clip if background.use_camera_clip else background.clip
+            if clip is not None:
+                return _of_clip(clip, item, scene)
+        elif background.image is not None and background.image.source in FILMS:
+            return _of_image(background.image, background.image_user)
+    return next((_of_clip(clip, item, scene) for clip in _solved_clips(item, scene)), None)
+
+
+def shot_camera(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The camera with a film behind it that a person means: the active object, else the scene's camera."""
+    for item in (context.view_layer.objects.active, context.scene.camera):
+        if item is not None and shot_of(item, context.scene) is not None:
+            return item
+    return None
+
+
+def _of_clip(clip: bpy.types.MovieClip, item: bpy.types.Object, scene: bpy.types.Scene) -> Shot:
+    file, is_video = _path(clip), clip.source == "MOVIE"
+    first = 0 if is_video else int(_numbered(file)[1] or 0)
+    frames = range(clip.frame_start, clip.frame_start + clip.frame_duration)
+    if clip in _solved_clips(item, scene):
+        # Before and after what it has solved, the tracker holds the nearest camera.
+        objects = clip.tracking.objects
+        views = next((o.reconstruction.cameras for o in objects if o.is_camera), ())
+        solved = [view.frame + clip.frame_start - 1 for view in views]
+        if solved:
+            frames = range(max(frames.start, min(solved)), min(frames.stop, max(solved) + 1))
+    offset = first - clip.frame_start + clip.frame_offset
+    return Shot(file, is_video, frames, offset, tuple(clip.size), clip)
+
+
+def _of_image(image: bpy.types.Image, user: bpy.types.ImageUser) -> Shot:
+    is_video = image.source == "MOVIE"
+    frames = range(user.frame_start, user.frame_start + user.frame_duration)
+    # Blender's first picture has number 1.
+    offset = 1 - user.frame_start + user.frame_offset - (1 if is_video else 0)
+    return Shot(_path(image), is_video, frames, offset, tuple(image.size))
+
+
+def _solved_clips(item: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[bpy.types.MovieClip]:
+    for constraint in item.constraints:
+        if constraint.type == "CAMERA_SOLVER" and constraint.enabled:
+            clip = scene.active_clip if constraint.use_active_clip else constraint.clip
+            if clip is not None:
+                yield clip
+
+
+def _path(film: bpy.types.Image | bpy.types.MovieClip) -> Path:
+    return Path(bpy.path.abspath(film.filepath, library=film.library))
+
+
+def _numbered(file: Path) -> tuple[str, str, str]:
+    """A file's name before, within and after its last number."""
+    found = re.fullmatch(r"(.*?)(\d*)(\D*)", file.stem, re.DOTALL)
+    return found[1], found[2], found[3] + file.suffix

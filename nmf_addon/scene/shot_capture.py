@@ -1,0 +1,126 @@
+"""A capture of a camera that moves: one camera for each picture of the film behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...solver.cameras.folder import FEWEST_PHOTOS
+from ...solver.capture.camera import Camera
+from ...solver.capture.errors import CaptureError
+from ...solver.capture.formats.transforms import write_transforms
+from ...solver.capture.image_header import image_size
+from .cameras import camera_of
+from .capture_collection import import_captures
+from .clip_lens import lens_of
+from .shot import Shot
+
+STANDS_STILL = 1e-6
+"""difference of two cameras' matrices up to which they are one view"""
+
+
+def pictures_of(shot: Shot, frames: range, count: int) -> dict[int, Path]:
+    """Pictures of a sequence by their frames of the scene: so many at most, evenly over `frames`.
+
+    Raises:
+        CaptureError: hardly any are there.
+    """
+    there = [frame for frame in frames if shot.picture(frame).is_file()]
+    if len(there) < FEWEST_PHOTOS:
+        raise CaptureError(
+            shot.file, "frames", f"{len(there)} of the sequence's {len(frames)} pictures that were asked "
+            "for are there", "relink it, or choose other frames",
+        )  # fmt: skip
+    chosen = np.linspace(0, len(there) - 1, min(count, len(there))).round().astype(int)
+    return {there[place]: shot.picture(there[place]) for place in chosen}
+
+
+def photos_in(shot: Shot, folder: Path) -> dict[int, Path]:
+    """What `solver frames` has taken from a video, by their frames of the scene."""
+    photos = sorted(path for path in folder.iterdir() if path.stem.startswith("frame_"))
+    return {int(path.stem.rpartition("_")[2]) - shot.offset: path for path in photos}
+
+
+def capture_shot(
+    context: bpy.types.Context, item: bpy.types.Object, shot: Shot, photos: dict[int, Path], file: Path
+) -> bpy.types.Collection:
+    """Make a capture of a camera and its photos, where it stands in the scene.
+
+    Args:
+        photos: by their frames of the scene.
+        file: where its cameras are written to; a new `transforms_train.json`.
+
+    Raises:
+        CaptureError: the camera stands still, or a photo cannot be read.
+    """
+    cameras = cameras_along(context, item, shot, photos)
+    if len(cameras) < FEWEST_PHOTOS:
+        raise CaptureError(
+            item.name, "motion", "the camera hardly moves over these frames",
+            "choose other frames, or track the camera first",
+        )  # fmt: skip
+    write_transforms(file, cameras)
+    folder = next(iter(photos.values())).parent
+    return import_captures(context, [file], photos=folder, as_they_stand=True)[0]
+
+
+def cameras_along(
+    context: bpy.types.Context, item: bpy.types.Object, shot: Shot, photos: dict[int, Path]
+) -> list[Camera]:
+    """The camera object at the frames of its photos, in the world, without those where it has not moved on.
+
+    The scene stays at its frame.
+
+    Raises:
+        CaptureError: a photo cannot be read, or lies on its side for what was tracked.
+    """
+    scene, before = context.scene, context.scene.frame_current_final
+    aspect = _aspect(shot, scene)
+    lens, distortion = ("pinhole", ()) if shot.clip is None else lens_of(shot.clip)
+    progress = context.window_manager
+    progress.progress_begin(0, len(photos))
+    cameras: list[Camera] = []
+    try:
+        for number, (frame, path) in enumerate(sorted(photos.items())):
+            progress.progress_update(number)
+            scene.frame_set(frame)
+            seen = item.evaluated_get(context.evaluated_depsgraph_get())
+            width, height = _size(path, shot)
+            camera = camera_of(
+                seen.data, seen.matrix_world, width, height, name=f"{item.name} {frame}",
+                aspect=aspect, image_path=path, lens=lens, distortion=distortion,
+            )  # fmt: skip
+            if not cameras or _has_moved(cameras[-1], camera):
+                cameras.append(camera)
+    finally:
+        progress.progress_end()
+        scene.frame_set(int(before // 1), subframe=before % 1)
+    return cameras
+
+
+def _size(path: Path, shot: Shot) -> tuple[int, int]:
+    width, height = image_size(path)
+    if shot.is_video and (width - height) * (shot.size[0] - shot.size[1]) < 0:
+        raise CaptureError(
+            path, "size", f"it is {width} × {height} pixels, where Blender has {shot.size[0]} × "
+            f"{shot.size[1]} in {shot.file.name}", "convert the video to one that is stored upright",
+        )  # fmt: skip
+    return width, height
+
+
+def _aspect(shot: Shot, scene: bpy.types.Scene) -> float:
+    """Width over height of a picture's pixels."""
+    if shot.is_video:
+        return 1.0  # its frames are taken with square ones
+    if shot.clip is not None:
+        return shot.clip.tracking.camera.pixel_aspect
+    return scene.render.pixel_aspect_x / scene.render.pixel_aspect_y
+
+
+def _has_moved(before: Camera, camera: Camera) -> bool:
+    return not np.allclose(
+        before.camera_to_world, camera.camera_to_world, rtol=STANDS_STILL, atol=STANDS_STILL
+    )

@@ -1,0 +1,107 @@
+"""Make a capture of a camera that moves before a film."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ..nmf_addon import preferences
+from ..nmf_addon.jobs.create import jobs_folder, new_job_root
+from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
+from ..nmf_addon.runtime import RuntimeMissing
+from ..nmf_addon.scene.shot import Shot, shot_camera, shot_of
+from ..nmf_addon.scene.shot_capture import capture_shot, photos_in, pictures_of
+from ..solver.cameras.folder import FEWEST_PHOTOS, MOST_VIDEO_PHOTOS, VIDEO_PHOTOS
+from ..solver.capture.errors import CaptureError
+
+
+class NMF_OT_use_moving_camera(bpy.types.Operator):
+    """Make a capture of a camera that moves, by Blender's tracker, keyframes or an import, and the film behind it:
+    one camera for each photo, where it stands in the scene"""
+
+    bl_idname = "nmf.use_moving_camera"
+    bl_label = "Use Moving Camera"
+    bl_options = {"UNDO"}
+
+    first: bpy.props.IntProperty(
+        name="First Frame", description="Of the scene", options={"SKIP_SAVE"}
+    )
+    last: bpy.props.IntProperty(
+        name="Last Frame", description="Of the scene", options={"SKIP_SAVE"}
+    )
+    count: bpy.props.IntProperty(
+        name="Photos", default=VIDEO_PHOTOS, min=FEWEST_PHOTOS, max=MOST_VIDEO_PHOTOS,
+        description="How many to take, at most: of a video, each is the sharpest frame of its part",
+    )  # fmt: skip
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """With a camera that has a film, while no other task runs."""
+        if side_task.running:
+            cls.poll_message_set(f"{side_task.title} is running")
+            return False
+        cls.poll_message_set(
+            "Select a camera with a movie clip, a video or an image sequence as background"
+        )
+        return shot_camera(context) is not None
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the frames."""
+        frames = shot_of(shot_camera(context), context.scene).frames
+        self.first, self.last = frames.start, frames.stop - 1
+        return context.window_manager.invoke_props_dialog(self)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """The dialog."""
+        column = self.layout.column()
+        column.use_property_split, column.use_property_decorate = True, False
+        for name in ("first", "last", "count"):
+            column.prop(self, name)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Make the capture, or take photos from the video first."""
+        item = shot_camera(context)
+        shot, name = shot_of(item, context.scene), item.name
+        frames = self._frames(shot)
+        root = new_job_root(f"{name} cameras", jobs_folder())
+        cameras, photos = root / "transforms_train.json", root / "photos"
+
+        def done(task: SideTask) -> None:
+            # Found anew: an undo meanwhile has replaced all that Blender had.
+            here = bpy.context
+            found = here.scene.objects.get(name)
+            film = None if found is None else shot_of(found, here.scene)
+            if film is None:
+                raise CaptureError(name, "", "the camera or its film is gone", "start again")
+            pictures = photos_in(film, photos)
+            here.scene.nmf.capture = capture_shot(here, found, film, pictures, cameras)
+            task.model.text = f"{len(pictures)} photos were taken"
+            bpy.ops.ed.undo_push(message=NMF_OT_use_moving_camera.bl_label)
+
+        try:
+            if not shot.is_video:
+                pictures = pictures_of(shot, frames, self.count)
+                context.scene.nmf.capture = capture_shot(context, item, shot, pictures, cameras)
+                return {"FINISHED"}
+            numbers = frames.start + shot.offset, frames.stop - 1 + shot.offset
+            words = ["frames", str(shot.file), "--out", str(photos), "--photos", str(self.count)]
+            words += ["--span", *map(str, numbers), "--events"]
+            side_task.start(
+                self.bl_label, preferences.solver_python(), words, jobs_folder() / "logs", done,
+                f"Its photos are in {photos}",
+            )  # fmt: skip
+        except (CaptureError, TaskError, RuntimeMissing, OSError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+    def _frames(self, shot: Shot) -> range:
+        """What was asked for, as far as it is there; by default all."""
+        asked = self.properties.is_property_set
+        first = self.first if asked("first") else shot.frames.start
+        last = self.last if asked("last") else shot.frames.stop - 1
+        return range(max(first, shot.frames.start), min(last + 1, shot.frames.stop))
+
+
+classes = (NMF_OT_use_moving_camera,)
