@@ -3,35 +3,20 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
+import fake_capture
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
-HERE = Path(__file__).resolve().parent
-REAL_BLENDER = os.environ.get("NMF_REAL_BLENDER", "")
-sys.path.insert(0, str(ROOT / "tests" / "blender"))
-
-import fake_capture  # noqa: E402
-
-pytestmark = [
-    pytest.mark.real_blender,
-    pytest.mark.skipif(
-        not Path(REAL_BLENDER).is_file(),
-        reason="no real Blender: NMF_REAL_BLENDER is not the path of real-blender.sh",
-    ),
-]
+HEIF = Path(__file__).resolve().parents[1] / "capture" / "data" / "heif"
 
 
 def _phone_capture(folder):
     names = [f"IMG_{number}.HEIC" for number in range(3)]
     folder.mkdir()
     for name in names:
-        shutil.copy(ROOT / "tests" / "capture" / "data" / "heif" / "plain.heic", folder / name)
+        shutil.copy(HEIF / "plain.heic", folder / name)
     return fake_capture.write_cameras(folder / "transforms_train.json", names)
 
 
@@ -43,33 +28,16 @@ def _video(folder):
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory):
-    """What `window_steps.py` saw. Screenshots stay in NMF_GUI_OUT if that is set."""
+def report(tmp_path_factory, screenshots, in_window):
+    """What `window_steps.py` saw."""
     folder = tmp_path_factory.mktemp("window")
-    out = Path(os.environ.get("NMF_GUI_OUT") or folder / "out")
-    out.mkdir(parents=True, exist_ok=True)
-    blender = ["bash", REAL_BLENDER, "--user", str(folder / "user")]
-    build = ["--command", "extension", "build", "--source-dir", str(ROOT), "--output-dir"]
-    environment = {
-        **os.environ, "RB_BIND": f"{ROOT}:{out}", "NMF_GUI_OUT": str(out),
-        "NMF_GUI_CAPTURE": str(fake_capture.write_capture(folder / "photos of it", 8, 64)),
-        "NMF_GUI_PHONE_CAPTURE": str(_phone_capture(folder / "phone")),
-        "NMF_GUI_VIDEO": str(_video(folder / "clips")), "NMF_SOLVER_PYTHON": "/usr/bin/python3",
-        "NMF_SOLVER_BOOTSTRAP": str(ROOT / "tests" / "blender" / "fake_solver.py"),
-    }  # fmt: skip
-
-    def run(*words, seconds=120):
-        answer = subprocess.run(
-            [*blender, *words], capture_output=True, text=True, errors="replace", env=environment,
-            timeout=seconds, stdin=subprocess.DEVNULL,
-        )  # fmt: skip
-        assert answer.returncode == 0, answer.stdout[-3000:] + answer.stderr[-3000:]
-
-    run("headless", "--", *build, str(folder))
-    archive = str(next(folder.glob("*.zip")))
-    run("extension", "--", "install-file", "--repo", "user_default", "--enable", archive)
-    run("gui", str(HERE / "window_steps.py"), str(out / "8_preferences.png"), seconds=240)
-    return json.loads((out / "report.json").read_text())
+    in_window(
+        "window_steps.py", "8_preferences.png",
+        NMF_GUI_CAPTURE=str(fake_capture.write_capture(folder / "photos of it", 8, 64)),
+        NMF_GUI_PHONE_CAPTURE=str(_phone_capture(folder / "phone")),
+        NMF_GUI_VIDEO=str(_video(folder / "clips")),
+    )  # fmt: skip
+    return json.loads((screenshots / "report.json").read_text())
 
 
 def test_photos_of_a_phone_are_shown_once_their_cameras_are_dropped_and_undo_takes_both_back(

@@ -1,0 +1,64 @@
+"""A real Blender with the extension installed from its zip, and a stand-in for the solver."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+REAL_BLENDER = os.environ.get("NMF_REAL_BLENDER", "")
+sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "blender")]
+
+
+def pytest_collection_modifyitems(items):
+    """Leave all tests here out where there is no real Blender."""
+    for item in items:
+        if Path(__file__).parent in item.path.parents:
+            item.add_marker(pytest.mark.real_blender)
+            if not Path(REAL_BLENDER).is_file():
+                item.add_marker(
+                    pytest.mark.skip("no real Blender: NMF_REAL_BLENDER is not the path of real-blender.sh")
+                )
+
+
+@pytest.fixture(scope="session")
+def screenshots(tmp_path_factory):
+    """The folder of screenshots, which stay in NMF_GUI_OUT if that is set."""
+    out = Path(os.environ.get("NMF_GUI_OUT") or tmp_path_factory.mktemp("screenshots"))
+    out.mkdir(parents=True, exist_ok=True)
+    return out
+
+
+@pytest.fixture(scope="session")
+def in_window(tmp_path_factory, screenshots):
+    """Runs a script of this folder in a window of the real Blender: a function of the script's name, the name
+    of the last screenshot, and environment variables."""
+    folder = tmp_path_factory.mktemp("blender")
+    blender = ["bash", REAL_BLENDER, "--user", str(folder / "user")]
+    build = ["--command", "extension", "build", "--source-dir", str(ROOT), "--output-dir"]
+
+    def run(*words, seconds=120, **variables):
+        environment = {
+            **os.environ, "RB_BIND": f"{ROOT}:{screenshots}", "NMF_GUI_OUT": str(screenshots),
+            "NMF_SOLVER_PYTHON": "/usr/bin/python3",
+            "NMF_SOLVER_BOOTSTRAP": str(ROOT / "tests" / "blender" / "fake_solver.py"), **variables,
+        }  # fmt: skip
+        answer = subprocess.run(
+            [*blender, *words], capture_output=True, text=True, errors="replace", env=environment,
+            timeout=seconds, stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+        assert answer.returncode == 0, answer.stdout[-3000:] + answer.stderr[-3000:]
+
+    run("headless", "--", *build, str(folder))
+    archive = str(next(folder.glob("*.zip")))
+    run("extension", "--", "install-file", "--repo", "user_default", "--enable", archive)
+
+    def window(script, last_shot, **variables):
+        steps = Path(__file__).with_name(script)
+        run("gui", str(steps), str(screenshots / last_shot), seconds=240, **variables)
+
+    return window
