@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
 
 from ..nmf_addon import preferences
@@ -17,8 +15,8 @@ from ..solver.capture.errors import CaptureError
 
 
 class NMF_OT_use_moving_camera(bpy.types.Operator):
-    """Make a capture of a camera that moves, by Blender's tracker, keyframes or an import, and the film behind it:
-    one camera for each photo, where it stands in the scene"""
+    """Make a capture of a camera that moves, by Blender's tracker, keyframes or an import, and of the film
+    behind it: one camera for each photo, where it stands in the scene"""
 
     bl_idname = "nmf.use_moving_camera"
     bl_label = "Use Moving Camera"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 
 import bpy
@@ -45,7 +44,11 @@ def photos_in(shot: Shot, folder: Path) -> dict[int, Path]:
 
 
 def capture_shot(
-    context: bpy.types.Context, item: bpy.types.Object, shot: Shot, photos: dict[int, Path], file: Path
+    context: bpy.types.Context,
+    item: bpy.types.Object,
+    shot: Shot,
+    photos: dict[int, Path],
+    file: Path,
 ) -> bpy.types.Collection:
     """Make a capture of a camera and its photos, where it stands in the scene.
 

@@ -1,4 +1,4 @@
-"""The commands `solve`, cameras from a folder of photos or from a video, and `frames`, photos from a video."""
+"""The commands `solve`, cameras from photos or from a video, and `frames`, photos from a video."""
 
 from __future__ import annotations
 
@@ -65,7 +65,10 @@ def add_frames(commands: argparse._SubParsersAction) -> None:
         help="how many, each the sharpest frame of its part (default %(default)s)",
     )  # fmt: skip
     command.add_argument(
-        "--span", type=int, nargs=2, metavar=("FIRST", "LAST"),
+        "--span",
+        type=int,
+        nargs=2,
+        metavar=("FIRST", "LAST"),
         help="from these frames, counted from 0 by the video's clock; default: from all",
     )
     command.add_argument("--events", action="store_true", help="events on stdout, no bar")

@@ -64,9 +64,7 @@ def take_photos(
     return photos_below(folder)
 
 
-def sharpest(
-    video: Path, count: int, span: range | None = None
-) -> Iterator[tuple[float, Frame]]:
+def sharpest(video: Path, count: int, span: range | None = None) -> Iterator[tuple[float, Frame]]:
     """The sharpest frame of each of `count` equal parts of a video, with the share of it that is past.
 
     Args:

@@ -308,9 +308,7 @@ def test_a_video_that_is_stored_on_its_side_is_refused(task, fake_solver, camera
     assert "80 × 48 pixels, where Blender has 48 × 80" in task.model.error
 
 
-def test_a_camera_that_is_gone_when_its_photos_are_there_is_named(
-    task, fake_solver, camera, video
-):
+def test_a_camera_that_is_gone_when_its_photos_are_there_is_named(task, fake_solver, camera, video):
     bpy.ops.nmf.use_moving_camera()
     bpy.data.objects.remove(camera)
     task.finish()
