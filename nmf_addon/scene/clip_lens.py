@@ -1,7 +1,7 @@
 """The lens of Blender's tracker as the solver's.
 
 Formulas are those of libmv's `distortion_models.cc`, with y up and distances from the centre in units of
-the focal length, but NUKE's, which are in halves of the picture's longer side. r is ideal, d in the picture:
+the focal length; NUKE's are in halves of the picture's longer side. r is ideal, d in the picture:
 
     POLYNOMIAL, BROWN    d = r (1 + k1 r² + k2 r⁴ + …)
     DIVISION             d = r / (1 + k1 r² + k2 r⁴)

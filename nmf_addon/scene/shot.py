@@ -1,7 +1,7 @@
 """The film behind a camera that moves: which of its pictures belongs to which frame of the scene.
 
-A film is a video or a numbered sequence of pictures, either as Blender's tracker has it (a movie clip) or as
-an image behind the camera. How Blender counts is in its `movieclip.cc` and `image.cc`.
+A film is a video or a numbered sequence of pictures, as Blender's tracker has it (a movie clip) or as an
+image behind the camera. How Blender counts is in its `movieclip.cc` and `image.cc`.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ class Shot:
         file: the video, or one picture of the sequence.
         is_video: what `file` is.
         frames: those of the scene that have a picture, and in which the tracker knows the camera.
-        offset: added to a frame of the scene, it is the number in the picture's name, or of the video's frame,
-            counted from 0.
+        offset: added to a frame of the scene, it is the number in the picture's name, or that of the
+            video's frame, counted from 0.
         size: width and height that Blender takes the film for, pixels.
         clip: the tracker's, which knows the lens; None for an image.
     """
