@@ -29,7 +29,7 @@ from .model import finish_model
 from .output import write_cameras
 from .pairs import pairs_of
 from .prepare import Prepared, look_at, write_prepared
-from .walk import leaps_of, walked_model
+from .walk import misled, walked_model
 
 SHARES = {"features": 0.3, "matching": 0.45, "mapping": 0.2, "adjustment": 0.05}
 SHARES_OF_VIDEO = {"video": 0.15} | {stage: 0.85 * share for stage, share in SHARES.items()}
@@ -89,8 +89,7 @@ class Solver:
                 self._features(photos)
                 self._match(photos)
                 model = self._map(photos)
-                if self.request.matcher == "sequential":
-                    model = self._without_leaps(photos, model)
+                model = self._unfolded(photos, model)
                 self._adjust(model)
         finally:
             shutil.rmtree(self.folder.work_dir, ignore_errors=True)
@@ -262,25 +261,29 @@ class Solver:
             found.values(), key=lambda m: (m.num_reg_images(), m.num_points3D()), default=None
         )
 
-    def _without_leaps(self, photos: list[Prepared], model: Any) -> Any:
-        """The model of a walk, or a better one where its cameras leap."""
+    def _unfolded(self, photos: list[Prepared], model: Any) -> Any:
+        """The model, or a better one where things that look alike have misled it."""
         number = {photo.file: photo.number for photo in photos}
-        if not leaps_of(model, number):
+        in_one_take = self.request.matcher == "sequential"
+        if not misled(self.colmap, self.folder.database_path, model, number, in_one_take):
             return model
 
         def told(placed: int) -> None:
-            self.progress.fraction(1.0, f"cameras leapt, placing them again: {placed} placed")
+            self.progress.fraction(
+                1.0, f"photos contradict each other, placing cameras again: {placed} placed"
+            )
 
         copy = self.folder.work_dir / self.folder.database_path.name
         shutil.copyfile(self.folder.database_path, copy)
         walked = walked_model(
-            self.colmap, copy, model, number,
+            self.colmap, copy, model, number, in_one_take,
             lambda: self._largest_model(copy, _placed(model), told),
         )  # fmt: skip
         if walked is None:
             self.progress.warning(
-                "cameras leap between photos that follow each other, so things that look alike may have "
-                "been taken for each other; leave out what comes after a cut, or take photos between"
+                "photos that follow each other do not fit together, so things that look alike may have been "
+                "taken for each other; give photos names in the order in which they were taken, leave out "
+                "what comes after a cut, or take photos between"
             )
         return model if walked is None else walked
 

@@ -1,9 +1,9 @@
-"""Photos of a walk, one after the other: cameras that leap were misled by things that look alike.
+"""Photos taken one after the other: their cameras may be misled by things that look alike.
 
 Walls with one wallpaper, or the sides of a box, match though they are not the same, and COLMAP folds
 the world so that they are (Cai et al., "Doppelgangers", ICCV 2023). Photos taken one after the other do
-show the same things, so their matches can be trusted, and what these make of the world tells which of the
-others fit.
+show the same things, so their matches can be trusted: a model that contradicts them, or whose camera leaps
+between them, is folded, and what they alone make of the world tells which of the others fit.
 """
 
 from __future__ import annotations
@@ -24,20 +24,24 @@ AGREEMENT = np.sin(np.radians(4.0))
 """sine of the median angle between matched rays and their epipolar planes up to which a pair agrees: what a
 long walk drifts, and far less than between things that only look alike"""
 
+STEPS, FEWEST_MATCHES = 2, 30
+"""photos so far apart at most, with so many verified matches, are a model's to explain"""
 ENOUGH = 0.9
-"""share of the cameras that a model without leaps has to have: a missing one is better than a wrong one"""
+"""share of the cameras that a better model has to have: a missing one is better than a wrong one"""
 
 
 def walked_model(
-    colmap: Any, database_path: Path, model: Any, number_of: dict[str, int],
+    colmap: Any, database_path: Path, model: Any, number_of: dict[str, int], in_one_take: bool,
     place: Callable[[], Any],
 ) -> Any:  # fmt: skip
-    """A model without leaps of a walk whose first model has some; None if there is none of that size.
+    """A model that is not misled, of photos whose first one is (see `misled`); None if there is none of that
+    size.
 
     First of matches of neighbours alone, then also of those others that agree with it.
 
     Args:
         database_path: a copy, which is changed.
+        in_one_take: as in `misled`.
         number_of: each photo's number in the order of the walk by its name in the database.
         place: gives the largest model of the copy as it is, or None.
     """
@@ -45,7 +49,7 @@ def walked_model(
     def good(found: Any, fewest: float) -> bool:
         if found is None or found.num_reg_images() < fewest:
             return False
-        return not leaps_of(found, number_of)
+        return not misled(colmap, database_path, found, number_of, in_one_take)
 
     with opened(colmap, database_path) as database:
         of_image = {image: number_of[name] for name, image in numbers(database).items()}
@@ -59,6 +63,29 @@ def walked_model(
             database.write_two_view_geometry(*pair)
     closed = place() if agreeing else None
     return closed if good(closed, walked.num_reg_images()) else walked
+
+
+def misled(
+    colmap: Any, database_path: Path, model: Any, number_of: dict[str, int], in_one_take: bool
+) -> bool:
+    """True if a model contradicts what photos taken one after the other have in common.
+
+    Args:
+        number_of: each photo's number in the order in which they were taken, by its name in the database.
+        in_one_take: they are of one walk without cuts, so that their camera does not leap either.
+    """
+    if in_one_take and leaps_of(model, number_of):
+        return True
+    with opened(colmap, database_path) as database:
+        of_image = {image: number_of[name] for name, image in numbers(database).items()}
+        for pair, geometry in zip(*database.read_two_view_geometries(), strict=True):
+            one, other = colmap.pair_id_to_image_pair(pair)
+            near = abs(of_image[one] - of_image[other]) <= STEPS
+            if near and len(geometry.inlier_matches) >= FEWEST_MATCHES:
+                placed = all(model.exists_image(i) and model.image(i).has_pose for i in (one, other))
+                if placed and not agrees(model, database, one, other, geometry):
+                    return True
+    return False
 
 
 def leaps(steps: dict[int, np.ndarray], distance: float) -> list[int]:

@@ -1,6 +1,7 @@
 """Cameras of a walk that leap are found, and placed where neighbours' matches have them."""
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -105,18 +106,34 @@ def position_error(capture, truth):
     return np.linalg.norm(scale * found @ rotation.T + shift - positions, axis=1).max() / size
 
 
-def test_a_walk_around_what_looks_alike_from_behind_is_not_folded(alike, tmp_path):
-    folder, truth = alike
+def solve(photos, out, *options):
+    """Solve on the command line; returns stderr and the lines of events."""
     result = subprocess.run(
-        [sys.executable, "-m", "solver", "solve", str(folder), "--out", str(tmp_path / "cameras"),
-         "--matcher", "sequential"],
+        [sys.executable, "-m", "solver", "solve", str(photos), "--out", str(out), *options],
         cwd=ROOT, text=True, capture_output=True, stdin=subprocess.DEVNULL, timeout=600,
     )  # fmt: skip
     assert result.returncode == 0, result.stderr
+    return result.stderr, (out / "events.jsonl").read_text().splitlines()
+
+
+@pytest.mark.parametrize("matcher", ["sequential", "auto"])
+def test_photos_around_what_looks_alike_from_behind_are_not_folded(alike, matcher, tmp_path):
+    folder, truth = alike
+    _, events = solve(folder, tmp_path / "cameras", "--matcher", matcher)
     capture = read_capture(tmp_path / "cameras", photos=folder)
     assert len(capture.cameras) == len(truth)
     assert position_error(capture, truth) < 0.05
-    events = (tmp_path / "cameras" / "events.jsonl").read_text().splitlines()
     overall = [e["overall"] for e in map(json.loads, events) if e["ev"] == "progress"]
     assert overall == sorted(overall) and overall[-1] == 1.0
-    assert any("leapt" in line for line in events)
+    assert any("contradict each other" in line for line in events)
+
+
+def test_one_is_told_where_names_are_no_order_that_could_tell_what_looks_alike(alike, tmp_path):
+    folder, truth = alike
+    shuffled = tmp_path / "photos"
+    shuffled.mkdir()
+    order = np.random.default_rng(1).permutation(len(truth))
+    for camera, number in zip(truth, order, strict=True):
+        shutil.copy(folder / f"{camera.name}.jpg", shuffled / f"IMG_{number:03d}.jpg")
+    told, _ = solve(shuffled, tmp_path / "cameras")
+    assert "names in the order in which they were taken" in told
