@@ -20,14 +20,14 @@ import bpy
 from ..solver.capture.errors import CaptureError
 from ..solver.job.events import Event, clock
 from ..solver.job.exit_codes import BAD_INPUT, CANCELLED, DONE, FAILED
-from ..solver.job.folder import JobError, JobFolder
+from ..solver.job.folder import JobError, JobFolder, overrides_of
 from ..solver.job.inputs import capture_of
 from ..solver.job.resume import take_up
 from . import preferences
 from .jobs.create import create_job, last_job_root, new_job_root
 from .jobs.process import run_blocking, start_job
 from .runtime import RuntimeMissing, bootstrap_script, clean_environment
-from .scene.cameras import size_of
+from .scene.cameras import ASPECT, size_of
 from .scene.capture_collection import import_capture, photo_paths
 from .scene.install import InstalledAsset, install_result
 from .scene.match_solver import match_resolution, match_solver
@@ -101,8 +101,7 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
         raise JobError(f"{out}: this is a folder; give the name of a .blend.")
     if out.exists() and not options.overwrite:
         raise JobError(f"{out}: it exists already; give another name or --overwrite.")
-    if any("=" not in text for text in options.sets):
-        raise JobError("--set: write settings as section.field=value.")
+    overrides = overrides_of(options.sets)
     python = preferences.solver_python()
     check_writable(out.parent)
     bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -122,7 +121,7 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
         job = create_job(
             collection, root, preset=options.preset or "draft", device=options.device or "auto",
             seed=options.seed or 0, time_limit=options.time_limit,
-            overrides=dict(text.split("=", 1) for text in options.sets),
+            overrides=overrides,
         )  # fmt: skip
     if not job.is_complete():
         try:
@@ -206,7 +205,7 @@ def take_up_job(
         raise JobError(f"{job.root}: this is a job of other photos; give another --job.")
     asked = {
         "preset": options.preset, "device": options.device, "seed": options.seed,
-        "overrides": dict(text.split("=", 1) for text in options.sets) or None,
+        "overrides": overrides_of(options.sets) or None,
     }  # fmt: skip
     take_up(job, asked, options.time_limit)
 
@@ -237,10 +236,10 @@ def run_solver(python: Path, job: JobFolder, on_event) -> None:
 
 
 def match_capture_resolution(collection: bpy.types.Collection) -> None:
-    """Render at the size of the capture's first photo."""
-
+    """Render at the size of the capture's first photo, with its pixels' shape."""
     item = next(i for i in collection.all_objects if i.type == "CAMERA")
-    match_resolution(bpy.context.scene, *size_of(item))
+    aspect = float(item.data.get(ASPECT, 1.0))
+    match_resolution(bpy.context.scene, *size_of(item), aspect)
     bpy.context.scene.camera = item
 
 

@@ -105,6 +105,19 @@ class NMF_scene(bpy.types.PropertyGroup):
     )
 
 
+def chosen_overrides(settings: NMF_scene) -> dict[str, str]:
+    """What the panel says where it is not what presets say, as `JobRequest.overrides`."""
+    names = {
+        "exposure": "fit.exposure", "turntable": "light.turntable",
+        "texture_size": "asset.texture_size",
+    }  # fmt: skip
+    return {
+        key: getattr(settings, name)
+        for name, key in names.items()
+        if getattr(settings, name) != settings.bl_rna.properties[name].default
+    }
+
+
 classes = (NMF_scene,)
 
 

@@ -116,10 +116,17 @@ def install(options: argparse.Namespace, new: Path) -> None:
 
 
 def words_of(text: str) -> list[str]:
-    """A command line's words; quoted ones may hold blanks, and backslashes are those of Windows' paths."""
+    """A command line's words; quoted ones may hold blanks, and backslashes are those of Windows' paths.
+
+    Raises:
+        StepFailed: a quote is not closed.
+    """
     splitter = shlex.shlex(text, posix=True, punctuation_chars=False)
     splitter.whitespace_split, splitter.commenters, splitter.escape = True, "", ""
-    return list(splitter)
+    try:
+        return list(splitter)
+    except ValueError as error:
+        raise StepFailed(f"pip Arguments: a quote is not closed in '{text}'; close it.") from error
 
 
 def run(command: list[str], failure: str, listen=None) -> None:
@@ -147,10 +154,13 @@ def run(command: list[str], failure: str, listen=None) -> None:
 
 def write_record(options: argparse.Namespace, new: Path) -> None:
     """`runtime.json` inside the environment: what it holds, and of which requirements."""
-    versions = subprocess.run(
-        [str(python_of(new)), "-I", "-c", _VERSIONS], check=True, capture_output=True, text=True,
-        stdin=subprocess.DEVNULL,
-    ).stdout  # fmt: skip
+    command = [str(python_of(new)), "-I", "-c", _VERSIONS]
+    answer = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    if answer.returncode != 0:
+        raise StepFailed(
+            f"The packages do not load together: {answer.stderr.strip()[-500:]} (see requirements)"
+        )
+    versions = answer.stdout
     content = {
         "python": platform.python_version(), **json.loads(versions),
         "requirements": hashlib.sha256(options.requirements.read_bytes()).hexdigest(),

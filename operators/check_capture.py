@@ -11,6 +11,7 @@ import bpy
 from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import create_job
 from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
+from ..nmf_addon.properties import chosen_overrides
 from ..nmf_addon.runtime import RuntimeMissing
 from ..nmf_addon.scene.capture_collection import FINDINGS, active_capture, capture_named
 from ..nmf_addon.scene.region import is_as_placed, region_box
@@ -48,13 +49,19 @@ class NMF_OT_check_capture(bpy.types.Operator):
                 if report.get("box") and box is not None and is_as_placed(box):
                     # True: an operator called from Python makes no undo step of its own accord.
                     bpy.ops.nmf.fit_region_box("EXEC_DEFAULT", True, collection=name)
+                bpy.ops.ed.undo_push(message=NMF_OT_check_capture.bl_label)
             count = sum(finding["level"] == "warning" for finding in report["findings"])
             plural = "" if count == 1 else "s"
             task.model.text = f"Check: {count or 'no'} warning{plural}"
 
         try:
             python = preferences.solver_python()
-            job = create_job(collection, folder / "job", preset=settings.preset)
+            job = create_job(
+                collection,
+                folder / "job",
+                preset=settings.preset,
+                overrides=chosen_overrides(settings),
+            )
             words = ["check", str(job.root), "--preset", settings.preset, "--json"]
             side_task.start("Check Capture", python, words, folder, done)
         except (CaptureError, JobError, TaskError, RuntimeMissing, OSError) as error:

@@ -11,6 +11,7 @@ from ..nmf_addon import preferences, runtime
 from ..nmf_addon.jobs.monitor import monitor
 from ..nmf_addon.jobs.process import log_tail
 from ..solver import __version__
+from ..solver.job.folder import JobError, JobFolder
 
 
 class NMF_OT_open_job_folder(bpy.types.Operator):
@@ -69,7 +70,8 @@ class NMF_OT_copy_report(bpy.types.Operator):
 def error_report() -> str:
     """Versions, request, outcome and end of the log of the last job, without the person's paths."""
     job, model = monitor.job, monitor.model
-    record = runtime.runtime_record(preferences.chosen_runtime())
+    own = preferences.chosen_python()
+    record = None if own else runtime.runtime_record(preferences.chosen_runtime())
     request = job.request_path
     text = "\n".join(
         [
@@ -81,12 +83,23 @@ def error_report() -> str:
             log_tail(job, 60),
         ]
     )
-    for folder, name in ((job.root, "JOB"), (Path.home(), "~")):
+    for folder, name in (*_asked_for(job), (job.root, "JOB"), (Path.home(), "~")):
         # As it is, as JSON writes it, and as programs from elsewhere do: on Windows these differ.
-        in_json = json.dumps(str(folder), ensure_ascii=False)[1:-1]
+        in_json = json.dumps(str(folder))[1:-1]
         for spelling in (in_json, str(folder), folder.as_posix()):
             text = text.replace(spelling, name)
     return text
+
+
+def _asked_for(job: JobFolder) -> list[tuple[Path, str]]:
+    """Where a job's photos lie, if not in its own folder, and what to call that."""
+    try:
+        request = job.request
+    except JobError:
+        return []
+    named = [(request.photos, "PHOTOS"), (request.masks, "MASKS"), (request.capture, "CAPTURE")]
+    folders = [(Path(folder), name) for folder, name in named if folder]
+    return [(folder, name) for folder, name in folders if not folder.is_relative_to(job.root)]
 
 
 def _open(operator: bpy.types.Operator, path: Path) -> set[str]:

@@ -7,6 +7,7 @@ import bpy
 from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import create_job, new_job_root
 from ..nmf_addon.jobs.monitor import monitor
+from ..nmf_addon.properties import chosen_overrides
 from ..nmf_addon.runtime import RuntimeMissing
 from ..nmf_addon.scene.capture_collection import LAST_JOB, active_capture
 from ..nmf_addon.scene.images import stored_path
@@ -36,7 +37,7 @@ class NMF_OT_reconstruct(bpy.types.Operator):
                 collection, new_job_root(collection.name), preset=settings.preset,
                 device=settings.device, seed=settings.seed,
                 time_limit=60 * settings.time_limit if settings.use_time_limit else None,
-                overrides=overrides_of(settings),
+                overrides=chosen_overrides(settings),
             )  # fmt: skip
             monitor.start(python, job)
         except (CaptureError, JobError, RuntimeMissing, OSError) as error:
@@ -48,19 +49,6 @@ class NMF_OT_reconstruct(bpy.types.Operator):
         if not collection.library:
             collection[LAST_JOB] = job.root.name
         return {"FINISHED"}
-
-
-def overrides_of(settings) -> dict[str, str]:
-    """What the panel says where it is not what presets say, as `JobRequest.overrides`."""
-    names = {
-        "exposure": "fit.exposure", "turntable": "light.turntable",
-        "texture_size": "asset.texture_size",
-    }  # fmt: skip
-    return {
-        key: getattr(settings, name)
-        for name, key in names.items()
-        if getattr(settings, name) != settings.bl_rna.properties[name].default
-    }
 
 
 class NMF_OT_resume(bpy.types.Operator):

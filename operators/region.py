@@ -7,6 +7,7 @@ import bpy
 from ..nmf_addon.scene.capture_collection import (
     active_capture,
     add_region_box,
+    capture_named,
     fit_region_box,
 )
 from ..solver.capture.errors import CaptureError
@@ -52,7 +53,7 @@ class NMF_OT_fit_region_box(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Move the box."""
-        collection = bpy.data.collections.get(self.collection) or active_capture(context)
+        collection = capture_named(context.scene, self.collection) or active_capture(context)
         if fit_region_box(collection) is None:
             self.report({"ERROR"}, "Press Check Capture first, with photos that have masks.")
             return {"CANCELLED"}

@@ -5,6 +5,8 @@ from __future__ import annotations
 import bpy
 
 from ..nmf_addon import preferences, runtime, setup_monitor
+from ..nmf_addon.jobs.monitor import monitor
+from ..nmf_addon.jobs.side_task import side_task
 
 
 class NMF_OT_setup_solver(bpy.types.Operator):
@@ -15,7 +17,10 @@ class NMF_OT_setup_solver(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """While neither a set-up nor a check runs."""
+        """While neither a set-up nor a check runs, nor the solver, which would lose its packages."""
+        if monitor.running or side_task.running:
+            cls.poll_message_set("The solver is running; cancel it, or wait for it")
+            return False
         return _may_start(cls)
 
     def execute(self, context: bpy.types.Context) -> set[str]:

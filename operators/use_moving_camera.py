@@ -78,6 +78,11 @@ class NMF_OT_use_moving_camera(bpy.types.Operator):
             bpy.ops.ed.undo_push(message=NMF_OT_use_moving_camera.bl_label)
 
         try:
+            if len(frames) < FEWEST_PHOTOS:
+                raise CaptureError(
+                    shot.file, "frames", f"there are {len(frames)} between the first and the last one",
+                    "choose others",
+                )  # fmt: skip
             if not shot.is_video:
                 pictures = pictures_of(shot, frames, self.count)
                 context.scene.nmf.capture = capture_shot(context, item, shot, pictures, cameras)

@@ -15,7 +15,7 @@ from pathlib import Path
 from . import __version__
 from .cameras.command import add_frames, add_solve
 from .job.exit_codes import CANCELLED, DONE, FAILED
-from .job.folder import MOST_SEED, JobError, JobFolder, JobRequest
+from .job.folder import MOST_SEED, JobError, JobFolder, JobRequest, overrides_of
 from .job.resume import take_up
 from .job.status import process_is_alive, read_status
 from .preflight.command import add_check, add_pictures
@@ -178,11 +178,11 @@ def _reconstruct(options: argparse.Namespace) -> int:
         asked = {
             "capture": str(options.capture.absolute()), "preset": options.preset,
             "device": options.device, "seed": options.seed, "photos": _absolute(options.photos),
-            "masks": _absolute(options.masks), "overrides": _overrides(options) or None,
+            "masks": _absolute(options.masks), "overrides": overrides_of(options.sets) or None,
         }  # fmt: skip
         take_up(job, asked, options.time_limit)
         return _run_job(job, options.began)
-    preset, overrides = options.preset or "draft", _overrides(options)
+    preset, overrides = options.preset or "draft", overrides_of(options.sets)
     settings_for(preset, overrides)
     read_capture(
         options.capture, photos=options.photos, masks=options.masks
@@ -193,16 +193,6 @@ def _reconstruct(options: argparse.Namespace) -> int:
         photos=_absolute(options.photos), masks=_absolute(options.masks), code_version=__version__,
     )  # fmt: skip
     return _run_job(JobFolder.create(options.out, request), options.began)
-
-
-def _overrides(options: argparse.Namespace) -> dict[str, str]:
-    overrides = {}
-    for text in options.sets:
-        key, separator, value = text.partition("=")
-        if not separator:
-            raise JobError(f"--set {text}: write it as section.field=value.")
-        overrides[key] = value
-    return overrides
 
 
 def _absolute(path: Path | None) -> str | None:
@@ -269,11 +259,11 @@ def _evaluate(options: argparse.Namespace) -> int:
 def _export(options: argparse.Namespace) -> int:
     from .asset.export import export_result
 
-    job, overrides = JobFolder.open(options.job), _overrides(options)
+    job, overrides = JobFolder.open(options.job), overrides_of(options.sets)
     out = options.out or job.root / "export"
     if overrides:
         from .fit.bake_again import bake_again
-        from .fit.progress import plain_bar
+        from .job.progress import plain_bar
 
         with plain_bar() as told:
             bake_again(job, out, overrides, told)

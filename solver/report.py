@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from .job.folder import replace_file
+
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #222; background: #fafafa; margin: 2rem auto;
   max-width: 1100px; padding: 0 1rem }
@@ -55,4 +57,6 @@ def write_report(
         f"</title><style>{_STYLE}</style></head><body><h1>{html.escape(title)}</h1>"
         f"{intro_and_warnings}<table>{table}</table>{''.join(body)}</body></html>\n"
     )
-    path.write_text(page, encoding="utf-8")
+    part = path.with_name(f"{path.name}.part")
+    part.write_text(page, encoding="utf-8")
+    replace_file(part, path)

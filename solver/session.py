@@ -22,7 +22,7 @@ from .job.folder import JobError
 from .job.status import Heartbeat
 
 if TYPE_CHECKING:
-    from .fit.progress import Progress
+    from .job.progress import Progress
 
 KNOWN_FAILURES = (EmptySurfaceError,)
 _DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
@@ -67,7 +67,7 @@ def session(
     events.emit("hello", version=__version__)
     heartbeat.update("preparing")
 
-    from .fit.progress import Progress
+    from .job.progress import Progress
 
     progress = Progress(events, heartbeat, not to_stdout and sys.stderr.isatty(), shares)
     run = Session(progress, control, events)

@@ -15,6 +15,9 @@ from ...solver.job.folder import JobFolder, JobRequest
 from ..names import user_folder
 from ..scene.capture_collection import placement_of, region_of, write_capture
 
+CAPTURE = "capture"
+"""folder of a job with the cameras that Blender wrote"""
+
 
 def jobs_folder() -> Path:
     """Where new jobs go: beside the saved .blend, else in the extension's own folder."""
@@ -51,11 +54,11 @@ def create_job(collection: bpy.types.Collection, root: Path, **settings) -> JobF
         CaptureError, JobError: nothing to reconstruct, or the folder is in use; nothing is written.
     """
     JobFolder.check_new(root)
-    folder = root / "capture"
+    folder = root / CAPTURE
     request = JobRequest(
         capture=str(folder), region=region_of(collection), placement=placement_of(collection),
         code_version=__version__, **settings,
     )  # fmt: skip
     request.check()
     request.capture = str(write_capture(collection, folder))
-    return JobFolder.create(root, request)
+    return JobFolder.create(root, request, may_hold=[CAPTURE])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from pathlib import Path
 
 import bpy
@@ -185,11 +186,32 @@ def _before_save(path: str) -> None:
     """Paths of jobs hold from where the file will be, whatever Undo or Save As did to them."""
     if monitor.running and monitor.of_this_file and not monitor.is_named_by_file():
         bpy.context.scene.nmf.job = str(monitor.job.root)
+    _jobs.clear()
     for scene in bpy.data.scenes:
         if scene.nmf.job:
-            job = Path(bpy.path.abspath(scene.nmf.job))
-            beside = job.is_relative_to(Path(path).parent)
-            scene.nmf.job = stored_path(job, path) if beside else str(job)
+            _jobs[scene.name] = Path(bpy.path.abspath(scene.nmf.job))
+    _store_jobs(path)
+
+
+@persistent
+def _after_save(path: str) -> None:
+    """What was saved may have been a copy, or nothing: paths of jobs hold from the open file again."""
+    _store_jobs(bpy.data.filepath)
+
+
+_jobs: dict[str, Path] = {}
+"""the scenes' jobs, while the file is saved"""
+
+
+def _store_jobs(blend: str) -> None:
+    for scene in bpy.data.scenes:
+        job = _jobs.get(scene.name)
+        if job is None:
+            continue
+        beside = blend and job.is_relative_to(Path(blend).parent)
+        stored = stored_path(job, blend) if beside else str(job)
+        if scene.nmf.job != stored:
+            scene.nmf.job = stored
 
 
 def lose_sight(watcher, what: str) -> None:
@@ -214,17 +236,23 @@ def redraw_panels() -> None:
                         region.tag_redraw()
 
 
+def _handlers() -> list[tuple[list, Callable[[str], None]]]:
+    at = bpy.app.handlers
+    return [
+        (at.load_post, _on_load), (at.save_pre, _before_save), (at.save_post, _after_save),
+        (at.save_post_fail, _after_save),
+    ]  # fmt: skip
+
+
 def register() -> None:
     """Watch for files being opened and saved."""
-    bpy.app.handlers.load_post.append(_on_load)
-    bpy.app.handlers.save_pre.append(_before_save)
+    for handlers, handler in _handlers():
+        handlers.append(handler)
 
 
 def unregister() -> None:
     """Stop watching."""
-    for handlers, handler in (
-        (bpy.app.handlers.load_post, _on_load), (bpy.app.handlers.save_pre, _before_save),
-    ):  # fmt: skip
+    for handlers, handler in _handlers():
         if handler in handlers:
             handlers.remove(handler)
     monitor.shut_down()

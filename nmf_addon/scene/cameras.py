@@ -110,7 +110,7 @@ def to_solver(item: bpy.types.Object, to_capture: Matrix) -> Camera:
         to_capture: world to capture space.
 
     Raises:
-        CaptureError: no photo, or the photo cannot be loaded.
+        CaptureError: no photo, the photo cannot be loaded, or the camera is no perspective one.
     """
     image = photo_of(item)
     if image is None:
@@ -139,12 +139,22 @@ def camera_of(
     Args:
         pose: camera to capture space.
         aspect: width over height of a pixel; None: what our import left in `data`, or 1.
-        others: further fields of `Camera`; what they say goes before what our import left in `data`.
+        others: further fields of `Camera`, such as its name; what they say goes before what our import left
+            in `data`.
+
+    Raises:
+        CaptureError: it is no perspective camera.
     """
-    across = width if _fits_width(data, width, height) else height
+    if data.type != "PERSP":
+        raise CaptureError(
+            data.name, "type", f"a camera of the type {data.type.title()} is not understood",
+            "set its lens type to Perspective, if that is how its photo was taken",
+        )  # fmt: skip
+    aspect = float(data.get(ASPECT, 1.0)) if aspect is None else aspect
+    # Blender measures in widths of a pixel, also along a column of them.
+    across = width if _fits_width(data, width, height / aspect) else height / aspect
     sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
     fx = data.lens * across / sensor
-    aspect = float(data.get(ASPECT, 1.0)) if aspect is None else aspect
     lens = str(data.get(LENS, "pinhole"))
     left = {
         "lens": lens,
@@ -157,5 +167,5 @@ def camera_of(
     )  # fmt: skip
 
 
-def _fits_width(data: bpy.types.Camera, width: int, height: int) -> bool:
+def _fits_width(data: bpy.types.Camera, width: float, height: float) -> bool:
     return data.sensor_fit == "HORIZONTAL" or (data.sensor_fit == "AUTO" and width >= height)

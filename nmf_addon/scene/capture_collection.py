@@ -128,7 +128,7 @@ def _add_points(
     collection: bpy.types.Collection, points: np.ndarray, root: bpy.types.Object
 ) -> bpy.types.Object:
     """Sparse points as a mesh of vertices, to see the object in while fitting the box."""
-    points = points[:: max(len(points) // MOST_POINTS, 1)]
+    points = points[:: max(-(-len(points) // MOST_POINTS), 1)]
     mesh = bpy.data.meshes.new(f"{collection.name} Points")
     mesh.vertices.add(len(points))
     mesh.vertices.foreach_set("co", np.ascontiguousarray(points, dtype=np.float32).ravel())

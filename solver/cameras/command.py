@@ -118,8 +118,6 @@ def run_solve(options: argparse.Namespace) -> int:
         camera_model=options.camera_model, sharing=options.sharing, seed=options.seed,
         masks=None if options.masks is None else str(options.masks.absolute()),
     )  # fmt: skip
-    if folder.root == photos:
-        raise CaptureError(photos, "out", "this is the folder of the photos", "give a new folder")
     if process_is_alive(read_status(folder.status_path)):
         raise CaptureError(
             folder.root, "", "another process solves cameras here", "cancel it, or wait for it"
@@ -134,10 +132,16 @@ def request_of(
     """What is asked of a solve of a folder of photos, or of a video.
 
     Raises:
-        CaptureError: no photos there, or too few; no video, or photos that cannot be taken from it.
+        CaptureError: no photos there, or too few, or in the folder of the solve; no video, or photos that
+            cannot be taken from it.
     """
     if not is_video(photos):
-        names = photos_below(photos, folder.root)
+        if photos.is_relative_to(folder.root):
+            raise CaptureError(
+                folder.root, "out", "the photos lie in this folder", "give a new folder"
+            )
+        masks = None if others.get("masks") is None else Path(others["masks"])
+        names = photos_below(photos, folder.root, masks)
         changed = tuple((photos / name).stat().st_mtime_ns for name in names)
         return SolveRequest(str(photos), names, changed, **others)
     from ..capture.video import check_video

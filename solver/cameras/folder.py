@@ -24,8 +24,6 @@ from ..capture.picture_names import VIDEOS
 from ..job.folder import write_json_atomic
 
 MATCHERS = ("auto", "exhaustive", "sequential")
-SHARING = ("auto", "single", "each")
-"""one lens for all photos of a size and focal length, one for all, one for each"""
 CAMERA_MODELS = (
     "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE",
 )  # fmt: skip
@@ -132,11 +130,13 @@ def is_video(path: Path) -> bool:
     return path.suffix.lower() in VIDEOS and path.is_file()
 
 
-def photos_below(folder: Path, besides: Path | None = None) -> tuple[str, ...]:
+def photos_below(
+    folder: Path, besides: Path | None = None, masks: Path | None = None
+) -> tuple[str, ...]:
     """Names of all photos below a folder, relative to it, numbers in their order (2 before 10).
 
     Args:
-        besides: a folder whose pictures are left out, or None.
+        besides: a folder whose pictures are left out, or None. masks: that of their masks, or None.
 
     Raises:
         CaptureError: there is no such folder, or it holds too few.
@@ -149,7 +149,7 @@ def photos_below(folder: Path, besides: Path | None = None) -> tuple[str, ...]:
     if not folder.is_dir():
         raise CaptureError(folder, "", "there is no such folder", "give the folder of the photos")
     root = Path(os.path.normpath(folder.absolute()))
-    found = PhotoFinder(folder).pictures()
+    found = PhotoFinder(folder, masks).pictures()
     if besides is not None:
         besides = Path(os.path.normpath(besides.absolute()))
         found = [path for path in found if not path.is_relative_to(besides)]

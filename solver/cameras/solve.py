@@ -17,10 +17,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..capture.errors import CaptureError
+from ..capture.errors import CaptureError, listed
 from ..capture.photo_matches import quiet_colmap
-from ..fit.progress import Progress
 from ..job.control import Cancelled, Control
+from ..job.progress import Progress
 from ..threads import usable_cores
 from .database import evidence_of, numbers, opened, register
 from .diagnosis import Evidence, unplaced
@@ -81,6 +81,8 @@ class Solver:
         root = Path(self.request.photos)
         masks = None if self.request.masks is None else Path(self.request.masks)
         photos = look_at(root, self.request.names, masks, self.request.max_image_size)
+        if masks is not None:
+            self._tell_of_missing_masks(masks, photos)
         shutil.rmtree(self.folder.work_dir, ignore_errors=True)
         self.colmap.set_random_seed(self.request.seed)
         try:
@@ -94,6 +96,19 @@ class Solver:
         finally:
             shutil.rmtree(self.folder.work_dir, ignore_errors=True)
         return self._write(photos, model)
+
+    def _tell_of_missing_masks(self, masks: Path, photos: list[Prepared]) -> None:
+        without = [photo.name for photo in photos if photo.mask is None]
+        if len(without) == len(photos):
+            raise CaptureError(
+                masks, "masks", "no mask there has a photo's name",
+                f"name masks as photos are, as {Path(photos[0].name).stem}.png",
+            )  # fmt: skip
+        if without:
+            self.progress.warning(
+                f"{len(without)} of {len(photos)} photos have no mask ({listed(without)}), so all that "
+                "they show counts"
+            )
 
     @contextmanager
     def _stopping(self) -> Iterator[None]:
@@ -141,7 +156,7 @@ class Solver:
             self.progress.fraction(done / len(photos), f"features: photo {done}")
         evidence = self._evidence(photos)
         if sum(item.features >= FEWEST_FEATURES for item in evidence) < FEWEST_PHOTOS:
-            self._fail(evidence, set())
+            self._fail(evidence)
 
     def _extract(self, now: list[Prepared], pictures: Path, masks: Path, options: Any) -> None:
         reader = self.colmap.ImageReaderOptions()
@@ -210,7 +225,7 @@ class Solver:
         }  # fmt: skip
         best = self._largest_model(self.folder.database_path, joined, told)
         if best is None or best.num_reg_images() < FEWEST_PHOTOS:
-            self._fail(evidence, set())
+            self._fail(evidence)
         return best
 
     def _largest_model(self, database: Path, wanted: set[str], told: Callable[[int], None]) -> Any:
@@ -281,9 +296,9 @@ class Solver:
         )  # fmt: skip
         if walked is None:
             self.progress.warning(
-                "photos that follow each other do not fit together, so things that look alike may have been "
-                "taken for each other; give photos names in the order in which they were taken, leave out "
-                "what comes after a cut, or take photos between"
+                "photos that follow each other do not fit together, so things that look alike may have "
+                "been taken for each other; give photos names in the order in which they were taken, leave "
+                "out what comes after a cut, or take photos between"
             )
         return model if walked is None else walked
 
@@ -300,8 +315,8 @@ class Solver:
     def _evidence(self, photos: list[Prepared]) -> list[Evidence]:
         return evidence_of(self.colmap, self.folder.database_path, photos)
 
-    def _fail(self, evidence: list[Evidence], placed: set[str]) -> None:
-        problem, remedy = unplaced(evidence, placed)
+    def _fail(self, evidence: list[Evidence]) -> None:
+        problem, remedy = unplaced(evidence, set())
         raise CaptureError(self.request.photos, "photos", problem, remedy)
 
     def _write(self, photos: list[Prepared], model: Any) -> Solved:

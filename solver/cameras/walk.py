@@ -34,8 +34,7 @@ def walked_model(
     colmap: Any, database_path: Path, model: Any, number_of: dict[str, int], in_one_take: bool,
     place: Callable[[], Any],
 ) -> Any:  # fmt: skip
-    """A model that is not misled, of photos whose first one is (see `misled`); None if there is none of that
-    size.
+    """A model that is not misled, where `model` is (see `misled`); None if there is none of that size.
 
     First of matches of neighbours alone, then also of those others that agree with it.
 
@@ -82,7 +81,9 @@ def misled(
             one, other = colmap.pair_id_to_image_pair(pair)
             near = abs(of_image[one] - of_image[other]) <= STEPS
             if near and len(geometry.inlier_matches) >= FEWEST_MATCHES:
-                placed = all(model.exists_image(i) and model.image(i).has_pose for i in (one, other))
+                placed = all(
+                    model.exists_image(i) and model.image(i).has_pose for i in (one, other)
+                )
                 if placed and not agrees(model, database, one, other, geometry):
                     return True
     return False

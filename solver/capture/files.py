@@ -31,7 +31,7 @@ def read_bytes(path: Path, largest: int = LARGEST_TEXT) -> bytes:
             )  # fmt: skip
         return path.read_bytes()
     except OSError as error:
-        raise _no_access(path, error) from error
+        raise no_access(path, error) from error
 
 
 def check_readable(path: Path) -> None:
@@ -43,10 +43,11 @@ def check_readable(path: Path) -> None:
     try:
         path.open("rb").close()
     except OSError as error:
-        raise _no_access(path, error) from error
+        raise no_access(path, error) from error
 
 
-def _no_access(path: Path, error: OSError) -> CaptureError:
+def no_access(path: Path, error: OSError) -> CaptureError:
+    """The error that a file cannot be read."""
     return CaptureError(
         path, "", f"it cannot be read ({error.strerror})", "check the path and its permissions"
     )
@@ -110,9 +111,7 @@ def read_lines(path: Path) -> Iterator[tuple[int, str]]:
                     raw = raw.removeprefix(b"\xef\xbb\xbf")
                 yield index, raw.decode("utf-8", "surrogateescape").strip()
     except OSError as error:
-        raise CaptureError(
-            path, "", f"it cannot be read ({error.strerror})", "check the path and its permissions"
-        ) from error
+        raise no_access(path, error) from error
 
 
 def read_json(path: Path) -> Any:

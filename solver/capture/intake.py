@@ -14,6 +14,7 @@ from .closed_lenses import is_usable
 from .errors import CaptureError, shown
 from .files import rigid_pose
 from .image_header import EXTENSIONS, image_orientation, image_size
+from .orientation import same_shape
 from .photo_finder import PhotoFinder
 from .picture_names import agreement, folders_of, parts_of
 
@@ -182,7 +183,11 @@ def _for_photo(source: Path, item: Found) -> tuple[Intrinsics, bool]:
     """Intrinsics for the picture as it is now, if there is one, and whether they had to be scaled."""
     intrinsics = item.intrinsics
     if intrinsics is None:
-        raise CaptureError(source, item.where, "the camera has no lens", "export it again")
+        problem, remedy = "the camera has no lens", "export it again"
+        if item.photo is None:
+            problem = f"the photo '{shown(item.stated)}', which tells the camera's size, is missing"
+            remedy = "add it, or give a transforms.json with w and h"
+        raise CaptureError(source, item.where, problem, remedy)
     values = (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, *intrinsics.distortion)
     finite = np.isfinite(values).all() and min(intrinsics.fx, intrinsics.fy) > 0
     if not finite or not is_usable(intrinsics.lens, intrinsics.distortion):
@@ -202,20 +207,16 @@ def _for_photo(source: Path, item: Found) -> tuple[Intrinsics, bool]:
     may_turn = image_orientation(item.photo) >= 5
     if told == (width, height) or (may_turn and told == (height, width)):
         return intrinsics, False
-    # A picture made smaller has its size rounded to whole pixels.
-    rounding = 1 / intrinsics.width + 1 / intrinsics.height
-    fits, fits_turned = (
-        abs(across / told[0] - down / told[1]) <= rounding
-        for across, down in ((width, height), (height, width))
-    )
-    if may_turn and fits_turned and not fits:
-        width, height = height, width  # it was solved upright and lies on its side in its file
-    across, down = width / intrinsics.width, height / intrinsics.height
-    if abs(across - down) > rounding:
+    fits = same_shape((width, height), told)
+    if may_turn and not fits and same_shape((height, width), told):
+        # It was solved upright and lies on its side in its file.
+        width, height, fits = height, width, True
+    if not fits:
         raise CaptureError(
             item.photo, "", f"the photo is {width} × {height} pixels, but {source.name} says "
             f"{told[0]} × {told[1]}", "give the photos that the cameras were solved with",
         )  # fmt: skip
+    across, down = width / intrinsics.width, height / intrinsics.height
     return replace(
         intrinsics, width=width, height=height, fx=intrinsics.fx * across, fy=intrinsics.fy * down,
         cx=intrinsics.cx * across, cy=intrinsics.cy * down,

@@ -10,7 +10,7 @@ from .camera import Camera
 from .decoded import Decoded
 from .decoding import decode
 from .errors import CaptureError
-from .orientation import oriented
+from .orientation import oriented, same_shape
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
@@ -34,11 +34,10 @@ def read_mask(camera: Camera, orientation: int) -> np.ndarray:
     wanted = (camera.width, camera.height)
     for turned in (1, decoded.orientation, orientation):
         candidate = oriented(mask, turned)
-        height, width = candidate.shape
-        if (width, height) == wanted:
+        size = candidate.shape[::-1]
+        if size == wanted:
             return np.ascontiguousarray(candidate)
-        # A mask made smaller has its size rounded to whole pixels.
-        if abs(width / wanted[0] - height / wanted[1]) <= 1 / wanted[0] + 1 / wanted[1]:
+        if same_shape(size, wanted):
             return resized_by_area(candidate, *wanted)
     raise CaptureError(
         path, "mask_path", f"the mask is {mask.shape[1]} × {mask.shape[0]} pixels, "

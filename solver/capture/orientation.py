@@ -38,6 +38,13 @@ def lies_on_its_side(size: tuple[int, int], width: int, height: int) -> bool:
     return size[0] != size[1] and (size[0] > size[1]) != (width > height)
 
 
+def same_shape(size: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Whether a picture of `size` may be one of the size `other` made smaller or larger, with sides rounded
+    to whole pixels."""
+    rounding = 1 / other[0] + 1 / other[1]
+    return abs(size[0] / other[0] - size[1] / other[1]) <= rounding
+
+
 def as_camera_saw(
     pixels: np.ndarray, orientation: int, width: int, height: int
 ) -> np.ndarray | None:

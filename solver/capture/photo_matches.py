@@ -33,6 +33,13 @@ FINDING = 0.7
 """of the time for features and matches, that the first take"""
 
 
+class Picture(NamedTuple):
+    """What features are sought in."""
+
+    grey: np.ndarray  # [H, W] uint8
+    hidden: np.ndarray | None = None  # [H, W] bool: what is found there does not count
+
+
 class Features(NamedTuple):
     """What was found in a photo."""
 
@@ -58,21 +65,23 @@ def quiet_colmap() -> Any:
     return pycolmap
 
 
-def grey_picture(photo: Photo) -> np.ndarray:
-    """A photo as people see it, grey, [H, W] uint8, about `LONGEST`; with alpha over white."""
+def picture_of(photo: Photo) -> Picture:
+    """A photo as people see it, about `LONGEST` pixels long; with alpha over white."""
     alpha = photo.pixels[..., 3:]
     straight = photo.pixels[..., :3] / np.maximum(alpha, 1e-4)
     shown = np.clip(linear_to_srgb(straight), 0, 1) * alpha + 1 - alpha
-    return grey_of((255 * shown + 0.5).astype(np.uint8))
+    return picture_from((255 * shown + 0.5).astype(np.uint8))
 
 
-def grey_of(colour: np.ndarray) -> np.ndarray:
-    """The same of sRGB [H, W, 3] uint8."""
+def picture_from(colour: np.ndarray, hidden: np.ndarray | None = None) -> Picture:
+    """The same of sRGB [H, W, 3] uint8, with what is `hidden` [H, W] bool of it."""
     height, width = colour.shape[:2]
     factor = min(LONGEST / max(height, width), MOST_ENLARGED)
     size = max(1, round(factor * width)), max(1, round(factor * height))
-    picture = Image.fromarray(colour).convert("L")
-    return np.array(picture.resize(size, Image.Resampling.LANCZOS))
+    grey = np.array(Image.fromarray(colour).convert("L").resize(size, Image.Resampling.LANCZOS))
+    if hidden is None:
+        return Picture(grey)
+    return Picture(grey, np.array(Image.fromarray(hidden).resize(size)))
 
 
 def neighbours(cameras: list[Camera], most: int = NEIGHBOURS) -> list[tuple[int, int]]:
@@ -92,10 +101,10 @@ def neighbours(cameras: list[Camera], most: int = NEIGHBOURS) -> list[tuple[int,
 
 
 def matched(
-    colmap: Any, folder: Path, cameras: list[Camera], pictures: list[np.ndarray],
+    colmap: Any, folder: Path, cameras: list[Camera], pictures: list[Picture],
     pairs: list[tuple[int, int]], progress: Callable[[float], None],
 ) -> list[Features]:  # fmt: skip
-    """Features of all pictures [H, W] uint8, and a database `DATABASE` of them in an empty folder, with
+    """Features of all pictures, and a database `DATABASE` of them in an empty folder, with
     the matches of all `pairs` verified: those that some motion of a pinhole explains."""
     colmap.set_random_seed(0)
     features = _features(colmap, cameras, pictures, lambda done: progress(FINDING * done))
@@ -149,18 +158,22 @@ def _pairs(
 
 
 def _features(
-    colmap: Any, cameras: list[Camera], pictures: list[np.ndarray],
+    colmap: Any, cameras: list[Camera], pictures: list[Picture],
     progress: Callable[[float], None],
 ) -> list[Features]:  # fmt: skip
     options = colmap.FeatureExtractionOptions()
     options.num_threads, options.use_gpu = 1, False
     options.sift.max_num_features, options.sift.first_octave = MOST_FEATURES, 0
 
-    def find(camera: Camera, grey: np.ndarray) -> Features:
+    def find(camera: Camera, picture: Picture) -> Features:
         extractor = colmap.FeatureExtractor.create(options, colmap.Device.cpu)
-        keypoints, descriptors = extractor.extract_from_uint8_array(grey)
+        keypoints, descriptors = extractor.extract_from_uint8_array(picture.grey)
         places = np.array([(k.x, k.y) for k in keypoints]).reshape(-1, 2)
-        height, width = grey.shape
+        height, width = picture.grey.shape
+        if picture.hidden is not None:
+            column, row = np.minimum(places.astype(int), (width - 1, height - 1)).T
+            shown = ~picture.hidden[row, column]
+            places, descriptors.data = places[shown], descriptors.data[shown]
         scale = np.array([width / camera.width, height / camera.height])
         local = opencv_from_opengl(
             camera.rays(*(places / scale).T)[1] @ camera.camera_to_world[:3, :3]

@@ -14,7 +14,7 @@ from .decoding import decode
 from .errors import CaptureError
 from .image_header import image_orientation, image_size, is_heif
 from .masks import coverage, no_mask
-from .orientation import oriented, turn_for
+from .orientation import oriented, same_shape, turn_for
 
 _WITHOUT_EXIF = (".exr", ".hdr", ".tif", ".tiff")
 _CAMERA_FIELDS, _FOCAL_LENGTH_35MM = 0x8769, 0xA405
@@ -115,17 +115,11 @@ def load_reduced_mask(path: Path, shape: tuple[int, int], orientation: int = 1) 
     decoded = Decoded(np.concatenate(channels, axis=2), None if alpha is None else 3)
     mask = np.round(255 * coverage(decoded)).astype(np.uint8)
     candidates = [oriented(mask, turn) for turn in (1, image_orientation(path), orientation)]
-    fitting = next((c for c in candidates if _has_shape(c, shape)), mask)
+    fitting = next((c for c in candidates if same_shape(c.shape, shape)), mask)
     resized = Image.fromarray(np.ascontiguousarray(fitting)).resize(
         shape[::-1], Image.Resampling.BOX
     )
     return np.asarray(resized)
-
-
-def _has_shape(image: np.ndarray, shape: tuple[int, int]) -> bool:
-    """True if an image has the proportions of a size (rows, columns), but for rounding to whole pixels."""
-    (height, width), (rows, columns) = image.shape, shape
-    return abs(width / columns - height / rows) <= 1 / columns + 1 / rows
 
 
 def _of_decoded(decoded: Decoded, longest: int) -> tuple[np.ndarray, np.ndarray | None]:

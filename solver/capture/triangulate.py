@@ -7,17 +7,17 @@ Textured things get points, shiny and plain ones hardly any.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from ..job.apart import run_apart
+from ..apart import run_apart
 from .agreement import convention_that_fits, disagreement
 from .camera import Camera
-from .photo_matches import grey_picture, matched, neighbours, quiet_colmap, verified_matches
-from .photos import Photo
+from .capture import evenly_taken
+from .photo_matches import Picture, matched, neighbours, quiet_colmap, verified_matches
 from .refine import refined, triangulated
 
 FEWEST_VIEWS = 3
@@ -25,6 +25,8 @@ FEWEST_VIEWS = 3
 NO_POINTS = np.zeros((0, 3))
 MATCHING = 0.7
 """of the time, for the progress"""
+PAIRS, NEAREST = 12, 2
+"""that are compared where some do, and of how many of each camera's neighbours they are chosen"""
 
 
 class Triangulated(NamedTuple):
@@ -44,13 +46,13 @@ class Triangulated(NamedTuple):
 
 
 def triangulate(
-    cameras: list[Camera], photos: list[Photo], progress: Callable[[float], None],
+    cameras: list[Camera], pictures: list[Picture], progress: Callable[[float], None],
     refine: bool = False,
 ) -> Triangulated:  # fmt: skip
     """World points on what at least `FEWEST_VIEWS` photos see alike, maybe none.
 
     Args:
-        cameras: of the photos, in their order; any lens.
+        cameras: of the photos, in the order of their pictures; any lens.
         progress: told the share done, several times a second; what it raises ends the work.
         refine: look for better cameras, too, and take those.
 
@@ -59,17 +61,16 @@ def triangulate(
     """
     if len(cameras) < FEWEST_VIEWS:
         return Triangulated(NO_POINTS)
-    pictures = [grey_picture(photo) for photo in photos]
     with tempfile.TemporaryDirectory(prefix="nmf-points-") as folder:
         # In one process, COLMAP's and torch's OpenMP runtimes end Python on macOS.
         return run_apart(with_colmap, Path(folder), cameras, pictures, refine, progress=progress)
 
 
 def with_colmap(
-    folder: Path, cameras: list[Camera], pictures: list[np.ndarray], refine: bool,
+    folder: Path, cameras: list[Camera], pictures: list[Picture], refine: bool,
     progress: Callable[[float], None],
 ) -> Triangulated:  # fmt: skip
-    """As `triangulate`, of grey pictures [H, W] uint8, in this process and an empty folder."""
+    """As `triangulate`, in this process and an empty folder."""
     colmap, pairs = quiet_colmap(), neighbours(cameras)
     features = matched(
         colmap, folder, cameras, pictures, pairs, lambda done: progress(MATCHING * done)
@@ -88,14 +89,32 @@ def with_colmap(
     )
 
 
+def compare_some(
+    cameras: Sequence[Camera], picture_of: Callable[[Camera], Picture],
+    progress: Callable[[float], None] = lambda done: None,
+) -> Triangulated:  # fmt: skip
+    """As `compare`, of `PAIRS` pairs of neighbours, all around; takes some seconds.
+
+    Raises:
+        ApartError: as `compare`. Whatever `picture_of` raises.
+    """
+    near = neighbours(list(cameras), NEAREST)
+    if not near:
+        return Triangulated(NO_POINTS)
+    pairs = [near[i] for i in evenly_taken(len(near), PAIRS)]
+    chosen = sorted({index for pair in pairs for index in pair})
+    place = {index: number for number, index in enumerate(chosen)}
+    return compare(
+        [cameras[i] for i in chosen], [picture_of(cameras[i]) for i in chosen],
+        [(place[i], place[j]) for i, j in pairs], progress,
+    )  # fmt: skip
+
+
 def compare(
-    cameras: list[Camera], pictures: list[np.ndarray], pairs: list[tuple[int, int]],
+    cameras: list[Camera], pictures: list[Picture], pairs: list[tuple[int, int]],
     progress: Callable[[float], None],
 ) -> Triangulated:  # fmt: skip
     """How well photos fit their cameras, by some pairs of them; no points are sought.
-
-    Args:
-        pictures: grey, [H, W] uint8, as `grey_picture`.
 
     Raises:
         ApartError: COLMAP cannot do it.
@@ -107,7 +126,7 @@ def compare(
 
 
 def compare_with_colmap(
-    folder: Path, cameras: list[Camera], pictures: list[np.ndarray],
+    folder: Path, cameras: list[Camera], pictures: list[Picture],
     pairs: list[tuple[int, int]], progress: Callable[[float], None],
 ) -> Triangulated:  # fmt: skip
     """As `compare`, in this process and an empty folder."""

@@ -12,7 +12,6 @@ from ..metrics.scale import LeastSquaresFactor
 from ..render.image import RenderedView
 from .adam import Adam
 from .chunk import SURROUNDED
-from .errors import SettingsError
 from .losses import SATURATED
 
 CHANNELS = {"gain": 1, "white_balance": 3}
@@ -86,15 +85,7 @@ def brought_to(view: RenderedView, photo: Photo, background: str, kind: str) -> 
 
 
 def exposures_for(kind: str, photos: int, device="cpu") -> Exposures | None:
-    """What `fit.exposure` asks for; None for 'fixed'.
-
-    Raises:
-        SettingsError: no such kind.
-    """
+    """What `fit.exposure` asks for; None for 'fixed'."""
     if kind == "fixed":
         return None
-    if kind not in CHANNELS:
-        raise SettingsError(
-            f"Setting 'fit.exposure': there is no '{kind}'; choose fixed, {', '.join(CHANNELS)}."
-        )
     return Exposures(photos, CHANNELS[kind], device)

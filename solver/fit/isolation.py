@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..apart import ApartError
 from ..capture.agreement import another_convention
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
@@ -18,9 +19,9 @@ from ..capture.photo_matches import LONGEST
 from ..capture.photos import Photo
 from ..capture.triangulate import Triangulated
 from ..job.adjusted import write_adjusted
-from ..job.apart import ApartError
 from ..job.folder import JobError, JobFolder
 from ..job.inputs import region_of
+from ..job.progress import Progress
 from ..light.floor import Floor
 from .before_far import cut_out_before_far
 from .cut_out import backdrop_behind, cut_out
@@ -28,8 +29,7 @@ from .cut_out_standing import before_support, find_on_support, floor_below
 from .far_light import NOTHING_SEEN, ROWS, SeenLight
 from .panorama_file import write_panorama
 from .photo_alpha import levels_of
-from .point_start import found_in_photos
-from .progress import Progress
+from .point_start import found_in_photos, found_in_surroundings
 from .settings import Settings
 from .standing import Outline
 from .standing_file import read_masks, read_standing, write_masks, write_standing
@@ -72,6 +72,8 @@ def isolated(
     """
     request, began, light, backdrop = job.request, time.monotonic(), NOTHING_SEEN, None
     region, limit = region_of(request), request.time_limit or math.inf
+    if settings.fit.refine_cameras and not resumed:
+        capture = _by_surroundings(job, settings, capture, progress, told, POINTS_LIMIT * limit)
     may = settings.fit.use_masks and settings.fit.cut_out
     standing = may and settings.fit.cut_out_standing
     if resumed and standing and job.standing_path.is_file():
@@ -107,7 +109,9 @@ def isolated(
     except ApartError as error:
         progress.warning(f"no sparse points ({error}); the fit starts without them")
     else:
-        capture = capture if found is None else _with_points(job, capture, found, progress)
+        if found is not None:
+            capture = _with_better_cameras(job, capture, found, progress)
+            capture = replace(capture, points=found.points)
     if standing and backdrop is None:
         return _on_support(
             job, capture, photos, region, settings.light.floor, progress, finding_support
@@ -115,15 +119,34 @@ def isolated(
     return Isolated(capture, photos)
 
 
-def _with_points(
+def _by_surroundings(
+    job: JobFolder, settings: Settings, capture: Capture, progress: Progress,
+    told: Callable[[float], None], seconds: float,
+) -> Capture:  # fmt: skip
+    """The capture with better cameras, if photos have mask files and what is around the object tells of
+    them."""
+    masked = all(camera.mask_path is not None for camera in capture.cameras)
+    if not masked or not capture.has_few_points or settings.light.turntable == "yes":
+        return capture
+    try:
+        found = found_in_surroundings(capture, told, seconds)
+    except ApartError:
+        return capture
+    return _with_better_cameras(job, capture, found, progress)
+
+
+def _with_better_cameras(
     job: JobFolder, capture: Capture, found: Triangulated, progress: Progress
 ) -> Capture:
-    """The capture with what its photos have in common, and with better cameras, if that told of them."""
+    """The capture with better cameras, if what its photos have in common tells of them.
+
+    Raises:
+        CaptureError: the cameras' poses have another convention.
+    """
     if found.remedy is not None:
         raise CaptureError(
             capture.source, "camera poses", another_convention(found.beside), found.remedy
         )
-    capture = replace(capture, points=found.points)
     if found.refined is None:
         return capture
     write_adjusted(job.cameras_path, found.refined)

@@ -10,14 +10,19 @@ import numpy as np
 import scipy.ndimage
 import torch
 
+from ..apart import ApartError
 from ..capture.capture import Capture
+from ..capture.photo_matches import picture_of
 from ..capture.photos import Photo
-from ..capture.triangulate import Triangulated, triangulate
+from ..capture.refine import TOLERATED
+from ..capture.surroundings import picture_around
+from ..capture.triangulate import Triangulated, compare_some, triangulate
 from ..field.field import MicrofacetField
 from ..field.room import EXTENT, Room, contract
-from ..job.apart import ApartError
 from .visual_hull import decompose
 
+COMPARING = 0.2
+"""of the time that better cameras are looked for in"""
 REACH = 1.7
 """standard deviation, in nodes of the grid, over which a point makes the fog denser"""
 
@@ -38,6 +43,34 @@ def found_in_photos(
     """
     if not capture.has_few_points:
         return None
+    told = _in_time(progress, seconds)
+    pictures = [picture_of(photo) for photo in photos]
+    return triangulate(list(capture.cameras), pictures, told, refine)
+
+
+def found_in_surroundings(
+    capture: Capture, progress: Callable[[float], None], seconds: float = math.inf
+) -> Triangulated:
+    """What photos with mask files have in common around the object, and better cameras, if these are off.
+
+    Args:
+        progress, seconds: as `found_in_photos`.
+
+    Raises:
+        ApartError: as `found_in_photos`. CaptureError: a photo or its mask cannot be read.
+    """
+    told, cameras = _in_time(progress, seconds), capture.cameras
+    found = compare_some(cameras, picture_around, lambda done: told(COMPARING * done))
+    if found.remedy is not None or found.beside is None or found.beside < TOLERATED:
+        return found
+    pictures = [picture_around(camera) for camera in cameras]
+    return triangulate(
+        list(cameras), pictures, lambda done: told(COMPARING + (1 - COMPARING) * done), refine=True
+    )
+
+
+def _in_time(progress: Callable[[float], None], seconds: float) -> Callable[[float], None]:
+    """Told the share done, and ends what takes longer."""
     began = time.monotonic()
 
     def told(done: float) -> None:
@@ -45,7 +78,7 @@ def found_in_photos(
         if time.monotonic() - began > seconds:
             raise ApartError("there is no time to find them")
 
-    return triangulate(list(capture.cameras), photos, told, refine)
+    return told
 
 
 def start_from_points(

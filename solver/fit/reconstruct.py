@@ -18,6 +18,7 @@ from ..capture.placement import counted_from
 from ..job.control import Cancelled, Control
 from ..job.folder import JobFolder, JobRequest
 from ..job.inputs import capture_of, placement_of, region_of
+from ..job.progress import Progress
 from ..kernels.backend import fast
 from ..kernels.warm_up import compile_kernels
 from . import checkpoint
@@ -26,7 +27,6 @@ from .errors import SettingsError
 from .isolation import Isolated, isolated
 from .presets import settings_for
 from .preview import write_previews
-from .progress import Progress
 from .report import write_job_report
 from .settings import Settings
 from .snapshots import write_figure, write_snapshot
@@ -39,7 +39,6 @@ FINDING_SHARE = 0.9
 """of the time in which a fit is begun: finding masks, or sparse points"""
 PREVIEW_PAUSE = 20.0
 """time between two previews, at least, in times that the last one took"""
-STAGES = ("photos", "compile", "geometry", "fit", "asset", "report")
 
 
 def run_job(
@@ -126,6 +125,8 @@ def run_job(
     if short_of is not None:
         progress.warning(short_of)
 
+    # What is there is not complete from here on, until its manifest is written again.
+    job.manifest_path.unlink(missing_ok=True)
     progress.stage("asset", "mesh and textures")
     scene = trainer.scene
     cameras = [camera.seen_from(scene.origin) for camera in capture.cameras]

@@ -11,9 +11,9 @@ import torch
 
 from ..capture.camera import Camera
 from ..job.events import clock
+from ..job.progress import Progress
 from ..render.scene import Scene
 from .clock import LEAST_STEPS_FROM_FOG
-from .progress import Progress
 from .report import MOST_PIXELS, VIEWS
 from .settings import Settings
 from .trainer import Trainer

@@ -1,1 +1,1 @@
-"""The job folder: the only thing Blender and the solver share. Standard library alone."""
+"""The job folder: the only thing that Blender and the solver share."""

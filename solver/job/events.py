@@ -48,7 +48,7 @@ class EventStream:
         """
         finite = {key: _finite(value) for key, value in data.items()}
         entry = {"v": EVENT_VERSION, "t": round(time.time(), 3), "ev": kind, **finite}
-        line = json.dumps(entry, ensure_ascii=False, allow_nan=False) + "\n"
+        line = json.dumps(entry, allow_nan=False) + "\n"
         with self._lock:
             # The parent first: it is to hear of a disk that is full.
             if self._stream is not None:

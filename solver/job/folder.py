@@ -13,6 +13,7 @@ import json
 import math
 import os
 import time
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -159,14 +160,19 @@ class JobFolder:
         self.manifest_path = self.result_dir / "manifest.json"
 
     @classmethod
-    def create(cls, root: Path | str, request: JobRequest) -> JobFolder:
-        """A new job in a new or empty folder (it may hold the job's `capture`).
+    def create(
+        cls, root: Path | str, request: JobRequest, may_hold: Collection[str] = ()
+    ) -> JobFolder:
+        """A new job in a new or empty folder.
+
+        Args:
+            may_hold: as in `check_new`.
 
         Raises:
             JobError: the folder holds something already, and nothing in it is touched; or the request
                 has a value that cannot be.
         """
-        job = cls.check_new(root)
+        job = cls.check_new(root, may_hold)
         request.check()
         job.root.mkdir(parents=True, exist_ok=True)
         job.ask(request)
@@ -177,11 +183,14 @@ class JobFolder:
         write_json_atomic(self.request_path, dataclasses.asdict(request))
 
     @classmethod
-    def check_new(cls, root: Path | str) -> JobFolder:
+    def check_new(cls, root: Path | str, may_hold: Collection[str] = ()) -> JobFolder:
         """A folder that a new job may be created in; nothing is written.
 
+        Args:
+            may_hold: names of what may lie there already.
+
         Raises:
-            JobError: it holds something already.
+            JobError: it holds something else.
         """
         job = cls(root)
         if job.root.exists() and not job.root.is_dir():
@@ -192,7 +201,7 @@ class JobFolder:
                 f"{job.root}: there is a{'n' if state[0] == 'u' else ''} {state} job in this folder; "
                 "continue it with --resume or give another folder."
             )
-        if job.root.is_dir() and any(entry.name != "capture" for entry in job.root.iterdir()):
+        if job.root.is_dir() and any(entry.name not in may_hold for entry in job.root.iterdir()):
             raise JobError(
                 f"{job.root}: the folder is not empty and holds no job; give a new folder."
             )
@@ -253,6 +262,21 @@ class JobFolder:
         write_json_atomic(self.manifest_path, {"schema_version": SCHEMA_VERSION, **content})
 
 
+def overrides_of(texts: Iterable[str]) -> dict[str, str]:
+    """What was written after `--set`, as `JobRequest.overrides`.
+
+    Raises:
+        JobError: one is no "section.field=value".
+    """
+    overrides = {}
+    for text in texts:
+        key, separator, value = text.partition("=")
+        if not separator:
+            raise JobError(f"--set {text}: write it as section.field=value.")
+        overrides[key] = value
+    return overrides
+
+
 def set_aside(folder: Path) -> Path:
     """Where a folder is while another takes its place; it stays there if the process ends meanwhile."""
     return folder.with_name(f"{folder.name}.old")
@@ -263,9 +287,9 @@ def write_json_atomic(path: Path, content: Any) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
-        part.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        part.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
         replace_file(part, path)
-    except OSError:
+    except (OSError, ValueError):
         part.unlink(missing_ok=True)
         raise
 

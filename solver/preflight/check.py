@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,37 +45,45 @@ class Report:
 
 def check(
     capture: Capture, preset: str = "draft", progress: Callable[[int, int], None] | None = None,
-    region: np.ndarray | None = None,
+    region: np.ndarray | None = None, overrides: Mapping[str, object] | None = None,
 ) -> Report:  # fmt: skip
     """Check a capture before it is reconstructed.
 
     Args:
         progress: called with the number of photos looked at and of all.
         region: [2, 3] world box that a person gave; None: the capture's. `Report.box` may lie beside it.
+        overrides: settings that a person chose, as `JobRequest.overrides`; what they answer is not advised.
 
     Raises:
-        CaptureError: a photo cannot be decoded. SettingsError: there is no such preset.
+        CaptureError: a photo cannot be decoded. SettingsError: there is no such preset, or setting.
     """
-    settings = settings_for(preset)
+    settings = settings_for(preset, overrides)
     asked = capture if region is None else replace(capture, region=region)
     reduced = ReducedPhotos()
     looks = look_at_photos(asked, progress, reduced)
     circles = circles_of(asked)
-    turned = circles is not None and circles.still is True
+    asks = settings.light.turntable == "auto"
+    still = circles is not None and circles.still is True
+    turned = still if asks else settings.light.turntable == "yes"
     stands, masked = (
         _stands(capture, settings, region),
         all(look.coverage is not None for look in looks),
     )
-    told = estimate(asked, preset, masked, turned=turned, standing=stands)
+    told = estimate(asked, preset, masked, turned=turned, standing=stands, settings=settings)
     found = [note(text) for text in capture.warnings]
-    found += photos.blur(looks) + photos.exposure(looks) + photos.duplicates(looks)
+    found += (
+        photos.blur(looks)
+        + photos.exposure(looks, settings.fit.exposure == "fixed")
+        + photos.duplicates(looks)
+    )
     found += (
         photos.masks(looks, stands)
         + photos.size(looks, asked, settings.photos.most_pixels)
         + coverage(asked)
-        + turning(circles)
+        + (turning(circles) if asks else [])
     )
-    if not masked and not turned:
+    # Where alpha has taken away what is around the object, only that is left to compare, maybe a mirror.
+    if not turned and (not masked or all(camera.mask_path for camera in capture.cameras)):
         found = poses(capture, reduced, settings) + found
     margin = settings.field.box_margin
     box = object_box(asked, looks, margin)

@@ -57,9 +57,11 @@ def run_check(options: argparse.Namespace) -> int:
 
     job = _job_of(options)
     preset = options.preset or ("draft" if job is None else job.request.preset)
-    settings_for(preset)
+    overrides = {} if job is None else job.request.overrides
+    settings_for(preset, overrides)
     capture, region = _capture_and_region(options, job)
-    report = check(capture, preset, _progress if sys.stderr.isatty() else None, region)
+    told = _progress if sys.stderr.isatty() else None
+    report = check(capture, preset, told, region, overrides)
     if options.json:
         print(json.dumps(report.as_json(), allow_nan=False))
         return DONE

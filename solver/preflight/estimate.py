@@ -78,7 +78,7 @@ class Estimate:
 
 def estimate(
     capture: Capture, preset: str, masked: bool, cores: int | None = None, turned: bool = False,
-    standing: bool = False,
+    standing: bool = False, settings: Settings | None = None,
 ) -> Estimate:  # fmt: skip
     """Estimate a reconstruction of a capture.
 
@@ -87,11 +87,12 @@ def estimate(
         cores: None: this machine's.
         turned: its light goes round with the cameras.
         standing: the object stands on something, by which photos without masks get some first.
+        settings: the preset's with what a person changed; None: as it comes.
 
     Raises:
         SettingsError: there is no such preset.
     """
-    settings = settings_for(preset)
+    settings = settings or settings_for(preset)
     cores = cores or usable_cores()
     usable = cores_in_use(settings, cores)
     pixels = sum(camera.width * camera.height for camera in capture.cameras)

@@ -41,8 +41,8 @@ def blur(looks: list[Look]) -> list[Finding]:
     ]  # fmt: skip
 
 
-def exposure(looks: list[Look]) -> list[Finding]:
-    """Over-exposed photos, and photos that are brighter or darker than the others."""
+def exposure(looks: list[Look], fixed: bool = True) -> list[Finding]:
+    """Over-exposed photos, and those brighter or darker than others, where that is to be `fixed`."""
     found = []
     on_white = float(np.median([look.white_border for look in looks])) > WHITE_BORDER
     masked = all(look.coverage is not None for look in looks)
@@ -68,6 +68,8 @@ def exposure(looks: list[Look]) -> list[Finding]:
                     "again with less exposure", look.name)
             for look in bright
         ]  # fmt: skip
+    if not fixed:
+        return found
     values = np.array([look.exposure for look in looks])
     stops = values - np.median(values)
     near = np.array([values[i] - np.median(values[_nearest(looks, i)]) for i in range(len(looks))])

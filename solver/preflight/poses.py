@@ -4,37 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..apart import ApartError
 from ..capture.agreement import another_convention
-from ..capture.capture import Capture, evenly_taken
-from ..capture.photo_matches import LONGEST, grey_of, neighbours
+from ..capture.camera import Camera
+from ..capture.capture import Capture
+from ..capture.photo_matches import LONGEST, Picture, picture_from
 from ..capture.refine import TOLERATED
-from ..capture.triangulate import compare
+from ..capture.surroundings import picture_around
+from ..capture.triangulate import compare_some
 from ..fit.settings import Settings
-from ..job.apart import ApartError
 from .findings import Finding, note, warning
 from .looks import ReducedPhotos
-
-PAIRS = 12
-"""that are compared: some seconds"""
-NEAREST = 2
-"""of a camera's neighbours, that it may be compared with"""
 
 
 def poses(capture: Capture, photos: ReducedPhotos, settings: Settings) -> list[Finding]:
     """How far photos lie beside their cameras, if they have enough in common to tell."""
-    cameras = capture.cameras
-    near = neighbours(list(cameras), NEAREST)
-    if not near:
-        return []
-    pairs = [near[i] for i in evenly_taken(len(near), PAIRS)]
-    chosen = sorted({index for pair in pairs for index in pair})
-    place = {index: number for number, index in enumerate(chosen)}
-    pictures = [grey_of(np.ascontiguousarray(photos(cameras[i])[0])) for i in chosen]
+
+    def picture_of(camera: Camera) -> Picture:
+        if camera.mask_path is not None:
+            return picture_around(camera)
+        return picture_from(np.ascontiguousarray(photos(camera)[0]))
+
     try:
-        found = compare(
-            [cameras[i] for i in chosen], pictures, [(place[i], place[j]) for i, j in pairs],
-            lambda done: None,
-        )  # fmt: skip
+        found = compare_some(capture.cameras, picture_of)
     except ApartError:
         return []
     if found.beside is None:

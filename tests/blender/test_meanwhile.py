@@ -281,3 +281,38 @@ def test_a_photo_replaced_by_a_smaller_copy_has_that_copys_size(capture, extensi
     half = cameras.to_solver(item, Matrix.Identity(4))
     assert (whole.width, half.width) == (16, 8)
     assert half.fx == pytest.approx(whole.fx / 2)
+
+
+def test_a_copy_of_the_file_leaves_the_job_of_the_open_one_where_it_is(
+    capture, monitor, fake_solver, tick, tmp_path
+):
+    bpy.ops.nmf.reconstruct()
+    tick()
+    root = monitor.job.root.resolve()
+    (tmp_path / "copies").mkdir()
+    for copy in (tmp_path.parent / "copy.blend", tmp_path / "copies" / "copy.blend"):
+        bpy.ops.wm.save_as_mainfile(filepath=str(copy), copy=True)
+        assert Path(bpy.path.abspath(bpy.context.scene.nmf.job)).resolve() == root
+    with pytest.raises(RuntimeError):
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "nowhere" / "scene.blend"))
+    assert Path(bpy.path.abspath(bpy.context.scene.nmf.job)).resolve() == root
+
+
+def test_a_folder_that_holds_a_capture_is_no_place_for_a_job(capture, extension, tmp_path):
+    create = extension("jobs.create").create_job
+    mine = tmp_path / "mine" / "capture"
+    mine.mkdir(parents=True)
+    (mine / "transforms_train.json").write_text("mine")
+    with pytest.raises(Exception, match="not empty and holds no job"):
+        create(capture, tmp_path / "mine")
+    assert (mine / "transforms_train.json").read_text() == "mine"
+
+
+def test_the_solver_is_not_set_up_anew_while_it_runs(capture, monitor, fake_solver, tick):
+    assert bpy.ops.nmf.setup_solver.poll()
+    fake_solver("slow")
+    bpy.ops.nmf.reconstruct()
+    assert not bpy.ops.nmf.setup_solver.poll()
+    bpy.ops.nmf.cancel()
+    tick()
+    assert bpy.ops.nmf.setup_solver.poll()

@@ -140,6 +140,12 @@ def test_a_camera_without_a_film_has_no_button_and_a_film_is_no_photo(
     assert extension("scene.cameras").photo_of(camera) is None
 
 
+def test_a_last_frame_before_the_first_is_refused(film, camera):
+    put_sequence_behind(camera, film)
+    with pytest.raises(RuntimeError, match="0 between the first and the last"):
+        bpy.ops.nmf.use_moving_camera(first=5, last=4)
+
+
 @pytest.mark.parametrize("start, offset, number", [(1, 6, 12), (4, 6, 9), (4, 8, 11)])
 def test_the_picture_of_a_frame_is_the_one_that_blender_shows(
     extension, film, camera, start, offset, number

@@ -54,7 +54,7 @@ def test_what_the_panel_has_at_first_is_what_presets_say(capture, fake_solver, t
 @pytest.mark.skipif(importlib.util.find_spec("torch") is None, reason="Blender itself has no torch")
 @pytest.mark.parametrize("name", ["exposure", "turntable", "texture_size"])
 def test_the_solver_knows_whatever_the_panel_offers(name, package):
-    overrides = importlib.import_module(f"{package.__name__}.operators.reconstruct").overrides_of
+    overrides = importlib.import_module(f"{package.__name__}.nmf_addon.properties").chosen_overrides
     settings, offered = bpy.context.scene.nmf, []
     for item in settings.bl_rna.properties[name].enum_items:
         setattr(settings, name, item.identifier)
@@ -135,6 +135,11 @@ def test_the_error_report_has_what_is_needed_and_no_folders_of_the_person(
     text = sys.modules[package.__name__ + ".operators.job_files"].error_report()
     assert "ZeroDivisionError" in text and bpy.app.version_string in text and '"preset"' in text
     assert str(monitor.job.root) not in text and str(Path.home()) + "/" not in text
+    request = json.loads(monitor.job.request_path.read_text(encoding="utf-8"))
+    request |= {"capture": "/jäne/scan", "photos": "/jäne/photos"}
+    monitor.job.request_path.write_text(json.dumps(request), encoding="utf-8")
+    text = sys.modules[package.__name__ + ".operators.job_files"].error_report()
+    assert '"CAPTURE"' in text and '"PHOTOS"' in text and json.dumps("jäne")[1:-1] not in text
 
 
 def test_the_error_report_knows_folders_as_json_writes_them(
@@ -145,7 +150,7 @@ def test_the_error_report_knows_folders_as_json_writes_them(
     tick()
     monkeypatch.setattr(Path, "home", lambda: Path("C:\\Users\\jane"))
     request = monitor.job.request_path
-    request.write_text(json.dumps({"capture": "C:\\Users\\jane\\photos"}), encoding="utf-8")
+    request.write_text(json.dumps({"preset": "C:\\Users\\jane\\photos"}), encoding="utf-8")
     text = sys.modules[package.__name__ + ".operators.job_files"].error_report()
     assert "photos" in text and "jane" not in text
 

@@ -260,3 +260,35 @@ def test_gltf_export_keeps_f0(extension, result_job, tmp_path):
     specular = material["extensions"]["KHR_materials_specular"]
     assert specular["specularColorFactor"] == pytest.approx([0.08 / 0.04] * 3)
     assert "specularColorTexture" in specular and "normalTexture" in material
+
+
+@pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])
+@pytest.mark.parametrize("size, aspect", [((64, 48), 1.25), ((48, 56), 1.25), ((48, 56), 0.8)])
+def test_a_camera_is_read_as_blender_projects_it_whatever_its_fit_and_pixels(
+    extension, fit, size, aspect
+):
+    data = bpy.data.cameras.new("c")
+    item = bpy.data.objects.new("c", data)
+    bpy.context.scene.collection.objects.link(item)
+    data.sensor_fit, data.sensor_width, data.sensor_height, data.lens = fit, 30.0, 20.0, 40.0
+    data.shift_x, data.shift_y = 0.06, -0.04
+    width, height = size
+    camera = extension("scene.cameras").camera_of(
+        data, Matrix.Identity(4), width, height, aspect=aspect, name="c", image_path=None
+    )
+    projection = item.calc_matrix_camera(
+        bpy.context.evaluated_depsgraph_get(), x=width, y=height, scale_x=aspect, scale_y=1.0
+    )
+    for point in ((0.1, 0.05, -1.0), (-0.2, -0.1, -1.0)):
+        x, y, _, w = projection @ Vector((*point, 1.0))
+        wanted = ((x / w + 1) / 2 * width, (1 - y / w) / 2 * height)
+        np.testing.assert_allclose(camera.project(np.array([point]))[0][0], wanted, atol=1e-3)
+
+
+def test_a_camera_that_is_not_perspective_is_refused(extension, duck):
+    scene = extension("scene.capture_collection")
+    collection = scene.import_capture(bpy.context, duck)
+    item = next(item for item in collection.objects if item.type == "CAMERA")
+    item.data.type = "ORTHO"
+    with pytest.raises(Exception, match="type: a camera of the type Ortho is not understood"):
+        extension("scene.cameras").to_solver(item, Matrix.Identity(4))

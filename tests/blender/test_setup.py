@@ -224,3 +224,5 @@ def test_pip_arguments_keep_the_backslashes_of_paths_and_blanks_in_quotes(part):
         r'--find-links C:\wheels\torch --index-url "D:\my wheels"'
     )
     assert words == ["--find-links", r"C:\wheels\torch", "--index-url", r"D:\my wheels"]
+    with pytest.raises(Exception, match="pip Arguments: a quote is not closed in"):
+        part("setup_runtime").words_of('--find-links "D:')

@@ -273,6 +273,34 @@ def test_photos_are_ordered_as_people_count_and_masks_are_none(tmp_path):
         photos_below(tmp_path / "nowhere", tmp_path)
 
 
+def photos_at(folder):
+    folder.mkdir()
+    for number in range(3):
+        Image.new("RGB", (32, 32)).save(folder / f"IMG_{number}.png")
+    return folder
+
+
+def test_a_folder_of_masks_is_no_folder_of_photos_and_has_to_fit_them(tmp_path):
+    photos = photos_at(tmp_path / "photos")
+    masks = photos / "silhouettes"
+    masks.mkdir()
+    Image.new("L", (32, 32)).save(masks / "other.png")
+    result = solve(photos, "--masks", masks, "--out", tmp_path / "cameras")
+    assert result.returncode == 2
+    assert "silhouettes, masks: no mask there has a photo's name; name masks as" in result.stderr
+    (masks / "other.png").rename(masks / "IMG_1.png")
+    result = solve(photos, "--masks", masks, "--out", tmp_path / "cameras")
+    assert "2 of 3 photos have no mask (IMG_0.png, IMG_2.png)" in result.stderr
+    assert photos_below(photos, None, masks) == ("IMG_0.png", "IMG_1.png", "IMG_2.png")
+
+
+def test_cameras_are_not_written_where_the_photos_lie(tmp_path):
+    photos = photos_at(tmp_path / "photos")
+    for out in (photos, tmp_path):
+        result = solve(photos, "--out", out)
+        assert result.returncode == 2 and "the photos lie in this folder" in result.stderr
+
+
 def test_few_photos_are_all_compared_and_many_in_number_proportional_to_them():
     assert len(pairs_of(40, "auto")) == 40 * 39 / 2
     for count in (2, 3, 130, 1000):

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from solver.capture.camera import Camera
 from solver.capture.formats.transforms import write_transforms
 from solver.capture.frames import pose_opengl_from_opencv
+from solver.capture.photo_matches import picture_of
 from solver.capture.photos import Photo, linear_to_srgb, srgb_to_linear
 
 WIDTH, HEIGHT = 240, 180
@@ -50,6 +51,11 @@ def photo_of(camera, pattern):
     pixels = np.repeat(srgb_to_linear(seen)[:, None], 3, axis=1)
     pixels = np.concatenate([pixels, np.ones_like(pixels[:, :1])], axis=1)
     return Photo(pixels.reshape(HEIGHT, WIDTH, 4).astype(np.float32), False, False)
+
+
+def picture_at(camera, pattern):
+    """The same as a picture in which features are sought."""
+    return picture_of(photo_of(camera, pattern))
 
 
 def printed(size=300):

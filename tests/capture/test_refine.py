@@ -24,7 +24,7 @@ from solver.capture.triangulate import triangulate
 from solver.job.adjusted import adjusted, write_adjusted
 from solver.job.folder import JobError
 from tests.capture.poses import ring
-from tests.capture.printed_table import camera_at, photo_of, printed, shaken
+from tests.capture.printed_table import camera_at, picture_at, printed, shaken
 
 FOCAL = 500.0
 
@@ -121,7 +121,7 @@ def turns_and_ways(found, true):
 def table():
     cameras = [camera_at(angle, "opencv") for angle in np.linspace(0, 2.4, 12)]
     pattern = printed()
-    return cameras, [photo_of(camera, pattern) for camera in cameras]
+    return cameras, [picture_at(camera, pattern) for camera in cameras]
 
 
 @pytest.mark.parametrize("degrees, share", [(0.7, 0.01), (3.0, 0.03)])

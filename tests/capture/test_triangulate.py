@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver.capture.photo_matches import NEIGHBOURS, neighbours
-from solver.capture.photos import Photo
+from solver.capture.photo_matches import NEIGHBOURS, Picture, neighbours
 from solver.capture.triangulate import triangulate
-from tests.capture.printed_table import HEIGHT, LENSES, WIDTH, camera_at, photo_of, printed
+from tests.capture.printed_table import HEIGHT, LENSES, WIDTH, camera_at, picture_at, printed
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +19,9 @@ def pattern():
 @pytest.mark.parametrize("lens", LENSES)
 def test_points_lie_on_what_is_printed_whatever_the_lens(pattern, lens):
     cameras = [camera_at(angle, lens) for angle in np.linspace(0, 1.2, 6)]
-    points = triangulate(cameras, [photo_of(c, pattern) for c in cameras], lambda done: None).points
+    points = triangulate(
+        cameras, [picture_at(c, pattern) for c in cameras], lambda done: None
+    ).points
     assert len(points) > 300
     # A pixel is 1 cm wide there.
     assert np.percentile(np.abs(points[:, 2]), 95) < 0.02
@@ -29,7 +30,7 @@ def test_points_lie_on_what_is_printed_whatever_the_lens(pattern, lens):
 
 def test_a_camera_file_for_larger_photos_gives_the_same_points(pattern):
     cameras = [camera_at(angle) for angle in np.linspace(0, 1.2, 6)]
-    photos = [photo_of(camera, pattern) for camera in cameras]
+    photos = [picture_at(camera, pattern) for camera in cameras]
     large = [
         replace(c, width=4 * WIDTH, height=4 * HEIGHT, fx=4 * c.fx, fy=4 * c.fy, cx=4 * c.cx, cy=4 * c.cy)
         for c in cameras
@@ -43,7 +44,7 @@ def test_a_camera_file_for_larger_photos_gives_the_same_points(pattern):
 
 def test_photos_of_nothing_in_common_give_no_points():
     cameras = [camera_at(angle) for angle in (0.0, 0.3, 0.6)]
-    grey = Photo(np.full((HEIGHT, WIDTH, 4), 0.5, np.float32), False, False)
+    grey = Picture(np.full((HEIGHT, WIDTH), 128, np.uint8))
     assert triangulate(cameras, [grey] * 3, lambda done: None).points.shape == (0, 3)
     assert triangulate(cameras[:1], [grey], lambda done: None).points.shape == (0, 3)
 
@@ -58,7 +59,7 @@ def test_who_is_told_of_progress_may_end_it(pattern):
         raise Enough
 
     with pytest.raises(Enough):
-        triangulate(cameras, [photo_of(c, pattern) for c in cameras], stop)
+        triangulate(cameras, [picture_at(c, pattern) for c in cameras], stop)
 
 
 def test_cameras_are_compared_with_those_that_look_alike_from_nearby():

@@ -84,10 +84,11 @@ def test_a_list_of_captures_on_stdin_is_left_to_the_loop_that_reads_it(tmp_path)
     assert left == b"the next capture\ncancel\n"
 
 
-def test_cancel_is_heard_while_the_asset_is_made(tmp_path, job):
+def test_cancel_is_heard_while_the_asset_is_made_and_a_result_from_before_is_complete_no_more(
+    tmp_path, job
+):
     again = tmp_path / "job"
     shutil.copytree(job, again)
-    shutil.rmtree(again / "result")
     request = json.loads((again / "job.json").read_text())
     process = subprocess.Popen(
         [sys.executable, "-m", "solver", "run", str(again), "--events"], cwd=ROOT,

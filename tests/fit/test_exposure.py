@@ -9,6 +9,7 @@ import torch
 from solver.capture.photos import Photo
 from solver.fit.errors import SettingsError
 from solver.fit.exposure import Exposures, brought_to, exposures_for
+from solver.fit.presets import settings_for
 from solver.fit.preview import display, over_plain
 from solver.fit.schedule import picture_settings
 from solver.fit.start import background_shown, new_trainer
@@ -77,8 +78,8 @@ def test_photos_without_rays_keep_their_exposure_but_for_the_common_mean():
 
 
 def test_an_unknown_kind_of_exposure_is_named():
-    with pytest.raises(SettingsError, match="fit.exposure.*'bright'.*gain"):
-        exposures_for("bright", 3)
+    with pytest.raises(SettingsError, match="fit.exposure.*bright.*gain"):
+        settings_for("draft", {"fit.exposure": "bright"})
     assert exposures_for("fixed", 3) is None
 
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import torch
 
+from solver.apart import ApartError
 from solver.capture.capture import FEWEST_POINTS
 from solver.capture.triangulate import Triangulated
 from solver.field.room import contract
 from solver.fit import point_start
 from solver.fit.point_start import density_near, found_in_photos
 from solver.fit.start import new_trainer, starts_from_points
-from solver.job.apart import ApartError
 from tests.fit.test_fit import SMALL, ball_capture
 from tests.fit.test_fog import room_capture
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from solver.apart import ApartError
 from solver.cameras.output import write_points
 from solver.capture.formats.transforms import write_transforms
 from solver.capture.photos import linear_to_srgb
@@ -19,7 +20,6 @@ from solver.fit.presets import PAPER, settings_for
 from solver.fit.standing_file import read_masks, read_standing, write_masks, write_standing
 from solver.fit.standing_search import _Search, find_standing
 from solver.fit.support import Support
-from solver.job.apart import ApartError
 from solver.job.folder import JobError, JobFolder, JobRequest
 from tests.fit import table_scene as things
 from tests.fit.table_scene import CENTRE, HEIGHT, RADIUS, REGION, WIDTH, table_scene

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 import os
 import sys
@@ -13,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from solver.job import folder
+from solver.job.events import EventStream
 from solver.job.folder import JobError, JobFolder, JobRequest, write_json_atomic
 
 number = st.floats(allow_nan=False, allow_infinity=False, width=32)
@@ -63,7 +65,9 @@ def test_the_request_file_is_plain_json_with_the_documented_fields(tmp_path):
 
 def test_a_job_may_be_created_around_its_capture_folder(tmp_path):
     (tmp_path / "job" / "capture").mkdir(parents=True)
-    JobFolder.create(tmp_path / "job", JobRequest(capture="/photos"))
+    with pytest.raises(JobError, match="not empty"):
+        JobFolder.create(tmp_path / "job", JobRequest(capture="/photos"))
+    JobFolder.create(tmp_path / "job", JobRequest(capture="/photos"), may_hold=["capture"])
 
 
 @pytest.mark.parametrize("complete", [False, True])
@@ -217,3 +221,16 @@ def test_every_field_of_a_request_is_checked_when_read():
         content = {"capture": "/p", name: object()}
         with pytest.raises(JobError, match=f"'{name}'"):
             JobRequest.from_json(content, folder.Path("job.json"))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names are text")
+def test_a_path_that_is_not_text_is_kept_in_job_and_events(tmp_path):
+    path = os.fsdecode(b"/photos/\xff\xe4")
+    job = JobFolder.create(tmp_path / "job", JobRequest(capture=path))
+    assert JobFolder.open(job.root).request.capture == path
+    stream = io.StringIO()
+    events = EventStream(job.events_path, stream)
+    events.emit("warning", text=path)
+    events.close()
+    assert json.loads(stream.getvalue())["text"] == path
+    assert sorted(entry.name for entry in job.root.iterdir()) == ["events.jsonl", "job.json"]

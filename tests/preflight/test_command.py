@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver.capture.read import read_capture
 from solver.capture.reduced import load_reduced
 from solver.fit.errors import SettingsError
 from solver.preflight.check import check
@@ -45,6 +46,21 @@ def test_what_cannot_be_read_ends_with_code_2_and_one_sentence(pictures, tmp_pat
         assert result.returncode == 2 and len(result.stderr.strip().splitlines()) == 1
     with pytest.raises(SettingsError):
         check(capture_at(around(4)), "fast")
+
+
+def test_what_the_persons_settings_answer_is_not_advised(pictures, tmp_path):
+    def darker(colour, mask):
+        return (0.3 * colour).astype(colour.dtype), mask
+
+    write(tmp_path, pictures, only(at5=darker))
+    capture = read_capture(tmp_path)
+    assert "fit.exposure=gain" in str(check(capture).findings)
+    evened = check(capture, overrides={"fit.exposure": "gain"})
+    assert "fit.exposure=gain" not in str(evened.findings)
+    turned = check(capture, overrides={"light.turntable": "yes"})
+    assert turned.estimate.seconds > 1.5 * evened.estimate.seconds
+    fewer = check(capture, overrides={"fit.steps": "100"})
+    assert fewer.estimate.seconds < evened.estimate.seconds
 
 
 HEIC = ROOT / "tests" / "capture" / "data" / "heif"

@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver.apart import ApartError
+from solver.capture import triangulate
 from solver.capture.frames import pose_opengl_from_opencv
 from solver.capture.read import read_capture
 from solver.fit.presets import settings_for
 from solver.preflight.check import check
 from solver.preflight.looks import ReducedPhotos
-from solver.preflight.poses import PAIRS, poses
+from solver.preflight.poses import poses
 from tests.capture.printed_table import camera_at, shaken, write_table
 from tests.preflight.captures import ROOT
 
@@ -49,8 +51,8 @@ def test_of_matrices_in_another_convention_it_says_which(cameras, tmp_path):
     assert found.level == "warning" and "negate the second and third column" in found.text
 
 
-def test_photos_with_masks_are_not_compared():
-    """What is cut out may be a mirror, in which nothing lies where it seems to."""
+def test_photos_that_were_cut_out_are_not_compared():
+    """What is left may be a mirror, in which nothing lies where it seems to."""
     report = check(read_capture(ROOT / "samples" / "duck"))
     assert not [f for f in report.findings if "beside" in f.text]
 
@@ -62,16 +64,14 @@ def test_few_pairs_are_compared_and_two_cameras_back_to_back_are_none(
 
     def compare(cameras, pictures, pairs, progress):
         compared.append((len(cameras), len(pictures), pairs))
-        raise poses_module.ApartError("no COLMAP")
+        raise ApartError("no COLMAP")
 
-    from solver.preflight import poses as poses_module
-
-    monkeypatch.setattr(poses_module, "compare", compare)
+    monkeypatch.setattr(triangulate, "compare", compare)
     many = [camera_at(angle) for angle in np.linspace(0, 3.0, 40)]
     _, found = found_of(tmp_path, many, many)
     assert found == []
     count, pictures, pairs = compared.pop()
-    assert count == pictures <= 2 * PAIRS and len(pairs) == PAIRS
+    assert count == pictures <= 2 * triangulate.PAIRS and len(pairs) == triangulate.PAIRS
     assert {index for pair in pairs for index in pair} == set(range(count))
     capture = read_capture(tmp_path)
     back_to_back = (camera_at(0.0, height=0.0), camera_at(np.pi, height=0.0))

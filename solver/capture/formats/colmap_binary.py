@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import CaptureError
-from ..files import head_of
+from ..files import head_of, no_access
 from ..sparse_points import SparsePoints
 from .colmap_model import MODELS, NAME_OF_ID, UNMOVED, Frames, Image, Rigs, Sensor
 
@@ -211,6 +211,4 @@ def _opened(file: Path) -> Iterator[_Records]:
             with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
                 yield _Records(file, data)
     except OSError as error:
-        raise CaptureError(
-            file, "", f"it cannot be read ({error.strerror})", "check the path and its permissions"
-        ) from error
+        raise no_access(file, error) from error

@@ -19,6 +19,7 @@ import numpy as np
 from ..capture import Capture
 from ..errors import CaptureError
 from ..files import json_head, number, numbers, read_json
+from ..frames import rotation_from_quaternion
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
 
@@ -60,7 +61,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     for index, pose in enumerate(values):
         stated = f"{folder}/{index}.jpg"
         photo = photos.find_in(path.parent / folder, f"{index}.jpg")
-        intrinsics = None if photo is None else _intrinsics(path, content, index, size)
+        serves = photos.serves(photo)
+        intrinsics = _intrinsics(path, content, index, size) if serves else None
         where = f"poses[{index}]"
         found.append(Found(where, stated, photo, _matrix(path, where, pose), intrinsics))
     return assemble(path, NAME, found, photos, up=(0, 1, 0), metric=True)
@@ -90,15 +92,8 @@ def _intrinsics(
 
 def _matrix(path: Path, where: str, pose: np.ndarray) -> np.ndarray:
     """Camera-to-world [3, 4] of qx qy qz qw tx ty tz."""
-    length = np.linalg.norm(pose[:4])
-    if not 1e-3 < length < 1e3:
+    if not 1e-3 < np.linalg.norm(pose[:4]) < 1e3:
         raise CaptureError(
             path, where, "its quaternion is no rotation", "export the recording again"
         )
-    x, y, z, w = pose[:4] / length
-    rotation = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.column_stack([rotation, pose[4:]])
+    return np.column_stack([rotation_from_quaternion(pose[[3, 0, 1, 2]]), pose[4:]])

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 
 from tqdm import tqdm
 
-from ..job.events import EventStream, clock, say
-from ..job.status import Heartbeat
+from .events import EventStream, clock, say
+from .status import Heartbeat
 
 # Shares of the whole run, for one bar over all stages (draft on two cores).
 _SHARES = {

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from solver.job.apart import ApartError, run_apart
+from solver.apart import ApartError, run_apart
 
 
 def double(value, progress):
@@ -62,8 +62,8 @@ def test_a_process_that_dies_before_it_has_read_its_work_is_told_of(tmp_path):
     """As one does whose main module cannot be imported; what it was to read is more than a pipe holds."""
     script = tmp_path / "script.py"
     script.write_text(
-        "from solver.job.apart import ApartError, run_apart\n"
-        "from tests.job.test_apart import double\n"
+        "from solver.apart import ApartError, run_apart\n"
+        "from tests.test_apart import double\n"
         "if __name__ == '__mp_main__':\n"
         "    raise SystemExit(7)\n"
         "try:\n"
@@ -71,7 +71,7 @@ def test_a_process_that_dies_before_it_has_read_its_work_is_told_of(tmp_path):
         "except ApartError as error:\n"
         "    print(error)\n"
     )
-    command, root = [sys.executable, str(script)], Path(__file__).parents[2]
+    command, root = [sys.executable, str(script)], Path(__file__).parents[1]
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=60, cwd=root,
         env={**os.environ, "PYTHONPATH": str(root)},
