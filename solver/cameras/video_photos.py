@@ -22,7 +22,7 @@ from .folder import FEWEST_PHOTOS, photos_below
 CANDIDATES = 5
 """frames that are compared for a photo, at most"""
 FEWEST_FRAMES = 3
-"""frames there are to be for a photo: two in a row are the same"""
+"""frames there are to be for a photo, if nobody says which: two in a row are the same"""
 _LOOKED_AT = 800
 """pixels of the longer side at which frames are compared: blur that is finer hardly counts in a fit"""
 
@@ -73,11 +73,11 @@ def sharpest(video: Path, count: int, span: range | None = None) -> Iterator[tup
     Raises:
         CaptureError: as `take_photos`.
     """
-    found = frames(video, by_clock=span is not None)
+    found, fewest = frames(video, by_clock=span is not None), 1
     if span is None:
-        span = range(frame_count(video))
+        span, fewest = range(frame_count(video)), FEWEST_FRAMES
     first, total = span.start, len(span)
-    parts = min(count, total // FEWEST_FRAMES)
+    parts = min(count, total // fewest)
     if parts < FEWEST_PHOTOS:
         raise _too_short(video)
     step = -(-total // (parts * CANDIDATES))

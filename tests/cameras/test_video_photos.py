@@ -78,6 +78,11 @@ def test_photos_of_a_span_are_named_by_the_clock_and_are_the_sharpest_in_it(walk
     assert names == tuple(f"frame_{number:06d}.jpg" for number in (11, 14, 17, 20))
 
 
+def test_all_frames_of_a_span_are_taken_if_that_many_are_asked_for(walk):
+    taken = [frame.number for _, frame in sharpest(walk[0], 100, range(5, 12))]
+    assert taken == list(range(5, 12))
+
+
 def test_the_command_frames_takes_photos_and_leaves_nothing_when_it_cannot(walk, tmp_path):
     made = run("frames", walk[0], "--out", tmp_path / "a", "--photos", 5, "--span", 3, 20)
     assert made.returncode == 0 and "5 photos in" in made.stdout

@@ -130,10 +130,10 @@ def test_photos_around_what_looks_alike_from_behind_are_not_folded(alike, matche
 
 def test_one_is_told_where_names_are_no_order_that_could_tell_what_looks_alike(alike, tmp_path):
     folder, truth = alike
-    shuffled = tmp_path / "photos"
+    shuffled, some = tmp_path / "photos", truth[:20]
     shuffled.mkdir()
-    order = np.random.default_rng(1).permutation(len(truth))
-    for camera, number in zip(truth, order, strict=True):
+    order = np.random.default_rng(1).permutation(len(some))
+    for camera, number in zip(some, order, strict=True):
         shutil.copy(folder / f"{camera.name}.jpg", shuffled / f"IMG_{number:03d}.jpg")
     told, _ = solve(shuffled, tmp_path / "cameras")
     assert "names in the order in which they were taken" in told
