@@ -10,7 +10,20 @@ from pathlib import Path
 from .errors import CaptureError
 from .picture_names import agreement, folders_of, pictures_below, pictures_in, plain, stem_of
 
-FOLDERS = (".mask", "masks", "mask", "mattes", "matte", "alpha")
+FOLDERS = (
+    ".mask",
+    "masks",
+    "mask",
+    "mattes",
+    "matte",
+    "alpha",
+    "mask_images",
+    "masks_png",
+    "segmentation",
+    "segmentations",
+    "silhouette",
+    "silhouettes",
+)
 ENDINGS = ("_masks", "_mask")
 """of a folder's name, after that of the photos' folder beside it"""
 NAMES = ("{}_mask", "{}.mask", "{}-mask", "{}_masked", "mask_{}")

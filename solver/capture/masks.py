@@ -14,6 +14,9 @@ from .orientation import oriented, same_shape
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
+NEAR_AN_END, MOST_BETWEEN = 0.15, 0.35
+"""share of a mask's range that counts as its end, and of what is not black that may lie between the ends"""
+
 
 def read_mask(camera: Camera, orientation: int) -> np.ndarray:
     """Coverage [H, W] float32 in [0, 1] from a mask file, at the camera's size.
@@ -53,8 +56,8 @@ def no_mask(path: Path) -> CaptureError:
 def coverage(decoded: Decoded) -> np.ndarray:
     """Coverage [H, W] float32 in [0, 1] of a mask: its brightness, as it is encoded.
 
-    A picture of one brightness with an alpha channel that varies has the mask there. Masks of zeros
-    and ones, which look black, are meant as black and white.
+    A picture with an alpha channel that varies has the mask there, if it is of one brightness or cut out
+    along it. A mask of one colour on black is meant as white on black, whatever that colour's brightness.
     """
     pixels = decoded.pixels
     colours = pixels.shape[2] if decoded.alpha is None else decoded.alpha
@@ -62,13 +65,24 @@ def coverage(decoded: Decoded) -> np.ndarray:
         shade = pixels[..., :3].astype(np.float32) @ _LUMINANCE
     else:
         shade = pixels[..., 0].astype(np.float32)
-    if decoded.alpha is not None and (colours == 0 or np.ptp(shade) < 1e-3 * decoded.largest):
+    if decoded.alpha is not None:
         alpha = pixels[..., decoded.alpha].astype(np.float32)
-        shade = alpha if colours == 0 or np.ptp(alpha) > 0 else shade
+        plain = colours == 0 or np.ptp(shade) < 1e-3 * decoded.largest
+        if np.ptp(alpha) > 0 and (plain or _is_two_valued(alpha, decoded.largest)):
+            shade = alpha
+        elif colours == 0:
+            shade = alpha
     largest = decoded.largest
-    if not decoded.is_float and 0 < shade.max() <= 1.001:
-        largest = 1.0
+    if not decoded.is_float and shade.max() > 0 and _is_two_valued(shade, shade.max()):
+        largest = shade.max()
     return np.clip(shade / np.float32(largest), 0, 1)
+
+
+def _is_two_valued(values: np.ndarray, upper: float) -> bool:
+    """True if most are about 0 or about `upper`; edges are soft, and JPEG is not exact."""
+    above = values > NEAR_AN_END * upper
+    between = above & (values < (1 - NEAR_AN_END) * upper)
+    return bool(between.sum() <= MOST_BETWEEN * above.sum())
 
 
 def resized_by_area(image: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -21,7 +21,6 @@ from .picture_names import (
     largest_copy,
     parts_of,
     pictures_below,
-    pictures_in,
     plain,
     stem_of,
 )
@@ -39,7 +38,7 @@ def capture_folder(file: Path) -> Path:
     """The folder that a camera file and its photos share: `project` for `project/sparse/0/images.bin`."""
     folder = file.parent
     for _ in range(3):
-        if not MODEL_FOLDERS.fullmatch(folder.name) or pictures_in(folder):
+        if not MODEL_FOLDERS.fullmatch(folder.name) or any(pictures_below(folder)):
             break
         folder = folder.parent
     return folder

@@ -18,6 +18,7 @@ VIDEOS = (
 )  # fmt: skip
 """extensions of videos, in lower case, from which cameras can be solved"""
 DEEPEST, MOST_FILES = 6, 200_000
+_THUMBNAILS = re.compile(r"thumb|preview", re.I)
 
 
 def plain(name: str) -> str:
@@ -56,9 +57,14 @@ def agreement(one: Sequence[str], other: Sequence[str]) -> int:
 
 
 def pictures_below(folder: Path, extensions: tuple[str, ...] = EXTENSIONS) -> Iterator[Path]:
-    """Pictures below a folder, not deeper than `DEEPEST`; links to folders are not followed."""
-    start, seen = len(folder.parts), 0
-    for place, folders, files in os.walk(folder):
+    """Pictures below a folder, not deeper than `DEEPEST`; each folder counts once, whatever links to it."""
+    start, seen, been = len(folder.parts), 0, set()
+    for place, folders, files in os.walk(folder, followlinks=True):
+        real = os.path.realpath(place)
+        if real in been:
+            folders.clear()
+            continue
+        been.add(real)
         if len(Path(place).parts) - start >= DEEPEST:
             folders.clear()
         folders[:] = sorted(name for name in folders if not name.startswith("."))
@@ -79,15 +85,18 @@ def pictures_in(folder: Path) -> list[Path]:
 
 
 def largest_copy(paths: Sequence[Path]) -> Path | None:
-    """Of one photo in several sizes, in folders called by how much smaller it is there (`images_2`,
-    `images_4`), the largest; None if the sizes do not say so."""
+    """Of one photo in several sizes, in folders called by how much smaller it is there (`images`,
+    `images_2`, `images_4`), the largest; None if the sizes do not say so. Thumbnails do not count."""
+    paths = [path for path in paths if not _THUMBNAILS.search(path.parent.name)] or paths
+    if len(paths) == 1:
+        return paths[0]
+    whole = {path.parent for path in paths if _factor(path.parent) is None}
+    if len(whole) > 1 or any(not _is_smaller(path.parent, whole) for path in paths):
+        return None
     wide: dict[Path, tuple[int, int]] = {}
     for path in paths:
-        factor = re.fullmatch(r".+_(\d{1,2})", path.parent.name)
-        if factor is None or not int(factor[1]):
-            return None
         try:
-            wide[path] = (int(factor[1]), image_size(path)[0])
+            wide[path] = (_factor(path.parent) or 1, image_size(path)[0])
         except CaptureError:
             return None
     # Each was rounded, up or down, to whole pixels.
@@ -95,3 +104,18 @@ def largest_copy(paths: Sequence[Path]) -> Path | None:
     most = min(factor * (width + 1) for factor, width in wide.values())
     different = len({factor for factor, _ in wide.values()}) == len(paths)
     return min(wide, key=wide.__getitem__) if different and least <= most else None
+
+
+def _factor(folder: Path) -> int | None:
+    """By how much smaller photos are in a folder that is called so; None if it is not."""
+    named = re.fullmatch(r".+_(\d{1,2})", folder.name)
+    return int(named[1]) or None if named else None
+
+
+def _is_smaller(folder: Path, whole: set[Path]) -> bool:
+    """True if it is the folder of whole photos, or beside that and called by it; or if there is none."""
+    return all(
+        folder == other
+        or (folder.parent == other.parent and folder.name.startswith(f"{other.name}_"))
+        for other in whole
+    )

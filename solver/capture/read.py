@@ -7,7 +7,7 @@ from pathlib import Path
 from types import ModuleType
 
 from .capture import Capture
-from .errors import CaptureError, shown
+from .errors import CaptureError, listed, shown
 from .files import check_readable
 from .formats import (
     bundler,
@@ -38,6 +38,16 @@ _FILES_OF_SPLIT = {
     "test": ("transforms_test.json", "transforms_val.json"),
     "val": ("transforms_val.json", "transforms_test.json"),
 }
+_NO_CAMERAS = {
+    "database.db": ("COLMAP's list of matches, without cameras", "give its model (sparse/0)"),
+    "poses_bounds.npy": ("LLFF's, which is not read", "give the COLMAP model it was made from"),
+    "cameras_sphere.npz": ("of NeuS, which is not read", "give the cameras it was made from"),
+    "cameras.json": (
+        "of Gaussian splats, which is not read",
+        "give the cameras they were made from",
+    ),
+}
+"""what is to be said of files that look like what is wanted and are not, by their names in lower case"""
 _DEEPEST, _MOST_TRIED = 3, 2000
 
 
@@ -72,10 +82,11 @@ def camera_file(path: Path | str, split: str = "train") -> Path:
     if split == "train" and (file := _search(path)) is not None:
         # Who names a project means its largest model, who names the folder of a model means that.
         return colmap.largest(file) if file.parent != path and reader_of(file) is colmap else file
+    if split == "train":
+        raise _nothing(path)
     raise CaptureError(
         path, "", f"there is no camera file for '{split}' in this folder",
-        "give the camera file itself, or solve the cameras from the photos"
-        if split == "train" else f"add {' or '.join(wanted)}",
+        f"add {' or '.join(wanted)}",
     )  # fmt: skip
 
 
@@ -165,9 +176,13 @@ def _search(folder: Path) -> Path | None:
     """The likeliest camera file below a folder."""
     for reader in FORMATS:
         for pattern in reader.PATTERNS:
-            for file in sorted(folder.glob(pattern)):
-                if file.is_file() and reader.recognises(file):
-                    return file
+            files = [
+                f for f in sorted(folder.glob(pattern)) if f.is_file() and reader.recognises(f)
+            ]
+            if reader is transforms and len(files) > 1:
+                raise _several(folder, files)
+            if files:
+                return files[0]
     tried = 0
     for depth in range(_DEEPEST + 1):
         for file in sorted(folder.glob("/".join(["*"] * (depth + 1)))):
@@ -179,3 +194,27 @@ def _search(folder: Path) -> Path | None:
             if reader_of(file) is not None:
                 return file
     return None
+
+
+def _several(folder: Path, files: list[Path]) -> CaptureError:
+    names = [str(file.parent.relative_to(folder)) for file in files]
+    return CaptureError(
+        folder, "", f"it holds several captures ({listed(names)})", "give the folder of one of them"
+    )
+
+
+def _nothing(folder: Path) -> CaptureError:
+    """What to say of a folder without a camera file that is known here."""
+    remedy = "give the camera file itself, or solve the cameras from the photos"
+    problem = "there is no camera file in this folder"
+    above = next((folder.parent / name for name in _FILES_OF_SPLIT["train"]), None)
+    archive = next(iter(sorted(folder.glob("*.zip"))), None)
+    known = next((file for pattern in _NO_CAMERAS for file in sorted(folder.glob(pattern))), None)
+    if archive is not None and zipfile.is_zipfile(archive):
+        remedy = f"unpack {archive.name}, and give its folder"
+    elif above is not None and above.is_file():
+        remedy = f"give {folder.parent}, which has {above.name}"
+    elif known is not None:
+        said, remedy = _NO_CAMERAS[known.name.lower()]
+        problem += f", for {known.name} is {said}"
+    return CaptureError(folder, "", problem, remedy)

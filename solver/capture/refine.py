@@ -58,7 +58,7 @@ def triangulated(
 
 def refined(
     colmap: Any, folder: Path, cameras: list[Camera], features: list[Features],
-    pairs: list[PairMatches], beside: float | None,
+    pairs: list[PairMatches], beside: float | None, tolerated: float = TOLERATED,
 ) -> tuple[list[Camera], float] | None:  # fmt: skip
     """Cameras in the same world that fit their photos better, and how far beside these lie then; None: they
     fit, or nothing better is found.
@@ -67,8 +67,9 @@ def refined(
         folder: with the database of `photo_matches.matched`.
         features, pairs: of it.
         beside: how far beside the cameras photos lie (see `agreement.disagreement`).
+        tolerated: pixels by which they may, before and after.
     """
-    if beside is None or beside < TOLERATED:
+    if beside is None or beside < tolerated:
         return None
     found = cameras
     for most_pixels in rounds_for(beside):
@@ -77,7 +78,7 @@ def refined(
         if found is None:
             return None
     after = disagreement(found, pairs)
-    better = after is not None and after < min(TOLERATED, BETTER * beside)
+    better = after is not None and after < min(tolerated, BETTER * beside)
     return (found, after) if better and _may_be(cameras, found) else None
 
 

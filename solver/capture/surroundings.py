@@ -13,6 +13,9 @@ from .image_header import image_orientation
 from .photo_matches import LONGEST, Picture, picture_from
 from .reduced import load_reduced, load_reduced_mask
 
+TOLERATED_AROUND = 1.5
+"""pixels by which photos may lie beside their cameras, of pictures that features were sought in, where the
+object does not count: of a floor that is seen at a slant in small photos, right cameras have 1.0"""
 BORDER = 0.01
 """of the picture's longer side: so far around a mask nothing is looked at"""
 

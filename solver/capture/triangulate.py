@@ -47,14 +47,15 @@ class Triangulated(NamedTuple):
 
 def triangulate(
     cameras: list[Camera], pictures: list[Picture], progress: Callable[[float], None],
-    refine: bool = False,
+    tolerated: float | None = None,
 ) -> Triangulated:  # fmt: skip
     """World points on what at least `FEWEST_VIEWS` photos see alike, maybe none.
 
     Args:
         cameras: of the photos, in the order of their pictures; any lens.
         progress: told the share done, several times a second; what it raises ends the work.
-        refine: look for better cameras, too, and take those.
+        tolerated: look for better cameras, too, and take those, where photos lie further than so many
+            pixels beside these; None: leave them.
 
     Raises:
         ApartError: COLMAP cannot do it.
@@ -63,11 +64,11 @@ def triangulate(
         return Triangulated(NO_POINTS)
     with tempfile.TemporaryDirectory(prefix="nmf-points-") as folder:
         # In one process, COLMAP's and torch's OpenMP runtimes end Python on macOS.
-        return run_apart(with_colmap, Path(folder), cameras, pictures, refine, progress=progress)
+        return run_apart(with_colmap, Path(folder), cameras, pictures, tolerated, progress=progress)
 
 
 def with_colmap(
-    folder: Path, cameras: list[Camera], pictures: list[Picture], refine: bool,
+    folder: Path, cameras: list[Camera], pictures: list[Picture], tolerated: float | None,
     progress: Callable[[float], None],
 ) -> Triangulated:  # fmt: skip
     """As `triangulate`, in this process and an empty folder."""
@@ -79,7 +80,9 @@ def with_colmap(
     beside, remedy = disagreement(cameras, matches), convention_that_fits(cameras, matches)
     if remedy is not None:
         return Triangulated(NO_POINTS, beside, remedy)
-    better = refined(colmap, folder, cameras, features, matches, beside) if refine else None
+    better = None
+    if tolerated is not None:
+        better = refined(colmap, folder, cameras, features, matches, beside, tolerated)
     found, after = better or (None, None)
     model = triangulated(colmap, folder, found or cameras, features)
     progress(1.0)

@@ -15,7 +15,7 @@ from ..capture.capture import Capture
 from ..capture.photo_matches import picture_of
 from ..capture.photos import Photo
 from ..capture.refine import TOLERATED
-from ..capture.surroundings import picture_around
+from ..capture.surroundings import TOLERATED_AROUND, picture_around
 from ..capture.triangulate import Triangulated, compare_some, triangulate
 from ..field.field import MicrofacetField
 from ..field.room import EXTENT, Room, contract
@@ -45,7 +45,7 @@ def found_in_photos(
         return None
     told = _in_time(progress, seconds)
     pictures = [picture_of(photo) for photo in photos]
-    return triangulate(list(capture.cameras), pictures, told, refine)
+    return triangulate(list(capture.cameras), pictures, told, TOLERATED if refine else None)
 
 
 def found_in_surroundings(
@@ -61,11 +61,14 @@ def found_in_surroundings(
     """
     told, cameras = _in_time(progress, seconds), capture.cameras
     found = compare_some(cameras, picture_around, lambda done: told(COMPARING * done))
-    if found.remedy is not None or found.beside is None or found.beside < TOLERATED:
+    if found.remedy is not None or found.beside is None or found.beside < TOLERATED_AROUND:
         return found
     pictures = [picture_around(camera) for camera in cameras]
     return triangulate(
-        list(cameras), pictures, lambda done: told(COMPARING + (1 - COMPARING) * done), refine=True
+        list(cameras),
+        pictures,
+        lambda done: told(COMPARING + (1 - COMPARING) * done),
+        TOLERATED_AROUND,
     )
 
 

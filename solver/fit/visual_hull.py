@@ -25,7 +25,10 @@ FINER, MUCH_SMALLER = 4, 0.8
 """times that the hull's box is looked for within itself, while an edge gets shorter by this factor"""
 THIN_CELLS = 2
 """cells around the hull within which it is not too thin for its cells' centres, but ends"""
-BELONG_TOGETHER = "check that masks and cameras belong together, or enlarge the region"
+BELONG_TOGETHER = (
+    "check that masks show the object white and all else black and belong to their cameras, or enlarge the "
+    "region"
+)
 
 
 def not_all_masked(without: list[str], count: int) -> str:

@@ -10,7 +10,7 @@ from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.photo_matches import LONGEST, Picture, picture_from
 from ..capture.refine import TOLERATED
-from ..capture.surroundings import picture_around
+from ..capture.surroundings import TOLERATED_AROUND, picture_around
 from ..capture.triangulate import compare_some
 from ..fit.settings import Settings
 from .findings import Finding, note, warning
@@ -34,7 +34,8 @@ def poses(capture: Capture, photos: ReducedPhotos, settings: Settings) -> list[F
     if found.remedy is not None:
         return [warning(f"{another_convention(found.beside)}; {found.remedy}")]
     told = f"photos lie {found.beside:.1f} pixels (of {LONGEST}) beside their cameras"
-    if found.beside < TOLERATED:
+    masked = capture.cameras[0].mask_path is not None
+    if found.beside < (TOLERATED_AROUND if masked else TOLERATED):
         return [note(told)]
     if settings.fit.refine_cameras and capture.has_few_points:
         return [warning(f"{told}; these will be adjusted to them, as far as photos tell")]

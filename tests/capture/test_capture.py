@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -254,6 +255,37 @@ def test_json_cut_in_half_is_named_as_such(tmp_path):
     file.write_text(file.read_text()[: len(file.read_text()) // 2])
     with pytest.raises(CaptureError, match="not valid JSON"):
         read_capture(tmp_path)
+
+
+def test_the_folder_around_a_capture_stands_for_it_and_its_training_photos(tmp_path):
+    (tmp_path / "lego" / "lego").mkdir(parents=True)
+    make_capture(tmp_path / "lego" / "lego")
+    cameras = tmp_path / "lego" / "lego" / "transforms_train.json"
+    for split in ("relight", "test", "val"):
+        shutil.copy(cameras, cameras.with_stem(f"transforms_{split}"))
+    assert read_capture(tmp_path).source == cameras
+    shutil.copytree(tmp_path / "lego" / "lego", tmp_path / "lego" / "ship")
+    with pytest.raises(CaptureError, match=r"several captures \(lego, ship\); give the folder of"):
+        read_capture(tmp_path / "lego")
+
+
+def test_of_a_folder_without_cameras_it_is_said_what_is_there_instead(tmp_path):
+    make_capture(tmp_path / "scan")
+    make_capture(tmp_path / "scan" / "train")
+    (tmp_path / "scan" / "train" / "transforms_train.json").unlink()
+    with pytest.raises(CaptureError, match="give .*scan, which has transforms_train.json"):
+        read_capture(tmp_path / "scan" / "train")
+    for name, said in (
+        ("poses_bounds.npy", "LLFF's.*give the COLMAP model"), ("database.db", "give its model"),
+    ):  # fmt: skip
+        (tmp_path / name).mkdir()
+        (tmp_path / name / name).write_bytes(b"\x93")
+        with pytest.raises(CaptureError, match=said):
+            read_capture(tmp_path / name)
+    (tmp_path / "packed").mkdir()
+    shutil.make_archive(str(tmp_path / "packed" / "scan"), "zip", tmp_path / "scan")
+    with pytest.raises(CaptureError, match="unpack scan.zip, and give its folder"):
+        read_capture(tmp_path / "packed")
 
 
 def test_missing_and_empty_folders_are_named(tmp_path):

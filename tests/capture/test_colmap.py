@@ -96,6 +96,17 @@ def test_a_model_with_distortion_means_the_photos_as_taken(tmp_path, solved):
     assert read_capture(tmp_path).cameras[0].image_path.parent == tmp_path / "images"
 
 
+def test_a_model_with_distortion_does_not_take_photos_without(tmp_path, solved):
+    model = solved(tmp_path / "dense" / "images")
+    write(model, tmp_path / "sparse" / "0")
+    write(model, tmp_path / "dense" / "sparse")
+    for given in (tmp_path, tmp_path / "sparse" / "0" / "images.bin"):
+        with pytest.raises(CaptureError, match="those of another model, in .*images; give .*dense"):
+            read_capture(given)
+    capture = read_capture(tmp_path / "dense")
+    assert capture.cameras[0].image_path.parent == tmp_path / "dense" / "images"
+
+
 @pytest.mark.parametrize("with_comments", [True, False])
 def test_renamed_text_files_are_recognised_by_what_is_in_them(tmp_path, solved, with_comments):
     folder = write(solved(tmp_path / "images"), tmp_path, "txt")

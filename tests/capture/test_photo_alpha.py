@@ -127,6 +127,39 @@ def test_masks_of_every_kind_and_size_mean_the_same(tmp_path, kind):
     assert masked.has_alpha
 
 
+def object_on(shades, kind):
+    """A mask of a round object, drawn in one of the ways that programs have."""
+    y, x = np.mgrid[:48, :64]
+    inside = np.clip(16.5 - np.hypot(x - 30, y - 24), 0, 1)
+    colour = np.uint8([[[200, 120, 40]]]) * shades[..., None] / 255
+    drawn = {
+        "grey": 128 * inside, "dark": 3 * np.round(inside), "red": [200, 0, 0] * inside[..., None],
+        "cut out": np.dstack([colour, 255 * inside]), "cut out on white": np.dstack(
+            [np.where(inside[..., None] > 0, colour, 255), 255 * inside]
+        ),
+    }[kind]  # fmt: skip
+    return inside, Image.fromarray(np.round(drawn).astype(np.uint8))
+
+
+@pytest.mark.parametrize("kind", ["grey", "dark", "red", "cut out", "cut out on white"])
+def test_a_mask_shows_the_object_whole_however_it_is_drawn(tmp_path, kind):
+    shades = np.random.default_rng(0).integers(40, 256, (48, 64))
+    inside, picture = object_on(shades, kind)
+    picture.save(tmp_path / "m.png")
+    photo = write(tmp_path / "p.png", np.full((48, 64, 3), 90, np.uint8))
+    alpha = load(photo, tmp_path / "m.png").pixels[..., 3]
+    wanted = np.round(inside) if kind == "dark" else inside
+    np.testing.assert_allclose(alpha, wanted, atol=0.02)
+
+
+def test_a_mask_of_many_shades_is_as_bright_as_it_is(tmp_path):
+    soft = np.linspace(0, 180, 48 * 64).reshape(48, 64).astype(np.uint8)
+    Image.fromarray(soft).save(tmp_path / "m.png")
+    photo = write(tmp_path / "p.png", np.full((48, 64, 3), 90, np.uint8))
+    alpha = load(photo, tmp_path / "m.png").pixels[..., 3]
+    np.testing.assert_allclose(alpha, soft / 255, atol=1e-6)
+
+
 def test_a_mask_lies_as_its_photo_does(tmp_path):
     exif = Image.Exif()
     exif[0x0112] = 6

@@ -93,6 +93,51 @@ def test_where_photos_are_gone_the_larger_of_their_smaller_copies_count(tmp_path
     assert {camera.image_path.parent.name for camera in capture.cameras} == {"images_2"}
 
 
+@pytest.mark.parametrize("copies", ["images_2", "thumbnails", "images/Preview"])
+def test_of_a_photo_and_its_smaller_copies_the_photo_counts(copies, tmp_path):
+    whole = [save(tmp_path / "images" / f"{i}.png", size=16) for i in range(3)]
+    for i in range(3):
+        save(tmp_path / copies / f"{i}.png", size=8)
+    names = [f"D:/elsewhere/{i}.png" for i in range(3)]
+    capture = read_capture(write_cameras(tmp_path, names))
+    assert [camera.image_path for camera in capture.cameras] == whole
+
+
+def test_other_photos_of_the_same_names_are_no_copies(tmp_path):
+    for folder in ("left", "right"):
+        for i in range(3):
+            save(tmp_path / folder / f"{i}.png")
+    with pytest.raises(CaptureError, match="could both be meant"):
+        read_capture(write_cameras(tmp_path, [f"D:/elsewhere/{i}.png" for i in range(3)]))
+
+
+def test_photos_in_a_folder_that_is_a_link_are_found_and_links_in_circles_end(tmp_path):
+    for i in range(3):
+        save(tmp_path / "disk" / f"{i}.png")
+    project = tmp_path / "project"
+    project.mkdir()
+    try:
+        (project / "photos").symlink_to(tmp_path / "disk", target_is_directory=True)
+        (tmp_path / "disk" / "round").symlink_to(project, target_is_directory=True)
+    except OSError:
+        pytest.skip("no links here")
+    capture = read_capture(write_cameras(project, [f"C:/photos/{i}.jpg" for i in range(3)]))
+    assert [c.image_path for c in capture.cameras] == [
+        project / "photos" / f"{i}.png" for i in range(3)
+    ]
+    assert len(PhotoFinder(project).pictures()) == 3
+
+
+@pytest.mark.parametrize("name", ["1", "model", "text"])
+def test_a_camera_file_beside_its_photos_means_those_whatever_its_folder_is_called(name, tmp_path):
+    for folder in (name, "2"):
+        for i in range(3):
+            save(tmp_path / folder / "photos" / f"{i}.png")
+    names = [f"D:/elsewhere/{i}.png" for i in range(3)]
+    capture = read_capture(write_cameras(tmp_path / name, names))
+    assert {c.image_path.parent for c in capture.cameras} == {tmp_path / name / "photos"}
+
+
 def test_photos_of_one_name_in_numbered_folders_are_no_copies(tmp_path):
     for i in range(3):
         for number in (2, 4):

@@ -128,7 +128,7 @@ def table():
 def test_cameras_that_are_off_are_adjusted_until_their_photos_fit(table, degrees, share):
     cameras, photos = table
     off = shaken(cameras, degrees, share)
-    found = triangulate(off, photos, lambda done: None, refine=True)
+    found = triangulate(off, photos, lambda done: None, tolerated=TOLERATED)
     assert found.beside > 2 * TOLERATED and found.refined_beside < 0.5
     assert found.remedy is None
     turn, way = turns_and_ways(found.refined, cameras)
@@ -150,7 +150,7 @@ def test_rounds_begin_above_what_cameras_are_off_and_end_strict():
 
 def test_cameras_that_fit_stay_as_they_are(table):
     cameras, photos = table
-    found = triangulate(cameras, photos, lambda done: None, refine=True)
+    found = triangulate(cameras, photos, lambda done: None, tolerated=TOLERATED)
     assert found.beside < TOLERATED and found.refined is None and len(found.points) > 300
     off = shaken(cameras, 0.7, 0.01)
     assert triangulate(off, photos, lambda done: None).refined is None
@@ -159,7 +159,7 @@ def test_cameras_that_fit_stay_as_they_are(table):
 def test_photos_of_something_else_than_what_cameras_went_around_move_no_camera(table):
     """As of a room behind a turntable, which stands still in all of them."""
     cameras, photos = table
-    found = triangulate(cameras, photos[:1] * len(cameras), lambda done: None, refine=True)
+    found = triangulate(cameras, photos[:1] * len(cameras), lambda done: None, tolerated=TOLERATED)
     assert found.refined is None
 
 

@@ -85,7 +85,7 @@ def test_without_points_or_with_no_density_the_fog_is_even():
 def test_points_are_looked_for_only_where_masks_and_the_file_say_nothing(monkeypatch):
     asked = []
 
-    def found(cameras, photos, progress, refine):
+    def found(cameras, photos, progress, tolerated):
         asked.append(len(cameras))
         return Triangulated(np.ones((7, 3)))
 
@@ -102,7 +102,7 @@ def test_points_are_looked_for_only_where_masks_and_the_file_say_nothing(monkeyp
 
 
 def test_a_search_for_points_that_takes_too_long_is_given_up(monkeypatch):
-    def endless(cameras, photos, progress, refine):
+    def endless(cameras, photos, progress, tolerated):
         for _ in range(1000):
             time.sleep(0.01)
             progress(0.1)

@@ -55,11 +55,13 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             # Photos and poses are whole without them.
             warnings.append(f"{files['points3D'].name}: {error.problem}; its points are left out")
     poses = _Poses(files)
-    folder = _photo_folder(path, photos)
+    folder, elsewhere = _photo_folder(path, photos), None
     found = []
     for image in images:
         stated = image.name if folder is None else f"{folder}/{image.name}"
         photo = photos.find(stated) if image.name.strip() else None
+        if photo is not None and not _is_of_model(photo, files["images"]):
+            photo, elsewhere = None, photo
         intrinsics = pose = None
         if photos.serves(photo):
             if image.sensor not in sensors:
@@ -70,6 +72,11 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             intrinsics = intrinsics_of(files["cameras"], sensors[image.sensor])
             pose = pose_opengl_from_opencv(invert_pose(poses.of(image)))
         found.append(Found(image.where, image.name, photo, pose, intrinsics))
+    if elsewhere is not None and not any(item.photo for item in found):
+        raise CaptureError(
+            files["images"], "photos", f"the only photos there are those of another model, in "
+            f"{elsewhere.parent}", f"give {elsewhere.parent.parent}, or add the photos as they were taken",
+        )  # fmt: skip
     return assemble(files["images"], NAME, found, photos, points=points, warnings=tuple(warnings))
 
 
@@ -160,6 +167,15 @@ def _photo_folder(path: Path, photos: PhotoFinder) -> Path | None:
             if (folder / name).is_dir():
                 return folder / name
     return None
+
+
+def _is_of_model(photo: Path, images: Path) -> bool:
+    """False for a photo in a workspace that has a model of its own beside its photos, such as `dense` with
+    those without distortion, where that is not this one."""
+    workspace = next((place.parent for place in photo.parents if place.name == "images"), None)
+    if workspace is None or not (workspace / "sparse").is_dir():
+        return True
+    return Path(os.path.normpath(images.absolute())).is_relative_to(workspace)
 
 
 def largest(file: Path) -> Path:

@@ -31,7 +31,9 @@ from ..upright import estimate_up
 
 NAME = "transforms.json"
 EXTENSIONS = (".json",)
-PATTERNS = ("transforms_train.json", "transforms.json")
+PATTERNS = tuple(
+    f"{folder}transforms{split}.json" for folder in ("", "*/", "*/*/") for split in ("_train", "")
+)
 
 _PANORAMAS = ("EQUIRECTANGULAR", "SPHERICAL")
 _LENS_OF_MODEL = {
