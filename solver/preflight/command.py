@@ -70,6 +70,7 @@ def run_check(options: argparse.Namespace) -> int:
     if report.box is not None:
         low, high = (" ".join(f"{value:.6g}" for value in corner) for corner in report.box)
         print(f"box: masks show the object between {low} and {high}")
+    print(f"cameras: {len(capture.cameras)} of {capture.source} ({capture.format})")
     print(report.estimate.line())
     return DONE
 

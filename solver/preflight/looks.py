@@ -29,6 +29,8 @@ LONGEST = 960
 """pixels of the longer side that is looked at: a quarter of a phone photo's, which JPEG decodes fast"""
 MOST_KEPT = 1 << 28
 """bytes of photos without masks that are kept to be asked for again: HEIC takes a second each time"""
+WHOLE = 230
+"""of 255, from which on a mask shows something fully"""
 _THUMBNAIL = 32
 _TO_LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
@@ -47,6 +49,7 @@ class Look:
         cut: share of the frame's border that the mask shows; 0 without.
         across: pixels of the photo that the mask's box measures, its longer side; None without.
         thumbnail: [32, 32, 3] int16.
+        half_shown: share of what the mask shows that it does not show fully; 0 without.
         mask: [H, W] bool, reduced; None without.
         backdrop: 'white', 'black' or 'plain' (any other), if the mask is what stands out from that; 'far',
             if from surroundings that are far away.
@@ -63,6 +66,7 @@ class Look:
     thumbnail: np.ndarray
     mask: np.ndarray | None = None
     backdrop: str | None = None
+    half_shown: float = 0.0
 
     @property
     def name(self) -> str:
@@ -207,9 +211,10 @@ def look_at(
     inside = np.zeros((height, width), bool)
     inside[frame_of(camera, region, scale, (height, width))] = True
     white = border_share((colour >= 250).all(axis=-1))
-    shown, coverage, cut, across = None, None, 0.0, None
+    shown, coverage, cut, across, half_shown = None, None, 0.0, None, 0.0
     if alpha is not None:
         shown = alpha > 127
+        half_shown = 1 - (alpha > WHOLE).sum() / max((alpha > 255 - WHOLE).sum(), 1)
         coverage, cut = float(shown.mean()), border_share(shown)
         across = _longer_side(shown) * scale
         # Away from the mask's edge, whose sharpness and brightness are the mask's.
@@ -225,7 +230,7 @@ def look_at(
     return Look(
         camera, sharpness_of(grey, inside), float((pixels >= 254).any(axis=-1).mean()),
         _middle_stops(values), white, coverage, cut, across,
-        np.asarray(thumbnail).astype(np.int16), shown, backdrop,
+        np.asarray(thumbnail).astype(np.int16), shown, backdrop, float(half_shown),
     )  # fmt: skip
 
 

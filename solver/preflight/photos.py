@@ -21,6 +21,8 @@ SAME_MEAN, SAME_MOST = 1.5, 16
 """levels of 255 by which thumbnails of one picture differ, on average and at most"""
 SAME_POSE_DEGREES = 3.0
 FEWEST_ACROSS = 100
+HALF_SHOWN = 0.6
+"""share of what masks show, shown in part, from which on it is no soft edge"""
 MANY = 5
 """photos with one problem, from which they are told together"""
 
@@ -137,17 +139,20 @@ def masks(looks: list[Look], stands: bool = False) -> list[Finding]:
         found.append(warning(not_all_masked(without, len(looks))))
     sizes = [look.coverage for look in looks if look.coverage is not None]
     usual = float(np.median(sizes))
-    for look in looks:
-        if look.coverage is None:
-            continue
-        if look.coverage < EMPTY:
-            found.append(
-                warning("the mask is empty; make it again or leave the photo out", look.name)
-            )
-        elif look.coverage > FULL and usual < 0.9:
-            found.append(
-                warning("the mask shows the whole photo; make it again or leave it out", look.name)
-            )
+    empty = [look.name for look in looks if look.coverage is not None and look.coverage < EMPTY]
+    whole = [look.name for look in looks if look.coverage is not None and look.coverage > FULL]
+    found += _of_each(empty, "the mask is empty; make it again or leave the photo out", "are empty")
+    if usual < 0.9:
+        found += _of_each(
+            whole,
+            "the mask shows the whole photo; make it again or leave it out",
+            "show the whole photo",
+        )
+    if np.median([look.half_shown for look in looks]) > HALF_SHOWN:
+        found.append(
+            warning("most masks show most of the object only in part, as if it were transparent; the "
+                    "object has to be white in them, and all else black")
+        )  # fmt: skip
     masked = [look for look in looks if look.coverage is not None and look.coverage <= FULL]
     inverted = [look.name for look in masked if look.cut > INVERTED]
     cut = [look.name for look in masked if look.cut > CUT]
@@ -162,6 +167,13 @@ def masks(looks: list[Look], stands: bool = False) -> list[Finding]:
                     "back, so that all of it is seen")
         )  # fmt: skip
     return found
+
+
+def _of_each(names: list[str], each: str, all_of_them: str) -> list[Finding]:
+    """A warning of `each` mask by its photo's name, or one of many."""
+    if len(names) <= MANY:
+        return [warning(each, name) for name in names]
+    return [warning(f"{len(names)} masks {all_of_them} ({listed(names)}); make them again")]
 
 
 def size(looks: list[Look], capture: Capture, most_pixels: int) -> list[Finding]:

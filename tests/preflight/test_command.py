@@ -30,6 +30,8 @@ def test_the_command_prints_a_line_a_finding_or_one_json(pictures, tmp_path):
     assert lines.returncode == 0 and lines.stderr == ""
     assert lines.stdout.splitlines()[0].startswith("warning: IMG_005: the photo is blurred")
     assert lines.stdout.splitlines()[-1].startswith("estimate: preset draft")
+    source = tmp_path / "transforms_train.json"
+    assert lines.stdout.splitlines()[-2] == f"cameras: 24 of {source} (transforms.json)"
     content = json.loads(solver(tmp_path, "--json", "--preset", "standard").stdout)
     assert content["findings"][0]["photo"] == "IMG_005"
     assert set(content["findings"][0]) == {"level", "photo", "text"}

@@ -166,6 +166,26 @@ def test_photos_that_ask_to_be_turned_are_looked_at_as_their_cameras_saw_them(pi
     np.testing.assert_array_equal(look.mask, pictures[1][3][1])
 
 
+def test_cut_outs_on_black_are_told_to_be_no_masks_and_many_empty_ones_are_one_finding(
+    pictures, tmp_path
+):
+    cameras, shots = pictures
+    for kind in ("cut out", "empty"):
+        (tmp_path / kind / "masks").mkdir(parents=True)
+        capture = write(tmp_path / kind, pictures, masked=False)
+        for camera, (colour, mask) in zip(cameras, shots, strict=True):
+            shown = np.where(mask[..., None] & (kind == "cut out"), colour // 2, 0)
+            Image.fromarray(shown.astype(np.uint8)).save(
+                tmp_path / kind / "masks" / f"{camera.name}.png"
+            )
+        said = [f.text for f in warnings(check(read_capture(tmp_path / kind)).findings)]
+        if kind == "empty":
+            assert f"{len(cameras)} masks are empty" in " ".join(said)
+        else:
+            assert any("as if it were transparent" in text for text in said)
+        assert len(capture.cameras) == len(cameras)
+
+
 def test_many_photos_with_one_problem_are_one_finding():
     looks = look_at_photos(read_capture(ROOT / "samples" / "duck"))[:20]
     clipped = [replace(look, clipped=0.5 if i < 8 else 0.0) for i, look in enumerate(looks)]
