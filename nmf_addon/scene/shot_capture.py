@@ -44,12 +44,9 @@ def photos_in(shot: Shot, folder: Path) -> dict[int, Path]:
 
 
 def capture_shot(
-    context: bpy.types.Context,
-    item: bpy.types.Object,
-    shot: Shot,
-    photos: dict[int, Path],
+    context: bpy.types.Context, item: bpy.types.Object, shot: Shot, photos: dict[int, Path],
     file: Path,
-) -> bpy.types.Collection:
+) -> bpy.types.Collection:  # fmt: skip
     """Make a capture of a camera and its photos, where it stands in the scene.
 
     Args:
@@ -93,8 +90,8 @@ def cameras_along(
             seen = item.evaluated_get(context.evaluated_depsgraph_get())
             width, height = _size(path, shot)
             camera = camera_of(
-                seen.data, seen.matrix_world, width, height, name=f"{item.name} {frame}",
-                aspect=aspect, image_path=path, lens=lens, distortion=distortion,
+                seen.data, seen.matrix_world, width, height, aspect=aspect,
+                name=path.stem, image_path=path, lens=lens, distortion=distortion,
             )  # fmt: skip
             if not cameras or _has_moved(cameras[-1], camera):
                 cameras.append(camera)

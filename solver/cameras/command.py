@@ -65,12 +65,9 @@ def add_frames(commands: argparse._SubParsersAction) -> None:
         help="how many, each the sharpest frame of its part (default %(default)s)",
     )  # fmt: skip
     command.add_argument(
-        "--span",
-        type=int,
-        nargs=2,
-        metavar=("FIRST", "LAST"),
+        "--span", type=int, nargs=2, metavar=("FIRST", "LAST"),
         help="from these frames, counted from 0 by the video's clock; default: from all",
-    )
+    )  # fmt: skip
     command.add_argument("--events", action="store_true", help="events on stdout, no bar")
     command.set_defaults(run=run_frames)
 
@@ -89,8 +86,7 @@ def run_frames(options: argparse.Namespace) -> int:
     check_video(video)
     if folder.exists():
         raise CaptureError(folder, "out", "it is there already", "give a new folder")
-    first, last = options.span or (0, -1)
-    span = range(first, last + 1) if options.span else None
+    span = None if options.span is None else range(options.span[0], options.span[1] + 1)
     with passing_session("video", "taking photos from the video", options.events) as run:
         names = take_photos(video, folder, options.photos, run.told, span)
         run.events.emit("result", photos=list(names))
