@@ -113,6 +113,15 @@ def test_a_camera_cut_in_half_is_named(tmp_path):
         read_capture(folder)
 
 
+def test_what_macos_lays_beside_cameras_is_none(tmp_path):
+    folder = make_polycam(tmp_path)
+    cameras = folder / "keyframes" / "corrected_cameras"
+    for file in sorted(cameras.iterdir()):
+        (cameras / f"._{file.name}").write_bytes(b"\0\5\x16\7\0\2\0\0Mac OS X" + bytes(99))
+    assert len(read_capture(folder).cameras) == 5
+    assert len(read_capture(cameras / "1003.json").cameras) == 5
+
+
 def test_other_json_is_not_taken_for_polycams(tmp_path):
     for text in ("", "{}", "[1, 2]", '{"frames": [], "fx": 1}', "\x00\x01", '"t_00" "fx"'):
         (tmp_path / "a.json").write_text(text)

@@ -47,7 +47,12 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         CaptureError: anything that cannot be used, with file, field and remedy.
     """
     try:
-        files = sorted(file for file in path.parent.glob("*.json") if file.is_file())
+        # On disks of other systems macOS lays ._N.json, which is no JSON, beside N.json.
+        files = sorted(
+            file
+            for file in path.parent.glob("*.json")
+            if file.is_file() and not file.name.startswith(".")
+        )
     except OSError as error:
         raise CaptureError(
             path.parent, "", "the folder cannot be read", "check its permissions"
