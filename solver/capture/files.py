@@ -221,11 +221,8 @@ def rigid_pose(path: Path, field: str, value: Any) -> np.ndarray:
         CaptureError: no such matrix, or one that is singular, sheared or mirrors the world.
     """
     remedy = "solve or export the cameras again"
-    try:
-        matrix = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        matrix = np.zeros(0)
-    if matrix.shape not in ((4, 4), (3, 4)):
+    matrix = _pose_matrix(value)
+    if matrix is None:
         raise CaptureError(path, field, "a pose must be a 4 × 4 matrix of numbers", remedy)
     if not np.isfinite(matrix).all() or np.abs(matrix).max() > 1e12:
         raise CaptureError(path, field, "the pose holds a value that is not a number", remedy)
@@ -239,3 +236,21 @@ def rigid_pose(path: Path, field: str, value: Any) -> np.ndarray:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = u @ vt, matrix[:3, 3]
     return pose
+
+
+def is_no_pose(value: Any) -> bool:
+    """True for what programs write where they could not align a photo: null, or a matrix of the right
+    shape that holds what is no number, or zeros alone."""
+    if value is None:
+        return True
+    matrix = _pose_matrix(value)
+    return matrix is not None and not (np.isfinite(matrix).all() and matrix[:3].any())
+
+
+def _pose_matrix(value: Any) -> np.ndarray | None:
+    """A double [4, 4] or [3, 4], whatever its numbers are; None for anything else."""
+    try:
+        matrix = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    return matrix if matrix.shape in ((4, 4), (3, 4)) else None

@@ -47,6 +47,39 @@ def test_each_frame_may_have_a_lens_and_a_mask_of_its_own(tmp_path):
     assert first.mask_path is None
 
 
+NO_POSES = {
+    "null": None, "NaN": np.full((4, 4), np.nan).tolist(), "zeros": np.zeros((4, 4)).tolist(),
+    "nulls": [[None] * 4] * 3, "one infinity": [[1, 0, 0, math.inf], [0, 1, 0, 0], [0, 0, 1, 0]],
+    "zeros above the last row": np.diag([0.0, 0, 0, 1]).tolist(),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("value", [*NO_POSES, "missing"])
+def test_frames_without_a_pose_are_left_out_with_one_warning(tmp_path, value):
+    def lose(frames):
+        for frame in frames:
+            frame.pop("transform_matrix")
+            if value in NO_POSES:
+                frame["transform_matrix"] = NO_POSES[value]
+
+    some = make_capture(tmp_path / "some", 6, edit=lambda c: lose(c["frames"][1:3]))
+    capture = read_capture(some)
+    assert [camera.name for camera in capture.cameras] == ["r_0", "r_3", "r_4", "r_5"]
+    assert len(capture.warnings) == 1
+    assert "2 of 6 photos have no pose" in capture.warnings[0] and "r_1" in capture.warnings[0]
+    every = make_capture(tmp_path / "all", edit=lambda c: lose(c["frames"]))
+    with pytest.raises(CaptureError, match="transform_matrix: none of its 4 photos has a pose"):
+        read_capture(every)
+
+
+@pytest.mark.parametrize("value", [[], "", False, 0, [[math.nan]], [[0, 0], [0, 0]], {"a": 1}])
+def test_what_is_no_matrix_is_an_error(tmp_path, value):
+    with pytest.raises(CaptureError, match=r"frames\[1\].transform_matrix.*4 × 4"):
+        read_capture(
+            make_capture(tmp_path, edit=lambda c: c["frames"][1].update(transform_matrix=value))
+        )
+
+
 def test_what_only_trainers_need_is_ignored(tmp_path):
     plain = read_capture(make_capture(tmp_path / "a"))
     extra = capture_with(

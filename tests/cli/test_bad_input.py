@@ -29,6 +29,11 @@ def with_photo(path, size):
     return path
 
 
+def without_poses(content):
+    for frame in content["frames"]:
+        frame["transform_matrix"] = np.full((4, 4), np.nan).tolist()
+
+
 BAD = {
     "missing folder": lambda path: path / "nowhere",
     "empty folder": lambda path: path,
@@ -38,9 +43,7 @@ BAD = {
     "singular matrix": lambda path: make_capture(
         path, edit=set_pose(np.diag([1.0, 0, 1, 1]).tolist())
     ),
-    "NaN in a pose": lambda path: make_capture(
-        path, edit=set_pose(np.full((4, 4), np.nan).tolist())
-    ),
+    "NaN in all poses": lambda path: make_capture(path, edit=without_poses),
 }
 
 

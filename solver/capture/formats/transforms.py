@@ -21,10 +21,10 @@ from ..brown_lens import polynomial_lens
 from ..camera import Camera
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import json_head, read_json
+from ..files import is_no_pose, json_head, read_json
 from ..files import number as checked_number
 from ..image_header import image_size
-from ..intake import Found, Intrinsics, assemble
+from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
 from ..ply_points import read_ply_points
 from ..upright import estimate_up
@@ -94,7 +94,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read a transforms file.
+    """Read a transforms file; frames without a pose are left out with a warning.
 
     Raises:
         CaptureError: anything that cannot be used, with file, field and remedy.
@@ -107,7 +107,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         raise CaptureError(
             path, "frames", "the list of frames is empty", "export the cameras again"
         )
-    found = []
+    found, lost = [], []
     for index, frame in enumerate(frames):
         where = f"frames[{index}]"
         if not isinstance(frame, dict):
@@ -117,6 +117,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             raise CaptureError(
                 path, f"{where}.file_path", "the frame names no photo", "add the photo's path"
             )
+        if is_no_pose(frame.get("transform_matrix")):
+            lost.append(stated)
+            continue
         photo = photos.find(stated, beside=path)
         intrinsics = mask = None
         if photos.serves(photo):
@@ -127,10 +130,15 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             Found(f"{where}.transform_matrix", stated, photo, frame.get("transform_matrix"),
                   intrinsics, mask)
         )  # fmt: skip
-    points, warnings = _points(path, content.get("ply_file_path"), photos)
+    warnings = without_pose(
+        path, "transform_matrix", lost, len(frames), "solve or export the cameras again"
+    )
+    points, problems = _points(path, content.get("ply_file_path"), photos)
     applied = content.get("applied_transform")
     up = _up(applied)
-    capture = assemble(path, NAME, found, photos, points=points, up=up, warnings=warnings)
+    capture = assemble(
+        path, NAME, found, photos, points=points, up=up, warnings=warnings + problems
+    )
     if applied is not None and capture.up is not None:
         # What nerfstudio turned to +Z may have been the first photo's up, or no up at all.
         held = estimate_up(list(capture.cameras))
