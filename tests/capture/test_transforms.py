@@ -151,6 +151,44 @@ def test_no_term_of_a_lens_is_dropped(values, lens, distortion, tmp_path):
     assert (first.lens, first.distortion) == (lens, distortion)
 
 
+LISTED = [0.1, 0.02, 0.003, 0, -0.004, 0.005]  # nerfstudio's order: k1 k2 k3 k4 p1 p2
+POLYNOMIAL = ("opencv", (0.1, 0.02, -0.004, 0.005, 0.003))
+
+
+@pytest.mark.parametrize(
+    ("values", "lens", "distortion"),
+    [
+        ({}, *POLYNOMIAL),
+        ({"camera_model": "OPENCV", "k1": None}, *POLYNOMIAL),
+        ({"camera_model": ""}, *POLYNOMIAL),
+        ({"distortion_params": [0.1, 0, 0, 0.4, 0, 0]}, "brown", (0.1, 0, 0, 0, 0, 0.4, 0, 0)),
+        ({"camera_model": "OPENCV_FISHEYE"}, "opencv_fisheye", (0.1, 0.02, 0.003, 0)),
+        ({"is_fisheye": True}, "opencv_fisheye", (0.1, 0.02, 0.003, 0)),
+        ({"k1": 0.5}, "opencv", (0.5, 0, 0, 0, 0)),
+        ({"distortion_params": []}, "pinhole", ()),
+        ({"distortion_params": [0] * 6}, "pinhole", ()),
+    ],
+)
+@pytest.mark.parametrize("place", ["file", "frame"])
+def test_nerfstudios_list_of_a_lens_counts_where_its_terms_have_no_names(
+    values, lens, distortion, place, tmp_path
+):
+    def change(content):
+        for target in [content] if place == "file" else content["frames"]:
+            target.update({"distortion_params": LISTED, **values})
+
+    for camera in read_capture(make_capture(tmp_path, edit=change)).cameras:
+        assert (camera.lens, camera.distortion) == (lens, distortion)
+
+
+@pytest.mark.parametrize(
+    "value", [[0.1] * 4, [0.1] * 5, [0.1] * 7, ["a"] * 6, [math.nan] * 6, {}, 0.1]
+)
+def test_a_list_of_a_lens_that_is_not_nerfstudios_six_numbers_is_named(value, tmp_path):
+    with pytest.raises(CaptureError, match=r"frames\[0\].distortion_params"):
+        capture_with(tmp_path, distortion_params=value)
+
+
 def test_a_lens_without_a_size_is_for_the_photo_that_its_centre_tells_of(tmp_path):
     """Photos of 8 pixels, of which 16 were solved."""
     first = capture_with(tmp_path / "a", fl_x=24, cx=8.1, cy=7.9).cameras[0]
@@ -267,7 +305,7 @@ def test_damaged_points_end_in_points_or_an_error(tmp_path, kind, keep, at, patc
 
 KEYS = [
     "frames", "fl_x", "fl_y", "w", "h", "cx", "k1", "camera_model", "camera_angle_x", "is_fisheye",
-    "applied_transform", "ply_file_path",
+    "applied_transform", "ply_file_path", "distortion_params",
 ]  # fmt: skip
 KEYS_OF_FRAME = ["file_path", "transform_matrix", "mask_path", "fl_x", "w", "camera_model", "k2"]
 

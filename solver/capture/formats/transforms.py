@@ -1,7 +1,7 @@
 """`transforms.json`: the camera file of NeRF-synthetic, instant-ngp and nerfstudio.
 
 All three give camera-to-world matrices with OpenGL camera axes. Intrinsics come as `camera_angle_x`
-or `fl_x` (pixels), for all frames or for each; lens distortion as OpenCV's k1 k2 p1 p2. nerfstudio's
+or `fl_x` (pixels), for all frames or for each, and so does the lens's distortion. nerfstudio's
 `applied_transform` says how the poses were moved before writing; the world is taken as written, and so
 are the sparse points of `ply_file_path`, which were moved with it.
 """
@@ -17,17 +17,16 @@ from typing import Any
 
 import numpy as np
 
-from ..brown_lens import polynomial_lens
 from ..camera import Camera
 from ..capture import Capture
 from ..errors import CaptureError, shown
 from ..files import is_no_pose, json_head, read_json
-from ..files import number as checked_number
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
 from ..ply_points import read_ply_points
 from ..upright import estimate_up
+from .transforms_lens import lens_entries, number_of, read_lens
 
 NAME = "transforms.json"
 EXTENSIONS = (".json",)
@@ -35,45 +34,10 @@ PATTERNS = tuple(
     f"{folder}transforms{split}.json" for folder in ("", "*/", "*/*/") for split in ("_train", "")
 )
 
-_PANORAMAS = ("EQUIRECTANGULAR", "SPHERICAL")
-_LENS_OF_MODEL = {
-    "PINHOLE": "pinhole",
-    "SIMPLE_PINHOLE": "pinhole",
-    "OPENCV": "opencv",
-    "RADIAL": "opencv",
-    "SIMPLE_RADIAL": "opencv",
-    "FULL_OPENCV": "opencv",
-    "PERSPECTIVE": "opencv",
-    "OPENCV_FISHEYE": "opencv_fisheye",
-    "SIMPLE_RADIAL_FISHEYE": "opencv_fisheye",
-    "RADIAL_FISHEYE": "opencv_fisheye",
-    "FOV": "fov",
-    "DIVISION": "division",
-    "EUCM": "eucm",
-    "VISUALSFM": "visualsfm",
-    "THIN_PRISM_FISHEYE": "thin_prism_fisheye",
-    "RAD_TAN_THIN_PRISM_FISHEYE": "rad_tan_thin_prism_fisheye",
-    "BROWN": "brown",
-}
 SURE = math.cos(math.radians(20))
 """cosine of the angle up to which people's idea of level and the file's up are one"""
 OFF_CENTRE = 0.2
 """how far from the middle no lens's centre is, as a share of half the photo"""
-_RATIONAL_KEYS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-_KEYS = {
-    "pinhole": (),
-    "opencv": _RATIONAL_KEYS[:5],
-    "opencv_fisheye": ("k1", "k2", "k3", "k4"),
-    "fov": ("omega",),
-    "division": ("k",),
-    "eucm": ("alpha", "beta"),
-    "visualsfm": ("r",),
-    "brown": (*_RATIONAL_KEYS[:6], "skew", "equidistant"),
-    "thin_prism_fisheye": ("k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1"),
-    "rad_tan_thin_prism_fisheye": (
-        "k0", "k1", "k2", "k3", "k4", "k5", "p0", "p1", "s0", "s1", "s2", "s3",
-    ),
-}  # fmt: skip
 
 
 def is_transforms(content: Any) -> bool:
@@ -165,12 +129,8 @@ def write_transforms(
             "transform_matrix": camera.camera_to_world.tolist(),
             "w": camera.width, "h": camera.height,
             "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy,
-            "camera_model": {v: k for k, v in reversed(_LENS_OF_MODEL.items())}[camera.lens],
+            **lens_entries(camera),
         }  # fmt: skip
-        keys = _KEYS[camera.lens]
-        if camera.lens == "opencv" and len(camera.distortion) > 5:
-            frame["camera_model"], keys = "FULL_OPENCV", _RATIONAL_KEYS
-        frame.update(dict(zip(keys, camera.distortion, strict=False)))
         if camera.mask_path is not None:
             frame["mask_path"] = str(camera.mask_path)
         frames.append(frame)
@@ -214,18 +174,11 @@ def _up(applied_transform: Any) -> tuple[float, float, float] | None:
     return tuple((-rotation[:, 1] + 0.0).tolist()) if (rotation < -1e-3).any() else (0.0, 0.0, 1.0)
 
 
-def _number(path: Path, where: str, values: dict, key: str) -> float | None:
-    value = values.get(key)
-    if value is None:
-        return None
-    return checked_number(path, f"{where}.{key}", value)
-
-
 def _intrinsics(path: Path, where: str, values: dict, image: Path | None) -> Intrinsics:
     """Size, focal lengths, principal point and lens of a frame, its own values first."""
 
     def number(key: str) -> float | None:
-        return _number(path, where, values, key)
+        return number_of(path, where, values, key)
 
     width, height = number("w"), number("h")
     cx, cy = number("cx"), number("cy")
@@ -259,7 +212,7 @@ def _intrinsics(path: Path, where: str, values: dict, image: Path | None) -> Int
     fy = fx if fy is None else fy
     if fx <= 0 or fy <= 0:
         raise CaptureError(path, f"{where}.fl_x", "a focal length must be positive", "correct it")
-    lens, distortion = _lens(path, where, values)
+    lens, distortion = read_lens(path, where, values)
     return Intrinsics(
         width, height, fx, fy, width / 2 if cx is None else cx, height / 2 if cy is None else cy,
         lens, distortion,
@@ -274,28 +227,3 @@ def _size_meant(size: tuple[int, int], cx: float | None, cy: float | None) -> tu
     across, down = 2 * cx / size[0], 2 * cy / size[1]
     other = abs(across - 1) > OFF_CENTRE and abs(across / down - 1) < 0.5 * OFF_CENTRE
     return (round(2 * cx), round(2 * cx * size[1] / size[0])) if other else size
-
-
-def _lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, ...]]:
-    model = values.get("camera_model")
-    if values.get("is_fisheye") is True:
-        model = "OPENCV_FISHEYE"
-    lens = "opencv" if model is None else _LENS_OF_MODEL.get(str(model).upper())
-    if lens is None:
-        remedy = f"use one of {', '.join(_LENS_OF_MODEL)}"
-        if str(model).upper() in _PANORAMAS:
-            remedy = "cut the panoramas into perspective photos and solve or export their cameras"
-        raise CaptureError(
-            path, f"{where}.camera_model", f"the lens model '{model}' is not supported", remedy
-        )
-    keys = _KEYS[lens]
-    if str(model).upper() == "FULL_OPENCV":
-        keys = _RATIONAL_KEYS  # elsewhere k4 is a power of the radius
-    elif lens in ("pinhole", "opencv"):
-        # Programs that read these files go by the numbers, whatever the model is called.
-        k1, k2, p1, p2, k3, k4 = (
-            _number(path, where, values, key) or 0.0 for key in _RATIONAL_KEYS[:6]
-        )
-        return polynomial_lens((k1, k2, k3, k4), (p1, p2))
-    numbers = tuple(_number(path, where, values, key) or 0.0 for key in keys)
-    return ("pinhole", ()) if lens == "opencv" and not any(numbers) else (lens, numbers)

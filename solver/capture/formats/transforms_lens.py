@@ -1,0 +1,103 @@
+"""Lenses of `transforms.json`: OpenCV's k1 k2 p1 p2 …, and other programs' under keys of this program.
+
+nerfstudio also reads `distortion_params`, a list of OpenCV's numbers in an order of its own.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ..brown_lens import polynomial_lens
+from ..camera import Camera
+from ..errors import CaptureError
+from ..files import number, numbers
+
+_PANORAMAS = ("EQUIRECTANGULAR", "SPHERICAL")
+_LENS_OF_MODEL = {
+    "PINHOLE": "pinhole",
+    "SIMPLE_PINHOLE": "pinhole",
+    "OPENCV": "opencv",
+    "RADIAL": "opencv",
+    "SIMPLE_RADIAL": "opencv",
+    "FULL_OPENCV": "opencv",
+    "PERSPECTIVE": "opencv",
+    "OPENCV_FISHEYE": "opencv_fisheye",
+    "SIMPLE_RADIAL_FISHEYE": "opencv_fisheye",
+    "RADIAL_FISHEYE": "opencv_fisheye",
+    "FOV": "fov",
+    "DIVISION": "division",
+    "EUCM": "eucm",
+    "VISUALSFM": "visualsfm",
+    "THIN_PRISM_FISHEYE": "thin_prism_fisheye",
+    "RAD_TAN_THIN_PRISM_FISHEYE": "rad_tan_thin_prism_fisheye",
+    "BROWN": "brown",
+}
+_RATIONAL_KEYS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+_LISTED_KEYS = ("k1", "k2", "k3", "k4", "p1", "p2")
+"""what nerfstudio's `distortion_params` holds, in its order"""
+_KEYS = {
+    "pinhole": (),
+    "opencv": _RATIONAL_KEYS[:5],
+    "opencv_fisheye": ("k1", "k2", "k3", "k4"),
+    "fov": ("omega",),
+    "division": ("k",),
+    "eucm": ("alpha", "beta"),
+    "visualsfm": ("r",),
+    "brown": (*_RATIONAL_KEYS[:6], "skew", "equidistant"),
+    "thin_prism_fisheye": ("k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1"),
+    "rad_tan_thin_prism_fisheye": (
+        "k0", "k1", "k2", "k3", "k4", "k5", "p0", "p1", "s0", "s1", "s2", "s3",
+    ),
+}  # fmt: skip
+
+
+def number_of(path: Path, where: str, values: dict, key: str) -> float | None:
+    """A frame's number by its key; None if it is not stated."""
+    value = values.get(key)
+    if value is None:
+        return None
+    return number(path, f"{where}.{key}", value)
+
+
+def read_lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, ...]]:
+    """A frame's lens and its numbers, as a `Camera` has them.
+
+    Raises:
+        CaptureError: a model that is not known, or what is no number.
+    """
+    model = values.get("camera_model") or None
+    if values.get("is_fisheye") is True:
+        model = "OPENCV_FISHEYE"
+    lens = "opencv" if model is None else _LENS_OF_MODEL.get(str(model).upper())
+    if lens is None:
+        remedy = f"use one of {', '.join(_LENS_OF_MODEL)}"
+        if str(model).upper() in _PANORAMAS:
+            remedy = "cut the panoramas into perspective photos and solve or export their cameras"
+        raise CaptureError(
+            path, f"{where}.camera_model", f"the lens model '{model}' is not supported", remedy
+        )
+    listed = values.get("distortion_params")
+    if listed not in (None, []) and all(values.get(key) is None for key in _LISTED_KEYS):
+        given = numbers(path, f"{where}.distortion_params", listed, len(_LISTED_KEYS))
+        values = {**values, **dict(zip(_LISTED_KEYS, given.tolist(), strict=True))}
+    keys = _KEYS[lens]
+    if str(model).upper() == "FULL_OPENCV":
+        keys = _RATIONAL_KEYS  # elsewhere k4 is a power of the radius
+    elif lens in ("pinhole", "opencv"):
+        # Programs that read these files go by the numbers, whatever the model is called.
+        k1, k2, p1, p2, k3, k4 = (
+            number_of(path, where, values, key) or 0.0 for key in _RATIONAL_KEYS[:6]
+        )
+        return polynomial_lens((k1, k2, k3, k4), (p1, p2))
+    own = tuple(number_of(path, where, values, key) or 0.0 for key in keys)
+    return ("pinhole", ()) if lens == "opencv" and not any(own) else (lens, own)
+
+
+def lens_entries(camera: Camera) -> dict[str, Any]:
+    """What a frame says of its camera's lens; read back by `read_lens`."""
+    model = {lens: model for model, lens in reversed(_LENS_OF_MODEL.items())}[camera.lens]
+    keys = _KEYS[camera.lens]
+    if camera.lens == "opencv" and len(camera.distortion) > 5:
+        model, keys = "FULL_OPENCV", _RATIONAL_KEYS
+    return {"camera_model": model, **dict(zip(keys, camera.distortion, strict=False))}
