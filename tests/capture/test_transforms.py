@@ -80,6 +80,30 @@ def test_what_is_no_matrix_is_an_error(tmp_path, value):
         )
 
 
+def test_where_only_some_frames_have_a_focal_length_the_first_without_one_is_named(tmp_path):
+    own = [{"fl_x": 20.0}, {"camera_angle_x": 0.7}, {}, {"fl_x": None}]
+
+    def change(content):
+        content.pop("camera_angle_x")
+        for frame, values in zip(content["frames"], own, strict=True):
+            frame.update(values)
+
+    with pytest.raises(CaptureError, match=r"frames\[2\].camera_angle_x: neither the frame nor"):
+        read_capture(make_capture(tmp_path, edit=change))
+
+
+@pytest.mark.parametrize("model", ["", None])
+def test_a_model_that_is_empty_is_none(model, tmp_path):
+    def change(content):
+        content.update(camera_model="OPENCV_FISHEYE", k1=0.1)
+        content["frames"][1].update(camera_model=model)
+
+    assert (
+        read_capture(make_capture(tmp_path / "a", edit=change)).cameras[1].lens == "opencv_fisheye"
+    )
+    assert capture_with(tmp_path / "b", camera_model=model, k1=0.1).cameras[1].lens == "opencv"
+
+
 def test_what_only_trainers_need_is_ignored(tmp_path):
     plain = read_capture(make_capture(tmp_path / "a"))
     extra = capture_with(

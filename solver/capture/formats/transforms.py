@@ -87,7 +87,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         photo = photos.find(stated, beside=path)
         intrinsics = mask = None
         if photos.serves(photo):
-            intrinsics = _intrinsics(path, where, {**content, **frame}, photo)
+            model = frame.get("camera_model") or content.get("camera_model")
+            values = {**content, **frame, "camera_model": model}
+            intrinsics = _intrinsics(path, where, values, photo)
         if photo is not None:
             mask = photos.mask_of(photo, frame.get("mask_path"), beside=path)
         found.append(
@@ -197,7 +199,8 @@ def _intrinsics(path: Path, where: str, values: dict, image: Path | None) -> Int
         angle = number("camera_angle_x")
         if angle is None:
             raise CaptureError(
-                path, "camera_angle_x", "the file gives neither camera_angle_x nor fl_x",
+                path, f"{where}.camera_angle_x",
+                "neither the frame nor the file gives camera_angle_x or fl_x",
                 "add the horizontal field of view in radians as camera_angle_x",
             )  # fmt: skip
         if not 0 < angle < math.pi:
