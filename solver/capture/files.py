@@ -74,16 +74,20 @@ def json_head(path: Path, count: int = 1 << 20) -> bytes:
     return head if head[:1] == b"{" else b""
 
 
+def as_text(content: bytes, errors: str = "replace") -> str:
+    """Text in UTF-8, with or without a byte order mark, or in UTF-16 with one."""
+    encoding = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    return content.decode(encoding, errors)
+
+
 def read_text(path: Path) -> str:
     """A text file in UTF-8, with or without a byte order mark, or in UTF-16 with one.
 
     Raises:
         CaptureError: as `read_bytes`; also for anything but text.
     """
-    content = read_bytes(path)
-    encoding = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
     try:
-        text = content.decode(encoding)
+        text = as_text(read_bytes(path), "strict")
     except UnicodeDecodeError as error:
         raise CaptureError(path, "", "this is not a text file", "give a camera file") from error
     if "\0" in text:

@@ -205,6 +205,45 @@ def test_headers_of_other_versions_are_understood(tmp_path, header):
         assert (a.fx, a.distortion) == (b.fx, b.distortion)
 
 
+def saved_by_excel(text, separator, decimal):
+    """The lines as Excel saves them: the first, shorter one is filled up with empty cells."""
+    rows = [line.split(",") for line in text.splitlines()]
+    width = max(len(row) for row in rows)
+    rows = [row[:1] + [cell.replace(".", decimal) for cell in row[1:]] for row in rows]
+    return "".join(separator.join(row + [""] * (width - len(row))) + "\r\n" for row in rows)
+
+
+@pytest.mark.parametrize("count_line", [False, True])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize(
+    "separator, decimal", [(";", ","), (";", "."), ("\t", "."), ("\t", ","), (",", ".")]
+)
+def test_a_table_that_excel_saved_again_is_read_as_before(
+    tmp_path, separator, decimal, encoding, count_line
+):
+    text = saved_by_excel(table(BROWN4, count_line=count_line), separator, decimal)
+    folder = write_table(tmp_path / "a", "")
+    (folder / "cameras.csv").write_bytes(text.encode(encoding))
+    assert reader_of(folder / "cameras.csv") is realitycapture
+    plain = read_capture(write_table(tmp_path / "b", table(BROWN4))).cameras
+    for one, other in zip(read_capture(folder).cameras, plain, strict=True):
+        np.testing.assert_array_equal(one.camera_to_world, other.camera_to_world)
+        assert (one.fx, one.cx, one.distortion) == (other.fx, other.cx, other.distortion)
+
+
+def test_decimal_commas_between_commas_end_in_an_error(tmp_path):
+    text = saved_by_excel(table(), ",", ",")
+    with pytest.raises(CaptureError):
+        read_capture(write_table(tmp_path, text))
+
+
+@pytest.mark.parametrize("number", ["1.234,5", "1,234,5", "1 234,5", ","])
+def test_a_number_with_more_than_a_decimal_comma_is_named(tmp_path, number):
+    text = saved_by_excel(table(), ";", ",").replace(";40,0;", f";{number};", 1)
+    with pytest.raises(CaptureError, match="heading.*is not a number"):
+        read_capture(write_table(tmp_path, text))
+
+
 def test_a_table_without_distortion_is_a_pinhole(tmp_path):
     lines = ["#name,x,y,alt,heading,pitch,roll,f"]
     lines += [",".join(row(i, LENS).split(",")[:8]) for i in range(COUNT)]
@@ -297,8 +336,13 @@ def test_renamed_files_are_recognised_by_their_content(tmp_path):
 
 
 def test_other_tables_are_not_recognised(tmp_path):
-    (tmp_path / "t.csv").write_text("name,x,y,z\na.png,1,2,3\n")
-    assert reader_of(tmp_path / "t.csv") is None
+    for text in (
+        "name,x,y,z\na.png,1,2,3\n", "name;x;y;z\na.png;1;2;3\n", HEADER.replace(",pitch", ""),
+        HEADER.replace(",", " "), HEADER.replace(",", ";", 4), HEADER.replace(",", "|"), "\n" * 5 + HEADER,
+    ):  # fmt: skip
+        for encoding in ("utf-8", "utf-16"):
+            (tmp_path / "t.csv").write_bytes(text.encode(encoding))
+            assert reader_of(tmp_path / "t.csv") is None
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import head_of, number, numbers, read_text, read_xml
+from ..files import as_text, head_of, number, numbers, read_text, read_xml
 from ..frames import pose_opengl_from_opencv
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
@@ -45,13 +45,15 @@ _NAMESPACE = "http://www.capturingreality.com/ns/xcr/1.1#"
 _UP = (0.0, 0.0, 1.0)
 _SAME_COLUMNS = {"yaw": "heading", "f_35mm": "f", "px_norm": "px", "py_norm": "py", "z": "alt"}
 _NEEDED = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")
+_SEPARATORS = (",", ";", "\t")
+"""of columns; after all but the comma, Excel writes decimals with a comma where people do"""
 _LENSES = ("perspective", "brown3", "brown3t2", "brown4", "brown4t2")
 
 
 def recognises(file: Path) -> bool:
     """True for a sidecar in RealityCapture's namespace, or a table with its columns."""
     head = head_of(file)
-    return _NAMESPACE.encode() in head or _columns(_header_of(head)) is not None
+    return _NAMESPACE.encode() in head or _table_of(as_text(head)) is not None
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
@@ -65,38 +67,43 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     return _read_table(path, photos)
 
 
-def _header_of(head: bytes) -> str:
-    """The first line that names columns; RealityCapture may put `#cameras 12` before it."""
-    for line in head.decode("utf-8-sig", "replace").splitlines()[:5]:
-        if "," in line:
-            return line
-    return ""
+def _table_of(head: str) -> tuple[dict[str, int], str] | None:
+    """Columns and their separator, by the line that names them; None if this is no table of cameras.
+
+    RealityCapture may put `#cameras 12` before it; Excel saves tables again with other separators.
+    """
+    for line in head.splitlines()[:5]:
+        for separator in _SEPARATORS:
+            if (columns := _columns(line.split(separator))) is not None:
+                return columns, separator
+    return None
 
 
-def _columns(header: str) -> dict[str, int] | None:
-    """Positions of the columns by their names; None if this is no table of cameras."""
-    names = [name.strip().strip('"').lstrip("#").strip().lower() for name in header.split(",")]
+def _columns(header: list[str]) -> dict[str, int] | None:
+    """Positions of the columns by their names; None if some are missing."""
+    names = [name.strip().strip('"').lstrip("#").strip().lower() for name in header]
     found = {_SAME_COLUMNS.get(name, name): index for index, name in enumerate(names) if name}
     return found if all(name in found for name in _NEEDED) else None
 
 
 def _read_table(path: Path, photos: PhotoFinder) -> Capture:
     text = read_text(path)
-    columns = _columns(_header_of(text[:65536].encode("utf-8", "replace")))
-    if columns is None:
+    table = _table_of(text[:65536])
+    if table is None:
         raise CaptureError(
             path, "line 1", "the columns of RealityCapture's table are missing",
             "export 'Internal/External camera parameters' again",
         )  # fmt: skip
+    columns, separator = table
     found = []
     try:
-        rows = list(enumerate(csv.reader(text.splitlines()), 1))
+        rows = list(enumerate(csv.reader(text.splitlines(), delimiter=separator), 1))
     except csv.Error as error:
         raise CaptureError(path, "", f"this is no table ({error})", "export it again") from error
     for line, row in rows:
         if not row or not row[0].strip() or row[0].lstrip().startswith("#"):
             continue
-        if _columns(",".join(row)) is not None:
+        if _columns(row) is not None:
             continue
         where = f"line {line}"
         if len(row) <= max(columns.values()):
@@ -105,7 +112,10 @@ def _read_table(path: Path, photos: PhotoFinder) -> Capture:
         def value(name: str, row: list[str] = row, where: str = where) -> float:
             if name not in columns:
                 return 0.0
-            return number(path, f"{where}, {name}", row[columns[name]])
+            text = row[columns[name]]
+            if separator != ",":
+                text = text.replace(",", ".")
+            return number(path, f"{where}, {name}", text)
 
         stated = row[columns["name"]].strip()
         photo = photos.find(stated, beside=path)
