@@ -19,7 +19,7 @@ from .webp_header import has_webp_mark, webp_exif, webp_has_alpha, webp_size
 
 HEIF = (".heic", ".heif", ".hif", ".avif")
 """extensions, in lower case, of photos that Blender cannot show"""
-EXTENSIONS = (".png", ".jpg", ".jpeg", ".webp", *HEIF, ".tif", ".tiff", ".exr", ".hdr")
+EXTENSIONS = (".png", ".jpg", ".jpeg", ".jfif", ".webp", *HEIF, ".tif", ".tiff", ".exr", ".hdr")
 """of photos and masks, in lower case"""
 FORMATS = "PNG, JPEG, WebP, HEIC, AVIF, TIFF, OpenEXR or Radiance HDR"
 MOST_PIXELS = 1 << 28

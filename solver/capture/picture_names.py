@@ -11,7 +11,9 @@ from pathlib import Path, PurePosixPath
 from .errors import CaptureError
 from .image_header import EXTENSIONS, image_size
 
-UNREADABLE = (".bmp", ".jxl", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2")
+UNREADABLE = (
+    ".bmp", ".gif", ".jxl", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2",
+)  # fmt: skip
 """extensions of photos that cannot be read here, but may have been converted since"""
 VIDEOS = (
     ".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".3gp", ".mts", ".m2ts", ".mpg", ".mpeg", ".wmv",

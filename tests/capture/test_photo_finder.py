@@ -9,8 +9,9 @@ from PIL import Image
 
 from solver.capture.errors import CaptureError
 from solver.capture.photo_finder import PhotoFinder
+from solver.capture.photos import load_photo
 from solver.capture.read import read_capture
-from solver.capture.reduced import load_reduced_mask
+from solver.capture.reduced import load_reduced, load_reduced_mask
 from solver.preflight.looks import look_at
 from tests.capture.test_capture import make_capture, pose
 
@@ -232,17 +233,33 @@ def test_letters_with_marks_are_found_however_they_are_written(tmp_path):
     assert len(read_capture(write_cameras(tmp_path, names)).cameras) == 3
 
 
-def test_photos_of_a_kind_that_cannot_be_read_are_named_and_found_once_converted(tmp_path):
+@pytest.mark.parametrize("kind", ["NEF", "gif"])
+def test_photos_of_a_kind_that_cannot_be_read_are_named_and_found_once_converted(tmp_path, kind):
     (tmp_path / "images").mkdir()
-    names = [f"images/IMG_{i}.NEF" for i in range(3)]
+    names = [f"images/IMG_{i}.{kind}" for i in range(3)]
     for name in names:
         (tmp_path / name).write_bytes(b"MM\0*")
     file = write_cameras(tmp_path, names)
-    with pytest.raises(CaptureError, match=r"IMG_0.NEF.*cannot be read; convert all to JPEG"):
+    with pytest.raises(CaptureError, match=rf"IMG_0.{kind}.*cannot be read; convert all to JPEG"):
         read_capture(file)
     for i in range(3):
         save(tmp_path / "images" / f"IMG_{i}.jpg")
     assert len(read_capture(file).cameras) == 3
+
+
+@pytest.mark.parametrize("stated", ["{}.jfif", "{}.JPG", "{}"])
+def test_jpegs_may_be_called_jfif_as_on_windows(tmp_path, stated):
+    for i in range(3):
+        save(tmp_path / "images" / f"{i}.jpg").rename(tmp_path / "images" / f"{i}.jfif")
+        save(tmp_path / "masks" / f"{i}.jfif.png", 255)
+    names = [f"images/{stated.format(i)}" for i in range(3)]
+    cameras = read_capture(write_cameras(tmp_path, names)).cameras
+    assert [(camera.name, camera.image_path.name) for camera in cameras] == [
+        (str(i), f"{i}.jfif") for i in range(3)
+    ]
+    assert all(camera.mask_path is not None for camera in cameras)
+    assert load_photo(cameras[0]).pixels.shape == (8, 8, 4)
+    assert load_reduced(cameras[0].image_path, 4, (8, 8))[0].shape[:2] == (4, 4)
 
 
 def test_masks_of_which_none_has_a_photos_name_are_told(tmp_path):
