@@ -25,6 +25,8 @@ FORMATS = "PNG, JPEG, WebP, HEIC, AVIF, TIFF, OpenEXR or Radiance HDR"
 MOST_PIXELS = 1 << 28
 """of a photo; a header that states more is damaged or made to exhaust the memory"""
 
+_LFS_POINTER = b"version https://git-lfs.github.com/spec/v1"
+"""how a small text begins that stands for a file in Git"""
 _WIDTH, _HEIGHT, _ORIENTATION = 256, 257, 274  # TIFF's tags
 _MOST_PARTS = 4096  # JPEG segments, EXR attributes or TIFF entries before the size
 
@@ -42,11 +44,18 @@ def image_size(path: Path) -> tuple[int, int]:
     try:
         with path.open("rb") as file:
             size = _size(file)
+            file.seek(0)
+            pointer = size is None and file.read(len(_LFS_POINTER)) == _LFS_POINTER
     except (OSError, struct.error, ValueError) as error:
         problem = "it is cut off" if isinstance(error, struct.error) else _reason(error)
         raise CaptureError(
             path, "", f"the image cannot be read ({problem})", "replace the file"
         ) from error
+    if pointer:
+        raise CaptureError(
+            path, "", "this is a Git LFS pointer, not yet the photo",
+            "run 'git lfs pull' in its repository",
+        )  # fmt: skip
     if size is None:
         raise CaptureError(
             path, "", f"this is no {FORMATS} image",

@@ -17,6 +17,7 @@ from solver.capture.image_header import image_orientation, image_size, may_have_
 from solver.capture.photos import (
     load_photo,
 )
+from solver.capture.reduced import read_header
 from tests.capture.pictures import camera_for, load, ramp, write, write_exr
 
 
@@ -144,6 +145,18 @@ def test_other_files_are_no_photos(tmp_path):
     (tmp_path / "b.png").mkdir()
     with pytest.raises(CaptureError, match="b.png: the image cannot be read"):
         image_size(tmp_path / "b.png")
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.exr", "a.heic"])
+def test_a_pointer_of_git_lfs_is_told_from_a_photo_of_another_kind(tmp_path, name):
+    pointer = f"version https://git-lfs.github.com/spec/v1\noid sha256:{'0' * 64}\nsize 12345\n"
+    (tmp_path / name).write_text(pointer)
+    for read in (image_size, decode, read_header):
+        with pytest.raises(CaptureError, match=f"{name}: .*Git LFS pointer.*run 'git lfs pull'"):
+            read(tmp_path / name)
+    (tmp_path / name).write_text(pointer[:20])
+    with pytest.raises(CaptureError, match="convert the photo"):
+        image_size(tmp_path / name)
 
 
 def test_values_that_are_no_numbers_are_named(tmp_path):
