@@ -235,6 +235,60 @@ def test_photos_are_found_by_windows_paths_of_another_machine(tmp_path):
     assert sorted(item.name for item in capture.cameras) == names()
 
 
+CARDS = ("100", "101")
+
+
+def of_two_cards(folder, groups=CARDS, label="{}"):
+    """Photos of the same names in two folders; cameras in groups, 0 … 2 of the first, 3 … 5 of the other."""
+    for card in CARDS:
+        save_photos(folder / "photos" / card, names(3))
+    cameras = [
+        camera(i, matrix, label=label.format(names(3)[i % 3])) for i, matrix in enumerate(poses(6))
+    ]
+    if groups is not None:
+        for i, group in enumerate(groups):
+            cameras[3 * i] = f'<group id="{i}" label="{group}" type="folder">{cameras[3 * i]}'
+            cameras[3 * i + 2] += "</group>"
+    text = document(sensor(0, calibration(FRAME)), cameras)
+    (folder / "cameras.xml").write_text(text, encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize("groups", [CARDS, CARDS[::-1], ("DCIM/100", "DCIM/101")])
+@pytest.mark.parametrize("label", ["{}", "{}.JPG"])
+def test_of_photos_of_one_name_the_one_in_the_folder_of_the_groups_name_is_meant(
+    tmp_path, groups, label
+):
+    capture = read_capture(of_two_cards(tmp_path, groups, label))
+    assert len(capture.cameras) == 6 and not capture.warnings
+    for item, pose in zip(capture.cameras, poses(6), strict=True):
+        np.testing.assert_allclose(item.position, pose[:3, 3])
+    cards = [item.image_path.parent.name for item in capture.cameras]
+    assert cards == [group[-3:] for group in groups for _ in range(3)]
+
+
+def test_a_photo_that_is_missing_from_its_groups_folder_is_not_the_other_folders(tmp_path):
+    folder = of_two_cards(tmp_path)
+    (folder / "photos" / "101" / f"{names()[1]}.png").unlink()
+    capture = read_capture(folder)
+    assert len({item.image_path for item in capture.cameras}) == len(capture.cameras) == 5
+    assert f"101/{names()[1]}" in capture.warnings[0]
+
+
+@pytest.mark.parametrize("groups", [None, ("Group 1", "Group 2"), ("", "")])
+def test_photos_of_one_name_that_no_group_tells_apart_are_to_be_renamed(tmp_path, groups):
+    with pytest.raises(CaptureError, match="could both be meant; rename the photos so that no two"):
+        read_capture(of_two_cards(tmp_path, groups))
+
+
+def test_a_group_that_is_called_as_a_folder_is_need_not_hold_its_photos(tmp_path):
+    wrap = ('<group id="0" label="details" type="folder">', "</group>")
+    folder = write(tmp_path, simple(wrap=wrap))
+    (folder / "details").mkdir()
+    (folder / "photos" / f"{names()[0]}.png").rename(folder / "details" / f"{names()[0]}.png")
+    assert len(read_capture(folder).cameras) == COUNT
+
+
 def test_a_renamed_file_is_recognised_by_its_content(tmp_path):
     write(tmp_path, simple(), name="export of tuesday.txt")
     assert reader_of(tmp_path / "export of tuesday.txt") is metashape

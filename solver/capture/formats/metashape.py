@@ -19,6 +19,7 @@ instead, and p1, p2 in OpenCV's order.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -32,6 +33,7 @@ from ..files import head_of, number, numbers, read_xml
 from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
+from ..picture_names import parts_of, stem_of
 
 NAME = "Metashape cameras.xml"
 EXTENSIONS = (".xml",)
@@ -66,7 +68,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     if len(chunks) > 1:
         name = shown(chunk.get("label", "the largest"))
         warnings.append(f"{path.name}: of {len(chunks)} chunks only the largest is read, '{name}'")
-    worlds = _Worlds(path, chunk)
+    worlds, pictures = _Worlds(path, chunk), _Pictures(chunk, photos)
     sensors = {sensor.get("id"): sensor for sensor in chunk.iter("sensor")}
     lenses: dict[str | None, Intrinsics] = {}
     found, disabled, unaligned, parts = [], [], [], []
@@ -81,7 +83,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             unaligned.append(label)
             continue
         matrix = numbers(path, f"{where}, transform", transform.text, 16).reshape(4, 4)
-        photo = photos.find(label, beside=path)
+        stated, photo = pictures.find(camera, path)
         key = camera.get("sensor_id")
         if photos.serves(photo) and key not in lenses:
             if key not in sensors:
@@ -90,7 +92,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         world = worlds.of(camera.get("component_id"))
         parts.append("world" if world is not None else str(camera.get("component_id")))
         pose = pose_opengl_from_opencv(matrix if world is None else world @ matrix)
-        found.append(Found(where, label, photo, pose, lenses.get(key)))
+        found.append(Found(where, stated, photo, pose, lenses.get(key)))
     for names, what in ((disabled, "disabled"), (unaligned, "not aligned")):
         if names:
             warnings.append(f"{path.name}: {len(names)} cameras are {what} and left out "
@@ -106,6 +108,47 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             "align the photos in Metashape and export the cameras again",
         )  # fmt: skip
     return assemble(path, NAME, found, photos, up=worlds.up, warnings=tuple(warnings))
+
+
+class _Pictures:
+    """The photos of a chunk's cameras, which are called by their names without folders.
+
+    Photos of several memory cards can share a name. Metashape can group cameras by the photos' folders,
+    so there a group's name tells the folder; elsewhere people group cameras as they like.
+    """
+
+    def __init__(self, chunk: Element, photos: PhotoFinder):
+        self._photos = photos
+        self._groups = {
+            camera: group.get("label") or ""
+            for group in chunk.iter("group")
+            for camera in group.iter("camera")
+        }
+        self._of_name = Counter(_name_of(camera) for camera in chunk.iter("camera"))
+
+    def find(self, camera: Element, path: Path) -> tuple[str, Path | None]:
+        """What a camera calls its photo, and the photo.
+
+        Raises:
+            CaptureError: several pictures could be meant.
+        """
+        label = camera.get("label") or ""
+        if self._of_name[_name_of(camera)] == 1:
+            return label, self._photos.find(label, beside=path)
+        group = self._groups.get(camera)
+        stated = f"{group}/{label}" if group and len(parts_of(label)) == 1 else label
+        try:
+            return stated, self._photos.find(stated, beside=path)
+        except CaptureError as error:
+            raise CaptureError(
+                error.file, error.field, error.problem,
+                "rename the photos so that no two share a name, and export the cameras again",
+            ) from error  # fmt: skip
+
+
+def _name_of(camera: Element) -> str:
+    """A camera's label as photos are compared."""
+    return stem_of("/".join(parts_of(camera.get("label") or "")))
 
 
 class _Worlds:
