@@ -49,7 +49,8 @@ class NMF_OT_check_capture(bpy.types.Operator):
                 if report.get("box") and box is not None and is_as_placed(box):
                     # True: an operator called from Python makes no undo step of its own accord.
                     bpy.ops.nmf.fit_region_box("EXEC_DEFAULT", True, collection=name)
-                bpy.ops.ed.undo_push(message=NMF_OT_check_capture.bl_label)
+                else:
+                    bpy.ops.ed.undo_push(message=NMF_OT_check_capture.bl_label)
             count = sum(finding["level"] == "warning" for finding in report["findings"])
             plural = "" if count == 1 else "s"
             task.model.text = f"Check: {count or 'no'} warning{plural}"

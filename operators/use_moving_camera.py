@@ -47,7 +47,8 @@ class NMF_OT_use_moving_camera(bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the frames."""
         frames = shot_of(shot_camera(context), context.scene).frames
-        self.first, self.last = frames.start, frames.stop - 1
+        if frames:
+            self.first, self.last = frames[0], frames[-1]
         return context.window_manager.invoke_props_dialog(self)
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -87,7 +88,7 @@ class NMF_OT_use_moving_camera(bpy.types.Operator):
                 pictures = pictures_of(shot, frames, self.count)
                 context.scene.nmf.capture = capture_shot(context, item, shot, pictures, cameras)
                 return {"FINISHED"}
-            numbers = frames.start + shot.offset, frames.stop - 1 + shot.offset
+            numbers = frames[0] + shot.offset, frames[-1] + shot.offset
             words = ["frames", str(shot.file), "--out", str(photos), "--photos", str(self.count)]
             words += ["--span", *map(str, numbers), "--events"]
             side_task.start(
@@ -99,12 +100,15 @@ class NMF_OT_use_moving_camera(bpy.types.Operator):
             return {"CANCELLED"}
         return {"FINISHED"}
 
-    def _frames(self, shot: Shot) -> range:
+    def _frames(self, shot: Shot) -> list[int]:
         """What was asked for, as far as it is there; by default all."""
         asked = self.properties.is_property_set
-        first = self.first if asked("first") else shot.frames.start
-        last = self.last if asked("last") else shot.frames.stop - 1
-        return range(max(first, shot.frames.start), min(last + 1, shot.frames.stop))
+        return [
+            frame
+            for frame in shot.frames
+            if (not asked("first") or frame >= self.first)
+            and (not asked("last") or frame <= self.last)
+        ]
 
 
 classes = (NMF_OT_use_moving_camera,)

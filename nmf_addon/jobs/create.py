@@ -11,6 +11,7 @@ from pathlib import Path
 import bpy
 
 from ...solver import __version__
+from ...solver.capture.read import JOBS_FOLDER
 from ...solver.job.folder import JobFolder, JobRequest
 from ..names import user_folder
 from ..scene.capture_collection import placement_of, region_of, write_capture
@@ -22,7 +23,7 @@ CAPTURE = "capture"
 def jobs_folder() -> Path:
     """Where new jobs go: beside the saved .blend, else in the extension's own folder."""
     if bpy.data.filepath:
-        return Path(bpy.path.abspath("//nmf_jobs"))
+        return Path(bpy.path.abspath(f"//{JOBS_FOLDER}"))
     return user_folder("jobs")
 
 

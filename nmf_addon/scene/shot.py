@@ -7,7 +7,7 @@ image behind the camera. How Blender counts is in its `movieclip.cc` and `image.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +23,7 @@ class Shot:
     Attributes:
         file: the video, or one picture of the sequence.
         is_video: what `file` is.
-        frames: those of the scene that have a picture, and in which the tracker knows the camera.
+        frames: those of the scene that have a picture, and in which the tracker knows the camera, in order.
         offset: added to a frame of the scene, it is the number in the picture's name, or that of the
             video's frame, counted from 0.
         size: width and height that Blender takes the film for, pixels.
@@ -32,7 +32,7 @@ class Shot:
 
     file: Path
     is_video: bool
-    frames: range
+    frames: Sequence[int]
     offset: int
     size: tuple[int, int]
     clip: bpy.types.MovieClip | None = None
@@ -70,12 +70,11 @@ def _of_clip(clip: bpy.types.MovieClip, item: bpy.types.Object, scene: bpy.types
     first = 0 if is_video else int(_numbered(file)[1] or 0)
     frames = range(clip.frame_start, clip.frame_start + clip.frame_duration)
     if clip in _solved_clips(item, scene):
-        # Before and after what it has solved, the tracker holds the nearest camera.
+        # Elsewhere than where it has solved it, the tracker makes the camera up from the nearest.
         objects = clip.tracking.objects
         views = next((o.reconstruction.cameras for o in objects if o.is_camera), ())
-        solved = [view.frame + clip.frame_start - 1 for view in views]
-        if solved:
-            frames = range(max(frames.start, min(solved)), min(frames.stop, max(solved) + 1))
+        solved = {view.frame + clip.frame_start - 1 for view in views}
+        frames = [frame for frame in frames if frame in solved] if solved else frames
     offset = first - clip.frame_start + clip.frame_offset
     return Shot(file, is_video, frames, offset, tuple(clip.size), clip)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import bpy
@@ -21,7 +22,7 @@ STANDS_STILL = 1e-6
 """difference of two cameras' matrices up to which they are one view"""
 
 
-def pictures_of(shot: Shot, frames: range, count: int) -> dict[int, Path]:
+def pictures_of(shot: Shot, frames: Sequence[int], count: int) -> dict[int, Path]:
     """Pictures of a sequence by their frames of the scene: so many at most, evenly over `frames`.
 
     Raises:
@@ -38,9 +39,10 @@ def pictures_of(shot: Shot, frames: range, count: int) -> dict[int, Path]:
 
 
 def photos_in(shot: Shot, folder: Path) -> dict[int, Path]:
-    """What `solver frames` has taken from a video, by their frames of the scene."""
+    """What `solver frames` has taken from a video, by their frames of the scene; those of the shot."""
     photos = sorted(path for path in folder.iterdir() if path.stem.startswith("frame_"))
-    return {int(path.stem.rpartition("_")[2]) - shot.offset: path for path in photos}
+    found = {int(path.stem.rpartition("_")[2]) - shot.offset: path for path in photos}
+    return {frame: path for frame, path in found.items() if frame in shot.frames}
 
 
 def capture_shot(

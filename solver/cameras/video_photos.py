@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from itertools import dropwhile, groupby, takewhile
+from itertools import dropwhile, groupby, islice, takewhile
 from pathlib import Path
 
 import numpy as np
@@ -87,11 +87,10 @@ def sharpest(video: Path, count: int, span: range | None = None) -> Iterator[tup
     )
     with ThreadPoolExecutor(usable_cores()) as pool:
         for part, members in groupby(within, lambda f: (f.number - first) * parts // total):
-            rivals = [frame for frame in members if (frame.number - first) % step == 0]
-            if rivals:
-                # A plain frame, which has no score, is the last choice.
-                scores = np.nan_to_num(list(pool.map(_sharpness, rivals)), nan=-np.inf)
-                yield min(1.0, (part + 1) / parts), rivals[int(scores.argmax())]
+            rivals = list(islice(members, 0, None, step))
+            # A plain frame, which has no score, is the last choice.
+            scores = np.nan_to_num(list(pool.map(_sharpness, rivals)), nan=-np.inf)
+            yield min(1.0, (part + 1) / parts), rivals[int(scores.argmax())]
 
 
 def write_photo(frame: Frame, folder: Path) -> None:

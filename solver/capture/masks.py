@@ -12,10 +12,12 @@ from .decoding import decode
 from .errors import CaptureError
 from .orientation import oriented, same_shape
 
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
-
-NEAR_AN_END, MOST_BETWEEN = 0.15, 0.35
-"""share of a mask's range that counts as its end, and of what is not black that may lie between the ends"""
+NEAR_AN_END, MOST_BETWEEN, SHARP = 0.15, 0.35, 0.05
+"""share of a mask's range that counts as its end; of what is not black, that may lie between the ends where
+edges are soft, and where they are not"""
+DARKEST, FEWEST_SHOWN = 0.1, 1e-3
+"""of the largest value, below which a mask of more than two values is empty but for noise; and of the
+pixels, above which one of two is not"""
 
 
 def read_mask(camera: Camera, orientation: int) -> np.ndarray:
@@ -56,33 +58,46 @@ def no_mask(path: Path) -> CaptureError:
 def coverage(decoded: Decoded) -> np.ndarray:
     """Coverage [H, W] float32 in [0, 1] of a mask: its brightness, as it is encoded.
 
-    A picture with an alpha channel that varies has the mask there, if it is of one brightness or cut out
-    along it. A mask of one colour on black is meant as white on black, whatever that colour's brightness.
+    A picture with an alpha channel that varies has the mask there, if it is of one brightness or an object
+    cut out along it. A mask of one colour on black is meant as white on black, however dark that colour is.
     """
     pixels = decoded.pixels
     colours = pixels.shape[2] if decoded.alpha is None else decoded.alpha
-    if colours >= 3:
-        shade = pixels[..., :3].astype(np.float32) @ _LUMINANCE
-    else:
-        shade = pixels[..., 0].astype(np.float32)
+    shade = pixels[..., : 3 if colours >= 3 else 1].max(-1).astype(np.float32)
     if decoded.alpha is not None:
         alpha = pixels[..., decoded.alpha].astype(np.float32)
-        plain = colours == 0 or np.ptp(shade) < 1e-3 * decoded.largest
-        if np.ptp(alpha) > 0 and (plain or _is_two_valued(alpha, decoded.largest)):
-            shade = alpha
-        elif colours == 0:
+        plain = np.ptp(shade) < 1e-3 * decoded.largest
+        if colours == 0 or (np.ptp(alpha) > 0 and (plain or _is_cut_out(shade, alpha, decoded))):
             shade = alpha
     largest = decoded.largest
-    if not decoded.is_float and shade.max() > 0 and _is_two_valued(shade, shade.max()):
+    if not decoded.is_float and _is_one_on_black(shade, largest):
         largest = shade.max()
     return np.clip(shade / np.float32(largest), 0, 1)
 
 
-def _is_two_valued(values: np.ndarray, upper: float) -> bool:
-    """True if most are about 0 or about `upper`; edges are soft, and JPEG is not exact."""
+def _is_cut_out(shade: np.ndarray, alpha: np.ndarray, decoded: Decoded) -> bool:
+    """True if alpha is a mask, and what it shows is none itself."""
+    shown = shade[alpha > (1 - NEAR_AN_END) * decoded.largest]
+    if _between(alpha, decoded.largest) > MOST_BETWEEN or not len(shown):
+        return False
+    is_mask = _between(shown, decoded.largest) < SHARP and shown.min() < NEAR_AN_END * shown.max()
+    return not is_mask
+
+
+def _is_one_on_black(shade: np.ndarray, largest: float) -> bool:
+    """True for a mask of black and one other value, exactly, or but for soft edges and what JPEG adds."""
+    upper = shade.max()
+    black = shade < NEAR_AN_END * upper
+    if not black.any():
+        return False
+    exact = len(np.unique(shade)) == 2 and 1 - black.mean() > FEWEST_SHOWN
+    return exact or (upper > DARKEST * largest and _between(shade, upper) <= MOST_BETWEEN)
+
+
+def _between(values: np.ndarray, upper: float) -> float:
+    """Share of those above 0 that are not about `upper` either."""
     above = values > NEAR_AN_END * upper
-    between = above & (values < (1 - NEAR_AN_END) * upper)
-    return bool(between.sum() <= MOST_BETWEEN * above.sum())
+    return float((values[above] < (1 - NEAR_AN_END) * upper).sum() / max(above.sum(), 1))
 
 
 def resized_by_area(image: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -21,6 +21,7 @@ from .picture_names import (
     largest_copy,
     parts_of,
     pictures_below,
+    pictures_in,
     plain,
     stem_of,
 )
@@ -38,10 +39,19 @@ def capture_folder(file: Path) -> Path:
     """The folder that a camera file and its photos share: `project` for `project/sparse/0/images.bin`."""
     folder = file.parent
     for _ in range(3):
-        if not MODEL_FOLDERS.fullmatch(folder.name) or any(pictures_below(folder)):
+        if not MODEL_FOLDERS.fullmatch(folder.name) or pictures_in(folder):
             break
         folder = folder.parent
     return folder
+
+
+def folder_with_photos(file: Path) -> Path:
+    """The folder nearest a camera file, on the way to `capture_folder`, with pictures below it; that one,
+    if there is none."""
+    last, folder = capture_folder(file), file.parent
+    while folder != last and not any(pictures_below(folder)):
+        folder = folder.parent
+    return Path(os.path.normpath(folder.absolute()))
 
 
 class PhotoFinder:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 
@@ -22,7 +23,13 @@ from .formats import (
     visualsfm,
 )
 from .image_header import EXTENSIONS as PICTURES
-from .photo_finder import MIN_PHOTOS, MODEL_FOLDERS, PhotoFinder, capture_folder
+from .photo_finder import (
+    MIN_PHOTOS,
+    MODEL_FOLDERS,
+    PhotoFinder,
+    capture_folder,
+    folder_with_photos,
+)
 from .picture_names import VIDEOS
 
 FORMATS: tuple[ModuleType, ...] = (
@@ -30,6 +37,8 @@ FORMATS: tuple[ModuleType, ...] = (
     visualsfm,
 )  # fmt: skip
 """readers, the likeliest first"""
+JOBS_FOLDER = "nmf_jobs"
+"""what Blender writes beside a .blend, with camera files of its own"""
 CAMERA_FILES = tuple(sorted({extension for reader in FORMATS for extension in reader.EXTENSIONS}))
 """extensions of camera files, for file dialogs and drops"""
 
@@ -48,6 +57,10 @@ _NO_CAMERAS = {
     ),
 }
 """what is to be said of files that look like what is wanted and are not, by their names in lower case"""
+_AROUND = tuple(
+    f"{folders}{name}" for folders in ("*/", "*/*/") for name in _FILES_OF_SPLIT["train"]
+)
+"""of a folder around a capture's, as archives have it"""
 _DEEPEST, _MOST_TRIED = 3, 2000
 
 
@@ -147,6 +160,18 @@ def read_capture(
         # The folder of the model was given, not that of the capture.
         finder = PhotoFinder(capture_folder(file), mask_folder, trusted, fewest, wanted)
     try:
+        return _read(reader, file, finder)
+    except CaptureError:
+        # A folder that is called as a model's may be the capture's own, beside others of its kind.
+        own = finder.folder if photos is not None else folder_with_photos(file)
+        if own != finder.folder:
+            with suppress(CaptureError):
+                return _read(reader, file, PhotoFinder(own, mask_folder, trusted, fewest, wanted))
+        raise
+
+
+def _read(reader: ModuleType, file: Path, finder: PhotoFinder) -> Capture:
+    try:
         return reader.read(file, finder)
     except (
         ArithmeticError,
@@ -176,17 +201,21 @@ def _search(folder: Path) -> Path | None:
     """The likeliest camera file below a folder."""
     for reader in FORMATS:
         for pattern in reader.PATTERNS:
-            files = [
-                f for f in sorted(folder.glob(pattern)) if f.is_file() and reader.recognises(f)
-            ]
-            if reader is transforms and len(files) > 1:
-                raise _several(folder, files)
-            if files:
-                return files[0]
+            for file in sorted(folder.glob(pattern)):
+                if file.is_file() and reader.recognises(file):
+                    return file
+    for pattern in _AROUND:
+        there = sorted(folder.glob(pattern))
+        files = [file for file in there if JOBS_FOLDER not in file.relative_to(folder).parts]
+        if len(files) > 1:
+            raise _several(folder, files)
+        if files:
+            return files[0]
     tried = 0
     for depth in range(_DEEPEST + 1):
         for file in sorted(folder.glob("/".join(["*"] * (depth + 1)))):
-            if file.suffix.lower() in PICTURES or not file.is_file():
+            inside = file.relative_to(folder).parts
+            if file.suffix.lower() in PICTURES or JOBS_FOLDER in inside or not file.is_file():
                 continue
             tried += 1
             if tried > _MOST_TRIED:
@@ -207,12 +236,13 @@ def _nothing(folder: Path) -> CaptureError:
     """What to say of a folder without a camera file that is known here."""
     remedy = "give the camera file itself, or solve the cameras from the photos"
     problem = "there is no camera file in this folder"
-    above = next((folder.parent / name for name in _FILES_OF_SPLIT["train"]), None)
+    beside = (folder.parent / name for name in _FILES_OF_SPLIT["train"])
+    above = next((file for file in beside if file.is_file()), None)
     archive = next(iter(sorted(folder.glob("*.zip"))), None)
     known = next((file for pattern in _NO_CAMERAS for file in sorted(folder.glob(pattern))), None)
     if archive is not None and zipfile.is_zipfile(archive):
         remedy = f"unpack {archive.name}, and give its folder"
-    elif above is not None and above.is_file():
+    elif above is not None:
         remedy = f"give {folder.parent}, which has {above.name}"
     elif known is not None:
         said, remedy = _NO_CAMERAS[known.name.lower()]

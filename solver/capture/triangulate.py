@@ -8,16 +8,19 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from ..apart import run_apart
+from ..threads import usable_cores
 from .agreement import convention_that_fits, disagreement
 from .camera import Camera
 from .capture import evenly_taken
 from .photo_matches import Picture, matched, neighbours, quiet_colmap, verified_matches
+from .photos import MOST_AT_ONCE
 from .refine import refined, triangulated
 
 FEWEST_VIEWS = 3
@@ -107,10 +110,25 @@ def compare_some(
     pairs = [near[i] for i in evenly_taken(len(near), PAIRS)]
     chosen = sorted({index for pair in pairs for index in pair})
     place = {index: number for number, index in enumerate(chosen)}
-    return compare(
-        [cameras[i] for i in chosen], [picture_of(cameras[i]) for i in chosen],
-        [(place[i], place[j]) for i, j in pairs], progress,
-    )  # fmt: skip
+    some = [cameras[i] for i in chosen]
+    pictures = pictures_by(picture_of, some, lambda: progress(0.0))
+    return compare(some, pictures, [(place[i], place[j]) for i, j in pairs], progress)
+
+
+def pictures_by(
+    picture_of: Callable[[Camera], Picture], cameras: Sequence[Camera], goes_on: Callable[[], None]
+) -> list[Picture]:
+    """The pictures of cameras, made side by side; what `goes_on` raises ends it."""
+    pictures = []
+    with ThreadPoolExecutor(max_workers=min(MOST_AT_ONCE, usable_cores())) as pool:
+        try:
+            for picture in pool.map(picture_of, cameras):
+                pictures.append(picture)
+                goes_on()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return pictures
 
 
 def compare(

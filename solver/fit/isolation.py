@@ -72,7 +72,7 @@ def isolated(
     """
     request, began, light, backdrop = job.request, time.monotonic(), NOTHING_SEEN, None
     region, limit = region_of(request), request.time_limit or math.inf
-    if settings.fit.refine_cameras and not resumed:
+    if settings.fit.refine_cameras and settings.fit.use_masks and not resumed:
         capture = _by_surroundings(job, settings, capture, progress, told, POINTS_LIMIT * limit)
     may = settings.fit.use_masks and settings.fit.cut_out
     standing = may and settings.fit.cut_out_standing

@@ -16,7 +16,7 @@ from ..capture.photo_matches import picture_of
 from ..capture.photos import Photo
 from ..capture.refine import TOLERATED
 from ..capture.surroundings import TOLERATED_AROUND, picture_around
-from ..capture.triangulate import Triangulated, compare_some, triangulate
+from ..capture.triangulate import Triangulated, compare_some, pictures_by, triangulate
 from ..field.field import MicrofacetField
 from ..field.room import EXTENT, Room, contract
 from .visual_hull import decompose
@@ -63,7 +63,7 @@ def found_in_surroundings(
     found = compare_some(cameras, picture_around, lambda done: told(COMPARING * done))
     if found.remedy is not None or found.beside is None or found.beside < TOLERATED_AROUND:
         return found
-    pictures = [picture_around(camera) for camera in cameras]
+    pictures = pictures_by(picture_around, cameras, lambda: told(COMPARING))
     return triangulate(
         list(cameras),
         pictures,

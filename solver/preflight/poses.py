@@ -19,9 +19,10 @@ from .looks import ReducedPhotos
 
 def poses(capture: Capture, photos: ReducedPhotos, settings: Settings) -> list[Finding]:
     """How far photos lie beside their cameras, if they have enough in common to tell."""
+    masked = all(camera.mask_path is not None for camera in capture.cameras)
 
     def picture_of(camera: Camera) -> Picture:
-        if camera.mask_path is not None:
+        if masked:
             return picture_around(camera)
         return picture_from(np.ascontiguousarray(photos(camera)[0]))
 
@@ -34,7 +35,6 @@ def poses(capture: Capture, photos: ReducedPhotos, settings: Settings) -> list[F
     if found.remedy is not None:
         return [warning(f"{another_convention(found.beside)}; {found.remedy}")]
     told = f"photos lie {found.beside:.1f} pixels (of {LONGEST}) beside their cameras"
-    masked = capture.cameras[0].mask_path is not None
     if found.beside < (TOLERATED_AROUND if masked else TOLERATED):
         return [note(told)]
     if settings.fit.refine_cameras and capture.has_few_points:

@@ -78,6 +78,15 @@ def test_photos_of_a_span_are_named_by_the_clock_and_are_the_sharpest_in_it(walk
     assert names == tuple(f"frame_{number:06d}.jpg" for number in (11, 14, 17, 20))
 
 
+def test_a_video_that_records_only_every_other_frame_at_times_has_photos_in_any_span(tmp_path):
+    noise = np.random.default_rng(0).integers(0, 255, (80, 32, 32, 3), dtype=np.uint8)
+    ticks = [*range(40), *range(41, 121, 2)]
+    video = write_video(tmp_path / "a.mp4", list(noise), ticks=ticks)
+    for first in (50, 51):
+        found = [frame.number for _, frame in sharpest(video, 6, range(first, first + 60))]
+        assert len(found) == 6 and set(found) < set(ticks)
+
+
 def test_all_frames_of_a_span_are_taken_if_that_many_are_asked_for(walk):
     taken = [frame.number for _, frame in sharpest(walk[0], 100, range(5, 12))]
     assert taken == list(range(5, 12))

@@ -269,6 +269,16 @@ def test_the_folder_around_a_capture_stands_for_it_and_its_training_photos(tmp_p
         read_capture(tmp_path / "lego")
 
 
+def test_what_blender_wrote_beside_its_file_is_no_capture_of_the_project(tmp_path):
+    for name in ("one", "two"):
+        make_capture(tmp_path / "nmf_jobs" / name)
+    with pytest.raises(CaptureError, match="no camera file"):
+        read_capture(tmp_path)
+    make_capture(tmp_path / "scan")
+    assert read_capture(tmp_path).source.parent == tmp_path / "scan"
+    assert read_capture(tmp_path / "nmf_jobs" / "one").source.parent.name == "one"
+
+
 def test_of_a_folder_without_cameras_it_is_said_what_is_there_instead(tmp_path):
     make_capture(tmp_path / "scan")
     make_capture(tmp_path / "scan" / "train")

@@ -96,6 +96,26 @@ def test_a_model_with_distortion_means_the_photos_as_taken(tmp_path, solved):
     assert read_capture(tmp_path).cameras[0].image_path.parent == tmp_path / "images"
 
 
+def test_a_model_elsewhere_takes_the_photos_it_is_given_whatever_model_lies_beside_them(
+    tmp_path, solved
+):
+    model = solved(tmp_path / "project" / "images")
+    write(model, tmp_path / "project" / "sparse" / "0")
+    file = write(model, tmp_path / "project" / "models" / "0") / "images.bin"
+    assert len(read_capture(file).cameras) > 2
+    other = write(model, tmp_path / "elsewhere") / "images.bin"
+    capture = read_capture(other, photos=tmp_path / "project" / "images")
+    assert capture.cameras[0].image_path.parent == tmp_path / "project" / "images"
+
+
+def test_a_project_of_colmap_is_read_whatever_lies_in_folders_below(tmp_path, solved):
+    write(solved(tmp_path / "images"), tmp_path / "sparse" / "0")
+    for name in ("nmf_jobs/scan", "nerf/out"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "transforms.json").write_text('{"camera_angle_x": 0.7, "frames": []}')
+    assert read_capture(tmp_path).format == "COLMAP"
+
+
 def test_a_model_with_distortion_does_not_take_photos_without(tmp_path, solved):
     model = solved(tmp_path / "dense" / "images")
     write(model, tmp_path / "sparse" / "0")

@@ -152,6 +152,31 @@ def test_a_mask_shows_the_object_whole_however_it_is_drawn(tmp_path, kind):
     np.testing.assert_allclose(alpha, wanted, atol=0.02)
 
 
+def test_a_black_and_white_mask_counts_where_alpha_only_leaves_corners_out(tmp_path):
+    drawn = np.full((48, 64, 4), 255, np.uint8)
+    drawn[..., :3] = 0
+    drawn[10:30, 20:50, :3] = 255
+    drawn[:3, :3, 3] = 0
+    Image.fromarray(drawn).save(tmp_path / "m.png")
+    photo = write(tmp_path / "p.png", np.full((48, 64, 3), 90, np.uint8))
+    alpha = load(photo, tmp_path / "m.png").pixels[..., 3]
+    np.testing.assert_allclose(alpha, drawn[..., 0] / 255, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["dark all over", "noise", "a stray pixel"])
+def test_a_mask_with_next_to_nothing_in_it_stays_empty(tmp_path, kind):
+    drawn = np.zeros((48, 64), np.uint8)
+    if kind == "dark all over":
+        drawn[:] = 16
+    elif kind == "noise":
+        drawn[:] = np.random.default_rng(0).integers(0, 4, drawn.shape)
+    else:
+        drawn[5, 5] = 3
+    Image.fromarray(drawn).save(tmp_path / "m.png")
+    photo = write(tmp_path / "p.png", np.full((48, 64, 3), 90, np.uint8))
+    assert load(photo, tmp_path / "m.png").pixels[..., 3].max() < 0.07
+
+
 def test_a_mask_of_many_shades_is_as_bright_as_it_is(tmp_path):
     soft = np.linspace(0, 180, 48 * 64).reshape(48, 64).astype(np.uint8)
     Image.fromarray(soft).save(tmp_path / "m.png")

@@ -139,6 +139,17 @@ def test_a_camera_file_beside_its_photos_means_those_whatever_its_folder_is_call
     assert {c.image_path.parent for c in capture.cameras} == {tmp_path / name / "photos"}
 
 
+def test_pictures_beside_a_model_do_not_keep_it_from_its_photos(tmp_path):
+    photos = [save(tmp_path / "images" / f"{i}.png", size=16) for i in range(3)]
+    for i in range(3):
+        save(tmp_path / "colmap" / "masks" / f"{i}.png", 255, size=16)
+        save(tmp_path / "colmap" / "textures" / f"t{i}.png")
+    capture = read_capture(
+        write_cameras(tmp_path / "colmap", [f"D:/elsewhere/{i}.png" for i in range(3)])
+    )
+    assert [camera.image_path for camera in capture.cameras] == photos
+
+
 def test_photos_of_one_name_in_numbered_folders_are_no_copies(tmp_path):
     for i in range(3):
         for number in (2, 4):

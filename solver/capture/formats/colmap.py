@@ -60,7 +60,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     for image in images:
         stated = image.name if folder is None else f"{folder}/{image.name}"
         photo = photos.find(stated) if image.name.strip() else None
-        if photo is not None and not _is_of_model(photo, files["images"]):
+        if photo is not None and not _is_of_model(photo, files["images"], photos.folder):
             photo, elsewhere = None, photo
         intrinsics = pose = None
         if photos.serves(photo):
@@ -169,11 +169,11 @@ def _photo_folder(path: Path, photos: PhotoFinder) -> Path | None:
     return None
 
 
-def _is_of_model(photo: Path, images: Path) -> bool:
-    """False for a photo in a workspace that has a model of its own beside its photos, such as `dense` with
-    those without distortion, where that is not this one."""
+def _is_of_model(photo: Path, images: Path, folder: Path) -> bool:
+    """False for a photo in a workspace within the capture's folder that has a model of its own beside its
+    photos, such as `dense` with those without distortion, where that is not this one."""
     workspace = next((place.parent for place in photo.parents if place.name == "images"), None)
-    if workspace is None or not (workspace / "sparse").is_dir():
+    if workspace is None or folder not in workspace.parents or not (workspace / "sparse").is_dir():
         return True
     return Path(os.path.normpath(images.absolute())).is_relative_to(workspace)
 

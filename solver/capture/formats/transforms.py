@@ -30,9 +30,7 @@ from .transforms_lens import lens_entries, number_of, read_lens
 
 NAME = "transforms.json"
 EXTENSIONS = (".json",)
-PATTERNS = tuple(
-    f"{folder}transforms{split}.json" for folder in ("", "*/", "*/*/") for split in ("_train", "")
-)
+PATTERNS = ("transforms_train.json", "transforms.json")
 
 SURE = math.cos(math.radians(20))
 """cosine of the angle up to which people's idea of level and the file's up are one"""
