@@ -16,6 +16,8 @@ from .reduced import load_reduced, load_reduced_mask
 TOLERATED_AROUND = 1.5
 """pixels by which photos may lie beside their cameras, of pictures that features were sought in, where the
 object does not count: of a floor that is seen at a slant in small photos, right cameras have 1.0"""
+FAINT = 12
+"""of 255, up to which a mask is black: JPEG is not exact"""
 BORDER = 0.01
 """of the picture's longer side: so far around a mask nothing is looked at"""
 
@@ -31,5 +33,5 @@ def picture_around(camera: Camera) -> Picture:
         camera.mask_path, colour.shape[:2], image_orientation(camera.image_path)
     )
     width = 2 * round(BORDER * max(mask.shape)) + 1
-    hidden = scipy.ndimage.maximum_filter(mask > 0, width)
+    hidden = scipy.ndimage.maximum_filter(mask > FAINT, width)
     return picture_from(np.ascontiguousarray(colour), hidden)

@@ -39,7 +39,7 @@ def write(folder, cameras, told=None, around=True):
         pixels[mask > 0] = reflected[mask > 0][:, None]
         pixels[mask == 0] *= around
         Image.fromarray(pixels).save(path)
-        Image.fromarray(mask).save(folder / "masks" / path.name)
+        Image.fromarray(mask).save(folder / "masks" / f"{camera.name}.jpg", quality=60)
     return read_capture(folder)
 
 
