@@ -56,8 +56,8 @@ def disagreement(cameras: list[Camera], pairs: list[PairMatches]) -> float | Non
 
 
 def convention_that_fits(cameras: list[Camera], pairs: list[PairMatches]) -> str | None:
-    """What to do with matrices whose convention is not the one they were read in: one clause; None if they
-    fit as they are, or in no other either."""
+    """What to do with cameras whose convention is not the one they were read in, or with their photos: one
+    clause; None if they fit as they are, or in no other either."""
     given = disagreement(cameras, pairs)
     if given is None or given < DO_NOT_FIT:
         return None
@@ -72,8 +72,8 @@ def convention_that_fits(cameras: list[Camera], pairs: list[PairMatches]) -> str
 def another_convention(beside: float) -> str:
     """What is wrong with such cameras, one clause, of which photos lie so many pixels beside."""
     return (
-        f"photos lie {beside:.0f} pixels (of {LONGEST}) beside these cameras, but fit them if their "
-        "matrices are read in another convention"
+        f"photos lie {beside:.0f} pixels (of {LONGEST}) beside these cameras, but fit them if these are "
+        "read in another convention"
     )
 
 
@@ -86,4 +86,6 @@ _CONVENTIONS = {
     "cameras that look along +Z with +Y down": lambda pose: pose_opengl_from_opencv(
         invert_pose(pose)
     ),
+    "turn the photos by half, for they lie upside down in their files (what EXIF says of that is not "
+    "followed, as most programs do not)": lambda pose: pose * (-1.0, -1.0, 1.0, 1.0),
 }

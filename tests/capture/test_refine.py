@@ -103,6 +103,18 @@ def test_matrices_in_another_convention_are_told_from_cameras_that_are_off(point
     assert convention_that_fits(strewn, pairs) is None
 
 
+def test_photos_that_lie_upside_down_are_told_from_cameras_that_are_off(points):
+    cameras = [
+        camera_at(angle, height=h)
+        for angle, h in zip((0, 0.4, 0.8, 1.2), (1.6, 0.7) * 2, strict=True)
+    ]
+    pairs = matches_of(cameras, points, noise=0.3)
+    assert convention_that_fits(cameras, pairs) is None
+    half = np.diag([-1.0, -1.0, 1.0, 1.0])
+    others = [replace(c, camera_to_world=c.camera_to_world @ half) for c in cameras]
+    assert convention_that_fits(others, pairs).startswith("turn the photos by half")
+
+
 def turns_and_ways(found, true):
     """Degrees by which turns from each camera to the next are off, and distances by which positions are,
     whatever world they are in."""
