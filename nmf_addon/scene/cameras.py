@@ -95,8 +95,8 @@ def size_of(item: bpy.types.Object) -> tuple[int, int]:
     return tuple(photo.size)
 
 
-def photo_path(photo: bpy.types.Image) -> Path:
-    """Where a photo lies, also that of a linked camera."""
+def photo_path(photo: bpy.types.Image | bpy.types.MovieClip) -> Path:
+    """Where a photo or a film lies, also that of a linked camera."""
     return Path(bpy.path.abspath(photo.filepath, library=photo.library))
 
 

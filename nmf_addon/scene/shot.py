@@ -13,7 +13,7 @@ from pathlib import Path
 
 import bpy
 
-from .cameras import FILMS
+from .cameras import FILMS, photo_path
 
 
 @dataclass(frozen=True)
@@ -45,28 +45,41 @@ class Shot:
 
 def shot_of(item: bpy.types.Object, scene: bpy.types.Scene) -> Shot | None:
     """The film behind a camera object, or that of its Camera Solver; None if there is none."""
+    film = _film_of(item, scene)
+    if isinstance(film, bpy.types.MovieClip):
+        return _of_clip(film, item, scene)
+    return film and _of_image(film.image, film.image_user)
+
+
+def shot_camera(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The camera with a film behind it that a person means: the active object, else the scene's camera.
+
+    Panels ask whenever they are drawn.
+    """
+    for item in (context.view_layer.objects.active, context.scene.camera):
+        if item is not None and _film_of(item, context.scene) is not None:
+            return item
+    return None
+
+
+def _film_of(
+    item: bpy.types.Object, scene: bpy.types.Scene
+) -> bpy.types.MovieClip | bpy.types.CameraBackgroundImage | None:
+    """The movie clip, or the background whose image is a film."""
     if item.type != "CAMERA":
         return None
     for background in item.data.background_images:
         if background.source == "MOVIE_CLIP":
             clip = scene.active_clip if background.use_camera_clip else background.clip
             if clip is not None:
-                return _of_clip(clip, item, scene)
+                return clip
         elif background.image is not None and background.image.source in FILMS:
-            return _of_image(background.image, background.image_user)
-    return next((_of_clip(clip, item, scene) for clip in _solved_clips(item, scene)), None)
-
-
-def shot_camera(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The camera with a film behind it that a person means: the active object, else the scene's camera."""
-    for item in (context.view_layer.objects.active, context.scene.camera):
-        if item is not None and shot_of(item, context.scene) is not None:
-            return item
-    return None
+            return background
+    return next(_solved_clips(item, scene), None)
 
 
 def _of_clip(clip: bpy.types.MovieClip, item: bpy.types.Object, scene: bpy.types.Scene) -> Shot:
-    file, is_video = _path(clip), clip.source == "MOVIE"
+    file, is_video = photo_path(clip), clip.source == "MOVIE"
     first = 0 if is_video else int(_numbered(file)[1] or 0)
     frames = range(clip.frame_start, clip.frame_start + clip.frame_duration)
     if clip in _solved_clips(item, scene):
@@ -84,7 +97,7 @@ def _of_image(image: bpy.types.Image, user: bpy.types.ImageUser) -> Shot:
     frames = range(user.frame_start, user.frame_start + user.frame_duration)
     # Blender's first picture has number 1.
     offset = 1 - user.frame_start + user.frame_offset - (1 if is_video else 0)
-    return Shot(_path(image), is_video, frames, offset, tuple(image.size))
+    return Shot(photo_path(image), is_video, frames, offset, tuple(image.size))
 
 
 def _solved_clips(item: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[bpy.types.MovieClip]:
@@ -93,10 +106,6 @@ def _solved_clips(item: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[bp
             clip = scene.active_clip if constraint.use_active_clip else constraint.clip
             if clip is not None:
                 yield clip
-
-
-def _path(film: bpy.types.Image | bpy.types.MovieClip) -> Path:
-    return Path(bpy.path.abspath(film.filepath, library=film.library))
 
 
 def _numbered(file: Path) -> tuple[str, str, str]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...solver.cameras.folder import FEWEST_PHOTOS
 from ...solver.capture.camera import Camera
+from ...solver.capture.capture import evenly_taken
 from ...solver.capture.errors import CaptureError
 from ...solver.capture.formats.transforms import write_transforms
 from ...solver.capture.image_header import image_size
@@ -34,8 +35,8 @@ def pictures_of(shot: Shot, frames: Sequence[int], count: int) -> dict[int, Path
             shot.file, "frames", f"{len(there)} of the sequence's {len(frames)} pictures that were asked "
             "for are there", "relink it, or choose other frames",
         )  # fmt: skip
-    chosen = np.linspace(0, len(there) - 1, min(count, len(there))).round().astype(int)
-    return {there[place]: shot.picture(there[place]) for place in chosen}
+    chosen = (there[place] for place in evenly_taken(len(there), count))
+    return {frame: shot.picture(frame) for frame in chosen}
 
 
 def photos_in(shot: Shot, folder: Path) -> dict[int, Path]:

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ..capture.errors import CaptureError, listed
+from ..capture.mask_finder import none_fits
 from ..capture.photo_matches import quiet_colmap
 from ..job.control import Cancelled, Control
 from ..job.progress import Progress
@@ -100,10 +101,7 @@ class Solver:
     def _tell_of_missing_masks(self, masks: Path, photos: list[Prepared]) -> None:
         without = [photo.name for photo in photos if photo.mask is None]
         if len(without) == len(photos):
-            raise CaptureError(
-                masks, "masks", "no mask there has a photo's name",
-                f"name masks as photos are, as {Path(photos[0].name).stem}.png",
-            )  # fmt: skip
+            raise none_fits(masks, photos[0].name)
         if without:
             self.progress.warning(
                 f"{len(without)} of {len(photos)} photos have no mask ({listed(without)}), so all that "

@@ -80,11 +80,12 @@ def misled(
         for pair, geometry in zip(*database.read_two_view_geometries(), strict=True):
             one, other = colmap.pair_id_to_image_pair(pair)
             near = abs(of_image[one] - of_image[other]) <= STEPS
-            if near and len(geometry.inlier_matches) >= FEWEST_MATCHES:
-                placed = all(
-                    model.exists_image(i) and model.image(i).has_pose for i in (one, other)
-                )
-                if placed and not agrees(model, database, one, other, geometry):
+            if (
+                near
+                and len(geometry.inlier_matches) >= FEWEST_MATCHES
+                and _placed(model, one, other)
+            ):
+                if not agrees(model, database, one, other, geometry):
                     return True
     return False
 
@@ -141,11 +142,9 @@ def set_apart(colmap: Any, database: Any, number_of: dict[int, int]) -> list[tup
 
 def agrees(model: Any, database: Any, one: int, other: int, geometry: Any) -> bool:
     """True if a pair's matches fit to where a model has its two cameras."""
-    if not (model.exists_image(one) and model.exists_image(other)):
+    if not _placed(model, one, other) or not len(geometry.inlier_matches):
         return False
     images = [model.image(number) for number in (one, other)]
-    if not all(image.has_pose for image in images) or not len(geometry.inlier_matches):
-        return False
     rays = []
     for image, column in zip(images, geometry.inlier_matches.T, strict=True):
         pixels = database.read_keypoints(image.image_id)[column, :2].astype(np.float64)
@@ -154,6 +153,10 @@ def agrees(model: Any, database: Any, one: int, other: int, geometry: Any) -> bo
         rays.append(ray / np.linalg.norm(ray, axis=1, keepdims=True))
     between = images[1].cam_from_world() * images[0].cam_from_world().inverse()
     return bool(np.nanmedian(off_epipolar(*rays, between.matrix())) <= AGREEMENT)
+
+
+def _placed(model: Any, *numbers: int) -> bool:
+    return all(model.exists_image(i) and model.image(i).has_pose for i in numbers)
 
 
 def off_epipolar(rays: np.ndarray, others: np.ndarray, between: np.ndarray) -> np.ndarray:

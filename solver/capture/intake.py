@@ -14,6 +14,7 @@ from .closed_lenses import is_usable
 from .errors import CaptureError, shown
 from .files import rigid_pose
 from .image_header import EXTENSIONS, image_orientation, image_size
+from .mask_finder import none_fits
 from .orientation import same_shape
 from .photo_finder import PhotoFinder
 from .picture_names import agreement, folders_of, parts_of
@@ -120,10 +121,7 @@ def assemble(
         )  # fmt: skip
     if photos.wanted and not any(camera.mask_path for camera in cameras):
         if photos.masks.masks is not None:
-            raise CaptureError(
-                photos.masks.masks, "masks", "no mask there has a photo's name",
-                f"name masks as photos are, as {cameras[0].image_path.stem}.png",
-            )  # fmt: skip
+            raise none_fits(photos.masks.masks, cameras[0].image_path.name)
         if (unused := photos.masks.first()) is not None:
             notes.append(
                 f"{unused} and others are masks, but none has a photo's name; they are not used"

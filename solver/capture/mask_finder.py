@@ -11,19 +11,9 @@ from .errors import CaptureError
 from .picture_names import agreement, folders_of, pictures_below, pictures_in, plain, stem_of
 
 FOLDERS = (
-    ".mask",
-    "masks",
-    "mask",
-    "mattes",
-    "matte",
-    "alpha",
-    "mask_images",
-    "masks_png",
-    "segmentation",
-    "segmentations",
-    "silhouette",
-    "silhouettes",
-)
+    ".mask", "masks", "mask", "mattes", "matte", "alpha", "mask_images", "masks_png", "segmentation",
+    "segmentations", "silhouette", "silhouettes",
+)  # fmt: skip
 ENDINGS = ("_masks", "_mask")
 """of a folder's name, after that of the photos' folder beside it"""
 NAMES = ("{}_mask", "{}.mask", "{}-mask", "{}_masked", "mask_{}")
@@ -51,6 +41,14 @@ def masks_among(pictures: Iterable[Path]) -> list[Path]:
     named = {(path.parent, name) for path in stems for name in (plain(path.name), stems[path])}
     found = ((path, _BESIDE.fullmatch(stem)) for path, stem in stems.items())
     return [path for path, form in found if form and (path.parent, form[1] or form[2]) in named]
+
+
+def none_fits(masks: Path, photo: str) -> CaptureError:
+    """The error that a folder of masks has none of any photo, such as `photo`."""
+    return CaptureError(
+        masks, "masks", "no mask there has a photo's name",
+        f"name masks as photos are, as {Path(photo).stem}.png",
+    )  # fmt: skip
 
 
 class MaskFinder:

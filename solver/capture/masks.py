@@ -90,7 +90,7 @@ def _is_one_on_black(shade: np.ndarray, largest: float) -> bool:
     black = shade < NEAR_AN_END * upper
     if not black.any():
         return False
-    exact = len(np.unique(shade)) == 2 and 1 - black.mean() > FEWEST_SHOWN
+    exact = ((shade == upper) | (shade == shade.min())).all() and 1 - black.mean() > FEWEST_SHOWN
     return exact or (upper > DARKEST * largest and _between(shade, upper) <= MOST_BETWEEN)
 
 

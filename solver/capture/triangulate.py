@@ -121,13 +121,9 @@ def pictures_by(
     """The pictures of cameras, made side by side; what `goes_on` raises ends it."""
     pictures = []
     with ThreadPoolExecutor(max_workers=min(MOST_AT_ONCE, usable_cores())) as pool:
-        try:
-            for picture in pool.map(picture_of, cameras):
-                pictures.append(picture)
-                goes_on()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+        for picture in pool.map(picture_of, cameras):
+            pictures.append(picture)
+            goes_on()
     return pictures
 
 
