@@ -13,8 +13,11 @@ from .files import check_readable
 from .formats import (
     bundler,
     colmap,
+    gaussians,
+    llff,
     meshroom,
     metashape,
+    neus,
     openmvg,
     polycam,
     realitycapture,
@@ -34,7 +37,7 @@ from .picture_names import VIDEOS
 
 FORMATS: tuple[ModuleType, ...] = (
     transforms, colmap, metashape, realitycapture, meshroom, openmvg, polycam, record3d, bundler,
-    visualsfm,
+    visualsfm, neus, gaussians, llff,
 )  # fmt: skip
 """readers, the likeliest first"""
 JOBS_FOLDER = "nmf_jobs"
@@ -47,16 +50,6 @@ _FILES_OF_SPLIT = {
     "test": ("transforms_test.json", "transforms_val.json"),
     "val": ("transforms_val.json", "transforms_test.json"),
 }
-_NO_CAMERAS = {
-    "database.db": ("COLMAP's list of matches, without cameras", "give its model (sparse/0)"),
-    "poses_bounds.npy": ("LLFF's, which is not read", "give the COLMAP model it was made from"),
-    "cameras_sphere.npz": ("of NeuS, which is not read", "give the cameras it was made from"),
-    "cameras.json": (
-        "of Gaussian splats, which is not read",
-        "give the cameras they were made from",
-    ),
-}
-"""what is to be said of files that look like what is wanted and are not, by their names in lower case"""
 _AROUND = tuple(
     f"{folders}{name}" for folders in ("*/", "*/*/") for name in _FILES_OF_SPLIT["train"]
 )
@@ -239,12 +232,11 @@ def _nothing(folder: Path) -> CaptureError:
     beside = (folder.parent / name for name in _FILES_OF_SPLIT["train"])
     above = next((file for file in beside if file.is_file()), None)
     archive = next(iter(sorted(folder.glob("*.zip"))), None)
-    known = next((file for pattern in _NO_CAMERAS for file in sorted(folder.glob(pattern))), None)
     if archive is not None and zipfile.is_zipfile(archive):
         remedy = f"unpack {archive.name}, and give its folder"
     elif above is not None:
         remedy = f"give {folder.parent}, which has {above.name}"
-    elif known is not None:
-        said, remedy = _NO_CAMERAS[known.name.lower()]
-        problem += f", for {known.name} is {said}"
+    elif (folder / "database.db").is_file():
+        remedy = "give its model (sparse/0)"
+        problem += ", for database.db is COLMAP's list of matches"
     return CaptureError(folder, "", problem, remedy)

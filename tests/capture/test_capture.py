@@ -285,13 +285,10 @@ def test_of_a_folder_without_cameras_it_is_said_what_is_there_instead(tmp_path):
     (tmp_path / "scan" / "train" / "transforms_train.json").unlink()
     with pytest.raises(CaptureError, match="give .*scan, which has transforms_train.json"):
         read_capture(tmp_path / "scan" / "train")
-    for name, said in (
-        ("poses_bounds.npy", "LLFF's.*give the COLMAP model"), ("database.db", "give its model"),
-    ):  # fmt: skip
-        (tmp_path / name).mkdir()
-        (tmp_path / name / name).write_bytes(b"\x93")
-        with pytest.raises(CaptureError, match=said):
-            read_capture(tmp_path / name)
+    (tmp_path / "matched").mkdir()
+    (tmp_path / "matched" / "database.db").write_bytes(b"SQLite format 3")
+    with pytest.raises(CaptureError, match="database.db is COLMAP's list.*give its model"):
+        read_capture(tmp_path / "matched")
     (tmp_path / "packed").mkdir()
     shutil.make_archive(str(tmp_path / "packed" / "scan"), "zip", tmp_path / "scan")
     with pytest.raises(CaptureError, match="unpack scan.zip, and give its folder"):

@@ -1,0 +1,81 @@
+"""`cameras.json` of 3D Gaussian splatting: the cameras a splat was trained with.
+
+A list of one camera a photo: `img_name` without its extension, `width` and `height` in pixels, `fx`, `fy`,
+and a camera-to-world pose with OpenCV's axes: `rotation`, row by row, and `position`. The lens is a pinhole
+with its axis in the photo's centre. `input.ply` beside it holds the sparse points it began with; photos
+lie elsewhere.
+Kerbl et al. 2023, doi:10.1145/3592433; `camera_to_JSON` of their code.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from ..capture import Capture
+from ..errors import CaptureError
+from ..files import mapping, number, numbers, read_json, text_head
+from ..frames import pose_opengl_from_opencv
+from ..intake import Found, Intrinsics, assemble
+from ..photo_finder import PhotoFinder
+from ..ply_points import read_ply_points
+
+NAME = "Gaussian splatting"
+EXTENSIONS = (".json",)
+PATTERNS = ("cameras.json", "*/cameras.json")
+
+_MOST_CAMERAS = 100_000
+_POINTS = "input.ply"
+
+
+def recognises(file: Path) -> bool:
+    """True for a JSON list of cameras with `img_name` and `rotation`."""
+    head = text_head(file, 1 << 14)
+    return head[:1] == b"[" and b'"img_name"' in head and b'"rotation"' in head
+
+
+def read(path: Path, photos: PhotoFinder) -> Capture:
+    """Read all cameras, and the sparse points beside the file.
+
+    Raises:
+        CaptureError: anything that cannot be used, with file, field and remedy.
+    """
+    content = read_json(path)
+    if not isinstance(content, list) or len(content) > _MOST_CAMERAS:
+        raise CaptureError(
+            path, "", "this is no list of cameras", "give the cameras.json of a splat"
+        )
+    found = [_found(path, f"[{index}]", entry, photos) for index, entry in enumerate(content)]
+    points = None
+    if (path.parent / _POINTS).is_file():
+        with suppress(CaptureError):  # they only help to find the bounds
+            points = read_ply_points(path.parent / _POINTS)
+    return assemble(path, NAME, found, photos, points=points)
+
+
+def _found(path: Path, where: str, entry: object, photos: PhotoFinder) -> Found:
+    camera = mapping(path, where, entry)
+    name = camera.get("img_name")
+    if not isinstance(name, str) or not name:
+        raise CaptureError(
+            path, f"{where}.img_name", "the camera names no photo", "export it again"
+        )
+    width, height, fx, fy = (
+        number(path, f"{where}.{key}", camera.get(key)) for key in ("width", "height", "fx", "fy")
+    )
+    if not 1 <= min(width, height) <= max(width, height) <= 1e6:
+        raise CaptureError(path, f"{where}.width", "the photo has no size", "export it again")
+    rows = camera.get("rotation")
+    if not isinstance(rows, list) or len(rows) != 3:
+        raise CaptureError(
+            path, f"{where}.rotation", "this is no 3 × 3 matrix", "export the cameras again"
+        )
+    pose = np.eye(4)
+    pose[:3, :3] = [numbers(path, f"{where}.rotation", row, 3) for row in rows]
+    pose[:3, 3] = numbers(path, f"{where}.position", camera.get("position"), 3)
+    return Found(
+        where, name, photos.find(name), pose_opengl_from_opencv(pose),
+        Intrinsics(int(width), int(height), fx, fy, width / 2, height / 2),
+    )  # fmt: skip

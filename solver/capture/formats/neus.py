@@ -1,0 +1,125 @@
+"""Cameras of NeuS and IDR: `cameras_sphere.npz`, `cameras.npz`.
+
+For photo i, in the order of their names, `world_mat_i` is the 4 × 4 projection K [R | t] of world to pixels
+with OpenCV's axes, where whole numbers are pixels' centres; `scale_mat_i` takes the unit sphere to the
+world, and what is to be reconstructed is in that sphere. Photos lie in `image` beside the file, masks in
+`mask`.
+https://github.com/lioryariv/idr/blob/main/DATA_CONVENTION.md
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ..capture import Capture
+from ..errors import CaptureError
+from ..files import head_of
+from ..frames import pose_opengl_from_opencv
+from ..image_header import image_size
+from ..in_order import photos_in_order
+from ..intake import Found, Intrinsics, assemble
+from ..npy_files import read_npz
+from ..photo_finder import PhotoFinder
+
+NAME = "NeuS"
+EXTENSIONS = (".npz",)
+PATTERNS = ("cameras_sphere.npz", "cameras*.npz", "*/cameras_sphere.npz", "*/cameras*.npz")
+
+_PHOTO_FOLDERS = ("image", "images", "rgb")
+_MOST_SKEW = 0.02
+"""of the focal length"""
+
+
+def recognises(file: Path) -> bool:
+    """True for an archive of arrays with one that is called as a camera's."""
+    head = head_of(file)
+    return head.startswith(b"PK") and re.search(rb"(world|scale|camera)_mat_", head) is not None
+
+
+def read(path: Path, photos: PhotoFinder) -> Capture:
+    """Read the projections of all photos; the sphere becomes the region.
+
+    Raises:
+        CaptureError: anything that cannot be used, with file, field and remedy.
+    """
+    projections = _numbered(path, "world_mat_")
+    if not projections:
+        raise CaptureError(
+            path, "world_mat_0", "there are no projections in it", "give cameras_sphere.npz"
+        )
+    there = photos_in_order(path, "world_mat", len(projections), _PHOTO_FOLDERS, photos)
+    found = [
+        _found(path, f"world_mat_{number}", projections[number], photo)
+        for number, photo in zip(sorted(projections), there, strict=True)
+    ]
+    capture = assemble(path, NAME, found, photos)
+    spheres = _numbered(path, "scale_mat_")
+    return replace(capture, region=_region(path, spheres)) if spheres else capture
+
+
+def _numbered(path: Path, name: str) -> dict[int, np.ndarray]:
+    """The matrices `name`0, `name`1, … by their numbers."""
+    found = {}
+    for key, matrix in read_npz(path, name).items():
+        number = key.removeprefix(name)
+        if not (number.isascii() and number.isdigit() and len(number) < 9):
+            continue  # world_mat_inv_0
+        if matrix.shape not in ((4, 4), (3, 4)):
+            raise CaptureError(path, key, "this is no 4 × 4 matrix", "export the cameras again")
+        found[int(number)] = matrix
+    return found
+
+
+def _found(path: Path, where: str, projection: np.ndarray, photo: Path | None) -> Found:
+    if photo is None:
+        return Found(where, where, None, None, None)
+    lens, pose = _decomposed(path, where, projection[:3])
+    width, height = image_size(photo)
+    fx, fy, cx, cy = lens
+    return Found(where, photo.name, photo, pose, Intrinsics(width, height, fx, fy, cx, cy))
+
+
+def _decomposed(
+    path: Path, where: str, projection: np.ndarray
+) -> tuple[tuple[float, float, float, float], np.ndarray]:
+    """fx fy cx cy with pixel centres at + 0.5, and camera-to-world with OpenGL's axes, of P = K [R | t], of
+    any scale and sign (Hartley and Zisserman, Multiple View Geometry, 6.2.4)."""
+    matrix = projection[:, :3]
+    largest = np.abs(matrix).max(initial=0)
+    if not 1e-9 < largest < 1e12 or np.linalg.cond(matrix) > 1e12:
+        raise CaptureError(path, where, "this is no projection", "export the cameras again")
+    # RQ by QR of the matrix turned around. A projection's sign is arbitrary; a rotation's is not.
+    if np.linalg.det(matrix) < 0:
+        projection = -projection
+    q, r = np.linalg.qr(np.flipud(projection[:, :3]).T)
+    k, rotation = np.flipud(np.fliplr(r.T)), np.flipud(q.T)
+    signs = np.sign(np.diag(k))
+    k, rotation = k * signs, rotation * signs[:, None]
+    if abs(k[0, 1]) > _MOST_SKEW * k[0, 0]:
+        raise CaptureError(
+            path, where, "its pixels are not rectangles (skew), which no lens here has",
+            "export the cameras with square pixels",
+        )  # fmt: skip
+    pose = np.eye(4)
+    pose[:3, :3] = rotation.T
+    pose[:3, 3] = -np.linalg.solve(projection[:, :3], projection[:, 3])
+    k = k / k[2, 2]
+    lens = float(k[0, 0]), float(k[1, 1]), float(k[0, 2]) + 0.5, float(k[1, 2]) + 0.5
+    return lens, pose_opengl_from_opencv(pose)
+
+
+def _region(path: Path, spheres: dict[int, np.ndarray]) -> np.ndarray:
+    """World box [2, 3] around the sphere, which is the same for all photos."""
+    number = min(spheres)
+    matrix = spheres[number]
+    radius = float(np.linalg.norm(matrix[:3, 0]))
+    centre = matrix[:3, 3]
+    if not (1e-9 < radius < 1e12 and np.abs(centre).max() < 1e12):
+        raise CaptureError(
+            path, f"scale_mat_{number}", "its sphere has no size", "export the cameras again"
+        )
+    return np.stack([centre - radius, centre + radius])
