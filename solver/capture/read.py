@@ -9,7 +9,7 @@ from types import ModuleType
 
 from .capture import Capture
 from .errors import CaptureError, listed, shown
-from .files import check_readable
+from .files import check_readable, json_head
 from .formats import (
     bundler,
     colmap,
@@ -19,6 +19,7 @@ from .formats import (
     metashape,
     neus,
     openmvg,
+    opensfm,
     polycam,
     realitycapture,
     record3d,
@@ -36,8 +37,8 @@ from .photo_finder import (
 from .picture_names import VIDEOS
 
 FORMATS: tuple[ModuleType, ...] = (
-    transforms, colmap, metashape, realitycapture, meshroom, openmvg, polycam, record3d, bundler,
-    visualsfm, neus, gaussians, llff,
+    transforms, colmap, metashape, realitycapture, meshroom, openmvg, opensfm, polycam, record3d,
+    bundler, visualsfm, neus, gaussians, llff,
 )  # fmt: skip
 """readers, the likeliest first"""
 JOBS_FOLDER = "nmf_jobs"
@@ -50,6 +51,8 @@ _FILES_OF_SPLIT = {
     "test": ("transforms_test.json", "transforms_val.json"),
     "val": ("transforms_val.json", "transforms_test.json"),
 }
+_LENSES_ALONE = "OpenDroneMap's lenses, without poses", "give its opensfm/reconstruction.json"
+"""what is to be said of a cameras.json that is no capture, and what is to be given instead"""
 _AROUND = tuple(
     f"{folders}{name}" for folders in ("*/", "*/*/") for name in _FILES_OF_SPLIT["train"]
 )
@@ -131,6 +134,8 @@ def read_capture(
         check_readable(file)
     if reader is None and zipfile.is_zipfile(file):
         raise CaptureError(file, "", "this is an archive", "unpack it and give the folder")
+    if reader is None and _has_lenses_alone(file):
+        raise CaptureError(file, "", f"these are {_LENSES_ALONE[0]}", _LENSES_ALONE[1])
     if reader is None and file.suffix.lower() in VIDEOS:
         raise CaptureError(
             file, "", "a video has no cameras yet", "solve its cameras first, and give their folder"
@@ -218,6 +223,10 @@ def _search(folder: Path) -> Path | None:
     return None
 
 
+def _has_lenses_alone(file: Path) -> bool:
+    return b'"projection_type"' in json_head(file)
+
+
 def _several(folder: Path, files: list[Path]) -> CaptureError:
     names = [str(file.parent.relative_to(folder)) for file in files]
     return CaptureError(
@@ -239,4 +248,7 @@ def _nothing(folder: Path) -> CaptureError:
     elif (folder / "database.db").is_file():
         remedy = "give its model (sparse/0)"
         problem += ", for database.db is COLMAP's list of matches"
+    elif _has_lenses_alone(folder / "cameras.json"):
+        problem += f", for cameras.json is {_LENSES_ALONE[0]}"
+        remedy = _LENSES_ALONE[1]
     return CaptureError(folder, "", problem, remedy)

@@ -1,6 +1,7 @@
 """Files that the programs themselves wrote, against what else these files say: measurements, a drone's notes."""
 
 import dataclasses
+import json
 import math
 import shutil
 import xml.etree.ElementTree as ElementTree
@@ -16,6 +17,32 @@ DATA = Path(__file__).parent / "data"
 EQUATOR, FLATTENING = 6378137.0, 1 / 298.257223563  # WGS 84
 METRES = 22.039365691522473
 """of a unit of the chunk, by its file"""
+BERLIN_LENS = {
+    "projection_type": "perspective", "width": 3264, "height": 2448, "focal": 0.9604884463403544,
+    "k1": 0.013053492749756394, "k2": 0.000634069118971224,
+}  # fmt: skip
+BERLIN = {
+    "01.jpg": ([1.2093954126158601, -0.39118466329305634, 0.5160415730954907],
+               [-0.26707060536931448, 4.8370360553880705, 7.9002202403686352]),
+    "02.jpg": ([1.2940695283700199, -0.39214506990022585, 0.48363132932553921],
+               [0.19287960609884439, 2.0784473237458099, 0.73166782563733967]),
+    "03.jpg": ([1.0839814121206541, -0.37128827384298013, 0.51364781706265028],
+               [0.1637594261033862, -2.5303377747051177, -10.095115684431756]),
+}  # fmt: skip
+"""shots of OpenSfM's example (BSD licence), `data/berlin/reconstruction_example.json`"""
+BERLIN_POINTS = {
+    "1200": ((11.556704833598362, 29.559730007259816, 16.775597026449589),
+             {"02.jpg": (-0.176826, -0.192425), "03.jpg": (-0.295622, -0.165761)}),
+    "291": ((23.801048018301813, 35.752347648386468, 13.549828780490973),
+            {"01.jpg": (-0.023256, 0.0963318), "03.jpg": (-0.0260063, 0.097799)}),
+    "342": ((22.270307324195045, 20.391112968456145, 2.6251675477945851),
+            {"01.jpg": (0.166474, 0.299202), "02.jpg": (0.247501, 0.202332)}),
+    "294": ((8.2515508515555585, 30.307362676330328, 3.7101332341751849),
+            {"02.jpg": (-0.298173, 0.172396)}),
+    "279": ((5.7162466116633421, 28.618016168805713, 9.3872636129040998),
+            {"02.jpg": (-0.353478, -0.0220448)}),
+}  # fmt: skip
+"""its points, and where `tracks_example.csv` has them in its photos, from the middle in longer sides"""
 
 
 def test_visualsfms_points_project_to_where_it_measured_them(tmp_path):
@@ -40,6 +67,27 @@ def test_visualsfms_points_project_to_where_it_measured_them(tmp_path):
                 without_lens.append(math.dist(pinhole.project(values[None, :3])[0][0], measured))
     assert len(misses) == 13 and max(misses) < 3
     assert np.mean(misses) < 0.6 * np.mean(without_lens)
+
+
+def test_opensfms_points_project_to_where_it_measured_them(tmp_path):
+    save_photos(tmp_path / "images", BERLIN, (3264, 2448), "")
+    shots = {
+        name: {"rotation": turn, "translation": place, "camera": "apple iphone 4s"}
+        for name, (turn, place) in BERLIN.items()
+    }
+    points = {name: {"coordinates": place} for name, (place, _) in BERLIN_POINTS.items()}
+    content = [{"cameras": {"apple iphone 4s": BERLIN_LENS}, "shots": shots, "points": points}]
+    (tmp_path / "reconstruction.json").write_text(json.dumps(content))
+    cameras = {item.image_path.name: item for item in read_capture(tmp_path).cameras}
+    misses = []
+    for place, seen in BERLIN_POINTS.values():
+        for name, (x, y) in seen.items():
+            pixel, depth = cameras[name].project(np.array([place]))
+            assert depth[0] > 0
+            # It counts pixels from the centre of the first one.
+            measured = x * 3264 + (3264 - 1) / 2 + 0.5, y * 3264 + (2448 - 1) / 2 + 0.5
+            misses.append(math.dist(pixel[0], measured))
+    assert len(misses) == 8 and max(misses) < 3
 
 
 def test_metashapes_cameras_are_where_the_drone_was_and_look_where_it_looked(tmp_path):

@@ -1,4 +1,4 @@
-"""What must hold of Meshroom's and OpenMVG's JSON alike: hostile, cut and shuffled files."""
+"""What must hold of Meshroom's, OpenMVG's and OpenSfM's JSON alike: hostile, cut and shuffled files."""
 
 import copy
 import json
@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from solver.capture.read import read_capture
-from tests.capture import test_meshroom, test_openmvg
+from tests.capture import test_meshroom, test_openmvg, test_opensfm
 from tests.capture.programs import COUNT, HOSTILE, outcome, places, poses, put
 
 FUZZ = settings(
@@ -17,9 +17,11 @@ FUZZ = settings(
 )
 
 
-@pytest.fixture(params=[test_meshroom, test_openmvg], ids=["Meshroom", "OpenMVG"])
+@pytest.fixture(
+    params=[test_meshroom, test_openmvg, test_opensfm], ids=["Meshroom", "OpenMVG", "OpenSfM"]
+)
 def program(request):
-    """How one of the two writes a scene."""
+    """How one of them writes a scene."""
     return request.param
 
 

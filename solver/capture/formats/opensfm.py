@@ -1,0 +1,237 @@
+"""OpenSfM's `reconstruction.json`, which OpenDroneMap and WebODM write as `opensfm/reconstruction.json`.
+
+A list of reconstructions that share no world; the largest is read. A shot, called by its photo's name, has
+the rotation (an axis times an angle) and translation from the world to OpenCV's camera axes. Shots of a
+rig repeat their pose; where one does not, it is its camera's in the rig after the rig's in the world.
+
+Lengths in a picture are counted in its longer side from its middle, with y down: the middle of the pixels,
+(w − 1) / 2 in OpenSfM's count from the centre of the first one, is w / 2 here. With x = X / Z, y = Y / Z,
+or of a fisheye (x, y) as long as the angle θ from the axis (`camera_projections_functions.h`,
+`camera_distortions_functions.h`, `camera_instances.h`; the manual's formulas leave squares out):
+
+    perspective, radial, simple_radial    (x, y) (1 + k1 r² + k2 r⁴)
+    brown                                 OpenCV's k1 k2 p1 p2 k3
+    fisheye, fisheye_opencv               (x, y) (1 + k1 θ² + … + k4 θ⁸)
+    fisheye62, fisheye624                 (x, y) (1 + k1 θ² + … + k6 θ¹²), plus OpenCV's tangential terms
+                                          and the prism's s0 θ² + s1 θ⁴, s2 θ² + s3 θ⁴, all of (x, y)
+    dual                                  as perspective, of (x, y) between the perspective one and the
+                                          fisheye's: `transition` is 1 for the one, 0 for the other
+    u = focal_x x' + c_x, v = focal_y y' + c_y
+
+The world has metres with +X east, +Y north and +Z up from `reference_lla` on; without GPS that is 0, 0, 0,
+the scale is anyone's, and +Z is up as well as OpenSfM could tell (doc/source/geometry.rst).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..brown_lens import polynomial_lens
+from ..capture import Capture
+from ..errors import CaptureError, shown
+from ..files import mapping, number, numbers, read_json, rigid_pose, text_head
+from ..frames import invert_pose, pose_opengl_from_opencv, rotation_from_quaternion
+from ..intake import Found, Intrinsics, assemble, without_pose
+from ..photo_finder import PhotoFinder
+from ..sparse_points import SparsePoints
+
+NAME = "OpenSfM reconstruction.json"
+EXTENSIONS = (".json",)
+PATTERNS = (
+    "reconstruction.json", "opensfm/reconstruction.json", "*/reconstruction.json",
+    "*/opensfm/reconstruction.json",
+)  # fmt: skip
+
+_UP = (0.0, 0.0, 1.0)
+_PANORAMAS = ("spherical", "equirectangular")
+_PLAIN = ("k1", "k2")
+_WIDE = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "s0", "s1", "s2", "s3")
+_NUMBERS = {
+    "perspective": _PLAIN,
+    "simple_radial": _PLAIN[:1],
+    "radial": _PLAIN,
+    "brown": ("k1", "k2", "k3", "p1", "p2"),
+    "fisheye": _PLAIN,
+    "fisheye_opencv": _WIDE[:4],
+    "fisheye62": _WIDE[:8],
+    "fisheye624": _WIDE,
+    "dual": _PLAIN,
+}
+"""what a lens has beside its focal length"""
+_ONE_FOCAL = ("perspective", "fisheye", "dual")
+"""lenses with square pixels and the axis in the middle"""
+
+
+def recognises(file: Path) -> bool:
+    """True for a list that begins with cameras and shots, also if it is cut off.
+
+    OpenDroneMap's `cameras.json` has lenses alone, and is no list.
+    """
+    head = text_head(file, 1 << 20)
+    return head[:1] == b"[" and b'"cameras"' in head and b'"shots"' in head
+
+
+def read(path: Path, photos: PhotoFinder) -> Capture:
+    """Read the reconstruction with the most shots.
+
+    Raises:
+        CaptureError: anything that cannot be used, with file, field and remedy.
+    """
+    content = read_json(path)
+    if not isinstance(content, list) or not content:
+        raise CaptureError(
+            path, "", "there is no list of reconstructions", "solve the photos again"
+        )
+    scenes = [mapping(path, f"[{i}]", scene) for i, scene in enumerate(content)]
+    shots = [mapping(path, f"[{i}].shots", s.get("shots", {})) for i, s in enumerate(scenes)]
+    largest = max(range(len(scenes)), key=lambda i: len(shots[i]))
+    scene, at = scenes[largest], f"[{largest}]"
+    cameras = mapping(path, f"{at}.cameras", scene.get("cameras", {}))
+    # They have changed with OpenSfM's versions, and matter only where a shot does not say it all.
+    has_all = all(isinstance(s, dict) and s.get("rotation") for s in shots[largest].values())
+    rigs = {} if has_all else _rigs(path, at, scene)
+    lenses: dict[str, Intrinsics] = {}
+    found, lost = [], []
+    for name, shot in shots[largest].items():
+        where = f"{at}.shots.{shown(name)}"
+        shot = mapping(path, where, shot)
+        from_world = _pose(path, where, shot) if shot.get("rotation") else rigs.get(name)
+        if from_world is None:
+            lost.append(name)
+            continue
+        key = shot.get("camera")
+        if not isinstance(key, str) or key not in cameras:
+            raise CaptureError(path, f"{where}.camera", "its camera is missing", "export it again")
+        stated = f"images/{name}"  # where OpenSfM and OpenDroneMap have their photos
+        photo = photos.find(stated, beside=path)
+        if photos.serves(photo) and key not in lenses:
+            lenses[key] = _intrinsics(path, f"{at}.cameras.{shown(key)}", cameras[key])
+        pose = pose_opengl_from_opencv(invert_pose(rigid_pose(path, where, from_world)))
+        found.append(Found(where, stated, photo, pose, lenses.get(key)))
+    warnings = list(without_pose(
+        path, f"{at}.shots", lost, len(shots[largest]), "give the file that a reconstruction has written"
+    ))  # fmt: skip
+    if len(scenes) > 1:
+        others = sum(map(len, shots)) - len(shots[largest])
+        warnings.append(f"{path.name}: of {len(scenes)} reconstructions only the largest is read; "
+                        f"{others} photos are in others")  # fmt: skip
+    return assemble(
+        path, NAME, found, photos, points=_points(path, at, scene), up=_UP,
+        metric=_is_placed(path, at, scene), warnings=tuple(warnings),
+    )  # fmt: skip
+
+
+def _pose(path: Path, where: str, entry: dict) -> np.ndarray:
+    """A rotation and translation [4, 4]."""
+    axis = numbers(path, f"{where}.rotation", entry.get("rotation"), 3)
+    matrix = np.eye(4)
+    with np.errstate(all="ignore"):  # what is no rotation is found by `rigid_pose`
+        half = np.linalg.norm(axis) / 2
+        quaternion = (np.cos(half), *(0.5 * np.sinc(half / np.pi) * axis))
+        matrix[:3, :3] = rotation_from_quaternion(np.array(quaternion))
+    # OpenSfM takes a missing one for none.
+    matrix[:3, 3] = numbers(path, f"{where}.translation", entry.get("translation", [0, 0, 0]), 3)
+    return matrix
+
+
+def _rigs(path: Path, at: str, scene: dict) -> dict[str, np.ndarray]:
+    """World-to-camera matrices [4, 4] of the photos of rigs."""
+
+    def entries(field: str) -> list[tuple[str, str, dict]]:
+        place = f"{at}.{field}"
+        listed = mapping(path, place, scene.get(field) or {}).items()
+        return [
+            (key, f"{place}.{shown(key)}", mapping(path, f"{place}.{shown(key)}", entry))
+            for key, entry in listed
+        ]
+
+    inner = {key: _pose(path, where, entry) for key, where, entry in entries("rig_cameras")}
+    found = {}
+    for _, where, entry in entries("rig_instances"):
+        members = mapping(path, f"{where}.rig_camera_ids", entry.get("rig_camera_ids") or {})
+        for name, key in members.items():
+            if isinstance(key, str) and key in inner and entry.get("rotation"):
+                found[name] = inner[key] @ _pose(path, where, entry)
+    return found
+
+
+def _intrinsics(path: Path, where: str, entry: Any) -> Intrinsics:
+    entry = mapping(path, where, entry)
+    kind = entry.get("projection_type", "perspective")
+    if not isinstance(kind, str) or kind not in _NUMBERS:
+        remedy = "use one of " + ", ".join(_NUMBERS)
+        if kind in _PANORAMAS:
+            remedy = "cut the panoramas into perspective photos, and solve those"
+        raise CaptureError(
+            path, f"{where}.projection_type", f"the lens model '{shown(kind)}' is not supported", remedy
+        )  # fmt: skip
+
+    def value(name: str, default: float | None = None) -> float:
+        if name not in entry and default is not None:
+            return default
+        return number(path, f"{where}.{name}", entry.get(name))
+
+    width, height = int(value("width")), int(value("height"))
+    longer = max(width, height)
+    if kind in _ONE_FOCAL:
+        fx = fy = value("focal") * longer
+        cx, cy = width / 2, height / 2
+    else:
+        fx, fy = value("focal_x") * longer, value("focal_y") * longer
+        cx, cy = (
+            side / 2 + value(name, 0.0) * longer for side, name in ((width, "c_x"), (height, "c_y"))
+        )
+    k = {name: value(name, 0.0) for name in _NUMBERS[kind]}
+    equidistant = kind.startswith("fisheye")
+    if kind == "dual":
+        share = value("transition", 0.5)
+        if share not in (0.0, 1.0):
+            raise _no_lens(path, where, f"'dual' with a transition of {share:g}")
+        equidistant = share == 0
+    lens = _lens(k, equidistant)
+    if lens is None:
+        raise _no_lens(
+            path, where, f"'{kind}' with k5 or k6, s1 or s3 beside tangential terms or a prism"
+        )
+    return Intrinsics(width, height, fx, fy, cx, cy, *lens)
+
+
+def _lens(k: dict[str, float], equidistant: bool) -> tuple[str, tuple[float, ...]] | None:
+    """The lens that is just this polynomial; None if there is none."""
+    k1, k2, k3, k4, k5, k6, p1, p2, s0, s1, s2, s3 = (k.get(name, 0.0) for name in _WIDE)
+    if not any((k5, k6, s0, s1, s2, s3)):
+        return polynomial_lens((k1, k2, k3, k4), (p1, p2), equidistant=equidistant)
+    if not any((k5, k6, s1, s3)):
+        return "thin_prism_fisheye", (k1, k2, p1, p2, k3, k4, s0, s2)
+    if not any((p1, p2, s0, s1, s2, s3)):
+        # Beside k1 … k6 that one bends the image, not the direction; here nothing is bent.
+        return "rad_tan_thin_prism_fisheye", (k1, k2, k3, k4, k5, k6) + (0.0,) * 6
+    return None
+
+
+def _no_lens(path: Path, where: str, what: str) -> CaptureError:
+    return CaptureError(
+        path, f"{where}.projection_type", f"there is no lens here that is the same as {what}",
+        "solve the photos again with the lens 'brown', or 'fisheye_opencv' for a fisheye",
+    )  # fmt: skip
+
+
+def _points(path: Path, at: str, scene: dict) -> np.ndarray:
+    points = SparsePoints()
+    for key, point in mapping(path, f"{at}.points", scene.get("points") or {}).items():
+        where = f"{at}.points.{shown(key)}"
+        stated = mapping(path, where, point).get("coordinates")
+        points.add(*numbers(path, f"{where}.coordinates", stated, 3))
+    return points.array()
+
+
+def _is_placed(path: Path, at: str, scene: dict) -> bool:
+    """True if photos had GPS, so that the world has metres."""
+    place = mapping(path, f"{at}.reference_lla", scene.get("reference_lla") or {})
+    return any(
+        number(path, f"{at}.reference_lla.{name}", place.get(name, 0.0))
+        for name in ("latitude", "longitude", "altitude")
+    )
