@@ -11,6 +11,7 @@ from .capture import Capture
 from .errors import CaptureError, listed, shown
 from .files import check_readable, json_head
 from .formats import (
+    blocks_exchange,
     bundler,
     colmap,
     gaussians,
@@ -37,8 +38,8 @@ from .photo_finder import (
 from .picture_names import VIDEOS
 
 FORMATS: tuple[ModuleType, ...] = (
-    transforms, colmap, metashape, realitycapture, meshroom, openmvg, opensfm, polycam, record3d,
-    bundler, visualsfm, neus, gaussians, llff,
+    transforms, colmap, metashape, realitycapture, meshroom, openmvg, opensfm, blocks_exchange,
+    polycam, record3d, bundler, visualsfm, neus, gaussians, llff,
 )  # fmt: skip
 """readers, the likeliest first"""
 JOBS_FOLDER = "nmf_jobs"
