@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 BASE_PACKAGE = __package__.rpartition(".")[0]
@@ -18,3 +19,12 @@ def user_folder(name: str) -> Path:
     folder = Path(bpy.utils.user_resource("DATAFILES", path=EXTENSION_ID, create=True)) / name
     folder.mkdir(parents=True, exist_ok=True)
     return folder
+
+
+def short_user_folder() -> Path | None:
+    """Windows' folder for large things of a person's programs, a part of it for each version of Blender;
+    it has a short path, but stays when the extension goes. None elsewhere."""
+    import bpy
+
+    local = os.environ.get("LOCALAPPDATA", "")
+    return Path(local) / "nmf" / "{}.{}".format(*bpy.app.version) if local else None

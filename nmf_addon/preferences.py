@@ -29,7 +29,7 @@ class NMF_preferences(bpy.types.AddonPreferences):
     runtime_folder: bpy.props.StringProperty(
         name="Folder",
         description="Where the solver is set up; leave empty for the extension's own folder, which "
-        "goes when the extension is removed",
+        "goes when the extension is removed (on Windows for one in AppData\\Local, which stays)",
         subtype="DIR_PATH",
         options=PATH_OPTIONS,
         update=lambda self, context: runtime.forget(),

@@ -9,13 +9,16 @@ import sys
 import time
 from pathlib import Path
 
-from .names import REPOSITORY, user_folder
+from .names import REPOSITORY, short_user_folder, user_folder
 
+WINDOWS = os.name == "nt"
 REQUIREMENTS = REPOSITORY / "solver" / "requirements.txt"
 BOOTSTRAP = REPOSITORY / "solver" / "bootstrap.py"
 PYTHON_VARIABLE, BOOTSTRAP_VARIABLE = "NMF_SOLVER_PYTHON", "NMF_SOLVER_BOOTSTRAP"
 RUNTIME_VARIABLE = "NMF_RUNTIME_FOLDER"
 ENVIRONMENT, RECORD = "environment", "runtime.json"
+LONGEST_FOLDER = 60
+"""characters of a runtime's folder on Windows: paths may have 259, and PyTorch's files take 190 below it"""
 REMEMBER = 3.0  # seconds for which an answer about the disk is good enough for a panel
 # What Blender's packaging (AppImage, Snap, Steam) or a shell may have set for its own Python.
 DROPPED = (
@@ -31,15 +34,23 @@ class RuntimeMissing(RuntimeError):
 
 def environment_python(folder: Path) -> Path:
     """The Python of a virtual environment."""
-    if os.name == "nt":
+    if WINDOWS:
         return folder / "Scripts" / "python.exe"
     return folder / "bin" / "python"
 
 
 def managed_runtime(chosen_folder: str = "") -> Path:
-    """Where "Set up solver" builds: the person's folder, or one that goes with the extension."""
+    """Where "Set up solver" builds: the person's folder, or one that goes with the extension.
+
+    On Windows the extension's folder lies so deep that packages have no room in it.
+    """
     chosen = chosen_folder or os.environ.get(RUNTIME_VARIABLE, "")
-    return Path(chosen) if chosen else user_folder("runtime")
+    if chosen:
+        return Path(chosen)
+    folder = user_folder("runtime")
+    if WINDOWS and len(str(folder)) > LONGEST_FOLDER:
+        return short_user_folder() or folder
+    return folder
 
 
 def solver_python(chosen: str = "", runtime_folder: str = "") -> Path:

@@ -10,6 +10,7 @@ removed.
 """
 
 import argparse
+import errno
 import hashlib
 import json
 import os
@@ -22,6 +23,8 @@ import threading
 from pathlib import Path
 
 CANCELLED = 3
+DEEPEST = ("n" * 59, "n" * 59, "n" * 59, "n" * 9)
+"""as long a path as the longest of the packages' files has in an environment: a licence in PyTorch"""
 _children: list[subprocess.Popen] = []
 _cancelled = threading.Event()
 
@@ -69,6 +72,7 @@ def build(options: argparse.Namespace, new: Path) -> None:
     """
     shutil.rmtree(new, ignore_errors=True)
     options.folder.mkdir(parents=True, exist_ok=True)
+    check_room_for_paths(new)
     say(0.01, "Creating the environment")
     command = [sys.executable, "-I", "-m", "venv", str(new)]
     run(command, "The environment could not be created; choose another Python to build with.")
@@ -80,6 +84,30 @@ def build(options: argparse.Namespace, new: Path) -> None:
         run(command, "The packages were installed, but the solver does not start with them.")
     write_record(options, new)
     put_in_place(new, options.folder / "environment", options.folder / "previous")
+
+
+def check_room_for_paths(new: Path) -> None:
+    """Make and remove a file as deep in the environment as the packages' files go.
+
+    Windows allows paths of 259 characters unless somebody has switched longer ones on; pip would find
+    out after the download.
+
+    Raises:
+        StepFailed: there is no room. OSError: nothing can be written there.
+    """
+    deepest = new.joinpath(*DEEPEST)
+    try:
+        deepest.parent.mkdir(parents=True)
+        deepest.touch()
+    except OSError as error:
+        if error.errno not in (errno.ENOENT, errno.ENAMETOOLONG):
+            raise
+        raise StepFailed(
+            f"{new.parent}: the packages' files would have longer paths than this system allows; choose "
+            "a Folder with a shorter path in the preferences, such as C:\\nmf."
+        ) from error
+    finally:
+        shutil.rmtree(new, ignore_errors=True)
 
 
 def install(options: argparse.Namespace, new: Path) -> None:

@@ -158,6 +158,36 @@ def test_a_runtime_whose_python_is_gone_is_not_taken(part, tmp_path, monkeypatch
         runtime.solver_python(runtime_folder=str(tmp_path))
 
 
+def test_on_windows_the_runtime_is_where_the_packages_paths_have_room(part, tmp_path, monkeypatch):
+    runtime, names = part("runtime"), part("names")
+    deep = Path("/" + "d" * runtime.LONGEST_FOLDER)
+    monkeypatch.setattr(runtime, "user_folder", lambda name: deep)
+    assert runtime.managed_runtime() == deep
+    monkeypatch.setattr(runtime, "WINDOWS", True)
+    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
+    version = "{}.{}".format(*bpy.app.version)
+    assert runtime.managed_runtime() == names.short_user_folder() == tmp_path / "nmf" / version
+    assert runtime.managed_runtime("/chosen") == Path("/chosen")
+    monkeypatch.delenv("LOCALAPPDATA")
+    assert runtime.managed_runtime() == deep
+    home = "C:\\Users\\A Name As Long As Can\\AppData\\Local\\nmf\\10.10"
+    assert len(home) <= runtime.LONGEST_FOLDER
+    longest = sum(len(name) + 1 for name in part("setup_runtime").DEEPEST)
+    assert runtime.LONGEST_FOLDER + len("/building") + longest <= 259
+
+
+def test_a_folder_too_deep_for_the_packages_is_refused_before_they_are_fetched(part, tmp_path):
+    script, folder = part("setup_runtime"), tmp_path
+    while len(str(folder)) < os.pathconf(tmp_path, "PC_PATH_MAX") - 150:
+        folder = folder / ("d" * 100)
+    folder.mkdir(parents=True)
+    with pytest.raises(script.StepFailed, match="choose a Folder with a shorter path"):
+        script.check_room_for_paths(folder / "building")
+    assert os.listdir(folder) == []
+    script.check_room_for_paths(tmp_path / "building")
+    assert not (tmp_path / "building").exists()
+
+
 def test_the_persons_choice_comes_first(part, tmp_path, monkeypatch):
     runtime = part("runtime")
     chosen, variable = tmp_path / "chosen", tmp_path / "variable"
