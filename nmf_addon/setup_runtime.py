@@ -20,11 +20,14 @@ import shutil
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 CANCELLED = 3
 DEEPEST = ("n" * 59, "n" * 59, "n" * 59, "n" * 9)
 """as long a path as the longest of the packages' files has in an environment: a licence in PyTorch"""
+PATIENCE = 20.0
+"""seconds for which a virus scanner on Windows may hold what was just written"""
 _children: list[subprocess.Popen] = []
 _cancelled = threading.Event()
 
@@ -200,14 +203,34 @@ def put_in_place(new: Path, final: Path, old: Path) -> None:
     """Rename the complete environment to its place; the one that was there goes."""
     shutil.rmtree(old, ignore_errors=True)
     if final.exists():
-        final.rename(old)
+        rename(final, old)
     try:
-        new.rename(final)
-    except OSError:
+        rename(new, final)
+    except (OSError, StepFailed):
         if old.exists():
-            old.rename(final)
+            rename(old, final)
         raise
     shutil.rmtree(old, ignore_errors=True)
+
+
+def rename(source: Path, target: Path) -> None:
+    """Rename a folder; Windows does so only once nobody has a file in it open.
+
+    Raises:
+        StepFailed: somebody has. OSError: another reason.
+    """
+    end = time.monotonic() + PATIENCE
+    while True:
+        try:
+            source.rename(target)
+            return
+        except PermissionError as error:
+            if time.monotonic() > end:
+                raise StepFailed(
+                    f"{source}: it cannot be renamed ({error.strerror}); end what uses it, such as a "
+                    "solver of another Blender, then press Set Up Solver again."
+                ) from error
+            time.sleep(0.1)
 
 
 def python_of(environment: Path) -> Path:

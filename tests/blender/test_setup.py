@@ -106,6 +106,33 @@ def test_a_failed_or_cancelled_set_up_leaves_the_old_one_working(build, tmp_path
     assert (folder / "environment" / "runtime.json").read_text() == before
 
 
+def test_a_virus_scanner_may_hold_what_was_just_installed(part, tmp_path, monkeypatch):
+    """As on Windows, where no folder can be renamed in which a file is open."""
+    script, rename, held = part("setup_runtime"), Path.rename, {"building": 3}
+    new, final, old = (tmp_path / name for name in ("building", "environment", "previous"))
+
+    def patient(path, target):
+        held[path.name] = held.get(path.name, 0) - 1
+        if held[path.name] >= 0:
+            raise PermissionError(13, "Access is denied", str(path))
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "rename", patient)
+    for folder in (new, final):
+        folder.mkdir()
+        (folder / "which").write_text(folder.name)
+    script.put_in_place(new, final, old)
+    assert os.listdir(tmp_path) == ["environment"]
+    assert (final / "which").read_text() == "building"
+
+    monkeypatch.setattr(script, "PATIENCE", 0.0)
+    new.mkdir()
+    held["building"] = 99
+    with pytest.raises(script.StepFailed, match="building: it cannot be renamed .*another Blender"):
+        script.put_in_place(new, final, old)
+    assert (final / "which").read_text() == "building", "the one before is back"
+
+
 def test_the_set_up_ends_with_blender(part, wheelhouse, tmp_path):
     """Blender is killed: its end of stdin closes, pip and the half-built environment go."""
     script = part("setup_monitor").SCRIPT
