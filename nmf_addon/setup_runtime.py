@@ -19,6 +19,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import sysconfig
 import threading
 import time
 from pathlib import Path
@@ -143,7 +144,24 @@ def install(options: argparse.Namespace, new: Path) -> None:
         elif line.startswith("Installing collected"):
             say(0.75, "Installing the packages")
 
-    run(command, "pip could not install the packages; see above.", listen)
+    failure = f"pip could not install the packages; see above. {why_without_packages()}".strip()
+    run(command, failure, listen)
+
+
+def why_without_packages() -> str:
+    """Why there are no packages for this computer, one sentence; empty where there are."""
+    if sys.platform == "darwin" and platform.machine() == "x86_64":
+        return (
+            "They no longer come for Intel Macs; on a Mac with Apple's chip, take Blender for that."
+        )
+    if sys.platform == "darwin" and int(platform.mac_ver()[0].partition(".")[0] or 14) < 14:
+        return "They need macOS 14 or newer."
+    if sysconfig.get_platform() in ("win32", "win-arm64"):
+        return (
+            "They need a Python of 64 bits for Intel's and AMD's processors: install one and choose it as "
+            "Build With in the preferences."
+        )
+    return ""
 
 
 def words_of(text: str) -> list[str]:
@@ -186,7 +204,9 @@ def run(command: list[str], failure: str, listen=None) -> None:
 def write_record(options: argparse.Namespace, new: Path) -> None:
     """`runtime.json` inside the environment: what it holds, and of which requirements."""
     command = [str(python_of(new)), "-I", "-c", _VERSIONS]
-    answer = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    answer = subprocess.run(
+        command, capture_output=True, stdin=subprocess.DEVNULL, encoding="utf-8", errors="replace"
+    )
     if answer.returncode != 0:
         raise StepFailed(
             f"The packages do not load together: {answer.stderr.strip()[-500:]} (see requirements)"

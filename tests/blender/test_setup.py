@@ -215,6 +215,36 @@ def test_a_folder_too_deep_for_the_packages_is_refused_before_they_are_fetched(p
     assert not (tmp_path / "building").exists()
 
 
+@pytest.mark.parametrize(
+    ("system", "machine", "mac", "built_for", "said"),
+    [
+        ("darwin", "x86_64", "14.5", "macosx-11.0-x86_64", "Intel Macs"),
+        ("darwin", "arm64", "13.7.1", "macosx-11.0-arm64", "macOS 14 or newer"),
+        ("darwin", "arm64", "26.1", "macosx-11.0-arm64", ""),
+        ("win32", "ARM64", "", "win-arm64", "Build With"),
+        ("win32", "AMD64", "", "win-amd64", ""),
+        ("linux", "x86_64", "", "linux-x86_64", ""),
+    ],
+)
+def test_a_computer_that_there_are_no_packages_for_is_told(
+    part, tmp_path, monkeypatch, system, machine, mac, built_for, said
+):
+    script, told = part("setup_runtime"), []
+    monkeypatch.setattr(sys, "platform", system)
+    monkeypatch.setattr(script.platform, "machine", lambda: machine)
+    monkeypatch.setattr(script.platform, "mac_ver", lambda: (mac, ("", "", ""), machine))
+    monkeypatch.setattr(script.sysconfig, "get_platform", lambda: built_for)
+    monkeypatch.setattr(script, "run", lambda command, failure, listen: told.append(failure))
+    (tmp_path / "requirements.txt").write_text("torch==2.13.0\n")
+    options = script.argparse.Namespace(
+        requirements=tmp_path / "requirements.txt", wheelhouse=None, pip_arguments=""
+    )
+    script.install(options, tmp_path)
+    before, _, why = told[0].partition("; see above.")
+    assert before == "pip could not install the packages"
+    assert said in why and bool(why) == bool(said)
+
+
 def test_the_persons_choice_comes_first(part, tmp_path, monkeypatch):
     runtime = part("runtime")
     chosen, variable = tmp_path / "chosen", tmp_path / "variable"
