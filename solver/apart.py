@@ -43,6 +43,8 @@ def run_apart(work: Callable[..., Any], *args: Any, progress: Callable[[float], 
         # for ever (it keeps that pipe's other end open itself).
         ours.send((work, args))
         while True:
+            # Looked at first: what a process has sent before its end is still there.
+            alive = process.is_alive()
             if ours.poll(TURN):
                 kind, value = ours.recv()
                 if kind == "done":
@@ -51,6 +53,9 @@ def run_apart(work: Callable[..., Any], *args: Any, progress: Callable[[float], 
                 if kind == "failed":
                     raise ApartError(value)
                 told = value
+            elif not alive:
+                # On Windows Python itself may hold the pipe's other end, so that it never ends.
+                raise EOFError
             progress(told)
     except (EOFError, ConnectionError):
         process.join()

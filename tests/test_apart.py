@@ -25,6 +25,13 @@ def die(progress):
     os._exit(3)
 
 
+def die_but_for_the_pipe(progress):
+    """Its end of the pipe stays open, as on Windows that of a process that died while it started does."""
+    if os.fork() == 0:
+        time.sleep(20)
+    os._exit(3)
+
+
 def sleep(file, progress):
     file.write_text(str(os.getpid()))
     time.sleep(60)
@@ -43,6 +50,14 @@ def test_a_result_comes_from_another_process_and_progress_is_told():
 def test_an_error_or_a_death_is_told(work, message):
     with pytest.raises(ApartError, match=message):
         run_apart(work, progress=lambda done: None)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="shown by a process that was forked")
+def test_a_death_is_told_whoever_holds_the_pipe():
+    began = time.monotonic()
+    with pytest.raises(ApartError, match="ended with code 3"):
+        run_apart(die_but_for_the_pipe, progress=lambda done: None)
+    assert time.monotonic() - began < 15
 
 
 def test_what_progress_raises_ends_the_process(tmp_path):
