@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..job.folder import JobError, JobFolder
+from ..job.folder import JobError, JobFolder, replace_file
 
 
 def export_result(job: JobFolder, out: Path) -> Path:
@@ -39,7 +39,7 @@ def new_folder(out: Path) -> Iterator[Path]:
         yield part
         if out.exists():
             out.rmdir()
-        part.rename(out)
+        replace_file(part, out)
     except OSError as error:
         raise _first_of(error, out) from error
     finally:

@@ -16,6 +16,7 @@ from ..capture.colour import REC709
 from ..capture.errors import CaptureError
 from ..capture.sharpness import sharpness_of
 from ..capture.video import Frame, frame_count, frames
+from ..job.folder import replace_file
 from ..threads import usable_cores
 from .folder import FEWEST_PHOTOS, photos_below
 
@@ -60,7 +61,7 @@ def take_photos(
         except BaseException:
             shutil.rmtree(part)
             raise
-        part.rename(folder)
+        replace_file(part, folder)
     return photos_below(folder)
 
 

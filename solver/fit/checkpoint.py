@@ -86,7 +86,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     }  # fmt: skip
     part = folder.with_name(folder.name + ".part")
     shutil.rmtree(part, ignore_errors=True)
-    part.mkdir(parents=True)
+    part.mkdir(parents=True, exist_ok=True)
     save_file({k: v.detach().contiguous().cpu() for k, v in tensors.items()}, part / TENSORS)
     write_json_atomic(part / STATE, state)
     old = set_aside(folder)

@@ -13,11 +13,12 @@ import json
 import math
 import os
 import time
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+Result = TypeVar("Result")
 SCHEMA_VERSION = 1
 MOST_SEED = (1 << 63) - 1
 EVEN = 1e-3
@@ -223,7 +224,7 @@ class JobFolder:
     def request(self) -> JobRequest:
         """What was asked."""
         try:
-            content = json.loads(self.request_path.read_text(encoding="utf-8"))
+            content = json.loads(read_replaced(self.request_path))
         except (OSError, ValueError) as error:
             raise JobError(f"{self.request_path}: it cannot be read ({error}).") from error
         return JobRequest.from_json(content, self.request_path)
@@ -244,7 +245,7 @@ class JobFolder:
             JobError: there is no complete result.
         """
         try:
-            content = json.loads(self.manifest_path.read_text(encoding="utf-8"))
+            content = json.loads(read_replaced(self.manifest_path))
         except FileNotFoundError as error:
             raise JobError(
                 f"{self.root}: the job has no complete result yet; resume it."
@@ -295,12 +296,25 @@ def write_json_atomic(path: Path, content: Any) -> None:
 
 
 def replace_file(source: Path, target: Path) -> None:
-    """`os.replace`, patient with Windows, where a virus scanner may hold the target for a moment."""
-    for attempt in range(20):
+    """`os.replace`, patient with Windows, where nothing is replaced that a reader or a virus scanner holds.
+
+    A folder is held by any of its files, and longer.
+    """
+    _patiently(lambda: os.replace(source, target), 10.0 if source.is_dir() else 1.0)
+
+
+def read_replaced(path: Path) -> str:
+    """The text of a file that may be replaced just now; Windows lets nobody open it in that moment."""
+    return _patiently(lambda: path.read_text(encoding="utf-8"), 0.1)
+
+
+def _patiently(work: Callable[[], Result], seconds: float) -> Result:
+    """What `work` returns, tried again for some time while it is denied access."""
+    end = time.monotonic() + seconds
+    while True:
         try:
-            os.replace(source, target)
-            return
+            return work()
         except PermissionError:
-            if attempt == 19:
+            if time.monotonic() > end:
                 raise
-            time.sleep(0.05)
+            time.sleep(0.02)

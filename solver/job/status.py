@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from .folder import write_json_atomic
+from .folder import read_replaced, write_json_atomic
 
 
 class Heartbeat:
@@ -53,13 +53,15 @@ class Heartbeat:
 
     def _write(self) -> None:
         self._last = time.monotonic()
-        write_json_atomic(self._path, {**self._identity, "time": time.time(), **self._entry})
+        # A program that holds the file on Windows lets go of it before another beat.
+        with contextlib.suppress(PermissionError):
+            write_json_atomic(self._path, {**self._identity, "time": time.time(), **self._entry})
 
 
 def read_status(path: Path) -> dict[str, Any]:
     """The last status; {} if there is none."""
     try:
-        status = json.loads(path.read_text(encoding="utf-8"))
+        status = json.loads(read_replaced(path))
     except (OSError, ValueError):
         return {}
     return status if isinstance(status, dict) else {}

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from solver.job import folder
 from solver.job.events import EventStream
 from solver.job.folder import JobError, JobFolder, JobRequest, write_json_atomic
+from solver.job.status import read_status
 
 number = st.floats(allow_nan=False, allow_infinity=False, width=32)
 requests = st.builds(
@@ -181,6 +182,52 @@ def test_a_failed_write_leaves_the_old_file_and_no_litter(tmp_path, monkeypatch)
         write_json_atomic(path, {"n": 2})
     assert json.loads(path.read_text()) == {"n": 1}
     assert os.listdir(tmp_path) == ["job.json"]
+
+
+@pytest.mark.parametrize("is_folder", [False, True])
+def test_what_a_reader_holds_on_windows_is_replaced_once_it_lets_go(
+    tmp_path, monkeypatch, is_folder
+):
+    source, target, denied = tmp_path / "new", tmp_path / "there", []
+    source.mkdir() if is_folder else source.touch()
+    replace, slept, clock = os.replace, [], [0.0]
+
+    def held(*paths):
+        if sum(slept) < (5.0 if is_folder else 0.5):
+            denied.append(paths)
+            raise PermissionError(13, "Access is denied")
+        replace(*paths)
+
+    def sleep(seconds):
+        slept.append(seconds)
+        clock[0] += seconds
+
+    monkeypatch.setattr(os, "replace", held)
+    monkeypatch.setattr(folder.time, "sleep", sleep)
+    monkeypatch.setattr(folder.time, "monotonic", lambda: clock[0])
+    folder.replace_file(source, target)
+    assert denied and os.listdir(tmp_path) == ["there"]
+    slept.append(-1000.0)
+    with pytest.raises(PermissionError):
+        folder.replace_file(target, source)
+
+
+def test_a_file_that_is_being_replaced_on_windows_is_read_all_the_same(tmp_path, monkeypatch):
+    job = JobFolder.create(tmp_path / "job", JobRequest(capture="/photos"))
+    read, denied = folder.Path.read_text, []
+
+    def replaced(path, *args, **kwargs):
+        if len(denied) < 2:
+            denied.append(path)
+            raise PermissionError(13, "Permission denied", str(path))
+        return read(path, *args, **kwargs)
+
+    monkeypatch.setattr(folder.Path, "read_text", replaced)
+    assert job.request.capture == "/photos"
+    write_json_atomic(job.status_path, {"state": "running"})
+    denied.clear()
+    assert read_status(job.status_path) == {"state": "running"}
+    assert len(denied) == 2
 
 
 def test_the_job_modules_need_the_standard_library_alone():

@@ -66,6 +66,30 @@ def test_a_beat_renews_the_time_and_nothing_else(tmp_path, monkeypatch):
     heartbeat.beat()  # a file that cannot be written does not end the job
 
 
+def test_a_status_that_another_program_holds_on_windows_is_written_by_a_later_beat(
+    tmp_path, monkeypatch
+):
+    clock, held = [1000.0], []
+    monkeypatch.setattr(status.time, "monotonic", lambda: clock[0])
+    write = status.write_json_atomic
+
+    def written(path, content):
+        if held:
+            raise PermissionError(13, "Access is denied", str(path))
+        write(path, content)
+
+    monkeypatch.setattr(status, "write_json_atomic", written)
+    heartbeat = Heartbeat(tmp_path / "status.json")
+    heartbeat.update("preparing")
+    held.append("by a sync client")
+    heartbeat.update("running", 5)
+    held.clear()
+    clock[0] += 1.1
+    heartbeat.beat()
+    content = read_status(tmp_path / "status.json")
+    assert (content["state"], content["step"]) == ("running", 5)
+
+
 @pytest.mark.parametrize("text", ["", "{", "[]", "null"])
 def test_a_damaged_status_is_none(tmp_path, text):
     (tmp_path / "status.json").write_text(text)
