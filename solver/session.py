@@ -100,7 +100,8 @@ def passing_session(stage: str, text: str, to_stdout: bool) -> Iterator[Session]
         text: what is being done.
         to_stdout: as in `session`; then whoever started it speaks on stdin.
     """
-    with tempfile.TemporaryDirectory(prefix="nmf-") as folder:
+    # On Windows a file that somebody looks at stays; that is no reason for the work to fail.
+    with tempfile.TemporaryDirectory(prefix="nmf-", ignore_cleanup_errors=True) as folder:
         paths = (Path(folder) / name for name in ("events.jsonl", "status.json", "cancel"))
         with session(*paths, to_stdout, has_parent=to_stdout, shares={stage: 1.0}) as run:
             run.progress.stage(stage, text)

@@ -65,9 +65,14 @@ def triangulate(
     """
     if len(cameras) < FEWEST_VIEWS:
         return Triangulated(NO_POINTS)
-    with tempfile.TemporaryDirectory(prefix="nmf-points-") as folder:
+    with _temporary_folder("nmf-points-") as folder:
         # In one process, COLMAP's and torch's OpenMP runtimes end Python on macOS.
         return run_apart(with_colmap, Path(folder), cameras, pictures, tolerated, progress=progress)
+
+
+def _temporary_folder(prefix: str) -> tempfile.TemporaryDirectory:
+    # On Windows a file that somebody looks at stays; that is no reason for the work to fail.
+    return tempfile.TemporaryDirectory(prefix=prefix, ignore_cleanup_errors=True)
 
 
 def with_colmap(
@@ -136,7 +141,7 @@ def compare(
     Raises:
         ApartError: COLMAP cannot do it.
     """
-    with tempfile.TemporaryDirectory(prefix="nmf-pairs-") as folder:
+    with _temporary_folder("nmf-pairs-") as folder:
         return run_apart(
             compare_with_colmap, Path(folder), cameras, pictures, pairs, progress=progress
         )

@@ -1,0 +1,28 @@
+"""What a long run leaves behind."""
+
+import errno
+import os
+from pathlib import Path
+
+from solver.capture import triangulate
+from solver.session import passing_session
+
+
+def test_a_temporary_folder_that_windows_does_not_let_go_of_costs_no_work(tmp_path, monkeypatch):
+    """As where a virus scanner looks at a file in it."""
+
+    def held(path, **how):
+        raise OSError(errno.ENOTEMPTY, "The directory is not empty", str(path))
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(os, "rmdir", held)
+    with passing_session("pictures", "copying photos", to_stdout=False) as run:
+        run.told(1.0, "copied")
+    assert run.code == 0
+
+    monkeypatch.setattr(triangulate, "run_apart", lambda work, folder, *args, progress: folder)
+    folders = [
+        triangulate.triangulate([None] * 3, [], lambda done: None),
+        triangulate.compare([], [], [], lambda done: None),
+    ]
+    assert len(os.listdir(tmp_path)) == 3 and all(map(Path.is_dir, folders))
