@@ -23,14 +23,15 @@ class Cancelled(Exception):
 
 
 class Control:
-    """Watches the `cancel` file, SIGTERM, SIGHUP and Ctrl-C; and stdin, where a parent may speak.
+    """Watches the `cancel` file, signals and Ctrl-C; and stdin, where a parent may speak.
 
     A line {"cmd": "cancel"} (or just `cancel`) asks the job to stop with a checkpoint; so do the file,
-    SIGTERM (what a farm sends), SIGHUP (a terminal that was closed; under nohup it is left ignored) and
-    Ctrl-C, which ends it at once if it comes again. The end of a stdin that was open at the start means
-    that the parent is gone: the job has `GRACE` seconds for a checkpoint, then the process ends wherever
-    it is (files are renamed into place, so none is half written). A stdin that is a terminal, a file, or
-    at its end from the beginning (but for lines that are no commands) is no parent: the job runs detached.
+    SIGTERM (what a farm sends; on Windows it is Ctrl-Break), SIGHUP (a terminal that was closed; under
+    nohup it is left ignored) and Ctrl-C, which ends it at once if it comes again. The end of a stdin that
+    was open at the start means that the parent is gone: the job has `GRACE` seconds for a checkpoint, then
+    the process ends wherever it is (files are renamed into place, so none is half written). A stdin that
+    is a terminal, a file, or at its end from the beginning (but for lines that are no commands) is no
+    parent: the job runs detached.
 
     Args:
         cancel_path: the job's `cancel` file.
@@ -62,6 +63,8 @@ class Control:
         threading.Thread(target=self._watch_file, daemon=True).start()
         if threading.current_thread() is threading.main_thread():
             handlers = {signal.SIGTERM: self._on_terminate, signal.SIGINT: self._on_interrupt}
+            if hasattr(signal, "SIGBREAK"):
+                handlers[signal.SIGBREAK] = self._on_terminate
             if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
                 self._terminals = [number for number in (1, 2) if os.isatty(number)]
                 handlers[signal.SIGHUP] = self._on_hang_up

@@ -71,6 +71,18 @@ def ending(child):
     return time.monotonic() - asked, text, child.wait(10)
 
 
+@pytest.mark.skipif(os.name == "nt", reason="there it is no stand-in")
+def test_ctrl_break_cancels_as_farms_on_windows_ask(tmp_path, monkeypatch):
+    monkeypatch.setattr(signal, "SIGBREAK", signal.SIGUSR1, raising=False)
+    control = Control(tmp_path / "cancel", has_parent=False)
+    control.start()
+    try:
+        os.kill(os.getpid(), signal.SIGUSR1)
+        assert control.should_stop
+    finally:
+        control.stop()
+
+
 @pytest.mark.parametrize("line", ['{"cmd": "cancel"}', "cancel", '  {"cmd":"cancel","why":"é"}'])
 def test_a_line_on_stdin_cancels(start, line):
     child = start()
