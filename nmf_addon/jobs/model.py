@@ -11,6 +11,8 @@ from ...solver.job.exit_codes import CANCELLED, DONE, OUT_OF_MEMORY
 from ...solver.job.folder import JobFolder
 from ...solver.job.status import process_is_alive, read_status
 
+OUT_OF_MEMORY_ON_WINDOWS = (0xC0000017, 0xC000012D)
+"""exit codes: no memory, and no room left in memory and page file together"""
 STAGE_TEXTS = {
     "photos": "Reading photos", "compile": "Preparing the solver (first run: a minute)",
     "geometry": "Finding the shape", "fit": "Fitting shape, materials and light",
@@ -129,6 +131,10 @@ def crash_text(exit_code: int) -> str:
         return "The system ended it, most likely for want of memory; choose the draft preset."
     if exit_code < 0:
         return f"It was ended by signal {-exit_code}."
+    if exit_code in OUT_OF_MEMORY_ON_WINDOWS:
+        return "The system had no memory left for it; choose the draft preset."
+    if exit_code > 255:  # Windows' own codes are known by their hexadecimal digits
+        return f"It ended with code 0x{exit_code:08X}."
     return f"It ended with code {exit_code}."
 
 

@@ -118,6 +118,15 @@ def test_each_way_to_fail_is_told_apart(start, part, mode, code, text, error):
     assert model.seconds_left is None
 
 
+@pytest.mark.parametrize(
+    ("code", "text"), [(0xC0000005, "code 0xC0000005"), (0xC000012D, "no memory left")]
+)
+def test_what_windows_says_of_a_crash_can_be_looked_up(part, code, text):
+    model = part("jobs.model").JobModel()
+    model.ended(code, False, "")
+    assert model.text == "The solver crashed" and text in model.error
+
+
 def test_cancel_is_heard_at_once_and_leaves_a_checkpoint(start, part, job):
     process = start("slow")
 
