@@ -8,6 +8,7 @@ a fit of the preset was seen to need beside them.
 from __future__ import annotations
 
 import os
+import sys
 from dataclasses import asdict, dataclass, replace
 
 from ..capture.capture import Capture
@@ -150,7 +151,24 @@ def cores_in_use(settings: Settings, cores: int) -> int:
 
 
 def memory_of_machine() -> int | None:
+    """Bytes of memory; None where that is not known."""
+    if sys.platform == "win32":
+        return _memory_of_windows()
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, OSError, ValueError):
         return None
+
+
+def _memory_of_windows() -> int | None:
+    import ctypes
+
+    class MemoryStatus(ctypes.Structure):
+        _fields_ = [
+            ("length", ctypes.c_uint32), ("load", ctypes.c_uint32), ("total", ctypes.c_uint64),
+            ("others", ctypes.c_uint64 * 6),
+        ]  # fmt: skip
+
+    status = MemoryStatus(length=ctypes.sizeof(MemoryStatus))
+    told = ctypes.windll.kernel32.GlobalMemoryStatusEx(ctypes.byref(status))
+    return status.total if told else None

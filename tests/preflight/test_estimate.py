@@ -1,6 +1,9 @@
 """Estimates of memory and time: by photos, points, cores and preset."""
 
+import ctypes
 import dataclasses
+import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +23,7 @@ from solver.preflight.estimate import (
     WITHOUT_MASKS,
     cores_in_use,
     estimate,
+    memory_of_machine,
     photo_bytes,
 )  # fmt: skip
 from tests.preflight.captures import around, capture_at
@@ -89,3 +93,17 @@ def test_a_fog_on_a_coarser_grid_takes_less_time():
     assert settings.field.finest_without_masks < settings.field.sizes[-1]
     fog, masked = (estimate(capture, "standard", m, 1).seconds for m in (False, True))
     assert masked < fog < WITHOUT_MASKS * masked
+
+
+@pytest.mark.parametrize(("answer", "memory"), [(1, 16 << 30), (0, None)])
+def test_windows_is_asked_for_its_memory_in_its_own_words(monkeypatch, answer, memory):
+    def tell(status):
+        status = status._obj
+        assert status.length == 64 == ctypes.sizeof(status), "Windows looks at it"
+        ctypes.c_uint64.from_buffer(status, 8).value = 16 << 30
+        return answer
+
+    kernel32 = SimpleNamespace(GlobalMemoryStatusEx=tell)
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(ctypes, "windll", SimpleNamespace(kernel32=kernel32), raising=False)
+    assert memory_of_machine() == memory
