@@ -16,6 +16,8 @@ from ...solver.job.folder import JobFolder, JobRequest
 from ..names import user_folder
 from ..scene.capture_collection import placement_of, region_of, write_capture
 
+RESERVED = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9¹²³]", re.I)
+"""names of devices on Windows, with whatever extension; no file can be called so there"""
 CAPTURE = "capture"
 """folder of a job with the cameras that Blender wrote"""
 
@@ -41,6 +43,8 @@ def last_job_root(name: str, parent: Path | None = None) -> Path | None:
 def _job_roots(name: str, parent: Path | None) -> Iterator[Path]:
     parent = jobs_folder() if parent is None else parent
     stem = re.sub(r"[^\w.\-]+", "_", name).strip("._") or "job"
+    if RESERVED.fullmatch(stem.partition(".")[0]):
+        stem = f"_{stem}"
     yield parent / stem
     yield from (parent / f"{stem}_{number}" for number in count(2))
 

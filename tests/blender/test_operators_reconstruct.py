@@ -164,6 +164,9 @@ def test_a_job_is_resumed_by_the_name_it_was_given(part, tmp_path):
     made.append(create.new_job_root("my duck_job", tmp_path))
     made[1].mkdir()
     assert create.last_job_root("my duck_job", tmp_path) == made[1] != made[0]
+    for name in ("aux", "Con.blend", "lpt1"):
+        assert create.new_job_root(name, tmp_path).name == f"_{name}", "a device on Windows"
+    assert create.new_job_root("auxiliary", tmp_path).name == "auxiliary"
 
 
 def test_a_result_that_cannot_be_installed_is_told(capture, monitor, fake_solver, tick, extension):
