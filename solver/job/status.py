@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import platform
+import sys
 import threading
 import time
 from pathlib import Path
@@ -92,7 +93,7 @@ def process_is_alive(status: dict[str, Any], patience: float = 10.0) -> bool:
     """True if the process of a status still runs.
 
     On another machine, and where processes cannot be told apart by start time, a heartbeat younger than
-    `patience` seconds counts as life.
+    `patience` seconds counts as life, unless there is no process of that number here.
     """
     pid = status.get("pid")
     if not isinstance(pid, int) or status.get("state") in ("done", "cancelled", "failed"):
@@ -102,9 +103,37 @@ def process_is_alive(status: dict[str, Any], patience: float = 10.0) -> bool:
     started = process_start_time(pid)
     if started is not None:
         return started == status.get("started")
-    if Path("/proc/self").exists():
+    if Path("/proc/self").exists() or is_gone(pid):
         return False
     return _is_fresh(status, patience)
+
+
+def is_gone(pid: int) -> bool:
+    """True if there surely is no such process on this machine."""
+    if sys.platform == "win32":
+        return _is_gone_on_windows(pid)
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    except (OSError, OverflowError):
+        return False
+    return False
+
+
+def _is_gone_on_windows(pid: int) -> bool:
+    import ctypes
+
+    may_wait, no_such_process = 0x100000, 87
+    kernel32 = ctypes.WinDLL("kernel32", use_last_error=True)
+    kernel32.OpenProcess.restype = ctypes.c_void_p
+    process = kernel32.OpenProcess(may_wait, False, ctypes.c_uint32(pid))
+    if not process:
+        return ctypes.get_last_error() == no_such_process
+    # A process that has ended lasts as long as somebody holds on to it; waiting for it is over at once.
+    ended = kernel32.WaitForSingleObject(ctypes.c_void_p(process), 0) == 0
+    kernel32.CloseHandle(ctypes.c_void_p(process))
+    return ended
 
 
 def _is_fresh(status: dict[str, Any], patience: float) -> bool:

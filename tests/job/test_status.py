@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
@@ -128,8 +131,38 @@ def test_another_process_with_the_same_number_is_not_taken_for_it(child):
 def test_where_start_times_are_unknown_a_fresh_heartbeat_counts_as_life(monkeypatch):
     monkeypatch.setattr(status, "process_start_time", lambda pid: None)
     monkeypatch.setattr(status.Path, "exists", lambda path: False)
-    assert process_is_alive({"pid": 4, "state": "running", "time": time.time() - 5})
-    assert not process_is_alive({"pid": 4, "state": "running", "time": time.time() - 60})
+    here = {"pid": os.getpid(), "state": "running"}
+    assert process_is_alive(here | {"time": time.time() - 5})
+    assert not process_is_alive(here | {"time": time.time() - 60})
+
+
+def test_where_start_times_are_unknown_a_process_that_is_gone_is_not_waited_for(child, monkeypatch):
+    """On Windows and macOS a job that was killed can be resumed at once."""
+    monkeypatch.setattr(status, "process_start_time", lambda pid: None)
+    monkeypatch.setattr(status.Path, "exists", lambda path: False)
+    entry = {"pid": child.pid, "state": "running", "time": time.time()}
+    assert process_is_alive(entry)
+    child.kill()
+    child.wait()
+    assert not process_is_alive(entry)
+
+
+@pytest.mark.parametrize(
+    ("handle", "error", "waited", "gone"),
+    [(0, 87, None, True), (0, 5, None, False), (8, 0, 0, True), (8, 0, 258, False)],
+)
+def test_windows_is_asked_whether_a_process_is_gone(monkeypatch, handle, error, waited, gone):
+    closed = []
+    kernel32 = SimpleNamespace(
+        OpenProcess=Mock(return_value=handle or None),
+        WaitForSingleObject=lambda process, milliseconds: waited,
+        CloseHandle=lambda process: closed.append(process.value),
+    )
+    monkeypatch.setattr(ctypes, "WinDLL", lambda name, use_last_error: kernel32, raising=False)
+    monkeypatch.setattr(ctypes, "get_last_error", lambda: error, raising=False)
+    monkeypatch.setattr(sys, "platform", "win32")
+    assert status.is_gone(1234) == gone
+    assert closed == ([handle] if handle else [])
 
 
 def test_on_another_machine_a_fresh_heartbeat_is_life_whatever_the_pid(tmp_path):
