@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -103,3 +104,10 @@ def test_fits_of_few_steps_are_told_and_those_from_a_fog_earlier():
     assert too_few_steps(200, 2800, fog=False) is None
     assert "200 of 2800 steps, too few for an object" in too_few_steps(200, 2800, fog=True)
     assert "100 of 2800 steps; for a better" in too_few_steps(100, 2800, fog=False)
+
+
+def test_a_lookup_takes_time_whatever_the_coarsest_clock_says(monkeypatch):
+    """That of Windows stands still while a fast card looks up all that is tried."""
+    monkeypatch.setattr(time, "monotonic", lambda: 1000.0)
+    finish = finish_within(math.inf, ball(), DRAFT)
+    assert finish.lookup > 0 and seconds_from_fog(finish.lookup) > 0
