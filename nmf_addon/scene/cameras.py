@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -96,8 +97,8 @@ def size_of(item: bpy.types.Object) -> tuple[int, int]:
 
 
 def photo_path(photo: bpy.types.Image | bpy.types.MovieClip) -> Path:
-    """Where a photo or a film lies, also that of a linked camera."""
-    return Path(bpy.path.abspath(photo.filepath, library=photo.library))
+    """Where a photo or a film lies, also that of a linked camera; without '..', as the solver tells it."""
+    return Path(os.path.normpath(bpy.path.abspath(photo.filepath, library=photo.library)))
 
 
 def to_solver(item: bpy.types.Object, to_capture: Matrix) -> Camera:

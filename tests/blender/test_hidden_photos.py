@@ -65,6 +65,20 @@ def test_copies_stand_behind_the_cameras_and_the_photos_stay_the_solvers(
         bpy.ops.nmf.show_photos()
 
 
+def test_copies_find_their_photos_beside_the_folder_of_the_blend(extension, capture, tmp_path):
+    """Blender stores such paths as //../photos/…, and the solver tells them without dots."""
+    (tmp_path / "scenes").mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scenes" / "duck.blend"))
+    photo_of = extension("scene.cameras").photo_of
+    picture = fake_capture.write_capture(tmp_path / "other").parent / "photos" / "r_0.png"
+    pictures = {}
+    for item in cameras_of(capture):
+        name = Path(photo_of(item).filepath).name
+        photo_of(item).filepath = f"//../photos/{name}"
+        pictures[str(tmp_path / "photos" / name)] = str(picture)
+    assert extension("scene.hidden_photos").show_pictures(capture, pictures) == 3
+
+
 def test_the_panel_offers_to_show_what_blender_cannot_until_it_is_shown(
     draw, task, capture, fake_solver
 ):
