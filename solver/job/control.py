@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -105,8 +106,8 @@ class Control:
         while not self._stop.wait(self.INTERVAL):
             if self._beat is not None:
                 self._beat()
-            if self._cancel_path.exists():
-                self.cancelled = True
+            with suppress(OSError):  # a network drive that is away for a moment
+                self.cancelled = self.cancelled or self._cancel_path.exists()
 
     def _watch_stdin(self) -> None:
         opened = time.monotonic()

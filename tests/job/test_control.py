@@ -71,6 +71,35 @@ def ending(child):
     return time.monotonic() - asked, text, child.wait(10)
 
 
+def test_a_folder_that_is_away_for_a_moment_ends_neither_heartbeat_nor_cancel(
+    tmp_path, monkeypatch
+):
+    """As on a network drive."""
+    beats, away, exists = [], [True], Path.exists
+
+    def answer(path):
+        if away and path.name == "cancel":
+            raise OSError(5, "Input/output error", str(path))
+        return exists(path)
+
+    monkeypatch.setattr(Path, "exists", answer)
+    monkeypatch.setattr(Control, "INTERVAL", 0.01)
+    control = Control(tmp_path / "cancel", has_parent=False)
+    control.start(lambda: beats.append(1))
+    try:
+        end = time.monotonic() + 5
+        while len(beats) < 3 and time.monotonic() < end:
+            time.sleep(0.01)
+        assert len(beats) >= 3 and not control.should_stop
+        (tmp_path / "cancel").touch()
+        away.clear()
+        while not control.should_stop and time.monotonic() < end:
+            time.sleep(0.01)
+        assert control.cancelled
+    finally:
+        control.stop()
+
+
 @pytest.mark.skipif(os.name == "nt", reason="there it is no stand-in")
 def test_ctrl_break_cancels_as_farms_on_windows_ask(tmp_path, monkeypatch):
     monkeypatch.setattr(signal, "SIGBREAK", signal.SIGUSR1, raising=False)
