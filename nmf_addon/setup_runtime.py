@@ -25,6 +25,8 @@ import time
 from pathlib import Path
 
 CANCELLED = 3
+NEWEST = (3, 13)
+"""version of Python that there are all packages for"""
 DEEPEST = ("n" * 59, "n" * 59, "n" * 59, "n" * 9)
 """as long a path as the longest of the packages' files has in an environment: a licence in PyTorch"""
 PATIENCE = 20.0
@@ -149,7 +151,13 @@ def install(options: argparse.Namespace, new: Path) -> None:
 
 
 def why_without_packages() -> str:
-    """Why there are no packages for this computer, one sentence; empty where there are."""
+    """Why there are no packages for this computer or Python, one sentence; empty where there are."""
+    if sys.version_info[:2] > NEWEST:
+        newest = ".".join(map(str, NEWEST))
+        return (
+            f"They do not all come for Python {platform.python_version()}: choose one from 3.11 to "
+            f"{newest} as Build With in the preferences."
+        )
     if sys.platform == "darwin" and platform.machine() == "x86_64":
         return (
             "They no longer come for Intel Macs; on a Mac with Apple's chip, take Blender for that."

@@ -245,6 +245,12 @@ def test_a_computer_that_there_are_no_packages_for_is_told(
     assert said in why and bool(why) == bool(said)
 
 
+def test_a_python_that_is_too_new_for_some_packages_is_told(part, monkeypatch):
+    script = part("setup_runtime")
+    monkeypatch.setattr(sys, "version_info", (3, 14, 0, "final", 0))
+    assert "from 3.11 to 3.13 as Build With" in script.why_without_packages()
+
+
 def test_the_persons_choice_comes_first(part, tmp_path, monkeypatch):
     runtime = part("runtime")
     chosen, variable = tmp_path / "chosen", tmp_path / "variable"
