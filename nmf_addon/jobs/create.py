@@ -42,7 +42,8 @@ def last_job_root(name: str, parent: Path | None = None) -> Path | None:
 
 def _job_roots(name: str, parent: Path | None) -> Iterator[Path]:
     parent = jobs_folder() if parent is None else parent
-    stem = re.sub(r"[^\w.\-]+", "_", name).strip("._") or "job"
+    # Names have up to 255 letters in Blender, and a path hardly more on Windows.
+    stem = re.sub(r"[^\w.\-]+", "_", name)[:60].strip("._") or "job"
     if RESERVED.fullmatch(stem.partition(".")[0]):
         stem = f"_{stem}"
     yield parent / stem

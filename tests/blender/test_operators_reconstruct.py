@@ -167,6 +167,7 @@ def test_a_job_is_resumed_by_the_name_it_was_given(part, tmp_path):
     for name in ("aux", "Con.blend", "lpt1"):
         assert create.new_job_root(name, tmp_path).name == f"_{name}", "a device on Windows"
     assert create.new_job_root("auxiliary", tmp_path).name == "auxiliary"
+    assert create.new_job_root("long name " * 25, tmp_path).name == ("long_name_" * 6)[:-1]
 
 
 def test_a_result_that_cannot_be_installed_is_told(capture, monitor, fake_solver, tick, extension):
