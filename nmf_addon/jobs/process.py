@@ -156,7 +156,10 @@ def end_group(process: subprocess.Popen, kill: bool) -> None:
     if os.name != "nt":
         try:
             os.killpg(process.pid, signal.SIGKILL if kill else signal.SIGTERM)
-        except ProcessLookupError:
+        except (
+            ProcessLookupError,
+            PermissionError,
+        ):  # it has just ended; macOS says so by the latter
             return
     elif kill:
         command = ["taskkill", "/F", "/T", "/PID", str(process.pid)]

@@ -118,6 +118,21 @@ def test_each_way_to_fail_is_told_apart(start, part, mode, code, text, error):
     assert model.seconds_left is None
 
 
+@pytest.mark.parametrize("answer", [ProcessLookupError, PermissionError])
+def test_a_child_that_has_just_ended_needs_no_end(start, part, monkeypatch, answer):
+    """What macOS answers for a group of processes that have ended, but were not waited for."""
+
+    def gone(group, signal):
+        raise answer
+
+    process = start("slow")
+    monkeypatch.setattr(os, "killpg", gone)
+    part("jobs.process").end_group(process.popen, kill=True)
+    monkeypatch.undo()
+    process.cancel()
+    wait(process, part)
+
+
 @pytest.mark.parametrize(
     ("code", "text"), [(0xC0000005, "code 0xC0000005"), (0xC000012D, "no memory left")]
 )
