@@ -81,7 +81,10 @@ def build(options: argparse.Namespace, new: Path) -> None:
     check_room_for_paths(new)
     say(0.01, "Creating the environment")
     command = [sys.executable, "-I", "-m", "venv", str(new)]
-    run(command, "The environment could not be created; choose another Python to build with.")
+    failure = "The environment could not be created; choose another Python as Build With."
+    run(command, failure)
+    if not python_of(new).is_file():  # a Python on Windows that comes without its launcher
+        raise StepFailed(failure)
     install(options, new)
     say(0.92, "Checking")
     if options.check:

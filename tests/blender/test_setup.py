@@ -251,6 +251,17 @@ def test_a_python_that_is_too_new_for_some_packages_is_told(part, monkeypatch):
     assert "from 3.11 to 3.13 as Build With" in script.why_without_packages()
 
 
+def test_a_python_that_makes_environments_without_a_python_is_not_taken(
+    part, tmp_path, monkeypatch
+):
+    """As venv does on Windows where its launcher was left out."""
+    script, steps = part("setup_runtime"), []
+    monkeypatch.setattr(script, "run", lambda command, failure, listen=None: steps.append(command))
+    with pytest.raises(script.StepFailed, match="choose another Python as Build With"):
+        script.build(script.argparse.Namespace(folder=tmp_path), tmp_path / "building")
+    assert len(steps) == 1
+
+
 def test_the_persons_choice_comes_first(part, tmp_path, monkeypatch):
     runtime = part("runtime")
     chosen, variable = tmp_path / "chosen", tmp_path / "variable"
