@@ -156,11 +156,8 @@ def end_group(process: subprocess.Popen, kill: bool) -> None:
     if os.name != "nt":
         try:
             os.killpg(process.pid, signal.SIGKILL if kill else signal.SIGTERM)
-        except (
-            ProcessLookupError,
-            PermissionError,
-        ):  # it has just ended; macOS says so by the latter
-            return
+        except (ProcessLookupError, PermissionError):
+            return  # it has just ended; macOS says so by the latter
     elif kill:
         command = ["taskkill", "/F", "/T", "/PID", str(process.pid)]
         hidden = subprocess.CREATE_NO_WINDOW
