@@ -274,7 +274,9 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _doctor(options: argparse.Namespace) -> int:
-    from .doctor import report
+    from .doctor import loading_errors, report
 
-    print(report())
-    return DONE
+    print(report(), flush=True)
+    errors = loading_errors()
+    print("\n".join(errors or ["All packages load."]))
+    return FAILED if errors else DONE

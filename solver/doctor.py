@@ -6,6 +6,9 @@ import importlib.metadata
 import os
 import platform
 import shutil
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
 
 from packaging.requirements import Requirement
 
@@ -13,12 +16,47 @@ from . import __version__
 from .preflight.estimate import memory_of_machine
 from .start import REQUIREMENTS
 
+_MODULES = {
+    "openimageio": "OpenImageIO", "pillow": "PIL", "PyMaxflow": "maxflow", "scikit-image": "skimage",
+    "warp-lang": "warp",
+}  # fmt: skip
+"""what packages are imported as, where that is not their name"""
+_LONGEST_LOADING = 120.0
+"""seconds; the first time, a virus scanner reads along"""
+
 
 def packages() -> list[str]:
     """Names of the packages that the solver needs on this machine, as its requirements have them."""
     lines = REQUIREMENTS.read_text(encoding="utf-8").splitlines()
     needed = [Requirement(line) for line in lines if line[:1].isalpha()]
     return [need.name for need in needed if need.marker is None or need.marker.evaluate()]
+
+
+def loading_errors() -> list[str]:
+    """A line for each package that is not there or does not load, as where a library of the system's is
+    missing.
+
+    Each loads in a process of its own: COLMAP's and torch's OpenMP runtimes do not go together everywhere.
+    """
+    with ThreadPoolExecutor(2) as pool:
+        return [line for line in pool.map(_loading_error, packages()) if line]
+
+
+def _loading_error(name: str) -> str:
+    module = _MODULES.get(name, name.replace("-", "_"))
+    isolated = ["-I"] if sys.flags.isolated else []
+    try:
+        loaded = subprocess.run(
+            [sys.executable, *isolated, "-X", "utf8", "-c", f"import {module}"],
+            stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", errors="replace",
+            timeout=_LONGEST_LOADING, check=False,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return f"{name} DOES NOT LOAD within {_LONGEST_LOADING:.0f} s"
+    if loaded.returncode == 0:
+        return ""
+    said = loaded.stderr.strip().splitlines() or [f"it ended with code {loaded.returncode}"]
+    return f"{name} DOES NOT LOAD: {said[-1]}"
 
 
 def report() -> str:
@@ -37,7 +75,7 @@ def report() -> str:
         try:
             lines.append(f"{name} {importlib.metadata.version(name)}")
         except importlib.metadata.PackageNotFoundError:
-            lines.append(f"{name} MISSING: run Set up solver again")
+            lines.append(f"{name} MISSING: press Set Up Solver again")
     if torch.cuda.is_available():
         free, total = torch.cuda.mem_get_info()
         lines.append(

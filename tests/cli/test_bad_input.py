@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from solver import cli, doctor
 from tests.capture.test_capture import make_capture, set_pose
 from tests.cli.command import DUCK, ROOT, solver
 
@@ -88,6 +89,14 @@ def test_numbers_that_are_none_are_told_so(job, tmp_path):
 def test_doctor_reports():
     result = solver("doctor")
     assert result.returncode == 0 and "torch" in result.stdout and "MISSING" not in result.stdout
+    assert result.stdout.endswith("All packages load.\n")
+
+
+def test_doctor_names_packages_that_do_not_load(monkeypatch, capsys):
+    monkeypatch.setattr(doctor, "packages", lambda: ["numpy", "a-missing-package"])
+    assert cli.main(["doctor"]) == 1
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.startswith("a-missing-package DOES NOT LOAD: ModuleNotFoundError")
 
 
 @pytest.mark.parametrize("how", [["-m", "solver"], ["solver/bootstrap.py"]], ids=" ".join)
