@@ -29,10 +29,10 @@ NEAR_DEPTH = 0.05
 """optical depth of a cell that counts as something"""
 INSIDE = 6.0
 """how fast nodes count less inside of things: e^(−6 τ), with the optical depth τ of a cell there"""
-LEAST_CLEAR = 0.02
-"""of that, below which a node has no probe"""
-STAND_IN = 1e-4
-"""how much a node without a probe counts"""
+LEAST_CLEAR = 1e-4
+"""of that, below which a node has no probe; in a crevice none is clear, and one that is half in it does"""
+STAND_IN, STAND_IN_REACH = 1e-6, 2
+"""how much a node without a probe counts, and from how many nodes away one with a probe stands in for it"""
 LIFT_NODES = 0.5
 """how far before a surface its light is looked up, so that nodes behind it count little"""
 
@@ -103,12 +103,13 @@ def nodes_of(depths: torch.Tensor, first_row: int) -> tuple[Nodes, torch.Tensor]
         if int(probes.sum()) <= MOST_PROBES:
             break
     at = probes.nonzero()
-    # In a crevice no node may be clear: then the probe of one next to it stands in.
+    # Deep in a crevice there may be no probe: then one close by stands in.
     clear = torch.where(probes, clear, STAND_IN)
     row = torch.zeros(clear.shape, dtype=torch.long, device=depths.device)
     row[probes] = first_row + torch.arange(len(at), device=depths.device)
-    beside = F.max_pool3d(row[None, None].float(), 3, 1, 1)[0, 0].long()
-    row = torch.where(probes, row, beside)
+    for _ in range(STAND_IN_REACH):
+        beside = F.max_pool3d(row[None, None].float(), 3, 1, 1)[0, 0].long()
+        row = torch.where(row > 0, row, beside)
     spacing = cells / len(depths)
     return Nodes(row, clear, spacing), at.to(depths) * spacing
 

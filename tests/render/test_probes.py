@@ -41,6 +41,12 @@ def two_globes_on_a_slab(points):
     return torch.minimum(torch.minimum(first, second), slab)
 
 
+def globe_on_a_slab(points):
+    globe = (points - torch.tensor([0.0, 0.0, 0.1])).norm(dim=-1) - 0.4
+    slab = torch.maximum((points[..., 2] + 0.4).abs() - 0.1, points[..., :2].abs().amax(-1) - 0.85)
+    return torch.minimum(globe, slab)
+
+
 def surface_of(distance, count):
     """Points on a surface and their normals."""
     torch.manual_seed(1)
@@ -93,6 +99,23 @@ def test_shaded_light_agrees_with_brute_force():
     scale = float(expected.mean())
     assert float(error.mean()) < 0.08 * scale and float(error.quantile(0.9)) < 0.2 * scale
     assert float(error.mean()) < 0.3 * float((unaware - expected).abs().mean())
+
+
+def test_in_the_crevice_below_a_globe_it_is_dark():
+    light = EnvironmentMap.from_radiance(torch.ones(64, 128, 3))
+    scene = scene_of(globe_on_a_slab, environment=light)
+    around = torch.linspace(0, 2 * math.pi, 25)[:-1]
+    circle = torch.stack([around.cos(), around.sin()], -1)
+    points = torch.cat(
+        [torch.nn.functional.pad(r * circle, (0, 1), value=-0.3) for r in (0.1, 0.15)]
+    )
+    normals = torch.tensor([[0.0, 0.0, 1.0]]).expand(len(points), 3)
+    expected = by_brute_force(globe_on_a_slab, light, points[::12], normals[::12])
+    refresh_probes(scene)
+    found = probed(scene, points, normals)
+    assert float(expected.max()) < 0.2 * math.pi
+    assert float((found[::12] - expected).abs().mean()) < 0.1 * math.pi
+    assert float(found.max()) < 0.25 * math.pi
 
 
 def test_a_convex_body_sees_all_light():
