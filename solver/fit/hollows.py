@@ -41,8 +41,9 @@ TOLERANCE, SHINY = (0.035, 0.15), 1.5
 differ where the surface is held, which is more for shiny objects"""
 FEWEST = 20
 """cells that a pass has to carve for another one to follow"""
-BETTER = 0.4
-"""share of the lid's disagreement that may be left below it. Carving a mirror finds nothing of the kind"""
+BETTER, BETTER_DEEP_DOWN = 0.4, 0.3
+"""share of the lid's disagreement that may be left below it, and at the best floor of all that lie deeper,
+which chance finds more easily. Carving a mirror finds nothing of the kind"""
 SHEEN = 0.35
 """share of the lid's disagreement that may be left at least when each photo is taken to show all of it in
 another colour: so does a flat gloss, but not what lies in a hollow"""
@@ -79,9 +80,14 @@ def carve_hollows(
     if (surface & ~held).sum() < LEAST_LOOSE * surface.sum():
         return hull
     carving = Carving(cameras, photos, coarse, box, held)
-    carved = carving.believed(carving.until_photos_agree(carving.lids))
+    floors = carving.until_photos_agree(carving.lids)
+    carved = carving.believed(floors)
     if carved.any():
         carved = coarse & ~carving.deepened(coarse & ~carved)
+    elif (doubted := carving.of_size(coarse & ~floors.kept)).any():
+        # In a hollow of one colour the first floor may lie far above what is at its bottom.
+        deepest = carving.look_at(carving.deepened(coarse & ~doubted))
+        carved = carving.believed(deepest, BETTER_DEEP_DOWN)
     return hull & ~carved.repeat(finer, 0).repeat(finer, 1).repeat(finer, 2)
 
 
@@ -187,8 +193,21 @@ class Carving:
             before, surface = surface, self.look_at(kept)
         return before
 
-    def believed(self, floors: _Surface) -> np.ndarray:
-        """Cells [K, K, K] that were carved where photos agree much better about what came to light."""
+    def of_size(self, cells: np.ndarray) -> np.ndarray:
+        """Those of `cells` [K, K, K] in parts that are large enough for a hollow."""
+        return np.any([np.zeros_like(cells), *self._parts(cells)], axis=0)
+
+    def _parts(self, cells: np.ndarray) -> list[np.ndarray]:
+        labels, count = scipy.ndimage.label(cells, WHOLE)
+        parts = (labels == part for part in range(1, count + 1))
+        return [part for part in parts if part.sum() >= SMALLEST * self.hull.sum()]
+
+    def believed(self, floors: _Surface, better: float = BETTER) -> np.ndarray:
+        """Cells [K, K, K] that were carved where photos agree much better about what came to light.
+
+        Args:
+            better: share of the lid's disagreement that may be left.
+        """
         spreads = []
         for surface in (self.lids, floors):
             spread = np.full(self.hull.size, np.nan)
@@ -196,14 +215,10 @@ class Carving:
             spreads.append(spread.reshape(self.hull.shape))
         lids, bottoms = spreads
         seen, _ = self.seen_from(self.lids.cells)
-        parts, count = scipy.ndimage.label(self.hull & ~floors.kept, WHOLE)
         believed = np.zeros_like(self.hull)
-        for part in range(1, count + 1):
-            cells = parts == part
-            if cells.sum() < SMALLEST * self.hull.sum():
-                continue
+        for cells in self._parts(self.hull & ~floors.kept):
             bottom = bottoms[scipy.ndimage.binary_dilation(cells, WHOLE) & floors.kept]
-            if _median(bottom) > BETTER * _median(lids[cells]):
+            if _median(bottom) > better * _median(lids[cells]):
                 continue
             lid = self._among(cells, self.lids)
             if not self.is_sheen(self.lids.cells[lid], seen[:, lid]):
