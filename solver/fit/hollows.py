@@ -81,7 +81,7 @@ def carve_hollows(
         return hull
     carving = Carving(cameras, photos, coarse, box, held)
     floors = carving.until_photos_agree(carving.lids)
-    carved = carving.believed(floors)
+    carved = carving.believed(floors, BETTER)
     if carved.any():
         carved = coarse & ~carving.deepened(coarse & ~carved)
     elif (doubted := carving.of_size(coarse & ~floors.kept)).any():
@@ -202,7 +202,7 @@ class Carving:
         parts = (labels == part for part in range(1, count + 1))
         return [part for part in parts if part.sum() >= SMALLEST * self.hull.sum()]
 
-    def believed(self, floors: _Surface, better: float = BETTER) -> np.ndarray:
+    def believed(self, floors: _Surface, better: float) -> np.ndarray:
         """Cells [K, K, K] that were carved where photos agree much better about what came to light.
 
         Args:

@@ -7,6 +7,7 @@ import pytest
 
 from solver.capture.camera import Camera
 from solver.capture.photos import Photo, srgb_to_linear
+from solver.fit import hollows
 from solver.fit.hollows import Carving, carve_hollows, held_by_silhouettes
 from solver.fit.seen_space import cell_centres
 from solver.fit.visual_hull import carve
@@ -38,6 +39,17 @@ def painted(points, directions):
 def mirrored(points, directions):
     """sRGB of what only depends on where one looks from, as in a mirror before a busy room."""
     return 0.5 + 0.4 * np.sin(14 * directions + [0, 1, 2])
+
+
+def stump(points):
+    """A ball cut off flat."""
+    return ball(points) & (points[:, 2] < 0.3)
+
+
+def flat_gloss(points, directions):
+    """sRGB of something dull whose flat top is a soft mirror."""
+    top = 0.5 + 0.4 * np.sin(4 * directions * [1, 1, -1] + [0, 1, 2])
+    return np.where(points[:, 2:] > 0.25, top, [0.6, 0.2, 0.15])
 
 
 @cache
@@ -78,6 +90,16 @@ def test_a_cup_loses_its_lid_and_keeps_its_walls():
     assert too_much < 0.3 and true > 0.99
 
 
+@pytest.mark.parametrize("shape, colour", [(cup, painted), (block, mirrored), (stump, flat_gloss)])
+def test_where_the_first_floor_is_no_better_than_the_lid_the_best_one_tells(
+    shape, colour, monkeypatch
+):
+    monkeypatch.setattr(hollows, "BETTER", 0.0)
+    cameras, photos, hull = photographed(shape, colour)
+    too_much, true = shares(shape, hull, carve_hollows(cameras, photos, hull, BOX))
+    assert true > 0.99 and (too_much < 0.3) == (shape is cup)
+
+
 def test_silhouettes_hold_a_cups_wall_but_not_its_lid():
     cameras, photos, hull = photographed(cup, painted)
     held = held_by_silhouettes(cameras, photos, hull, BOX)
@@ -95,17 +117,6 @@ def test_what_has_no_hollow_stays_as_it_is(shape, colour):
     cameras, photos, hull = photographed(shape, colour)
     kept = carve_hollows(cameras, photos, hull, BOX)
     assert shares(shape, hull, kept)[1] > 0.99
-
-
-def stump(points):
-    """A ball cut off flat."""
-    return ball(points) & (points[:, 2] < 0.3)
-
-
-def flat_gloss(points, directions):
-    """sRGB of something dull whose flat top is a soft mirror."""
-    top = 0.5 + 0.4 * np.sin(4 * directions * [1, 1, -1] + [0, 1, 2])
-    return np.where(points[:, 2:] > 0.25, top, [0.6, 0.2, 0.15])
 
 
 @pytest.mark.parametrize("shape, colour, sheen", [(stump, flat_gloss, True), (cup, painted, False)])
