@@ -205,7 +205,7 @@ def test_the_papers_rectangle_is_inverted(roughness, monkeypatch):
 
     def error():
         values = [shaded(scene, ONE_BOUNCE, view, 16, s).radiance[0] for s in range(60)]
-        return float((torch.stack(values).detach() - expected).square().mean().sqrt())
+        return float((torch.stack(values) - expected).detach().square().mean().sqrt())
 
     derived = error()
     right_size = EnvironmentMap.footprint
