@@ -78,7 +78,7 @@ class NMF_preferences(bpy.types.AddonPreferences):
         column.prop(self, "python", placeholder="Built by Set Up Solver")
         column.separator()
         column.label(text="Set-Up")
-        column.prop(self, "runtime_folder", placeholder="The extension's folder")
+        column.prop(self, "runtime_folder", placeholder="The default folder")
         column.prop(self, "base_python", placeholder="Blender's Python")
         column.prop(self, "wheelhouse", placeholder="Download from the network")
         column.prop(self, "pip_arguments")
