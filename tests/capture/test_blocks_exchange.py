@@ -1,10 +1,5 @@
-"""BlocksExchange XML: Bentley's projections, camera axes, worlds, and hostile files.
+"""BlocksExchange XML: poses, worlds, photos and masks, points, and hostile files."""
 
-The files are written here after Bentley's specification and the exports of ContextCapture that are found in
-public repositories; an export of ours would need a licence of the program.
-"""
-
-import math
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
@@ -17,6 +12,16 @@ from scipy.spatial.transform import Rotation
 from solver.capture.errors import CaptureError
 from solver.capture.formats import blocks_exchange, metashape
 from solver.capture.read import read_capture, reader_of
+from tests.capture.blocks import (
+    BROWN,
+    document,
+    group,
+    photo,
+    reference,
+    simple,
+    tags,
+    write,
+)
 from tests.capture.programs import (
     COUNT,
     HEIGHT,
@@ -29,211 +34,11 @@ from tests.capture.programs import (
     save_photos,
 )
 
-BROWN = dict(K1=-0.08, K2=0.03, K3=0.01, P1=0.004, P2=-0.003)
-POINT = (49.0, 29.75)
-"""from the centre of the first pixel"""
-FOCAL = "<FocalLengthPixels>80.0</FocalLengthPixels>"
 UTM = ("WGS 84 / UTM zone 36N (EPSG:32636)", "EPSG:32636")
 ENU = ("Local East-North-Up (ENU); origin: 39.975230N 83.006780W", "ENU:39.97523,-83.00678")
 ECEF = ("ECEF", "EPSG:4978")
 DEGREES = ("WGS 84 + EGM96 geoid height", "EPSG:4326+5773")
 LOCAL = ("Local", 'LOCAL_CS["Local Coordinates (m)",UNIT["metre",1]]')
-AXES = {
-    "XRightYDown": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
-    "XLeftYDown": [[-1, 0, 0], [0, 1, 0], [0, 0, -1]],
-    "XLeftYUp": [[-1, 0, 0], [0, -1, 0], [0, 0, 1]],
-    "XRightYUp": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
-    "XDownYRight": [[0, 1, 0], [1, 0, 0], [0, 0, -1]],
-    "XDownYLeft": [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
-    "XUpYLeft": [[0, -1, 0], [-1, 0, 0], [0, 0, -1]],
-    "XUpYRight": [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
-}
-"""from the axes so called to OpenCV's"""
-
-
-def tags(values):
-    return "".join(f"<{name}>{value!r}</{name}>" for name, value in values.items())
-
-
-def matrix(turn):
-    return "".join(
-        f"<M_{row}{column}>{float(turn[row, column])!r}</M_{row}{column}>"
-        for row in range(3)
-        for column in range(3)
-    )
-
-
-def photo(number, pose=None, name=None, turn=None, inside=""):
-    """`pose`: camera to world with OpenCV's axes; `turn`: what is written as its rotation."""
-    name = f"{names(9)[number]}.png" if name is None else name
-    text = ""
-    if pose is not None:
-        turn = matrix(pose[:3, :3].T) if turn is None else turn
-        text = (
-            f"<Pose><Rotation>{turn}<Accurate>true</Accurate></Rotation>"
-            f"<Center>{tags(dict(zip('xyz', pose[:3, 3].tolist(), strict=True)))}<Accurate>true</Accurate>"
-            "</Center><Metadata><SRSId>0</SRSId><Center><x>-83.0</x><y>39.9</y><z>157.9</z></Center>"
-            "</Metadata></Pose>"
-        )
-    return f"<Photo><Id>{number}</Id><ImagePath>{name}</ImagePath>{inside}{text}<NearDepth>1.5</NearDepth></Photo>"
-
-
-def group(
-    photos, kind="Perspective", focal=FOCAL, axes="XRightYDown", point=POINT, lens=None, inside=""
-):
-    lens = f"<Distortion>{tags(BROWN)}</Distortion>" if lens is None else lens
-    place = point if isinstance(point, str) else tags(dict(zip("xy", point, strict=True)))
-    return (
-        f"<Photogroup><Name>Photogroup 1</Name><ImageDimensions><Width>{WIDTH}</Width><Height>{HEIGHT}"
-        f"</Height></ImageDimensions><CameraModelType>{kind}</CameraModelType><CameraModelBand>Visible"
-        f"</CameraModelBand>{focal}<CameraOrientation>{axes}</CameraOrientation><PrincipalPoint>{place}"
-        f"</PrincipalPoint>{lens}{inside}{''.join(photos)}</Photogroup>"
-    )
-
-
-def document(groups, system=None, points="", base="", more=""):
-    systems, identity = "", ""
-    if system is not None:
-        systems = (
-            "<SpatialReferenceSystems><SRS><Id>0</Id><Name>WGS 84</Name><Definition>EPSG:4326</Definition>"
-            f"</SRS><SRS><Id>2</Id><Name>{system[0]}</Name><Definition>{system[1]}</Definition></SRS>"
-            "</SpatialReferenceSystems>"
-        )
-        identity = "<SRSId>2</SRSId>"
-    return (
-        f'<?xml version="1.0" encoding="utf-8"?>\n<BlocksExchange version="3.2">\n{systems}{base}\n'
-        f"<Block><Name>Block_1 - AT</Name>{identity}\n<Photogroups>{''.join(groups)}</Photogroups>\n"
-        f"<ControlPoints/><TiePoints>{points}</TiePoints></Block>{more}\n</BlocksExchange>\n"
-    )
-
-
-def simple(places=None, **parts):
-    whole = {key: parts.pop(key) for key in ("system", "points", "base", "more") if key in parts}
-    places = poses() if places is None else places
-    return document([group([photo(i, pose) for i, pose in enumerate(places)], **parts)], **whole)
-
-
-def write(folder, text, name="Block_1 - AT.xml"):
-    save_photos(folder / "photos")
-    (folder / name).write_text(text, encoding="utf-8")
-    return folder
-
-
-def reference(values, to_camera, point, f=80.0, aspect=1.0, skew=0.0, centre=POINT):
-    """The guide's perspective camera model, number by number, from the corner of the first pixel."""
-    X, Y, Z = (to_camera @ [*point, 1.0])[:3]
-    x, y = X / Z, Y / Z
-    r2 = x * x + y * y
-    k1, k2, k3, p1, p2 = (values.get(name, 0.0) for name in BROWN)
-    radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
-    a = x * radial + 2 * p2 * x * y + p1 * (r2 + 2 * x * x)
-    b = y * radial + 2 * p1 * x * y + p2 * (r2 + 2 * y * y)
-    return f * a + skew * b + centre[0] + 0.5, aspect * f * b + centre[1] + 0.5
-
-
-def fisheye_reference(p, focal, to_camera, point):
-    """The guide's fisheye camera model: a quarter turn from the axis is 1."""
-    X, Y, Z = (to_camera @ [*point, 1.0])[:3]
-    r = math.hypot(X, Y)
-    angle = 2 / math.pi * math.atan2(r, Z)
-    radius = sum(value * angle**power for power, value in enumerate(p))
-    u, v = np.array(focal) @ (radius * X / r, radius * Y / r)
-    return u + POINT[0] + 0.5, v + POINT[1] + 0.5
-
-
-@pytest.mark.parametrize(
-    "values, inside, options, lens",
-    [
-        (dict.fromkeys(BROWN, 0.0), "", {}, "pinhole"),
-        (BROWN, "<AspectRatio>1</AspectRatio><Skew>0</Skew>", {}, "opencv"),
-        (BROWN, "<AspectRatio>0.95</AspectRatio>", dict(aspect=0.95), "opencv"),
-        (BROWN, "<Skew>0.5</Skew>", dict(skew=0.5), "brown"),
-    ],
-)
-def test_points_project_as_the_guide_says(tmp_path, values, inside, options, lens):
-    text = simple(lens=f"<Distortion>{tags(values)}</Distortion>", inside=inside)
-    capture = read_capture(write(tmp_path, text))
-    assert capture.format == blocks_exchange.NAME and not capture.warnings
-    assert {item.lens for item in capture.cameras} == {lens}
-    to_camera = np.linalg.inv(poses())
-    check_projection(capture, lambda i, x: reference(values, to_camera[i], x, **options), poses())
-
-
-@pytest.mark.parametrize(
-    "focal, f",
-    [
-        ("<FocalLength>30.0</FocalLength><SensorSize>36.0</SensorSize>", 80.0),
-        ("<FocalLength>30.0</FocalLength><PixelSize>0.375</PixelSize>", 80.0),
-        ("<FocalLength>5.0</FocalLength><FocalLengthPixels>75.5</FocalLengthPixels>", 75.5),
-    ],
-)
-def test_focal_lengths_are_in_pixels_or_in_millimetres(tmp_path, focal, f):
-    capture = read_capture(write(tmp_path, simple(focal=focal)))
-    to_camera = np.linalg.inv(poses())
-    check_projection(capture, lambda i, x: reference(BROWN, to_camera[i], x, f=f), poses())
-
-
-def test_the_specifications_own_numbers_agree(tmp_path):
-    """Its photo of 9420 × 14430 pixels: lengths in mm and in pixels, angles and matrix."""
-    save_photos(tmp_path, ["071_2810", "b", "c"], (942, 1443), ".jpg")
-    size = ("<Width>96</Width><Height>64</Height>", "<Width>9420</Width><Height>14430</Height>")
-    turn = (
-        "<M_00>-0.9999982912233401</M_00><M_01>-0.001636319085375301</M_01><M_02>-0.0008602425863163225</M_02>"
-        "<M_10>-0.001631068695467463</M_10><M_11>0.9999802528616577</M_11><M_12>-0.00606906089589293</M_12>"
-        "<M_20>0.0008701565192966738</M_20><M_21>-0.006067647409696231</M_21><M_22>-0.9999812130648239</M_22>"
-    )
-    angles = "<Omega>179.6523471469934</Omega><Phi>0.04985630236313049</Phi><Kappa>179.9065465708369</Kappa>"
-    place = np.eye(4)
-    place[:3, 3] = 651999.7159189156, 6863073.633923346, 1318.897690166719
-    found = []
-    for focal, point, written in (
-        ("<FocalLengthPixels>13991.05582</FocalLengthPixels>",
-         "<x>4683.755692</x><y>7223.0141002</y>", turn),
-        ("<FocalLength>100.735601903992</FocalLength><SensorSize>103.896</SensorSize>",
-         "<xmm>-0.1853590176</xmm><ymm>0.06130152144</ymm>", angles),
-        ("<FocalLength>100.735601903992</FocalLength><PixelSize>0.0072</PixelSize>",
-         "<x>4683.755692</x><y>7223.0141002</y>", turn),
-    ):  # fmt: skip
-        photos = [
-            photo(i, place, name, written)
-            for i, name in enumerate(("071_2810.jpg", "b.jpg", "c.jpg"))
-        ]
-        text = document(
-            [group(photos, focal=focal, point=point, lens="")], ("Lambert 93", "EPSG:2154")
-        )
-        (tmp_path / "block.xml").write_text(text.replace(*size))
-        found.append(read_capture(tmp_path).cameras[0])
-    for item in found:
-        assert item.fx == pytest.approx(1399.105582, rel=1e-8)
-        assert (item.cx, item.cy) == pytest.approx((468.4255692, 722.35141002), abs=1e-5)
-        np.testing.assert_allclose(
-            item.camera_to_world, found[0].camera_to_world, atol=1e-9, rtol=1e-12
-        )
-        # The photos of an aerial survey look down.
-        assert item.view_direction @ (0, 0, -1) > 0.99
-
-
-@pytest.mark.parametrize("axes", AXES)
-def test_cameras_axes_may_be_any(tmp_path, axes):
-    to_opencv = np.array(AXES[axes])
-    offset = to_opencv.T @ (1.5, -2.25, 0)  # mm, along those axes
-    cameras = [
-        photo(i, pose, turn=matrix(to_opencv.T @ pose[:3, :3].T)) for i, pose in enumerate(poses())
-    ]
-    text = document(
-        [
-            group(
-                cameras, axes=axes, focal="<FocalLength>40</FocalLength><PixelSize>0.5</PixelSize>",
-                point=tags(dict(xmm=float(offset[0]), ymm=float(offset[1]))),
-            )
-        ]
-    )  # fmt: skip
-    capture = read_capture(write(tmp_path, text))
-    centre = (WIDTH - 1) / 2 + 3, (HEIGHT - 1) / 2 - 4.5
-    to_camera = np.linalg.inv(poses())
-    check_projection(
-        capture, lambda i, x: reference(BROWN, to_camera[i], x, centre=centre), poses()
-    )
 
 
 def test_rotations_may_be_angles(tmp_path):
@@ -251,56 +56,6 @@ def test_angles_whose_order_is_not_known_are_refused(tmp_path):
     turn = tags(dict(Yaw=-98.4, Pitch=-45.0, Roll=1.5))
     text = document([group([photo(i, pose, turn=turn) for i, pose in enumerate(poses())])])
     with pytest.raises(CaptureError, match="Pitch, Roll, Yaw are not read; export .* as matrices"):
-        read_capture(write(tmp_path, text))
-
-
-@pytest.mark.parametrize(
-    "p, focal, lens",
-    [
-        ((0, 1, 0, 0, 0), [[60.0, 0.0], [0.0, 58.0]], "opencv_fisheye"),
-        ((0, 1, 0, -0.11, 0), [[60.0, 0.0], [0.0, 60.0]], "opencv_fisheye"),
-        ((0, 0.9, 0, -0.11, 0), [[60.0, 0.5], [0.0, 58.0]], "brown"),
-    ],
-)
-def test_points_project_as_the_guide_says_of_a_fisheye(tmp_path, p, focal, lens):
-    values = dict(zip(("M_00", "M_01", "M_10", "M_11"), np.ravel(focal).tolist(), strict=True))
-    numbers = tags(dict(zip(("P0", "P1", "P2", "P3", "P4"), p, strict=True)))
-    text = simple(
-        kind="Fisheye", focal="",
-        lens=f"<FisheyeFocalMatrix>{tags(values)}</FisheyeFocalMatrix>"
-        f"<FisheyeDistortion>{numbers}</FisheyeDistortion>",
-    )  # fmt: skip
-    capture = read_capture(write(tmp_path, text))
-    assert {item.lens for item in capture.cameras} == {lens}
-    to_camera = np.linalg.inv(poses())
-    check_projection(
-        capture, lambda i, x: fisheye_reference(p, focal, to_camera[i], x), poses(), spread=1.5
-    )
-
-
-def test_a_fisheyes_focal_length_is_that_on_its_axis(tmp_path):
-    capture = read_capture(write(tmp_path, simple(kind="Fisheye", lens="")))
-    focal = np.eye(2) * 80 * math.pi / 2
-    to_camera = np.linalg.inv(poses())
-    check_projection(
-        capture, lambda i, x: fisheye_reference((0, 1), focal, to_camera[i], x), poses(), spread=1.0
-    )
-
-
-@pytest.mark.parametrize(
-    "numbers",
-    [
-        "<P0>0.01</P0><P1>1</P1>",
-        "<P1>1</P1><P2>0.483949</P2><P3>-0.724297</P3>",
-        "<P1>1</P1><P4>1e-3</P4>",
-        "<P1>0</P1><P3>1</P3>",
-    ],
-)
-def test_a_fisheye_that_there_is_not_here_is_refused(tmp_path, numbers):
-    text = simple(kind="Fisheye", lens=f"<FisheyeDistortion>{numbers}</FisheyeDistortion>")
-    with pytest.raises(
-        CaptureError, match="no lens here that is the same .*; export the undistorted"
-    ):
         read_capture(write(tmp_path, text))
 
 
