@@ -65,8 +65,6 @@ def _found(path: Path, where: str, entry: object, photos: PhotoFinder) -> Found:
     width, height, fx, fy = (
         number(path, f"{where}.{key}", camera.get(key)) for key in ("width", "height", "fx", "fy")
     )
-    if not 1 <= min(width, height) <= max(width, height) <= 1e6:
-        raise CaptureError(path, f"{where}.width", "the photo has no size", "export it again")
     rows = camera.get("rotation")
     if not isinstance(rows, list) or len(rows) != 3:
         raise CaptureError(

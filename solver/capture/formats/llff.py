@@ -52,8 +52,6 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         down, right, backwards, place, (height, width, focal) = matrix.T
         pose = np.column_stack([right, -down, backwards, place])
         where = f"row {index}"
-        if not 1 <= min(width, height) <= max(width, height) <= 1e6:
-            raise CaptureError(path, where, "the photo has no size", "export the cameras again")
         found.append(
             Found(
                 where, f"photo {index}" if photo is None else photo.name, photo, pose,
