@@ -17,6 +17,7 @@ from .gltf import write_glb
 from .settings import AssetSettings
 from .surface import SurfaceField, extract_surface
 from .tangent import encode_normals, texel_frames
+from .unknown import spread_into_unknown, with_unknown
 from .unwrap import rasterise, unwrap
 
 TURN = 1e-5
@@ -48,7 +49,8 @@ def build_asset(
     mesh = extract_surface(field, level, settings)
     progress(0.25, "smooth normals")
     vertices = np.asarray(mesh.vertices, dtype=np.float32)
-    at_vertices = gather(field, vertices, np.asarray(mesh.vertex_normals, np.float32), settings)
+    facing = np.asarray(mesh.vertex_normals, dtype=np.float32)
+    at_vertices = gather(field, vertices, facing, settings)
     progress(0.3, "UV unwrap")
     unwrapped = unwrap(mesh, at_vertices.normals, settings.texture_size)
     texels = rasterise(unwrapped, settings.texture_size)
@@ -59,6 +61,9 @@ def build_asset(
     samples = gather(
         field, points, outward, settings, lambda done: progress(0.5 + 0.35 * done, "baking")
     )
+    known = field.known(vertices, facing)
+    around = spread_into_unknown(mesh, at_vertices, known)
+    samples = with_unknown(samples, around, known, unwrapped, texels)
     progress(0.85, "writing files")
 
     def texture(values: np.ndarray) -> np.ndarray:

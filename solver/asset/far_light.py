@@ -22,7 +22,7 @@ from ..light.environment import (
 )
 from ..light.floor import Floor
 from ..render.scene import Scene
-from .sight import seen_by
+from .sight import cosines_seen_by
 
 POINTS = 512
 """on the surface, evenly taken from all, of which it is looked at what they mirror"""
@@ -71,8 +71,8 @@ def mirrors_of(scene: Scene, cameras: list[Camera]) -> Mirrors:
         view = torch.nn.functional.normalize(view, dim=-1)
         cosine = (view * normals).sum(-1)
         mirrored = 2 * cosine[:, None] * normals - view
-        seen = torch.from_numpy(seen_by(camera, scene, *on_surface)).to(points)
-        weight = cosine * seen * scene.grid_transmittance(origins, mirrored, begin)
+        seen = torch.from_numpy(cosines_seen_by(camera, scene, *on_surface)).to(points)
+        weight = seen * scene.grid_transmittance(origins, mirrored, begin)
         weights += weight[:, None] * torch.exp(SHARPNESS * (mirrored @ around.T - 1))
     facing = (normals @ around.T).clamp(min=1e-6)
     weights += ELSEWHERE * weights.max().clamp(min=1e-6) * facing

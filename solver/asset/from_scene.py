@@ -16,12 +16,14 @@ from .build import build_asset
 from .errors import EmptySurfaceError
 from .far_light import light_from_afar
 from .settings import AssetSettings
-from .sight import seen_by
+from .sight import cosines_seen_by
 
 MAX_RAYS = 400_000
 MIN_BORDER_RAYS = 50
 FEWEST_PHOTOS = 3
 """that must show a place for it to be seen: what one or two show, they would show at many a depth"""
+LEAST_COSINES = 0.5
+"""sum of the cosines at which photos show a place, from which on they tell of what it is made"""
 
 
 class SceneSurface:
@@ -64,11 +66,24 @@ class SceneSurface:
 
     def seen(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """[N] true where enough photos show the surface at points [N, 3] with outward normals [N, 3]."""
-        times = np.zeros(len(points), dtype=int)
+        return self._shown(points, normals, lambda cosines: cosines > 0, FEWEST_PHOTOS)
+
+    def known(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """[N] true where photos, one that faces it or some at flat angles, tell what it is made of."""
+        return self._shown(points, normals, lambda cosines: cosines, LEAST_COSINES)
+
+    def _shown(
+        self, points: np.ndarray, normals: np.ndarray,
+        worth: Callable[[np.ndarray], np.ndarray], enough: float,
+    ) -> np.ndarray:  # fmt: skip
+        """[N] true where what photos are worth, by the cosines at which they show a point, is enough."""
+        total = np.zeros(len(points))
         for camera in self._cameras:
-            waiting = np.flatnonzero(times < FEWEST_PHOTOS)
-            times[waiting] += seen_by(camera, self._scene, points[waiting], normals[waiting])
-        return times >= FEWEST_PHOTOS
+            waiting = np.flatnonzero(total < enough)
+            total[waiting] += worth(
+                cosines_seen_by(camera, self._scene, points[waiting], normals[waiting])
+            )
+        return total >= enough
 
 
 def asset_of(

@@ -15,17 +15,19 @@ GRAZING_COSINE = 0.1
 
 
 @torch.no_grad()
-def seen_by(camera: Camera, scene: Scene, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """[N] true where a camera of the scene's world shows the surface at points [N, 3] with outward normals
-    [N, 3]."""
+def cosines_seen_by(
+    camera: Camera, scene: Scene, points: np.ndarray, normals: np.ndarray
+) -> np.ndarray:
+    """[N] cosines between outward normals [N, 3] and the ways to a camera of the scene's world, where that
+    shows the surface at points [N, 3]; else 0."""
     towards = camera.position - points
     towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-12)
-    faces_it = (towards * normals).sum(1) > GRAZING_COSINE
-    seen = faces_it & camera.in_frame(points)
+    cosines = (towards * normals).sum(1)
+    seen = (cosines > GRAZING_COSINE) & camera.in_frame(points)
     origins, directions = (
         torch.from_numpy(values[seen]).float().to(scene.device) for values in (points, towards)
     )
     start = torch.full((len(origins),), scene.self_shadow, device=scene.device)
     passing = scene.grid_transmittance(origins, directions, start).cpu().numpy()
     seen[seen] = passing > SEEN_TRANSMITTANCE
-    return seen
+    return np.where(seen, cosines, 0.0)

@@ -31,6 +31,9 @@ class SurfaceField(Protocol):
     def seen(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """[N] true where photos show the surface at points [N, 3] with outward normals [N, 3]."""
 
+    def known(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """[N] true where they tell what it is made of, likewise."""
+
     def materials(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Albedo [N, 3], GGX α [N], F0 [N, 3]."""
 
