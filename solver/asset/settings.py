@@ -16,9 +16,11 @@ class AssetSettings:
     texture_size: int = 1024
     """texels per edge of each texture"""
     floater_share: float = 0.01
-    """connected parts with less than this share of the largest part's area are dropped"""
+    """connected parts with less than this share of the largest part's area are dropped if no photo shows
+    them"""
     shred_share: float = 0.05
-    """the same where photos have no masks: small parts are more likely shreds of what is around"""
+    """the same where photos have no masks, whatever they show: small parts are more likely shreds of what
+    is around"""
     unseen_share: float = 0.02
     """there, a patch that no photo shows is cut off if its area is more than this share of what they show:
     nothing is known of it; smaller ones are holes to close"""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import fast_simplification
@@ -13,6 +14,8 @@ from .errors import EmptySurfaceError
 from .settings import AssetSettings
 
 POINTS_PER_CALL = 1 << 18
+DUST_SHARE = 1e-3
+"""of the largest part's area, below which a part is a few cells that nobody misses"""
 
 
 class SurfaceField(Protocol):
@@ -47,7 +50,9 @@ def extract_surface(field: SurfaceField, level: float, settings: AssetSettings) 
     mesh = marching_cubes(field, settings.cells, level)
     if field.surrounded:
         mesh = cut_unseen(mesh, field, settings.unseen_share)
-    mesh = drop_floaters(mesh, settings.shred_share if field.surrounded else settings.floater_share)
+        mesh = drop_floaters(mesh, settings.shred_share)
+    else:
+        mesh = drop_floaters(mesh, settings.floater_share, field.known)
     return decimate(mesh, settings.triangles)
 
 
@@ -102,21 +107,35 @@ def cut_unseen(mesh: trimesh.Trimesh, field: SurfaceField, share: float) -> trim
     return mesh
 
 
-def drop_floaters(mesh: trimesh.Trimesh, share: float) -> trimesh.Trimesh:
+def drop_floaters(
+    mesh: trimesh.Trimesh, share: float,
+    known: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+) -> trimesh.Trimesh:  # fmt: skip
     """Keep connected parts with at least `share` of the largest part's area, facing outward.
 
     Closed parts whose volume is negative are the inner walls of hollow bodies; nobody sees them. An open
     part, of which something was cut off, has no volume.
+
+    Args:
+        known: see `SurfaceField`; smaller parts stay, too, where photos show most of them: within masks
+            those are what is left of something thin.
     """
     parts = mesh.split(only_watertight=False)
     if len(parts) <= 1:
         return mesh
     largest = max(part.area for part in parts)
-    kept = [
-        part
-        for part in parts
-        if part.area >= share * largest and (part.volume > 0 or not part.is_watertight)
-    ]
+
+    def stays(part: trimesh.Trimesh) -> bool:
+        if part.is_watertight and part.volume <= 0 or part.area < min(share, DUST_SHARE) * largest:
+            return False
+        if part.area >= share * largest:
+            return True
+        if known is None:
+            return False
+        vertices, normals = np.asarray(part.vertices), np.asarray(part.vertex_normals)
+        return known(vertices, normals).mean() > 0.5
+
+    kept = [part for part in parts if stays(part)]
     return trimesh.util.concatenate(kept) if kept else mesh
 
 

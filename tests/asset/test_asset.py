@@ -98,6 +98,18 @@ def test_floaters_go_and_separate_bodies_stay():
     assert len(drop_floaters(mesh, 0.01).split()) == 2
 
 
+def test_a_small_part_that_photos_show_stays_but_no_dust():
+    """A fixed bug: what thin things leave behind, a wire or a piece of a handle, was dropped."""
+    field = Balls(
+        ((-0.3, 0, 0), 0.5), ((0.6, 0.3, 0), 0.04), ((0.6, -0.3, 0), 0.04), ((0, 0.9, 0), 0.014)
+    )
+    mesh = marching_cubes(field, 128, LEVEL)
+    assert len(mesh.split()) == 4
+    kept = drop_floaters(mesh, 0.01, lambda points, normals: points[:, 1] > 0)
+    centres = sorted(tuple(part.centroid.round(1)) for part in kept.split())
+    assert centres == [(-0.3, 0.0, 0.0), (0.6, 0.3, 0.0)]
+
+
 def test_inner_walls_go():
     outer, inner = trimesh.creation.icosphere(radius=1), trimesh.creation.icosphere(radius=0.5)
     inner.invert()
