@@ -26,7 +26,7 @@ from .settings import Settings
 from .trainer import Trainer
 
 BEFORE = {
-    "light": {"turntable": "no", "from_room": False, "floor": False},
+    "light": {"turntable": "no", "from_room": False, "floor": False, "colour_tolerance": 0.0},
     "render": {"diffuse_visibility": False},
     "fit": {
         "palette_weight": 0.0, "dielectric_weight": 0.0, "grey_f0_weight": 0.0,

@@ -9,13 +9,13 @@ from typing import NamedTuple
 import torch
 
 from ..render.pixels import keys_of_rays, pixels_of, secondary_rays_each
-from ..render.radiance import render_rays
+from ..render.radiance import RayBuffers, render_rays
 from ..render.random_numbers import ROOM_OFFSET, RandomNumbers
 from ..render.scene import RenderSettings, Scene, StepTables
 from ..render.surroundings import surroundings
 from . import priors
 from .far_light import FarLight
-from .losses import Behind, room_light, total_loss
+from .losses import Behind, photometric, room_light, total_loss
 from .ray_bank import RayBatch
 from .schedule import emission_share, neural_share, pixel_grid
 from .settings import Settings
@@ -82,31 +82,21 @@ class ChunkLoss:
 
     def accumulate(self, scene: Scene, tables: StepTables, chunk: Chunk) -> Taken:
         """Add the gradients of a chunk's share of the loss to those of scene and tables."""
-        batch, share, fit = chunk.batch, chunk.share, self.settings.fit
-        random = self.random.at(chunk.step)
-        settings = dataclasses.replace(
-            self.render_settings(chunk.fraction),
-            retraced_rays=chunk.retraced,
-        )
-        each = batch.directions.shape[1]
-        buffers = render_rays(
-            scene, tables, settings, random, batch.origins.repeat_interleave(each, 0),
-            batch.directions.flatten(0, 1), keys_of_rays(chunk.keys, each), jitter=True,
-            pixel_angle=batch.pixel_angle.repeat_interleave(each) / settings.pixel_grid,
-        )  # fmt: skip
-        buffers = pixels_of(buffers, each)
+        share, fit = chunk.share, self.settings.fit
+        buffers = self._pixels(scene, tables, chunk)
         log_gain = gain = None
         if chunk.log_gain is not None:
             log_gain = chunk.log_gain.clone().requires_grad_()
-            gain = log_gain[batch.photo].exp()
+            gain = log_gain[chunk.batch.photo].exp()
         loss, terms = total_loss(
-            buffers, batch, fit, self.use_masks, chunk.fraction,
-            self._behind(scene, tables, random, chunk), gain,
+            buffers, chunk.batch, fit, self.use_masks, chunk.fraction,
+            self._behind(scene, tables, chunk), gain,
         )  # fmt: skip
         reflecting = 1 - self.emission(chunk.fraction)
         if reflecting > 0:
             loss = loss + reflecting * priors.of_materials(buffers, fit, chunk.fraction)
         keys = chunk.keys[: max(1, round(ROOM_DIRECTIONS * share))]
+        random = self.random.at(chunk.step)
         if scene.room is not None:
             loss = loss + fit.room_light_weight * room_light(scene, tables, random, keys)
         elif self.far is not None:
@@ -115,12 +105,32 @@ class ChunkLoss:
         samples = (buffers.samples, buffers.retraced, buffers.retraced_samples)
         return Taken(terms["image"], samples, None if log_gain is None else log_gain.grad)
 
-    def _behind(
-        self, scene: Scene, tables: StepTables, random: RandomNumbers, chunk: Chunk
-    ) -> Behind:
+    @torch.no_grad()
+    def image_error(self, scene: Scene, tables: StepTables, chunk: Chunk) -> float:
+        """A chunk's share of how unlike the photos its pixels are (`losses.photometric`); no gradients."""
+        gain = None if chunk.log_gain is None else chunk.log_gain[chunk.batch.photo].exp()
+        buffers, behind = self._pixels(scene, tables, chunk), self._behind(scene, tables, chunk)
+        return chunk.share * float(photometric(buffers, chunk.batch, behind, gain))
+
+    def _pixels(self, scene: Scene, tables: StepTables, chunk: Chunk) -> RayBuffers:
+        batch = chunk.batch
+        settings = dataclasses.replace(
+            self.render_settings(chunk.fraction),
+            retraced_rays=chunk.retraced,
+        )
+        each = batch.directions.shape[1]
+        buffers = render_rays(
+            scene, tables, settings, self.random.at(chunk.step),
+            batch.origins.repeat_interleave(each, 0), batch.directions.flatten(0, 1),
+            keys_of_rays(chunk.keys, each), jitter=True,
+            pixel_angle=batch.pixel_angle.repeat_interleave(each) / settings.pixel_grid,
+        )  # fmt: skip
+        return pixels_of(buffers, each)
+
+    def _behind(self, scene: Scene, tables: StepTables, chunk: Chunk) -> Behind:
         batch = chunk.batch
         if self.background in SURROUNDED:
-            u = random.uniform(ROOM_OFFSET, chunk.keys)
+            u = self.random.at(chunk.step).uniform(ROOM_OFFSET, chunk.keys)
             middle = torch.nn.functional.normalize(batch.directions.mean(1), dim=-1)
             return surroundings(scene, tables, batch.origins, middle, batch.pixel_angle, u)
         if batch.behind is not None:

@@ -230,8 +230,7 @@ def fit(
             )
             progress.checkpoint(trainer.step)
             last_checkpoint = time.monotonic()
-    trainer.refresh_occupancy()
-    trainer.refresh_probes()
+    trainer.finish()
     seconds = seconds_before + timer.elapsed
     checkpoint.save_checkpoint(trainer, job.checkpoint_dir, seconds, done=True)
     progress.checkpoint(trainer.step)

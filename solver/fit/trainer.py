@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from functools import partial
 
 import torch
 
@@ -12,12 +13,13 @@ from ..field.smoothing import step_smoothing
 from ..light.environment import EnvironmentMap
 from ..render.probing import refresh_probes
 from ..render.random_numbers import RandomNumbers
-from ..render.scene import Scene
+from ..render.scene import Scene, SharedTables
 from .adam import Adam
 from .batching import Batching
 from .chunk import Chunk, ChunkLoss
 from .exposure import exposures_for
 from .far_light import FarLight
+from .light_colours import coarsest_colours
 from .light_start import light_from_room
 from .ray_bank import RayBank
 from .schedule import pixel_grid, probe_turn, smoothing_width, step_width
@@ -26,6 +28,8 @@ from .workers import Workers, worker_count
 
 THIN_FOG_SHARE = 0.02
 """of the opacity from which a cell counts as occupied, while the fog is thin still"""
+STEPS_OF_PIXELS = 4
+"""as many pixels as steps have tell, at the end, how fine the colours of the light have to be"""
 TURNS_A_STEP = 4
 """photos of which a step has pixels, at least, where the light turned with them"""
 
@@ -147,6 +151,41 @@ class Trainer:
     def emission(self, fraction: float) -> float:
         """Share of emission at a fraction of the fit."""
         return self.loss.emission(fraction)
+
+    @torch.no_grad()
+    def finish(self) -> None:
+        """What is left to do when the last step is done."""
+        self.refresh_occupancy()
+        self.refresh_probes()
+        tolerance = self.settings.light.colour_tolerance
+        if tolerance > 0:
+            grid = pixel_grid(self.settings, self.fraction)
+            pixels = self._draw(STEPS_OF_PIXELS * self.batching.chunks(grid * grid), grid)
+            self._set_light(
+                coarsest_colours(
+                    self.scene.environment.radiance(),
+                    partial(self._error_under, *pixels),
+                    tolerance,
+                )
+            )
+
+    def _error_under(
+        self, chunks: list[Chunk], turns: Sequence[torch.Tensor | None], radiance: torch.Tensor
+    ) -> float:
+        """Image loss of chunks under a light of `radiance` [3, H, 2H], which the scene then has."""
+        self._set_light(radiance)
+        tables, loss = SharedTables.of(self.scene, turns), self.loss
+        return sum(
+            self.workers.together(
+                [
+                    partial(loss.image_error, self.scene, tables.under(chunk.turn), chunk)
+                    for chunk in chunks
+                ]
+            )
+        )
+
+    def _set_light(self, radiance: torch.Tensor) -> None:
+        self.scene.environment.log_radiance.copy_(radiance.log())
 
     def _learning_rate_factor(self, fraction: float) -> float:
         fit = self.settings.fit

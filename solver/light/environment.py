@@ -61,6 +61,19 @@ def resized_map(values: torch.Tensor, height: int) -> torch.Tensor:
     return look_up(values, torch.stack(torch.meshgrid(column, row, indexing="xy"), dim=-1))
 
 
+def coarsely_coloured(radiance: torch.Tensor, texels: int) -> torch.Tensor:
+    """Radiance [3, H, 2H] whose brightness, the mean of its channels, stays, and whose colour is that of
+    the energy of squares of `texels`, blended between their centres.
+
+    Args:
+        texels: has to divide H.
+    """
+    energy = radiance * texel_solid_angles(radiance.shape[1]).to(radiance)[:, None]
+    squares = F.avg_pool2d(energy, texels)
+    colour = resized_map(squares / squares.mean(0, keepdim=True), radiance.shape[1])
+    return radiance.mean(0, keepdim=True) * colour
+
+
 class _MapConstants(NamedTuple):
     """What depends on a map's size alone."""
 

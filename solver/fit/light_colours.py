@@ -1,0 +1,33 @@
+"""Colours of a fitted light, as coarse as its photos allow.
+
+Photos of something red tell little of the light's red. What they leave open each channel fills with noise
+of its own: red and cyan specks, the first thing to be seen of a light that stands behind its object.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+
+from ..light.environment import coarsely_coloured
+
+SQUARES = (16, 8, 4, 2)
+"""edges, in texels, of the squares that may have one colour, the coarsest first"""
+
+
+def coarsest_colours(
+    radiance: torch.Tensor, error: Callable[[torch.Tensor], float], tolerance: float
+) -> torch.Tensor:
+    """The light [3, H, 2H] with the coarsest colours under which photos are as good as under its own.
+
+    Args:
+        error: of photos under a light. tolerance: share by which it may grow.
+    """
+    most = (1 + tolerance) * error(radiance)
+    for texels in SQUARES:
+        if radiance.shape[1] % texels == 0:
+            coarse = coarsely_coloured(radiance, texels)
+            if error(coarse) <= most:
+                return coarse
+    return radiance
