@@ -23,6 +23,7 @@ from .formats import (
     openmvg,
     opensfm,
     polycam,
+    pose_folder,
     realitycapture,
     record3d,
     transforms,
@@ -40,7 +41,7 @@ from .picture_names import VIDEOS
 
 FORMATS: tuple[ModuleType, ...] = (
     transforms, colmap, metashape, realitycapture, meshroom, openmvg, opensfm, blocks_exchange,
-    polycam, record3d, bundler, visualsfm, neus, gaussians, llff, mvsnet,
+    polycam, record3d, bundler, visualsfm, neus, gaussians, llff, mvsnet, pose_folder,
 )  # fmt: skip
 """readers, the likeliest first"""
 JOBS_FOLDER = "nmf_jobs"
@@ -59,7 +60,8 @@ _AROUND = tuple(
     f"{folders}{name}"
     for folders in ("*/", "*/*/")
     for name in (
-        *_FILES_OF_SPLIT["train"], "cams/00000000_cam.txt",
+        *_FILES_OF_SPLIT["train"], "cams/00000000_cam.txt", "intrinsics.txt",
+        "intrinsic/intrinsic_color.txt",
     )
 )  # fmt: skip
 """of a folder around a capture's, as archives have it"""
