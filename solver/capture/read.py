@@ -18,10 +18,12 @@ from .formats import (
     llff,
     meshroom,
     metashape,
+    mvsnet,
     neus,
     openmvg,
     opensfm,
     polycam,
+    pose_folder,
     realitycapture,
     record3d,
     transforms,
@@ -39,7 +41,7 @@ from .picture_names import VIDEOS
 
 FORMATS: tuple[ModuleType, ...] = (
     transforms, colmap, metashape, realitycapture, meshroom, openmvg, opensfm, blocks_exchange,
-    polycam, record3d, bundler, visualsfm, neus, gaussians, llff,
+    polycam, record3d, bundler, visualsfm, neus, gaussians, llff, mvsnet, pose_folder,
 )  # fmt: skip
 """readers, the likeliest first"""
 JOBS_FOLDER = "nmf_jobs"
@@ -55,8 +57,13 @@ _FILES_OF_SPLIT = {
 _LENSES_ALONE = "OpenDroneMap's lenses, without poses", "give its opensfm/reconstruction.json"
 """what is to be said of a cameras.json that is no capture, and what is to be given instead"""
 _AROUND = tuple(
-    f"{folders}{name}" for folders in ("*/", "*/*/") for name in _FILES_OF_SPLIT["train"]
-)
+    f"{folders}{name}"
+    for folders in ("*/", "*/*/")
+    for name in (
+        *_FILES_OF_SPLIT["train"], "cams/00000000_cam.txt", "intrinsics.txt",
+        "intrinsic/intrinsic_color.txt",
+    )
+)  # fmt: skip
 """of a folder around a capture's, as archives have it"""
 _DEEPEST, _MOST_TRIED = 3, 2000
 
@@ -205,7 +212,11 @@ def _search(folder: Path) -> Path | None:
                     return file
     for pattern in _AROUND:
         there = sorted(folder.glob(pattern))
-        files = [file for file in there if JOBS_FOLDER not in file.relative_to(folder).parts]
+        files = [
+            file
+            for file in there
+            if JOBS_FOLDER not in file.relative_to(folder).parts and reader_of(file) is not None
+        ]
         if len(files) > 1:
             raise _several(folder, files)
         if files:

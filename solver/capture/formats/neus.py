@@ -24,14 +24,13 @@ from ..in_order import photos_in_order
 from ..intake import Found, Intrinsics, assemble
 from ..npy_files import read_npz
 from ..photo_finder import PhotoFinder
+from ..pinhole import pinhole_of
 
 NAME = "NeuS"
 EXTENSIONS = (".npz",)
 PATTERNS = ("cameras_sphere.npz", "cameras*.npz", "*/cameras_sphere.npz", "*/cameras*.npz")
 
 _PHOTO_FOLDERS = ("image", "images", "rgb")
-_MOST_SKEW = 0.02
-"""of the focal length"""
 
 
 def recognises(file: Path) -> bool:
@@ -99,17 +98,11 @@ def _decomposed(
     k, rotation = np.flipud(np.fliplr(r.T)), np.flipud(q.T)
     signs = np.sign(np.diag(k))
     k, rotation = k * signs, rotation * signs[:, None]
-    if abs(k[0, 1]) > _MOST_SKEW * k[0, 0]:
-        raise CaptureError(
-            path, where, "its pixels are not rectangles (skew), which no lens here has",
-            "export the cameras with square pixels",
-        )  # fmt: skip
     pose = np.eye(4)
     pose[:3, :3] = rotation.T
     pose[:3, 3] = -np.linalg.solve(projection[:, :3], projection[:, 3])
-    k = k / k[2, 2]
-    lens = float(k[0, 0]), float(k[1, 1]), float(k[0, 2]) + 0.5, float(k[1, 2]) + 0.5
-    return lens, pose_opengl_from_opencv(pose)
+    fx, fy, cx, cy = pinhole_of(path, where, k)
+    return (fx, fy, cx + 0.5, cy + 0.5), pose_opengl_from_opencv(pose)
 
 
 def _region(path: Path, spheres: dict[int, np.ndarray]) -> np.ndarray:

@@ -14,6 +14,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ..camera_folder import files_in
 from ..capture import Capture
 from ..errors import CaptureError
 from ..files import json_head, number, read_json
@@ -31,7 +32,6 @@ PATTERNS = (
 _PHOTO_FOLDERS = {"corrected_cameras": "corrected_images", "cameras": "images"}
 _SHARP = 25.0
 """blur score from which a photo is sharp, nerfstudio's own limit"""
-_MOST_CAMERAS = 20_000
 
 
 def recognises(file: Path) -> bool:
@@ -46,23 +46,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     Raises:
         CaptureError: anything that cannot be used, with file, field and remedy.
     """
-    try:
-        # On disks of other systems macOS lays ._N.json, which is no JSON, beside N.json.
-        files = sorted(
-            file
-            for file in path.parent.glob("*.json")
-            if file.is_file() and not file.name.startswith(".")
-        )
-    except OSError as error:
-        raise CaptureError(
-            path.parent, "", "the folder cannot be read", "check its permissions"
-        ) from error
-    if len(files) > _MOST_CAMERAS:
-        raise CaptureError(
-            path.parent, "", f"it holds {len(files)} JSON files", "leave only the cameras in it"
-        )
     found, blurred = [], []
-    for file in files:
+    for file in files_in(path.parent, ".json"):
         content = read_json(file)
         if not isinstance(content, dict) or "t_00" not in content:
             continue

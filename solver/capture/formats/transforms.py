@@ -24,6 +24,7 @@ from ..files import is_no_pose, json_head, read_json
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
+from ..pinhole import size_meant
 from ..ply_points import read_ply_points
 from ..upright import estimate_up
 from .transforms_lens import lens_entries, number_of, read_lens
@@ -34,8 +35,6 @@ PATTERNS = ("transforms_train.json", "transforms.json")
 
 SURE = math.cos(math.radians(20))
 """cosine of the angle up to which people's idea of level and the file's up are one"""
-OFF_CENTRE = 0.2
-"""how far from the middle no lens's centre is, as a share of half the photo"""
 
 
 def is_transforms(content: Any) -> bool:
@@ -188,7 +187,9 @@ def _intrinsics(path: Path, where: str, values: dict, image: Path | None) -> Int
                 path, f"{where}.w", "neither the picture's size nor a photo of that size is there",
                 "add w and h, in pixels",
             )  # fmt: skip
-        width, height = _size_meant(image_size(image), cx, cy)
+        width, height = image_size(image)
+        if cx is not None and cy is not None:
+            width, height = size_meant((width, height), cx, cy)
     width, height = int(width), int(height)
     if width < 1 or height < 1:
         raise CaptureError(path, f"{where}.w", "the photo has no size", "correct w and h")
@@ -218,13 +219,3 @@ def _intrinsics(path: Path, where: str, values: dict, image: Path | None) -> Int
         width, height, fx, fy, width / 2 if cx is None else cx, height / 2 if cy is None else cy,
         lens, distortion,
     )  # fmt: skip
-
-
-def _size_meant(size: tuple[int, int], cx: float | None, cy: float | None) -> tuple[float, float]:
-    """The size of the photo that a lens without one is for: this photo's, unless the lens's centre tells of
-    another of the same shape."""
-    if cx is None or cy is None or min(cx, cy) < 1:
-        return size
-    across, down = 2 * cx / size[0], 2 * cy / size[1]
-    other = abs(across - 1) > OFF_CENTRE and abs(across / down - 1) < 0.5 * OFF_CENTRE
-    return (round(2 * cx), round(2 * cx * size[1] / size[0])) if other else size

@@ -1,0 +1,116 @@
+"""Cameras of MVSNet and of all that take over its layout: BlendedMVS, DTU, Tanks and Temples for networks.
+
+    cams/00000000_cam.txt   beside images/00000000.jpg or, in BlendedMVS, blended_images/00000000.jpg
+
+A file has the word `extrinsic` before a 4 × 4 matrix from the world to the camera, with OpenCV's axes, the
+word `intrinsic` before a 3 × 3 matrix in pixels, of which the first one's centre is (0.5, 0.5), and two to
+four numbers about depths, which are of no use here. Any one of the files stands for all of its folder.
+pair.txt, which says what to compare with what, is left alone, and so are BlendedMVS' photos
+`00000000_masked.jpg`, which show the same once more.
+
+DTU's photos for training are called `rect_001_3_r5000.png`, counted from 1, for each of seven lights; those
+of light 3 are taken, as MVSNet's validation does. The photos' size is not stated, and the cameras for
+training are those of the network's depth maps, a quarter of that; the lens's centre tells.
+https://github.com/YoYo000/MVSNet#file-formats, preprocess.py and homography_warping.py (`get_pixel_grids`);
+https://github.com/YoYo000/BlendedMVS#dataset-structure; https://github.com/donydchen/matchnerf/issues/3
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..camera_folder import LARGEST_FILE, files_in, matrix_of, photo_folder, words_of
+from ..capture import Capture
+from ..errors import CaptureError
+from ..files import head_of, is_no_pose, rigid_pose, text_head
+from ..frames import invert_pose, pose_opengl_from_opencv
+from ..image_header import image_size
+from ..intake import Found, Intrinsics, assemble, without_pose
+from ..photo_finder import PhotoFinder
+from ..pinhole import is_for_another_size, pinhole_of
+
+NAME = "MVSNet"
+EXTENSIONS = (".txt",)
+PATTERNS = ("cams*/*_cam.txt", "[Cc]ameras/*_cam.txt", "*_cam.txt")
+
+_PHOTO_FOLDERS = ("images", "blended_images", "image", "rgb")
+_DTU_PHOTO = "rect_{:03d}_3_r5000"
+_SMALLER = 4
+"""how many times smaller a network's depth maps are than its photos"""
+
+
+def recognises(file: Path) -> bool:
+    """True for text that begins with the word `extrinsic` and has a matrix `intrinsic`."""
+    begins = text_head(file)[:9].lower() == b"extrinsic"
+    return begins and b"intrinsic" in head_of(file, LARGEST_FILE)[9:].lower()
+
+
+def read(path: Path, photos: PhotoFinder) -> Capture:
+    """Read all cameras of the folder that a camera's file lies in.
+
+    Raises:
+        CaptureError: anything that cannot be used, with file, field and remedy.
+    """
+    files = [
+        file
+        for file in files_in(path.parent, path.suffix)
+        if file.stem.endswith("_cam") or recognises(file)
+    ]
+    folder = photo_folder(path.absolute().parent.parent, _PHOTO_FOLDERS)
+    found, lost = [], []
+    for file in files:
+        camera = _camera(file, folder, photos)
+        if camera.camera_to_world is None:
+            lost.append(camera.stated)
+        else:
+            found.append(camera)
+    warnings = without_pose(
+        path, "extrinsic", lost, len(files), "solve or export the cameras again"
+    )
+    return assemble(path, NAME, found, photos, warnings=warnings)
+
+
+def _camera(file: Path, folder: Path, photos: PhotoFinder) -> Found:
+    """A camera from its file; without a pose if the file has none."""
+    words = [word for line in words_of(file) for word in line]
+    titles = [word.lower() for word in words]
+    middle = titles.index("intrinsic") if "intrinsic" in titles else len(words)
+    extrinsic = matrix_of(file, "extrinsic", words[1:middle], 4, 4)
+    matrix = matrix_of(file, "intrinsic", words[middle + 1 : middle + 10], 3, 3)
+    number = file.stem.removesuffix("_cam")
+    photo = _photo(folder, number, photos)
+    pose = intrinsics = None
+    if not is_no_pose(extrinsic):
+        to_world = invert_pose(rigid_pose(file, "extrinsic", extrinsic))
+        pose = pose_opengl_from_opencv(to_world)
+        if photo is not None:
+            lens = pinhole_of(file, "intrinsic", matrix)
+            intrinsics = Intrinsics(*_size_meant(file, photo, *lens[2:]), *lens)
+    return Found(f"{file.name}, extrinsic", f"{folder.name}/{number}", photo, pose, intrinsics)
+
+
+def _photo(folder: Path, number: str, photos: PhotoFinder) -> Path | None:
+    photo = photos.find_in(folder, number)
+    if photo is None and number.isascii() and number.isdigit():
+        photo = photos.find(_DTU_PHOTO.format(int(number) + 1))
+    return photo
+
+
+def _size_meant(file: Path, photo: Path, cx: float, cy: float) -> tuple[int, int]:
+    """Width and height of the picture that the lens is for: the photo's, or a quarter of them.
+
+    The centre of a lens is off the middle by some percent of the picture, so it tells one from the other,
+    but of any other size only that it is another.
+
+    Raises:
+        CaptureError: it is another.
+    """
+    width, height = image_size(photo)
+    if not is_for_another_size((width, height), cx, cy):
+        return width, height
+    if not is_for_another_size((width, height), _SMALLER * cx, _SMALLER * cy):
+        return round(width / _SMALLER), round(height / _SMALLER)
+    raise CaptureError(
+        file, "intrinsic", f"its centre ({cx:.6g}, {cy:.6g}) is that of photos of another size than "
+        f"{photo.name}, which has {width} × {height} pixels", "give the photos that the cameras are for",
+    )  # fmt: skip

@@ -1,0 +1,146 @@
+"""Folders of poses: NSVF's, which svox2 and scene representation networks share, and ScanNet's.
+
+    NSVF:    intrinsics.txt, pose/0_train_0000.txt …, rgb/0_train_0000.png …, bbox.txt
+    ScanNet: intrinsic/intrinsic_color.txt, pose/0.txt …, color/0.jpg …
+
+A pose is a matrix from the camera to the world, with OpenCV's axes; ScanNet's are in metres, and −inf where
+the camera was lost. The lens is a matrix of 3 × 3 or 4 × 4 numbers, or `f cx cy` in the first line, in
+pixels counted from the picture's corner; for photos of which size is not stated.
+Where names begin with 0_, 1_ or 2_, photos are for training, validation and tests: only the first are read.
+`bbox.txt` has the lowest and the highest x y z of what is to be reconstructed, and a voxel's size.
+https://github.com/facebookresearch/NSVF#dataset (`load_intrinsics` of data_utils.py) and its issue 64;
+https://github.com/sxyu/svox2 (nsvf_dataset.py); https://github.com/ScanNet/ScanNet (SensorData.py)
+"""
+
+from __future__ import annotations
+
+import re
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ..camera_folder import files_in, matrix_of, photo_folder, words_of
+from ..capture import Capture
+from ..errors import CaptureError
+from ..files import is_no_pose, text_head
+from ..frames import pose_opengl_from_opencv
+from ..image_header import image_size
+from ..intake import Found, Intrinsics, assemble, without_pose
+from ..photo_finder import PhotoFinder
+from ..pinhole import pinhole_of, size_meant
+
+NAME = "NSVF, ScanNet"
+EXTENSIONS = (".txt",)
+PATTERNS = ("intrinsics.txt", "intrinsic.txt", "intrinsic/intrinsic_color.txt")
+
+_POSE_FOLDERS = ("pose", "poses")
+_PHOTO_FOLDERS = ("rgb", "color", "images", "image")
+_BOX = "bbox.txt"
+_SPLIT = re.compile(r"[012]_.")
+_TRAINING = "0_"
+
+
+def recognises(file: Path) -> bool:
+    """True for the lens or any pose of such a folder, if it begins with a number."""
+    if _lens_file(file) is None:
+        return False
+    with suppress(ValueError, IndexError):
+        return float(text_head(file).split()[0]) is not None
+    return False
+
+
+def read(path: Path, photos: PhotoFinder) -> Capture:
+    """Read the lens and all poses that are not of photos held out; the box becomes the region.
+
+    Raises:
+        CaptureError: anything that cannot be used, with file, field and remedy.
+    """
+    lens_file = _lens_file(path)
+    place = next(folder for folder in lens_file.parents if _pose_folder(folder) is not None)
+    is_scannet = lens_file.parent != place
+    lens = _lens(lens_file)
+    files = files_in(_pose_folder(place), ".txt")
+    used = _of_training(files)
+    folder = photo_folder(place, _PHOTO_FOLDERS)
+    found, lost = [], []
+    for file in used:
+        stated, photo = f"{folder.name}/{file.stem}", photos.find_in(folder, file.stem)
+        pose = _pose(file)
+        if is_no_pose(pose):
+            lost.append(stated)
+            continue
+        intrinsics = None
+        if photo is not None:
+            intrinsics = Intrinsics(*size_meant(image_size(photo), *lens[2:]), *lens)
+        where = f"{file.parent.name}/{file.name}"
+        found.append(Found(where, stated, photo, pose_opengl_from_opencv(pose), intrinsics))
+    warnings = without_pose(
+        lens_file, "poses", lost, len(used), "solve or export the cameras again"
+    )
+    if len(used) < len(files):
+        held_out = f"{len(files) - len(used)} photos for validation and tests (1_…, 2_…)"
+        warnings += (f"{place.name}: {held_out} are left out",)
+    capture = assemble(
+        lens_file, "ScanNet" if is_scannet else "NSVF", found, photos, metric=is_scannet,
+        warnings=warnings,
+    )  # fmt: skip
+    return _within_box(capture, place / _BOX)
+
+
+def _pose_folder(place: Path) -> Path | None:
+    return next((place / name for name in _POSE_FOLDERS if (place / name).is_dir()), None)
+
+
+def _lens_file(file: Path) -> Path | None:
+    """The file of the lens, if `file` is that or one of the poses; else None."""
+    for place in list(file.absolute().parents)[:2]:
+        poses = _pose_folder(place)
+        lens_files = [place / name for name in PATTERNS]
+        if poses is not None and (file.absolute() in lens_files or file.absolute().parent == poses):
+            return next((lens_file for lens_file in lens_files if lens_file.is_file()), None)
+    return None
+
+
+def _lens(path: Path) -> tuple[float, float, float, float]:
+    """fx fy cx cy of a lens's file, in pixels."""
+    rows = words_of(path)
+    lengths = [len(row) for row in rows]
+    if lengths in ([3] * 3, [4] * 3, [4] * 4):
+        words = [word for row in rows[:3] for word in row[:3]]
+    elif lengths and lengths[0] in (3, 4):
+        f, cx, cy = rows[0][:3]
+        words = [f, "0", cx, "0", f, cy, "0", "0", "1"]
+    else:
+        raise CaptureError(
+            path, "", "this is neither a lens's matrix nor a line f cx cy", "export it again"
+        )
+    return pinhole_of(path, "", matrix_of(path, "", words, 3, 3))
+
+
+def _pose(path: Path) -> np.ndarray:
+    """A matrix [4, 4] or [3, 4], which may be none that a camera can have."""
+    words = [word for row in words_of(path) for word in row]
+    return matrix_of(path, "", words, 3 if len(words) == 12 else 4, 4)
+
+
+def _of_training(files: list[Path]) -> list[Path]:
+    """Those files whose names say that they are for training; all, where names say nothing."""
+    training = [file for file in files if file.name.startswith(_TRAINING)]
+    return training if training and all(_SPLIT.match(file.stem) for file in files) else files
+
+
+def _within_box(capture: Capture, path: Path) -> Capture:
+    """The capture with the box of a file as its region, if there is one that its cameras look at."""
+    if not path.is_file():
+        return capture
+    with suppress(CaptureError):
+        words = [word for row in words_of(path) for word in row]
+        box = matrix_of(path, "", words[:6], 2, 3)
+        low, high = capture.region
+        if (box[0] < box[1]).all() and (box[0] < high).all() and (box[1] > low).all():
+            if np.abs(box).max() < 1e12:
+                return replace(capture, region=box)
+    problem = f"{path.name}: this is no box that the cameras look at; it is not used"
+    return replace(capture, warnings=(*capture.warnings, problem))

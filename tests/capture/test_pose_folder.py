@@ -1,0 +1,259 @@
+"""Folders of poses: NSVF's lens, splits and box, ScanNet's lost cameras, hostile files."""
+
+import shutil
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from solver.capture.errors import CaptureError
+from solver.capture.formats import pose_folder
+from solver.capture.read import read_capture, reader_of
+from tests.capture.layouts import (
+    DUCK,
+    check_same_cameras,
+    matrix_of,
+    rewritten,
+    rows,
+    write,
+    write_poses,
+)
+from tests.capture.programs import (
+    COUNT,
+    HEIGHT,
+    HOSTILE_TEXT,
+    WIDTH,
+    check_projection,
+    numbers,
+    outcome,
+    poses,
+    save_photos,
+)
+
+LENS = 80.0, 82.0, 50.5, 30.25
+NSVF = [f"0_train_{index:04d}" for index in range(COUNT)]
+SCANNET = [str(index) for index in range(COUNT)]
+COLOUR_LENS = "intrinsic/intrinsic_color.txt"
+RANDOM_TESTS = settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+def make_nsvf(folder, lens=LENS, lens_text=None, photos="rgb", stems=NSVF, size=(WIDTH, HEIGHT)):
+    save_photos(folder / photos, stems, size)
+    return write_poses(folder, stems, poses(len(stems)), lens, lens_text=lens_text)
+
+
+def make_scannet(folder, stems=SCANNET):
+    save_photos(folder / "color", stems, extension=".jpg")
+    save_photos(folder / "depth", stems, (48, 32))
+    write(folder / "intrinsic" / "intrinsic_depth.txt", rows(np.eye(4)))
+    write(folder / "intrinsic" / "extrinsic_color.txt", rows(np.eye(4)))
+    return write_poses(folder, stems, poses(len(stems)), LENS, COLOUR_LENS)
+
+
+def pinhole(fx, fy, cx, cy):
+    def project(index, point):
+        x, y, z = poses()[index, :3, :3].T @ (point - poses()[index, :3, 3])
+        return fx * x / z + cx, fy * y / z + cy
+
+    return project
+
+
+def test_nsvfs_points_project_where_its_matrices_have_them(tmp_path):
+    capture = read_capture(make_nsvf(tmp_path))
+    assert capture.format == "NSVF" and not capture.warnings and not capture.metric
+    check_projection(capture, pinhole(*LENS), poses())
+
+
+def test_scannets_points_project_where_its_matrices_have_them(tmp_path):
+    capture = read_capture(make_scannet(tmp_path))
+    assert capture.format == "ScanNet" and not capture.warnings and capture.metric
+    assert {camera.image_path.parent.name for camera in capture.cameras} == {"color"}
+    check_projection(capture, pinhole(*LENS), poses())
+
+
+@pytest.mark.parametrize("layout", ["NSVF", "ScanNet"])
+def test_a_capture_in_this_layout_has_the_cameras_of_its_transforms(tmp_path, layout):
+    original = read_capture(DUCK)
+    capture = read_capture(rewritten(original, tmp_path / "duck", layout))
+    check_same_cameras(capture, original)
+    np.testing.assert_allclose(capture.region, original.region, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "text, fy",
+    [
+        (rows(matrix_of(*LENS)), LENS[1]),
+        (rows(matrix_of(*LENS, 4)) + "\n\n", LENS[1]),
+        (rows(matrix_of(*LENS, 4)[:3]), LENS[1]),
+        ("80. 50.5 30.25 0.\n0. 0. 0.\n1.\n64 96\n", LENS[0]),
+        ("8.0e+01 50.5 30.25\n0 0 0\n0\n1\n64 96", LENS[0]),
+        ("\ufeff80 50.5 30.25 0.", LENS[0]),
+    ],
+)  # fmt: skip
+def test_the_lens_is_a_matrix_or_begins_with_its_focal_length_and_centre(tmp_path, text, fy):
+    capture = read_capture(make_nsvf(tmp_path, lens_text=text))
+    check_projection(capture, pinhole(LENS[0], fy, *LENS[2:]), poses())
+
+
+@pytest.mark.parametrize("given_as", ["", "pose", "pose/0_train_0003.txt", "intrinsics.txt", ".."])
+def test_the_folder_its_poses_or_any_one_of_its_files_stand_for_all(tmp_path, given_as):
+    make_nsvf(tmp_path / "sets" / "Bike")
+    write(tmp_path / "sets" / "Bike" / "near_and_far.txt", "0.05 6.0")
+    capture = read_capture(tmp_path / "sets" / "Bike" / given_as)
+    assert [camera.name for camera in capture.cameras] == NSVF
+
+
+@pytest.mark.parametrize("given_as", ["", "pose", "pose/3.txt", "intrinsic", COLOUR_LENS, ".."])
+def test_so_it_is_with_scannets(tmp_path, given_as):
+    make_scannet(tmp_path / "scans" / "scene0000_00")
+    capture = read_capture(tmp_path / "scans" / "scene0000_00" / given_as)
+    assert [camera.name for camera in capture.cameras] == SCANNET
+
+
+def test_of_a_folder_of_scenes_none_is_taken(tmp_path):
+    for name in ("Bike", "Robot"):
+        make_nsvf(tmp_path / name)
+    with pytest.raises(CaptureError, match=r"several captures \(Bike, Robot\); give the folder of"):
+        read_capture(tmp_path)
+
+
+def test_numbers_in_names_are_counted(tmp_path):
+    stems = ["0", "10", "100", "20", "3"]
+    cameras = read_capture(make_scannet(tmp_path, stems)).cameras
+    assert [camera.name for camera in cameras] == ["0", "3", "10", "20", "100"]
+
+
+def test_photos_for_validation_and_tests_are_left_out(tmp_path):
+    stems = [*NSVF, "1_val_0000", "2_test_0000", "2_test_0001"]
+    capture = read_capture(make_nsvf(tmp_path, stems=stems))
+    assert [camera.name for camera in capture.cameras] == NSVF
+    assert "3 photos for validation and tests (1_…, 2_…) are left out" in capture.warnings[0]
+
+
+@pytest.mark.parametrize("stems", [["0_a", "1_a", "3_a"], ["1_a", "2_a", "2_b"], ["0", "1", "2"]])
+def test_other_numbers_in_names_say_nothing_of_tests(tmp_path, stems):
+    capture = read_capture(make_nsvf(tmp_path, stems=stems))
+    assert [camera.name for camera in capture.cameras] == stems and not capture.warnings
+
+
+def test_the_box_is_the_region(tmp_path):
+    folder = make_nsvf(tmp_path)
+    middle = read_capture(folder).region.mean(0)
+    box = np.stack([middle - (1, 2, 3), middle + (3, 2, 1)])
+    write(folder / "bbox.txt", numbers(box) + " 0.4\n")
+    np.testing.assert_array_equal(read_capture(folder).region, box)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "1 2 3", "1 1 1 0 0 0 0.4", "nan 0 0 1 1 1 0.4", "-1 -1 -1 1 1 inf", "a b c d e f",
+             "900 900 900 901 901 901 0.4", "-1e300 -1 -1 1e300 1 1"],
+)  # fmt: skip
+def test_a_box_that_makes_no_sense_is_not_used(tmp_path, text):
+    folder = make_nsvf(tmp_path)
+    region = read_capture(folder).region
+    write(folder / "bbox.txt", text)
+    capture = read_capture(folder)
+    assert "bbox.txt: this is no box that the cameras look at" in capture.warnings[0]
+    np.testing.assert_array_equal(capture.region, region)
+
+
+@pytest.mark.parametrize("word", ["-inf", "nan", "0"])
+def test_lost_cameras_are_left_out(tmp_path, word):
+    folder = make_scannet(tmp_path)
+    write(folder / "pose" / "1.txt", "\n".join([" ".join([word] * 4)] * 4))
+    capture = read_capture(folder)
+    assert [camera.name for camera in capture.cameras] == ["0", "2", "3", "4"]
+    assert "1 of 5 photos have no pose and are left out (the first: color/1)" in capture.warnings[0]
+
+
+def test_where_all_are_lost_that_is_said(tmp_path):
+    folder = make_scannet(tmp_path)
+    for stem in SCANNET:
+        write(folder / "pose" / f"{stem}.txt", "-inf " * 16)
+    with pytest.raises(CaptureError, match="poses: none of its 5 photos has a pose; solve or"):
+        read_capture(folder)
+
+
+def test_the_lens_follows_photos_that_were_made_smaller(tmp_path):
+    lens = 1170.187988, 1170.187988, 647.75, 483.75
+    folder = make_nsvf(tmp_path, lens, photos="images", size=(648, 484))
+    capture = read_capture(folder)
+    assert "5 photos have another size" in capture.warnings[0]
+    camera = capture.cameras[0]
+    assert (camera.width, camera.height) == (648, 484)
+    np.testing.assert_allclose(
+        (camera.fx, camera.cx, camera.cy), np.array((lens[0], *lens[2:])) / 2, 1e-3
+    )
+
+
+@pytest.mark.parametrize("columns", [12, 16])
+def test_poses_may_have_three_rows_or_stand_in_one_line(tmp_path, columns):
+    folder = make_nsvf(tmp_path)
+    for stem, pose in zip(NSVF, poses(), strict=True):
+        write(folder / "pose" / f"{stem}.txt", numbers(pose.ravel()[:columns]))
+    check_projection(read_capture(folder), pinhole(*LENS), poses())
+
+
+def test_masks_lie_beside_the_photos_folder(tmp_path):
+    folder = make_nsvf(tmp_path)
+    save_photos(folder / "mask", NSVF)
+    assert all(camera.mask_path.parent.name == "mask" for camera in read_capture(folder).cameras)
+
+
+@pytest.mark.parametrize(
+    "file, text, problem",
+    [
+        ("intrinsics.txt", "1 2", "this is neither a lens's matrix nor a line f cx cy"),
+        ("intrinsics.txt", "9 x 9 0.", "this is no 3 × 3 matrix"),
+        ("intrinsics.txt", "0 48 32 0.", "the lens has a value that no lens can have"),
+        ("intrinsics.txt", "nan 48 32 0.", "this is no matrix of a lens"),
+        ("pose/0_train_0002.txt", "1 0 0 0", "this is no 4 × 4 matrix"),
+        ("pose/0_train_0002.txt", "", "this is no 4 × 4 matrix"),
+        ("pose/0_train_0002.txt", "1 0 0 0 0 -1 0 0 0 0 1 0", "the pose mirrors the world"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_file_is_named(tmp_path, file, text, problem):
+    folder = make_nsvf(tmp_path)
+    write(folder / file, text)
+    with pytest.raises(CaptureError, match=rf"{file.split('/')[-1]}.*{problem}"):
+        read_capture(folder)
+
+
+def test_a_lens_or_poses_alone_are_no_capture(tmp_path):
+    folder = make_nsvf(tmp_path)
+    shutil.move(folder / "pose", tmp_path / "elsewhere")
+    assert reader_of(folder / "intrinsics.txt") is None
+    assert reader_of(tmp_path / "elsewhere" / f"{NSVF[0]}.txt") is None
+    shutil.move(tmp_path / "elsewhere", folder / "pose")
+    assert reader_of(folder / "intrinsics.txt") is pose_folder
+    write(folder / "notes.txt", "1 2 3")
+    assert reader_of(folder / "notes.txt") is None
+
+
+@RANDOM_TESTS
+@given(data=st.data(), make=st.sampled_from([make_nsvf, make_scannet]))
+def test_cut_and_shuffled_files_end_in_a_capture_or_an_error(tmp_path, data, make):
+    folder = make(tmp_path / make.__name__)
+    write(folder / "bbox.txt", "-9 -9 -9 9 9 9 0.4")
+    file = data.draw(st.sampled_from(sorted(folder.rglob("*.txt"))))
+    words = file.read_text().split()
+    if data.draw(st.booleans()):
+        words = data.draw(st.permutations(words))
+    elif words:
+        words[data.draw(st.integers(0, len(words) - 1))] = data.draw(HOSTILE_TEXT)
+    text = data.draw(st.sampled_from([" ", "\n"])).join(words)
+    file.write_text(text[: data.draw(st.integers(0, len(text)) | st.just(len(text)))], "utf-8")
+    outcome(folder)
+
+
+@RANDOM_TESTS
+@given(
+    content=st.binary(max_size=300), name=st.sampled_from(["intrinsics.txt", f"pose/{NSVF[2]}.txt"])
+)
+def test_any_bytes_end_in_an_error(tmp_path, content, name):
+    folder = make_nsvf(tmp_path)
+    (folder / name).write_bytes(content)
+    assert outcome(folder) is None
