@@ -20,6 +20,9 @@ METAL_F0 = 0.9
 """of the brightest channel of metals that people photograph: silver, gold, copper, aluminium, brass"""
 LEAST_METAL_F0, SURE_METAL_F0, METAL_SPREAD = 0.3, 0.6, 0.05
 """where metals begin, where they are sure, and how softly"""
+COOL_SPREAD = 0.5
+"""share of the brightest channel by which an F0 is green or blue that no longer is a bare metal's; chrome
+under a light that came out too warm is so by 0.3"""
 COLOUR_SPREAD = 0.2
 """of albedos that may be one and the same, as a share of the mean of all"""
 LEAST_OPACITY = 0.1
@@ -68,11 +71,14 @@ def coloured_dielectric(buffers: RayBuffers) -> torch.Tensor:
 def unlike_metal(buffers: RayBuffers) -> torch.Tensor:
     """Mean of (F0 − 0.9)² of the brightest channel, over what is metal, which F0 above 0.3 is.
 
-    All channels are moved alike, whichever is the brightest, so that the pull has no colour.
+    All channels are moved alike, whichever is the brightest, so that the pull has no colour. Bare metals
+    are grey or warm, as gold, copper and bronze are; what reflects green or blue is anodised or painted, as
+    bright as it may be, and left alone.
     """
     f0 = _straight(buffers.f0, buffers.opacity)
     brightest = f0.detach().amax(-1)
-    metal = _above(brightest, LEAST_METAL_F0)
+    bare = torch.exp(-((_coolness(f0.detach()) / COOL_SPREAD) ** 4))
+    metal = bare * _above(brightest, LEAST_METAL_F0)
     missing = METAL_F0 - brightest - (f0 - f0.detach()).mean(-1)
     return (metal * missing.square()).mean()
 
@@ -98,6 +104,14 @@ def off_palette(buffers: RayBuffers) -> torch.Tensor:
     half = len(opacity) // 2
     square = (albedo - albedo.roll(half, 0)).square().mean(-1) / mean.square().clamp(min=1e-6)
     return (opacity * opacity.roll(half) * saturating(square, COLOUR_SPREAD)).mean()
+
+
+def _coolness(f0: torch.Tensor) -> torch.Tensor:
+    """By how much F0 [R, 3] has more green than red, or more blue than the less of both, as a share of its
+    brightest channel [R], at least 0."""
+    red, green, blue = f0.unbind(-1)
+    excess = torch.maximum(green - red, blue - torch.minimum(red, green))
+    return excess.clamp(min=0) / f0.amax(-1).clamp(min=1e-3)
 
 
 def _above(f0: torch.Tensor, least: float) -> torch.Tensor:

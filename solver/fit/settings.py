@@ -172,8 +172,8 @@ class FitSettings:
     grey_f0_start: float = 0.7
     """fraction of the fit from which on that counts: metals that are late pass through such an F0"""
     metal_weight: float = 0.01
-    """of (F0 − 0.9)² where F0 is above 0.3: photos hardly tell a dim metal with a diffuse share under a
-    bright light from a bright one (docs/decisions/0015)"""
+    """of (F0 − 0.9)² where F0 is above 0.3 and neither green nor blue: photos hardly tell a dim metal with
+    a diffuse share under a bright light from a bright one (docs/decisions/0015)"""
     metal_albedo_weight: float = 0.02
     """of albedo² where F0 is above 0.6: metals have no diffuse layer"""
     f0_start: float = 0.3

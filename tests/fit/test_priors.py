@@ -45,6 +45,20 @@ def test_metals_are_pulled_to_bright_ones_without_colour_and_dielectrics_are_lef
     assert abs(of(0.04, 0.04, 0.04)[0]) < 0.05 * abs(red)
 
 
+def test_metals_that_are_green_or_blue_are_painted_and_may_be_dim():
+    def of(*f0):
+        return float(pull(priors.unlike_metal, "f0", [f0])[0].abs().max())
+
+    grey, chrome_under_a_blue_sky, bronze = (
+        of(0.5, 0.5, 0.5),
+        of(0.48, 0.49, 0.5),
+        of(0.5, 0.42, 0.3),
+    )
+    assert min(bluish, bronze) > 0.8 * grey  # chrome under a light that is too warm is bluish
+    for painted in ((0.08, 0.16, 0.5), (0.1, 0.5, 0.2), (0.4, 0.1, 0.5)):
+        assert of(*painted) < 0.02 * grey
+
+
 def test_what_is_no_metal_loses_the_colour_of_its_f0_and_keeps_its_brightness():
     def of(*f0):
         return pull(priors.coloured_dielectric, "f0", [f0])[0]
