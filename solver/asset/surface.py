@@ -126,11 +126,11 @@ def drop_floaters(
     largest = max(part.area for part in parts)
 
     def stays(part: trimesh.Trimesh) -> bool:
-        if part.is_watertight and part.volume <= 0 or part.area < min(share, DUST_SHARE) * largest:
+        if part.is_watertight and part.volume <= 0:
             return False
         if part.area >= share * largest:
             return True
-        if known is None:
+        if known is None or part.area < DUST_SHARE * largest:
             return False
         vertices, normals = np.asarray(part.vertices), np.asarray(part.vertex_normals)
         return known(vertices, normals).mean() > 0.5

@@ -158,31 +158,23 @@ class Trainer:
         self.refresh_occupancy()
         self.refresh_probes()
         tolerance = self.settings.light.colour_tolerance
-        if tolerance > 0:
+        # What photos show of the light itself is as fine as they are.
+        if tolerance > 0 and self.far is None and self.scene.room is None:
             grid = pixel_grid(self.settings, self.fraction)
             pixels = self._draw(STEPS_OF_PIXELS * self.batching.chunks(grid * grid), grid)
-            self._set_light(
-                coarsest_colours(
-                    self.scene.environment.radiance(),
-                    partial(self._error_under, *pixels),
-                    tolerance,
-                )
-            )
+            error = partial(self._error_under, *pixels)
+            own = self.scene.environment.radiance()
+            self._set_light(coarsest_colours(own, error, tolerance))
 
     def _error_under(
         self, chunks: list[Chunk], turns: Sequence[torch.Tensor | None], radiance: torch.Tensor
     ) -> float:
         """Image loss of chunks under a light of `radiance` [3, H, 2H], which the scene then has."""
         self._set_light(radiance)
-        tables, loss = SharedTables.of(self.scene, turns), self.loss
-        return sum(
-            self.workers.together(
-                [
-                    partial(loss.image_error, self.scene, tables.under(chunk.turn), chunk)
-                    for chunk in chunks
-                ]
-            )
-        )
+        tables = SharedTables.of(self.scene, turns)
+        error = partial(self.loss.image_error, self.scene)
+        calls = [partial(error, tables.under(chunk.turn), chunk) for chunk in chunks]
+        return sum(self.workers.together(calls))
 
     def _set_light(self, radiance: torch.Tensor) -> None:
         self.scene.environment.log_radiance.copy_(radiance.log())

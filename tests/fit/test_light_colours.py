@@ -72,7 +72,7 @@ def test_maps_that_no_square_divides_stay_as_they_are():
     assert coarsest_colours(radiance, lambda candidate: 1.0, 1e-3) is radiance
 
 
-def finished(tolerance, noise=0.5, steps=6):
+def finished(tolerance, far=None, noise=0.5, steps=6):
     """The light before and after the end of a short fit, whose light has noise in its colours."""
     capture, photos = ball_capture()
     settings = dataclasses.replace(
@@ -87,6 +87,7 @@ def finished(tolerance, noise=0.5, steps=6):
     with torch.no_grad():
         environment.log_radiance.add_(noise * torch.randn(environment.log_radiance.shape))
     before = environment.image()
+    trainer.far = far
     trainer.finish()
     return before, environment.image()
 
@@ -108,4 +109,10 @@ def test_at_the_end_of_a_fit_noise_goes_from_the_colours_of_the_light():
 def test_without_tolerance_the_light_stays_as_it_was_fitted():
     torch.manual_seed(3)
     before, after = finished(0.0)
+    np.testing.assert_array_equal(after, before)
+
+
+def test_a_light_that_photos_show_themselves_stays_as_they_show_it():
+    torch.manual_seed(3)
+    before, after = finished(0.01, far="what is far away")
     np.testing.assert_array_equal(after, before)
