@@ -20,7 +20,7 @@ METAL_F0 = 0.9
 """of the brightest channel of metals that people photograph: silver, gold, copper, aluminium, brass"""
 LEAST_METAL_F0, SURE_METAL_F0, METAL_SPREAD = 0.3, 0.6, 0.05
 """where metals begin, where they are sure, and how softly"""
-COOL_SPREAD = 0.5
+COOL_SPREAD = 0.65
 """share of the brightest channel by which an F0 is green or blue that no longer is a bare metal's; chrome
 under a light that came out too warm is so by 0.3"""
 COLOUR_SPREAD = 0.2
@@ -77,7 +77,7 @@ def unlike_metal(buffers: RayBuffers) -> torch.Tensor:
     """
     f0 = _straight(buffers.f0, buffers.opacity)
     brightest = f0.detach().amax(-1)
-    bare = torch.exp(-((_coolness(f0.detach()) / COOL_SPREAD) ** 4))
+    bare = torch.exp(-((_coolness(f0.detach()) / COOL_SPREAD) ** 6))
     metal = bare * _above(brightest, LEAST_METAL_F0)
     missing = METAL_F0 - brightest - (f0 - f0.detach()).mean(-1)
     return (metal * missing.square()).mean()
