@@ -63,7 +63,10 @@ def build_asset(
     )
     known = field.known(vertices, facing)
     around = spread_into_unknown(mesh, at_vertices, known)
-    samples = with_unknown(samples, around, known, unwrapped, texels)
+    samples = with_unknown(
+        samples, around, known, unwrapped, texels,
+        lambda chosen: field.known(points[chosen], outward[chosen]),
+    )  # fmt: skip
     progress(0.85, "writing files")
 
     def texture(values: np.ndarray) -> np.ndarray:

@@ -80,6 +80,8 @@ class SceneSurface:
         total = np.zeros(len(points))
         for camera in self._cameras:
             waiting = np.flatnonzero(total < enough)
+            if len(waiting) == 0:
+                break
             total[waiting] += worth(
                 cosines_seen_by(camera, self._scene, points[waiting], normals[waiting])
             )

@@ -16,8 +16,8 @@ class AssetSettings:
     texture_size: int = 1024
     """texels per edge of each texture"""
     floater_share: float = 0.01
-    """connected parts with less than this share of the largest part's area are dropped if no photo shows
-    them"""
+    """connected parts with less than this share of the largest part's area are dropped, unless photos show
+    most of them and they are more than dust"""
     shred_share: float = 0.05
     """the same where photos have no masks, whatever they show: small parts are more likely shreds of what
     is around"""

@@ -124,19 +124,28 @@ def drop_floaters(
     if len(parts) <= 1:
         return mesh
     largest = max(part.area for part in parts)
-
-    def stays(part: trimesh.Trimesh) -> bool:
-        if part.is_watertight and part.volume <= 0:
-            return False
-        if part.area >= share * largest:
-            return True
-        if known is None or part.area < DUST_SHARE * largest:
-            return False
-        vertices, normals = np.asarray(part.vertices), np.asarray(part.vertex_normals)
-        return known(vertices, normals).mean() > 0.5
-
-    kept = [part for part in parts if stays(part)]
+    kept = [part for part in parts if part.area >= share * largest]
+    if known is not None:
+        small = [part for part in parts if DUST_SHARE * largest <= part.area < share * largest]
+        kept += [
+            part for part, shown in zip(small, _shares(small, known), strict=True) if shown > 0.5
+        ]
+    kept = [part for part in kept if part.volume > 0 or not part.is_watertight]
     return trimesh.util.concatenate(kept) if kept else mesh
+
+
+def _shares(
+    parts: list[trimesh.Trimesh], known: Callable[[np.ndarray, np.ndarray], np.ndarray]
+) -> list[float]:
+    """Shares of their vertices that are known, asked for all at once."""
+    if not parts:
+        return []
+    vertices, normals = (
+        np.concatenate([getattr(part, values) for part in parts])
+        for values in ("vertices", "vertex_normals")
+    )
+    ends = np.cumsum([len(part.vertices) for part in parts])[:-1]
+    return [part.mean() for part in np.split(known(vertices, normals), ends)]
 
 
 def decimate(mesh: trimesh.Trimesh, triangles: int) -> trimesh.Trimesh:

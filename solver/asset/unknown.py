@@ -6,6 +6,8 @@ they are is noise, which would be the first thing to be seen of the asset when i
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
@@ -17,6 +19,8 @@ from .unwrap import Texels, UnwrappedMesh
 OWN = 1e-6
 """how much a vertex's own materials count where none shows, to one neighbour's: a part of the mesh of which
 no photo shows anything gets the mean of what it has"""
+SURE = 1e-3
+"""share of a triangle's corners, by how close they are, within which all of them are of one kind"""
 
 
 def spread_into_unknown(
@@ -45,18 +49,23 @@ def spread_into_unknown(
 
 def with_unknown(
     samples: SurfaceSamples, at_vertices: SurfaceSamples, known: np.ndarray,
-    mesh: UnwrappedMesh, texels: Texels,
+    mesh: UnwrappedMesh, texels: Texels, tells: Callable[[np.ndarray], np.ndarray],
 ) -> SurfaceSamples:  # fmt: skip
     """The samples at the texels, with materials that run into those `at_vertices` that are not known.
 
     Args:
         samples: at the T texels. at_vertices: see `spread_into_unknown`. known: [V] of the same vertices.
+        tells: which of some texels, by their indices, are known, in triangles that have both kinds of
+            vertices; a box's sides are, though all of its corners look away.
     """
-    if known.all():
-        return samples
-    share = texels.interpolate(mesh, np.float32(known)[mesh.original])[:, None]
-    around = texels.interpolate(mesh, _stacked(at_vertices)[mesh.original])
-    return _with_materials(samples, around + share * (_stacked(samples) - around))
+    share = texels.interpolate(mesh, np.float32(known)[mesh.original])
+    between = np.flatnonzero((share > SURE) & (share < 1 - SURE))
+    share[between[tells(between)]] = 1
+    mixed = np.flatnonzero(share < 1 - SURE)
+    materials = _stacked(samples)
+    around = texels.only(mixed).interpolate(mesh, _stacked(at_vertices)[mesh.original])
+    materials[mixed] = around + share[mixed, None] * (materials[mixed] - around)
+    return _with_materials(samples, materials)
 
 
 def _stacked(samples: SurfaceSamples) -> np.ndarray:

@@ -79,6 +79,12 @@ class Texels:
     face: np.ndarray
     barycentric: np.ndarray
 
+    def only(self, chosen: np.ndarray) -> Texels:
+        """Some of them, by their indices."""
+        return Texels(
+            self.row[chosen], self.column[chosen], self.face[chosen], self.barycentric[chosen]
+        )
+
     def interpolate(self, mesh: UnwrappedMesh, values: np.ndarray) -> np.ndarray:
         """Vertex values [V, …] at the texels [T, …]."""
         return np.einsum("tk,tk...->t...", self.barycentric, values[mesh.faces[self.face]])

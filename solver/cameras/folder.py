@@ -12,7 +12,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import re
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +19,7 @@ from pathlib import Path
 from ..capture.errors import CaptureError
 from ..capture.image_header import FORMATS
 from ..capture.photo_finder import PhotoFinder, capture_folder
-from ..capture.picture_names import VIDEOS
+from ..capture.picture_names import VIDEOS, numbered
 from ..job.folder import write_json_atomic
 
 MATCHERS = ("auto", "exhaustive", "sequential")
@@ -160,9 +159,4 @@ def photos_below(
             folder, "photos", f"there are {len(found)} photos in it ({FORMATS})",
             remedy if video is None else f"give the video itself, {video.name}",
         )  # fmt: skip
-    return tuple(sorted((path.relative_to(root).as_posix() for path in found), key=_natural))
-
-
-def _natural(name: str) -> list[tuple[bool, int, str]]:
-    parts = re.split(r"(\d+)", name.lower())
-    return [(p.isdecimal(), int(p) if p.isdecimal() else 0, p) for p in parts if p]
+    return tuple(sorted((path.relative_to(root).as_posix() for path in found), key=numbered))

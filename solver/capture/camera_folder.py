@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from .errors import CaptureError
 from .files import as_text, read_bytes
-from .picture_names import pictures_in
+from .picture_names import numbered, pictures_in
 
 LARGEST_FILE = 1 << 20
 """bytes; a camera has a thousandth of that"""
@@ -42,7 +41,7 @@ def files_in(folder: Path, ending: str) -> list[Path]:
         raise CaptureError(
             folder, "", f"it holds {len(files)} files {ending}", "leave only the cameras in it"
         )
-    return sorted(files, key=lambda file: _counted(file.name))
+    return sorted(files, key=lambda file: numbered(file.name))
 
 
 def words_of(path: Path) -> list[list[str]]:
@@ -75,9 +74,3 @@ def photo_folder(place: Path, folders: tuple[str, ...]) -> Path:
     """The first of `folders` in `place` with pictures; the first of all, if none has any."""
     there = (place / name for name in folders)
     return next((folder for folder in there if pictures_in(folder)), place / folders[0])
-
-
-def _counted(name: str) -> list[tuple[int, str]]:
-    """A key to sort names by: numbers by how large they are, all else as text."""
-    parts = re.findall(r"\d+|\D+", name)
-    return [(int(part), part) if part.isdecimal() else (-1, part) for part in parts]

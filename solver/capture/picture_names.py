@@ -28,6 +28,12 @@ def plain(name: str) -> str:
     return unicodedata.normalize("NFC", name).lower()
 
 
+def numbered(name: str) -> list[tuple[bool, int, str]]:
+    """A key to sort names by: numbers by how large they are, all else as text."""
+    parts = re.split(r"(\d+)", name.lower())
+    return [(p.isdecimal(), int(p) if p.isdecimal() else 0, p) for p in parts if p]
+
+
 def stem_of(name: str) -> str:
     """A file's plain name without a picture's extension."""
     name = plain(name)

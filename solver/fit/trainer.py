@@ -16,7 +16,7 @@ from ..render.random_numbers import RandomNumbers
 from ..render.scene import Scene, SharedTables
 from .adam import Adam
 from .batching import Batching
-from .chunk import Chunk, ChunkLoss
+from .chunk import SURROUNDED, Chunk, ChunkLoss
 from .exposure import exposures_for
 from .far_light import FarLight
 from .light_colours import coarsest_colours
@@ -30,6 +30,8 @@ THIN_FOG_SHARE = 0.02
 """of the opacity from which a cell counts as occupied, while the fog is thin still"""
 STEPS_OF_PIXELS = 4
 """as many pixels as steps have tell, at the end, how fine the colours of the light have to be"""
+LEAST_RADIANCE = 1e-30
+"""as dark as a light gets, so that its logarithm stays a number"""
 TURNS_A_STEP = 4
 """photos of which a step has pixels, at least, where the light turned with them"""
 
@@ -159,25 +161,30 @@ class Trainer:
         self.refresh_probes()
         tolerance = self.settings.light.colour_tolerance
         # What photos show of the light itself is as fine as they are.
-        if tolerance > 0 and self.far is None and self.scene.room is None:
+        if tolerance > 0 and self.far is None and self.background not in SURROUNDED:
             grid = pixel_grid(self.settings, self.fraction)
-            pixels = self._draw(STEPS_OF_PIXELS * self.batching.chunks(grid * grid), grid)
-            error = partial(self._error_under, *pixels)
+            # Each step under turned lights has tables of them all.
+            steps = STEPS_OF_PIXELS if self.turns is None else 1
+            pixels = [self._draw(self.batching.chunks(grid * grid), grid) for _ in range(steps)]
             own = self.scene.environment.radiance()
-            self._set_light(coarsest_colours(own, error, tolerance))
+            self._set_light(coarsest_colours(own, partial(self._error_under, pixels), tolerance))
+            self.refresh_probes()
 
     def _error_under(
-        self, chunks: list[Chunk], turns: Sequence[torch.Tensor | None], radiance: torch.Tensor
+        self, steps: list[tuple[list[Chunk], Sequence[torch.Tensor | None]]], radiance: torch.Tensor
     ) -> float:
-        """Image loss of chunks under a light of `radiance` [3, H, 2H], which the scene then has."""
+        """Image loss of steps' chunks under a light of `radiance` [3, H, 2H], which the scene then has."""
         self._set_light(radiance)
-        tables = SharedTables.of(self.scene, turns)
-        error = partial(self.loss.image_error, self.scene)
-        calls = [partial(error, tables.under(chunk.turn), chunk) for chunk in chunks]
-        return sum(self.workers.together(calls))
+        error = 0.0
+        for chunks, turns in steps:
+            tables = SharedTables.of(self.scene, turns, self.workers.together)
+            of_chunk = partial(self.loss.image_error, self.scene)
+            calls = [partial(of_chunk, tables.under(chunk.turn), chunk) for chunk in chunks]
+            error += sum(self.workers.together(calls)) / len(steps)
+        return error
 
     def _set_light(self, radiance: torch.Tensor) -> None:
-        self.scene.environment.log_radiance.copy_(radiance.log())
+        self.scene.environment.log_radiance.copy_(radiance.clamp(min=LEAST_RADIANCE).log())
 
     def _learning_rate_factor(self, fraction: float) -> float:
         fit = self.settings.fit

@@ -10,7 +10,8 @@ from solver.asset.bake import SurfaceSamples
 from solver.asset.build import build_asset
 from solver.asset.from_scene import SceneSurface
 from solver.asset.settings import AssetSettings
-from solver.asset.unknown import spread_into_unknown
+from solver.asset.unknown import spread_into_unknown, with_unknown
+from solver.asset.unwrap import UnwrappedMesh, rasterise
 from solver.capture.decoding import decode
 from solver.capture.photos import srgb_to_linear
 from tests.asset.test_asset import LEVEL, Balls
@@ -74,6 +75,24 @@ def test_a_part_that_no_photo_shows_gets_the_mean_of_what_it_has():
 def test_where_all_is_known_nothing_changes():
     mesh, samples = trimesh.creation.icosphere(1), noise(42)
     assert spread_into_unknown(mesh, samples, np.ones(42, dtype=bool)) is samples
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_side_that_photos_show_keeps_its_texture_though_its_lower_corners_look_away(told):
+    corners = np.float32([[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]])
+    side = UnwrappedMesh(
+        corners, np.float32([[0, -1, 0]] * 4), corners[:, [0, 2]] * 0.8 + 0.1,
+        np.int32([[0, 1, 2], [0, 2, 3]]), np.arange(4),
+    )  # fmt: skip
+    texels = rasterise(side, 32)
+    texture, at_corners = noise(len(texels.row)), noise(4, 1)
+    known = corners[:, 2] > 0.5
+    baked = with_unknown(
+        texture, at_corners, known, side, texels, lambda chosen: np.full(len(chosen), told)
+    )
+    height = texels.interpolate(side, corners)[:, 2:]
+    between = height * texture.albedo + (1 - height) * texels.interpolate(side, at_corners.albedo)
+    np.testing.assert_allclose(baked.albedo, texture.albedo if told else between, atol=2e-3)
 
 
 def test_the_underside_is_baked_as_what_is_around_it_and_not_as_the_noise_in_the_field(tmp_path):

@@ -60,11 +60,12 @@ def test_colours_become_as_coarse_as_photos_allow(finest):
 
     def error(candidate):
         texels = next((t for t, map_ in known.items() if torch.equal(map_, candidate)), 1)
-        return 1.0005 if texels < finest else 1.002 if texels > 1 else 1.0
+        return 1.0 if texels == 1 else 1.0005 if texels < finest else 1.002
 
     found = coarsest_colours(radiance, error, 1e-3)
     allowed = [t for t in SQUARES if t < finest]
     torch.testing.assert_close(found, known[allowed[0]] if allowed else radiance, rtol=0, atol=0)
+    assert coarsest_colours(radiance, error, 1e-4) is radiance
 
 
 def test_maps_that_no_square_divides_stay_as_they_are():

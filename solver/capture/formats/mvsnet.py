@@ -100,7 +100,7 @@ def _size_meant(file: Path, photo: Path, cx: float, cy: float) -> tuple[int, int
     """Width and height of the picture that the lens is for: the photo's, or a quarter of them.
 
     The centre of a lens is off the middle by some percent of the picture, so it tells one from the other,
-    but of any other size only that it is another.
+    but of any other size only that it is another, and only if that is a fifth larger or smaller.
 
     Raises:
         CaptureError: it is another.
