@@ -80,7 +80,7 @@ class LightSettings:
     turntable: str = "auto"
     """'yes': the object was turned before a still camera, so the light goes round with the cameras; 'no';
     or 'auto': yes if the cameras stand on circles and what is beside the object never moves"""
-    colour_tolerance: float = 0.001
+    colour_tolerance: float = 0.0015
     """share by which the error of photos may grow at the end, where colours of the light are made coarser,
     those of up to 16 × 16 texels one (0: they stay): what photos do not tell of them is noise"""
     floor: bool = True
