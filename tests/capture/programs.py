@@ -3,6 +3,7 @@
 import time
 
 import numpy as np
+from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -111,6 +112,22 @@ HOSTILE_TEXT = st.sampled_from(
     ["", "nan", "-inf", "1e400", "1e308", "-1", "0", "true", "x" * 5000, "../../etc/passwd",
      "/etc/passwd", "C:\\Windows\\win.ini", "🜁", "1 2 3", "1 2 3 4 5 6 7 8 9", "0 " * 16, "9" * 400]
 ) | st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cs")), max_size=8)  # fmt: skip
+
+
+RANDOM_TESTS = settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+def spoilt(data, file, between):
+    """Shuffle the words of a text file or make one hostile, and cut it off somewhere."""
+    words = file.read_text().split()
+    if data.draw(st.booleans()):
+        words = data.draw(st.permutations(words))
+    elif words:
+        words[data.draw(st.integers(0, len(words) - 1))] = data.draw(HOSTILE_TEXT)
+    text = between.join(words)
+    file.write_text(text[: data.draw(st.integers(0, len(text)) | st.just(len(text)))], "utf-8")
 
 
 def places(value, at=()):

@@ -4,7 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from solver.capture import camera_folder
@@ -15,19 +15,17 @@ from tests.capture.layouts import DUCK, check_same_cameras, rewritten, write_mvs
 from tests.capture.programs import (
     COUNT,
     HEIGHT,
-    HOSTILE_TEXT,
+    RANDOM_TESTS,
     WIDTH,
     check_projection,
     outcome,
     poses,
     save_photos,
+    spoilt,
 )
 
 LENS = 80.0, 82.0, 50.5, 30.25
 STEMS = [f"{index:08d}" for index in range(COUNT)]
-RANDOM_TESTS = settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
 
 
 def make(folder, photos="images", lens=LENS, size=(WIDTH, HEIGHT), stems=STEMS, **options):
@@ -190,13 +188,7 @@ def test_only_cameras_are_recognised(tmp_path):
 def test_cut_and_shuffled_files_end_in_a_capture_or_an_error(tmp_path, data):
     folder = make(tmp_path)
     file = folder / "cams" / f"{data.draw(st.sampled_from(STEMS))}_cam.txt"
-    words = file.read_text().split()
-    if data.draw(st.booleans()):
-        words = data.draw(st.permutations(words))
-    else:
-        words[data.draw(st.integers(0, len(words) - 1))] = data.draw(HOSTILE_TEXT)
-    text = " ".join(words)
-    file.write_text(text[: data.draw(st.integers(0, len(text)) | st.just(len(text)))], "utf-8")
+    spoilt(data, file, " ")
     outcome(folder)
 
 

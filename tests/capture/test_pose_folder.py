@@ -4,7 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from solver.capture.errors import CaptureError
@@ -22,22 +22,20 @@ from tests.capture.layouts import (
 from tests.capture.programs import (
     COUNT,
     HEIGHT,
-    HOSTILE_TEXT,
+    RANDOM_TESTS,
     WIDTH,
     check_projection,
     numbers,
     outcome,
     poses,
     save_photos,
+    spoilt,
 )
 
 LENS = 80.0, 82.0, 50.5, 30.25
 NSVF = [f"0_train_{index:04d}" for index in range(COUNT)]
 SCANNET = [str(index) for index in range(COUNT)]
 COLOUR_LENS = "intrinsic/intrinsic_color.txt"
-RANDOM_TESTS = settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
 
 
 def make_nsvf(folder, lens=LENS, lens_text=None, photos="rgb", stems=NSVF, size=(WIDTH, HEIGHT)):
@@ -239,13 +237,7 @@ def test_cut_and_shuffled_files_end_in_a_capture_or_an_error(tmp_path, data, mak
     folder = make(tmp_path / make.__name__)
     write(folder / "bbox.txt", "-9 -9 -9 9 9 9 0.4")
     file = data.draw(st.sampled_from(sorted(folder.rglob("*.txt"))))
-    words = file.read_text().split()
-    if data.draw(st.booleans()):
-        words = data.draw(st.permutations(words))
-    elif words:
-        words[data.draw(st.integers(0, len(words) - 1))] = data.draw(HOSTILE_TEXT)
-    text = data.draw(st.sampled_from([" ", "\n"])).join(words)
-    file.write_text(text[: data.draw(st.integers(0, len(text)) | st.just(len(text)))], "utf-8")
+    spoilt(data, file, data.draw(st.sampled_from([" ", "\n"])))
     outcome(folder)
 
 

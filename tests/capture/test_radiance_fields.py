@@ -5,7 +5,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -14,12 +14,18 @@ from solver.capture.errors import CaptureError
 from solver.capture.frames import pose_opengl_from_opencv
 from solver.capture.read import read_capture
 from tests.capture import programs
-from tests.capture.programs import COUNT, HEIGHT, HOSTILE, WIDTH, check_projection, names, outcome
+from tests.capture.programs import (
+    COUNT,
+    HEIGHT,
+    HOSTILE,
+    RANDOM_TESTS,
+    WIDTH,
+    check_projection,
+    names,
+    outcome,
+)
 
 FX, FY, CX, CY = 80.0, 82.0, 50.5, 30.25
-RANDOM_TESTS = settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
 
 
 def projections(cx=CX, cy=CY, skew=0.0):

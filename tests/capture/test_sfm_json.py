@@ -5,16 +5,12 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from solver.capture.read import read_capture
 from tests.capture import test_meshroom, test_openmvg, test_opensfm
-from tests.capture.programs import COUNT, HOSTILE, outcome, places, poses, put
-
-FUZZ = settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+from tests.capture.programs import COUNT, HOSTILE, RANDOM_TESTS, outcome, places, poses, put
 
 
 @pytest.fixture(
@@ -25,7 +21,7 @@ def program(request):
     return request.param
 
 
-@FUZZ
+@RANDOM_TESTS
 @given(data=st.data(), value=HOSTILE)
 def test_hostile_values_end_in_a_capture_or_an_error(program, tmp_path, data, value):
     content = copy.deepcopy(program.scene())
@@ -33,14 +29,14 @@ def test_hostile_values_end_in_a_capture_or_an_error(program, tmp_path, data, va
     outcome(program.write(tmp_path, content))
 
 
-@FUZZ
+@RANDOM_TESTS
 @given(share=st.floats(0, 1))
 def test_a_file_cut_anywhere_ends_in_an_error(program, tmp_path, share):
     content = json.dumps(program.scene())
     assert outcome(program.write(tmp_path, content[: int(share * (len(content) - 1))])) is None
 
 
-@FUZZ
+@RANDOM_TESTS
 @given(order=st.permutations(range(COUNT)))
 def test_the_order_of_views_and_poses_does_not_matter(program, tmp_path, order):
     for item in read_capture(program.write(tmp_path, program.scene(order=order))).cameras:
