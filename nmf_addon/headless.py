@@ -104,7 +104,8 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
     overrides = overrides_of(options.sets)
     python = preferences.solver_python()
     check_writable(out.parent)
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    # Factory settings would switch off the installed extension, which this is.
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     photos, masks = (
         None if folder is None else folder.absolute() for folder in (options.photos, options.masks)
     )

@@ -14,6 +14,11 @@ from .setup_monitor import setup_state
 SIZE_TEXT = "1 to 4 GB"
 
 
+# Blender evaluates the annotations below where lambdas would not find this module's names.
+def _look_again(self: NMF_preferences, context: bpy.types.Context) -> None:
+    runtime.forget()
+
+
 class NMF_preferences(bpy.types.AddonPreferences):
     """Settings of the extension."""
 
@@ -24,7 +29,7 @@ class NMF_preferences(bpy.types.AddonPreferences):
         description="A Python that has the solver's packages; leave empty to use the one built here",
         subtype="FILE_PATH",
         options=PATH_OPTIONS,
-        update=lambda self, context: runtime.forget(),
+        update=_look_again,
     )
     runtime_folder: bpy.props.StringProperty(
         name="Folder",
@@ -32,7 +37,7 @@ class NMF_preferences(bpy.types.AddonPreferences):
         "goes when the extension is removed (on Windows for one in AppData\\Local, which stays)",
         subtype="DIR_PATH",
         options=PATH_OPTIONS,
-        update=lambda self, context: runtime.forget(),
+        update=_look_again,
     )
     base_python: bpy.props.StringProperty(
         name="Build With",

@@ -8,6 +8,11 @@ from .compat import PATH_OPTIONS
 from .scene.capture_collection import is_capture
 
 
+# Blender evaluates the annotations below where lambdas would not find this module's names.
+def _may_be_chosen(settings: NMF_scene, collection: bpy.types.Collection) -> bool:
+    return is_capture(collection)
+
+
 class NMF_scene(bpy.types.PropertyGroup):
     """Choices for the next reconstruction."""
 
@@ -15,7 +20,7 @@ class NMF_scene(bpy.types.PropertyGroup):
         name="Capture",
         description="Collection of cameras with photos to reconstruct from",
         type=bpy.types.Collection,
-        poll=lambda settings, collection: is_capture(collection),
+        poll=_may_be_chosen,
     )
     preset: bpy.props.EnumProperty(
         name="Preset",

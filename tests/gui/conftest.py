@@ -36,31 +36,41 @@ def screenshots(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def in_window(tmp_path_factory, screenshots):
-    """Runs a script of this folder in a window of the real Blender: a function of the script's name, the name
-    of the last screenshot, and environment variables."""
+def blender(tmp_path_factory, screenshots):
+    """Runs the real Blender with the extension installed, and sees that no Python error is told: a function of
+    real-blender.sh's arguments and environment variables; returns what was printed."""
     folder = tmp_path_factory.mktemp("blender")
-    blender = ["bash", REAL_BLENDER, "--user", str(folder / "user")]
+    program = ["bash", REAL_BLENDER, "--user", str(folder / "user")]
     build = ["--command", "extension", "build", "--source-dir", str(ROOT), "--output-dir"]
 
-    def run(*words, seconds=120, **variables):
+    def run(*words, seconds=120, code=0, **variables):
         environment = {
-            **os.environ, "RB_BIND": f"{ROOT}:{screenshots}", "NMF_GUI_OUT": str(screenshots),
+            **os.environ, "RB_BIND": f"{ROOT}:{screenshots}:{folder}", "NMF_GUI_OUT": str(screenshots),
             "NMF_SOLVER_PYTHON": "/usr/bin/python3",
             "NMF_SOLVER_BOOTSTRAP": str(ROOT / "tests" / "blender" / "fake_solver.py"), **variables,
         }  # fmt: skip
         answer = subprocess.run(
-            [*blender, *words], capture_output=True, text=True, errors="replace", env=environment,
+            [*program, *words], capture_output=True, text=True, errors="replace", env=environment,
             timeout=seconds, stdin=subprocess.DEVNULL,
         )  # fmt: skip
-        assert answer.returncode == 0, answer.stdout[-3000:] + answer.stderr[-3000:]
+        told = answer.stdout + answer.stderr
+        assert answer.returncode == code, told[-6000:]
+        assert "Traceback" not in told, told[-6000:]
+        return told
 
     run("headless", "--", *build, str(folder))
     archive = str(next(folder.glob("*.zip")))
     run("extension", "--", "install-file", "--repo", "user_default", "--enable", archive)
+    return run
+
+
+@pytest.fixture(scope="session")
+def in_window(blender, screenshots):
+    """Runs a script of this folder in a window of the real Blender: a function of the script's name, the name
+    of the last screenshot, and environment variables."""
 
     def window(script, last_shot, **variables):
         steps = Path(__file__).with_name(script)
-        run("gui", str(steps), str(screenshots / last_shot), seconds=240, **variables)
+        blender("gui", str(steps), str(screenshots / last_shot), seconds=240, **variables)
 
     return window

@@ -97,6 +97,11 @@ def steps(ui):
     area.tag_redraw()
     yield 0.5
     ui.shot(str(OUT / "2_capture.png"))
+    ui.click(*(yield from ui.find_prop("nmf.capture")))
+    yield 1.0
+    ui.shot(str(OUT / "2_captures_to_choose.png"))
+    ui.key("Escape")
+    yield 0.5
 
     monitor = job_monitor()
     os.environ["NMF_FAKE_MODE"], os.environ["NMF_FAKE_PAUSE"] = "normal", "0.4"
