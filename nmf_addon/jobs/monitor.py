@@ -103,15 +103,26 @@ class Monitor:
             redraw_panels()
 
     def _may_install(self) -> bool:
-        """True in Object Mode with a window; says what it waits for otherwise."""
-        if not bpy.context.window_manager.windows:
+        """True in Object Mode with a window, when nothing else is under way; says what it waits for
+        otherwise."""
+        windows = bpy.context.window_manager.windows
+        if not windows:
             return bpy.app.background
-        with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
-            ready = bpy.context.mode == "OBJECT"
-        if not ready and "Object Mode" not in self.model.text:
-            self.model.text = "Done; the object comes as soon as you are in Object Mode"
+        with bpy.context.temp_override(window=windows[0]):
+            in_object_mode = bpy.context.mode == "OBJECT"
+        wait = ""
+        if bpy.app.is_job_running("RENDER"):
+            # Frames that are still to come would have another light than those before.
+            wait = "the render is over"
+        elif any(_is_moving_something(window) for window in windows):
+            wait = "nothing is being moved"
+        elif not in_object_mode:
+            wait = "you are in Object Mode"
+        text = f"Done; the object comes as soon as {wait}"
+        if wait and self.model.text != text:
+            self.model.text = text
             redraw_panels()
-        return ready
+        return not wait
 
     def _install(self) -> None:
         """Install the result by its operator, so that one Undo takes it back."""
@@ -158,6 +169,11 @@ class Monitor:
 
 
 monitor = Monitor()
+
+
+def _is_moving_something(window: bpy.types.Window) -> bool:
+    """True between G, R or S and the click that ends it: what is selected has to stay so."""
+    return any(o.bl_idname.startswith("TRANSFORM_OT_") for o in window.modal_operators)
 
 
 def _tick_soon() -> None:

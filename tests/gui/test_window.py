@@ -71,6 +71,15 @@ def test_cancel_and_resume_are_pressed(report):
     assert report["resumed"]
 
 
+@pytest.mark.parametrize(
+    "meanwhile, what", [("rendered", "the render is over"), ("moved", "nothing is being moved")]
+)
+def test_a_result_waits_until_the_person_is_done(report, meanwhile, what):
+    assert report[meanwhile] == {
+        "text": f"Done; the object comes as soon as {what}", "meanwhile": True, "after": 1
+    }  # fmt: skip
+
+
 def test_a_failure_shows_the_end_of_the_log(report):
     assert "ZeroDivisionError" in report["failure"]
 

@@ -26,6 +26,16 @@ def installed():
     return [item.name for item in bpy.data.objects if item.get("nmf_job")]
 
 
+def render_frames():
+    """Begin an animation that takes minutes, in a thread of Blender's."""
+    scene = bpy.context.scene
+    bpy.context.preferences.view.render_display_type = "NONE"
+    scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 64, False
+    scene.render.resolution_x, scene.render.resolution_y, scene.frame_end = 160, 90, 2000
+    scene.render.filepath = str(OUT / "frames" / "frame_")
+    bpy.ops.render.render("INVOKE_DEFAULT", animation=True)
+
+
 def steps(ui):
     (OUT / "report.json").unlink(missing_ok=True)
     area = ui.area("VIEW_3D")
@@ -132,6 +142,23 @@ def steps(ui):
     os.environ["NMF_FAKE_PAUSE"] = "0.01"
     yield from ui.press("nmf.resume")
     report["resumed"] = yield from ui.wait(lambda: not monitor.running and installed(), 20)
+
+    ended = lambda: monitor.waits_to_install or not monitor.running  # noqa: E731
+    os.environ["NMF_FAKE_MODE"] = "normal"
+    for name in ("rendered", "moved"):
+        there = installed()
+        with ui.override():
+            bpy.ops.nmf.reconstruct("EXEC_DEFAULT", True)
+            if name == "rendered":
+                render_frames()
+            else:
+                bpy.ops.transform.translate("INVOKE_DEFAULT")
+        yield from ui.wait(ended, 20)
+        yield 0.5
+        report[name] = {"text": monitor.model.text, "meanwhile": installed() == there}
+        ui.key("Escape")
+        yield from ui.wait(lambda: not monitor.waits_to_install, 60)
+        report[name]["after"] = len(installed()) - len(there)
 
     os.environ["NMF_FAKE_MODE"] = "raise"
     yield 0.5
