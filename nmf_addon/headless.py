@@ -27,10 +27,9 @@ from . import preferences
 from .jobs.create import create_job, last_job_root, new_job_root
 from .jobs.process import run_blocking, start_job
 from .runtime import RuntimeMissing, bootstrap_script, clean_environment
-from .scene.cameras import ASPECT, size_of
-from .scene.capture_collection import import_capture, photo_paths
+from .scene.capture_collection import import_capture, photo_cameras, photo_paths
 from .scene.install import InstalledAsset, install_result
-from .scene.match_solver import match_resolution, match_solver
+from .scene.match_solver import match_photo, match_solver
 
 MOST_PACKED = 200_000_000
 """bytes of photos that are packed into a .blend; if they have more, they stay where they are"""
@@ -136,7 +135,8 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
     left = match_solver(bpy.context.scene, asset.manifest.get("bounces", 2))
     if left:
         print(f"Warning: {left}", file=sys.stderr)
-    match_capture_resolution(collection)
+    bpy.context.scene.camera = photo_cameras(collection)[0]
+    match_photo(bpy.context.scene)
     pack_pictures(photo_paths(collection))
     save(out)
     return asset
@@ -234,14 +234,6 @@ def run_solver(python: Path, job: JobFolder, on_event) -> None:
     if code != 0:
         reason = " ".join(messages) or f"The solver ended with code {code}.\n{process.log_tail()}"
         raise SolverFailed(code if code > 0 else FAILED, reason)
-
-
-def match_capture_resolution(collection: bpy.types.Collection) -> None:
-    """Render at the size of the capture's first photo, with its pixels' shape."""
-    item = next(i for i in collection.all_objects if i.type == "CAMERA")
-    aspect = float(item.data.get(ASPECT, 1.0))
-    match_resolution(bpy.context.scene, *size_of(item), aspect)
-    bpy.context.scene.camera = item
 
 
 class ProgressLines:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import bpy
 
-from ..nmf_addon.scene.match_solver import match_solver
+from ..nmf_addon.scene.match_solver import match_photo, match_solver
 
 
 class NMF_OT_match_solver(bpy.types.Operator):
-    """Set Cycles and the view transform so that renders compare with the photos"""
+    """Set Cycles, the view transform and the photo's size, so that renders compare with the photos"""
 
     bl_idname = "nmf.match_solver"
     bl_label = "Match Solver"
@@ -26,6 +26,7 @@ class NMF_OT_match_solver(bpy.types.Operator):
         except RuntimeError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+        match_photo(context.scene)
         if left:
             self.report({"WARNING"}, left)
         return {"FINISHED"}

@@ -9,8 +9,9 @@ from ..nmf_addon.jobs.create import create_job, new_job_root
 from ..nmf_addon.jobs.monitor import monitor
 from ..nmf_addon.properties import chosen_overrides
 from ..nmf_addon.runtime import RuntimeMissing
-from ..nmf_addon.scene.capture_collection import LAST_JOB, active_capture
+from ..nmf_addon.scene.capture_collection import LAST_JOB, active_capture, to_capture_space
 from ..nmf_addon.scene.images import stored_path
+from ..nmf_addon.scene.region import region_problem
 from ..solver.capture.errors import CaptureError
 from ..solver.job.folder import JobError, JobFolder
 
@@ -43,6 +44,9 @@ class NMF_OT_reconstruct(bpy.types.Operator):
         except (CaptureError, JobError, RuntimeMissing, OSError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+        problem = region_problem(collection, to_capture_space(collection))
+        if problem:
+            self.report({"WARNING"}, problem)
         settings.job = stored_path(job.root)
         if collection != context.scene.collection:
             settings.capture = collection

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..nmf_addon.scene.capture_collection import active_capture
-from ..nmf_addon.scene.measure import LEAST, MeasureError, picked_points, scale_to
+from ..nmf_addon.scene.measure import LEAST, MeasureError, picked_capture, picked_points, scale_to
 
 
 class NMF_OT_set_scale(bpy.types.Operator):
@@ -38,15 +38,16 @@ class NMF_OT_set_scale(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Scale the capture."""
+        collection = picked_capture(context)
         try:
-            factor = scale_to(active_capture(context), picked_points(context), self.distance)
+            factor = scale_to(collection, picked_points(context), self.distance)
         except MeasureError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         if context.mode == "EDIT_MESH":
             # Undo steps of Edit Mode know the mesh alone.
             bpy.ops.object.mode_set(mode="OBJECT")
-        self.report({"INFO"}, f"The capture was scaled by {factor:.4g}")
+        self.report({"INFO"}, f"{collection.name} was scaled by {factor:.4g}")
         return {"FINISHED"}
 
 

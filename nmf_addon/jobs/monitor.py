@@ -190,6 +190,12 @@ def _tick() -> float | None:
         return None
 
 
+def _look_at_open_file() -> None:
+    """Take up the job of a file that was open already when the extension came."""
+    monitor.look_at(bpy.context.scene.nmf.job)
+    redraw_panels()
+
+
 @persistent
 def _on_load(path: str) -> None:
     """Another file was opened, or the same one once more."""
@@ -264,6 +270,8 @@ def register() -> None:
     """Watch for files being opened and saved."""
     for handlers, handler in _handlers():
         handlers.append(handler)
+    # At Blender's start there is no file yet that could be looked at.
+    bpy.app.timers.register(_look_at_open_file, first_interval=0.0)
 
 
 def unregister() -> None:
@@ -271,4 +279,6 @@ def unregister() -> None:
     for handlers, handler in _handlers():
         if handler in handlers:
             handlers.remove(handler)
+    if bpy.app.timers.is_registered(_look_at_open_file):
+        bpy.app.timers.unregister(_look_at_open_file)
     monitor.shut_down()

@@ -25,20 +25,27 @@ UNDISTORTED = "nmf_undistorted"
 
 
 def add_camera(
-    camera: Camera, image: bpy.types.Image | None, shown: bpy.types.Image | None = None
-) -> bpy.types.Object:
+    camera: Camera, image: bpy.types.Image | None, shown: bpy.types.Image | None = None,
+    frame: float = 0.0,
+) -> bpy.types.Object:  # fmt: skip
     """A camera object with the photo as background; linked to nothing yet.
 
     Args:
+        frame: width over height of what is rendered. Blender fits a photo into it as a whole, and the
+            scene lies under it if the camera has the same side of its sensor fitted.
         shown: what to show in place of the photo, such as its undistorted copy; the photo is kept
             as a second background that is off.
     """
     data = bpy.data.cameras.new(camera.name)
-    data.sensor_fit = "HORIZONTAL"
-    data.sensor_width = SENSOR_WIDTH
+    aspect = camera.fy / camera.fx
+    tall = camera.height / aspect  # in widths of a pixel
+    upright = camera.width < frame * tall
+    data.sensor_fit = "VERTICAL" if upright else "HORIZONTAL"
+    data.sensor_width, data.sensor_height = SENSOR_WIDTH, SENSOR_WIDTH * tall / camera.width
     data.lens = camera.fx * SENSOR_WIDTH / camera.width
-    data.shift_x = (0.5 * camera.width - camera.cx) / camera.width
-    data.shift_y = (camera.cy - 0.5 * camera.height) / camera.width * camera.fx / camera.fy
+    across = tall if upright else camera.width
+    data.shift_x = (0.5 * camera.width - camera.cx) / across
+    data.shift_y = (camera.cy - 0.5 * camera.height) / (across * aspect)
     data.display_size = 0.2
     if image is not None:
         data.show_background_images = True
@@ -47,7 +54,7 @@ def add_camera(
     data[SIZE] = [camera.width, camera.height]
     data[LENS] = camera.lens
     data[DISTORTION] = list(camera.distortion) or [0.0]
-    data[ASPECT] = camera.fy / camera.fx
+    data[ASPECT] = aspect
     if camera.mask_path is not None:
         data[MASK] = str(camera.mask_path)
     item = bpy.data.objects.new(camera.name, data)

@@ -82,7 +82,9 @@ def _add_capture(
     root[FILE_TO_CAPTURE] = matrix.ravel().tolist()
     root.empty_display_type = "ARROWS"
     collection.objects.link(root)
-    progress = context.window_manager
+    render, progress = context.scene.render, context.window_manager
+    frame = render.resolution_x * render.pixel_aspect_x
+    frame /= render.resolution_y * render.pixel_aspect_y
     progress.progress_begin(0, len(capture.cameras))
     for number, camera in enumerate(capture.cameras):
         progress.progress_update(number)
@@ -91,7 +93,7 @@ def _add_capture(
             is_distorted(camera) or turn_of(camera) != 1
         )
         shown = undistorted_copy(camera, image) if differs else None
-        item = add_camera(camera, image, shown)
+        item = add_camera(camera, image, shown, frame)
         item.parent = root
         collection.objects.link(item)
     progress.progress_end()
@@ -164,7 +166,9 @@ def active_capture(context: bpy.types.Context) -> bpy.types.Collection | None:
 def capture_named(scene: bpy.types.Scene, name: str) -> bpy.types.Collection | None:
     """The collection of that name, which may be the scene's own; None if it is gone."""
     whole = scene.collection
-    return whole if name == whole.name else bpy.data.collections.get(name)
+    # A library override has the name of what it overrides, which is in no scene.
+    here = [c for c in (whole, *whole.children_recursive) if c.name == name]
+    return here[0] if here else bpy.data.collections.get(name)
 
 
 def scene_of(collection: bpy.types.Collection) -> bpy.types.Scene | None:

@@ -56,16 +56,17 @@ def install_result(
     name = job.root.name
     data = bpy.data
     with nothing_left_behind(
-        data.meshes, data.materials, data.node_groups, data.images, data.worlds
+        data.objects, data.meshes, data.materials, data.node_groups, data.images, data.worlds
     ):
         mesh = build_mesh(name, positions, normals, uvs, faces)
         material = build_material(name, pictures, manifest["textures"])
         mesh.materials.append(material)
         world = build_world(f"{name} light", pictures["environment"])
-    item = installed_before(job)
-    if item is None:
-        item = _place(context, job, mesh, manifest, collection)
-    else:
+        item = installed_before(job)
+        is_new = item is None
+        if is_new:
+            item = _place(context, job, mesh, manifest, collection)
+    if not is_new:
         replace_asset(item, mesh, material, world)
     for block in (item, mesh, material, world):
         block[JOB] = str(job.root)
@@ -116,8 +117,9 @@ def _make_active(item: bpy.types.Object, view_layer: bpy.types.ViewLayer) -> Non
 def _home(
     collection: bpy.types.Collection | None, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer
 ) -> bpy.types.Collection:
-    """The capture's collection, or the scene's own where that is linked, switched off or not rendered."""
-    if collection is None or collection.library:
+    """The capture's collection, or the scene's own where that is linked, an override, switched off or not
+    rendered."""
+    if collection is None or collection.library or collection.override_library:
         return scene.collection
     return collection if _is_shown(collection, view_layer.layer_collection) else scene.collection
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from .cameras import ASPECT, photo_of, size_of
 from .colour import set_plain_view
 
 BLACKMAN_HARRIS_WIDTH = 1.5  # pixels
@@ -33,7 +34,8 @@ def match_solver(scene: bpy.types.Scene, bounces: int = 2) -> str:
     scene.render.film_transparent = True
     view = scene.view_settings
     view.look = "None"
-    view.exposure, view.gamma = 0.0, 1.0
+    view.exposure, view.gamma, cycles.film_exposure = 0.0, 1.0, 1.0
+    view.use_curve_mapping = view.use_white_balance = False
     scene.render.dither_intensity = 0.0
     if set_plain_view(view):
         return ""
@@ -41,6 +43,13 @@ def match_solver(scene: bpy.types.Scene, bounces: int = 2) -> str:
         f"The view transform stays '{view.view_transform}', since this colour configuration has none like "
         "Blender's 'Standard': renders look different from the photos."
     )
+
+
+def match_photo(scene: bpy.types.Scene) -> None:
+    """Render at the size of the photo behind the scene's camera, with its pixels' shape, if one is there."""
+    item = scene.camera
+    if item is not None and item.type == "CAMERA" and photo_of(item) is not None:
+        match_resolution(scene, *size_of(item), float(item.data.get(ASPECT, 1.0)))
 
 
 def match_resolution(scene: bpy.types.Scene, width: int, height: int, aspect: float = 1.0) -> None:

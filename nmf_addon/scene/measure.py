@@ -5,13 +5,26 @@ from __future__ import annotations
 import bpy
 from mathutils import Matrix, Vector
 
-from .capture_collection import root_of
+from .capture_collection import active_capture, capture_collections, root_of
 
 LEAST = 1e-6  # distance of two points, Blender units
 
 
 class MeasureError(ValueError):
     """There are no two points to measure between; one sentence with the way out."""
+
+
+def picked_capture(context: bpy.types.Context) -> bpy.types.Collection:
+    """The capture that what the person picked hangs on, else the active one."""
+    captures = capture_collections(context.scene)
+    edited = _edited_mesh(context)
+    for item in context.selected_objects if edited is None else [edited]:
+        while item is not None:
+            for collection in captures:
+                if item == root_of(collection):
+                    return collection
+            item = item.parent
+    return active_capture(context)
 
 
 def picked_points(context: bpy.types.Context) -> tuple[Vector, Vector]:
@@ -22,8 +35,8 @@ def picked_points(context: bpy.types.Context) -> tuple[Vector, Vector]:
     Raises:
         MeasureError: there are not two.
     """
-    item = context.active_object
-    if item is not None and item.type == "MESH" and item.mode == "EDIT":
+    item = _edited_mesh(context)
+    if item is not None:
         item.update_from_editmode()
         chosen = [vertex.co for vertex in item.data.vertices if vertex.select]
         points = [item.matrix_world @ co for co in chosen]
@@ -40,6 +53,11 @@ def picked_points(context: bpy.types.Context) -> tuple[Vector, Vector]:
     return points[0], points[1]
 
 
+def _edited_mesh(context: bpy.types.Context) -> bpy.types.Object | None:
+    item = context.active_object
+    return item if item is not None and item.type == "MESH" and item.mode == "EDIT" else None
+
+
 def scale_to(
     collection: bpy.types.Collection, points: tuple[Vector, Vector], distance: float
 ) -> float:
@@ -48,12 +66,16 @@ def scale_to(
     Cameras, region, mesh and points hang on the capture's empty and follow. Returns the factor.
 
     Raises:
-        MeasureError: the capture has no empty of ours.
+        MeasureError: the capture has no empty of ours, or one that cannot be scaled here.
     """
     root = root_of(collection)
     if root is None:
         raise MeasureError(
             f"{collection.name} has no transform empty; scale its cameras by hand, or import it."
+        )
+    if root.library:
+        raise MeasureError(
+            f"{collection.name} is linked from another file; scale it there, or make a library override."
         )
     first, second = points
     factor = distance / (second - first).length

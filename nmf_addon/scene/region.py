@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
+from mathutils import Matrix
 
 REGION, PLACED = "nmf_region", "nmf_placed"
+STRAIGHT = 1e-4  # one minus the cosine of what counts as not turned
 
 
 def new_region_box(
@@ -14,6 +16,8 @@ def new_region_box(
     """A box of capture space [2, 3] in a collection, under the capture's empty."""
     box = bpy.data.objects.new(f"{collection.name} Region", None)
     box[REGION] = True
+    # A region has the capture's axes; a turned box would show another one.
+    box.lock_rotation = (True, True, True)
     box.empty_display_type, box.empty_display_size = "CUBE", 1.0
     box.parent = root
     collection.objects.link(box)
@@ -37,6 +41,23 @@ def is_as_placed(box: bpy.types.Object) -> bool:
 def region_box(collection: bpy.types.Collection) -> bpy.types.Object | None:
     """The collection's region box."""
     return next((item for item in collection.all_objects if item.get(REGION)), None)
+
+
+def region_problem(collection: bpy.types.Collection, to_capture: Matrix) -> str:
+    """How the region differs from what a person sees, as a sentence; empty if it does not.
+
+    Args:
+        to_capture: world to capture space.
+    """
+    boxes = [item for item in collection.all_objects if item.get(REGION)]
+    if len(boxes) > 1:
+        return f"There are {len(boxes)} region boxes; only {boxes[0].name} counts."
+    for box in boxes:
+        axes = np.array((to_capture @ box.matrix_world).to_3x3())
+        lengths = np.linalg.norm(axes, axis=0)
+        if (np.abs(axes).max(0) < (1 - STRAIGHT) * lengths).any():
+            return f"{box.name} is turned; the region is the straight box around it (Alt R straightens it)."
+    return ""
 
 
 def _state(box: bpy.types.Object) -> list[float]:

@@ -51,6 +51,18 @@ def part(package):
     return lambda name: importlib.import_module(f"{PACKAGE}.nmf_addon.{name}")
 
 
+@pytest.fixture
+def add_capture(tmp_path):
+    """Import one more capture of three photos."""
+
+    def add(name):
+        path = fake_capture.write_capture(tmp_path / name)
+        bpy.ops.nmf.import_capture("EXEC_DEFAULT", True, filepath=str(path))
+        return bpy.context.scene.nmf.capture
+
+    return add
+
+
 @pytest.fixture(autouse=True)
 def extension(package, part):
     """The extension, registered, in an empty file; called with a name, a module of `nmf_addon`."""

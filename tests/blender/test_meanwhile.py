@@ -12,18 +12,6 @@ import pytest
 from mathutils import Matrix
 
 
-@pytest.fixture
-def add_capture(tmp_path):
-    """Import one more capture of three photos."""
-
-    def add(name):
-        path = fake_capture.write_capture(tmp_path / name)
-        bpy.ops.nmf.import_capture("EXEC_DEFAULT", True, filepath=str(path))
-        return bpy.context.scene.nmf.capture
-
-    return add
-
-
 def results():
     return [item for item in bpy.data.objects if item.get("nmf_job")]
 
@@ -184,7 +172,9 @@ def test_a_flat_region_box_is_told_and_nothing_is_written(capture, tmp_path):
     assert not jobs.exists() or not list(jobs.iterdir())
 
 
-def test_a_linked_capture_is_reconstructed(capture, monitor, fake_solver, tick, tmp_path):
+@pytest.fixture
+def linked_capture(capture, tmp_path):
+    """The capture, linked into another file."""
     name, library = capture.name, bpy.data.filepath
     bpy.ops.wm.save_mainfile()
     bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -193,6 +183,29 @@ def test_a_linked_capture_is_reconstructed(capture, monitor, fake_solver, tick, 
     with bpy.data.libraries.load(library, link=True) as (_, wanted):
         wanted.collections = [name]
     bpy.context.scene.collection.children.link(bpy.data.collections[name])
+    return bpy.data.collections[name]
+
+
+def test_a_linked_capture_cannot_be_scaled_here(linked_capture, extension):
+    for item in linked_capture.objects[:2]:
+        item.select_set(True)
+    with pytest.raises(RuntimeError, match="linked from another file; scale it there"):
+        bpy.ops.nmf.set_scale(distance=2.0)
+
+
+def test_a_result_comes_to_an_overridden_capture(linked_capture, monitor, fake_solver, tick):
+    mine = linked_capture.override_hierarchy_create(bpy.context.scene, bpy.context.view_layer)
+    assert mine.override_library
+    bpy.context.scene.nmf.capture = mine
+    assert bpy.ops.nmf.reconstruct() == {"FINISHED"}
+    tick()
+    assert monitor.model.text == "Done", monitor.model.error
+    (item,) = results()
+    assert item.users_collection == (bpy.context.scene.collection,)
+    assert item.parent in set(mine.all_objects)
+
+
+def test_a_linked_capture_is_reconstructed(linked_capture, monitor, fake_solver, tick):
     assert bpy.data.images[0].filepath.startswith("//")
     assert bpy.ops.nmf.reconstruct() == {"FINISHED"}
     tick()

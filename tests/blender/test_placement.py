@@ -188,6 +188,25 @@ def test_two_points_of_known_distance_scale_the_capture_about_the_first(extensio
     np.testing.assert_allclose(scene.region_of(capture)["max"], region["max"], atol=1e-4)
 
 
+def test_the_capture_that_was_measured_is_scaled(extension, capture, result_job, add_capture):
+    scene, install = extension("scene.capture_collection"), extension("scene.install")
+    item = install.install_result(bpy.context, result_job, capture).object
+    other = add_capture("another")
+    assert bpy.context.scene.nmf.capture == other
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    for vertex in item.data.vertices:
+        vertex.select = vertex.index in (0, 7)
+    bpy.ops.object.mode_set(mode="EDIT")
+    assert bpy.context.edit_object == item
+    measured = extension("scene.measure").picked_capture(bpy.context)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert measured == capture
+    item.select_set(False)
+    scene.root_of(other).select_set(True)
+    assert extension("scene.measure").picked_capture(bpy.context) == other
+
+
 def test_vertices_picked_in_edit_mode_are_measured(extension, capture):
     mesh = bpy.data.meshes.new("m")
     mesh.from_pydata([(0, 0, 0), (3, 0, 0), (9, 9, 9)], [], [])

@@ -80,6 +80,50 @@ def test_blender_projects_points_as_the_solver_does(extension, duck):
         np.testing.assert_allclose((x * 200, (1 - y) * 200), pixel[0], atol=1e-3)
 
 
+def _shown_at(pixel, camera, frame):
+    """Where Blender shows a pixel of a photo that is fitted into a frame as a whole; (0, 0) is below on the left."""
+    photo = camera.width / (camera.height * camera.fx / camera.fy)
+    x, y = pixel[0] / camera.width, 1 - pixel[1] / camera.height
+    if photo < frame:
+        return 0.5 + (x - 0.5) * photo / frame, y
+    return x, 0.5 + (y - 0.5) * frame / photo
+
+
+@pytest.mark.parametrize("frame", [(1920, 1080), (1080, 1920), (100, 100)])
+@pytest.mark.parametrize("size, fy", [((64, 48), 70), ((48, 64), 70), ((64, 64), 70), ((64, 48), 60)])
+def test_the_scene_lies_under_the_photo_whatever_is_rendered(extension, tmp_path, frame, size, fy):
+    from bpy_extras.object_utils import world_to_camera_view
+    from neural_microfacet_fields.solver.capture.camera import Camera
+
+    scene = bpy.context.scene
+    scene.render.resolution_x, scene.render.resolution_y = frame
+    camera = Camera("c", tmp_path / "photo.png", np.eye(4), *size, 70.0, float(fy), 30.0, 26.0)
+    cameras, shape = extension("scene.cameras"), frame[0] / frame[1]
+    item = cameras.add_camera(camera, None, frame=shape)
+    scene.collection.objects.link(item)
+    bpy.context.view_layer.update()
+    for point in ((0.1, 0.2, -1.0), (-0.2, 0.1, -1.5)):
+        shown = _shown_at(camera.project(np.array([point]))[0][0], camera, shape)
+        np.testing.assert_allclose(
+            world_to_camera_view(scene, item, Vector(point))[:2], shown, atol=1e-5
+        )
+
+
+def test_a_render_that_matches_has_the_size_of_the_photo_behind_the_camera(extension, duck):
+    scene = bpy.context.scene
+    scene.render.resolution_x, scene.cycles.film_exposure = 640, 2.0
+    scene.view_settings.use_curve_mapping = scene.view_settings.use_white_balance = True
+    scene.camera = bpy.data.objects.new("mine", bpy.data.cameras.new("mine"))
+    collection = extension("scene.capture_collection").import_capture(bpy.context, duck)
+    bpy.ops.nmf.match_solver()
+    assert (scene.render.resolution_x, scene.cycles.film_exposure) == (640, 1.0)
+    assert not scene.view_settings.use_curve_mapping
+    assert not scene.view_settings.use_white_balance
+    scene.camera = extension("scene.capture_collection").photo_cameras(collection)[0]
+    bpy.ops.nmf.match_solver()
+    assert (scene.render.resolution_x, scene.render.resolution_y) == (200, 200)
+
+
 def test_a_broken_capture_changes_nothing(extension, tmp_path):
     scene = extension("scene.capture_collection")
     from neural_microfacet_fields.solver.capture.errors import CaptureError
@@ -102,6 +146,26 @@ def test_the_region_box_is_read_in_capture_space(extension, duck):
     region = scene.region_of(collection)
     np.testing.assert_allclose(region["min"], (-0.5, -2, -3), atol=1e-5)
     np.testing.assert_allclose(region["max"], (1.5, 2, 3), atol=1e-5)
+
+
+def test_a_region_box_that_is_turned_or_there_twice_is_told(extension, duck):
+    scene, region = extension("scene.capture_collection"), extension("scene.region")
+    collection = scene.import_capture(bpy.context, duck)
+    box, root = region.region_box(collection), scene.root_of(collection)
+    assert all(box.lock_rotation)
+
+    def problem():
+        bpy.context.view_layer.update()
+        return region.region_problem(collection, scene.to_capture_space(collection))
+
+    root.rotation_euler, root.scale = (0.3, 0.5, 0.1), (2, 2, 2)
+    box.rotation_euler, box.scale = (0, 0, np.pi / 2), (1, 0.2, 0.3)
+    assert problem() == ""
+    box.rotation_euler.z = 0.1
+    assert "is turned" in problem()
+    box.rotation_euler.z = 0
+    collection.objects.link(box.copy())
+    assert "2 region boxes" in problem()
 
 
 def test_an_installed_result_is_a_connected_textured_mesh_under_its_light(extension, result_job):
