@@ -68,17 +68,19 @@ def main(arguments: list[str]) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="nmf", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="nmf", description="Photos and cameras to a .blend with a relightable object."
+    )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     command = commands.add_parser("reconstruct", help="photos and cameras to a .blend")
     command.add_argument("capture", type=Path, help="folder or camera file")
     command.add_argument("out", type=Path, metavar="OUT.blend")
     command.add_argument("--photos", type=Path, help="their folder, if not below the capture's")
     command.add_argument("--masks", type=Path, help="their folder, if not 'masks' there")
-    command.add_argument("--preset")
-    command.add_argument("--device")
+    command.add_argument("--preset", help="draft (default), standard or paper")
+    command.add_argument("--device", help="auto (default), cpu, cuda or mps")
     command.add_argument("--seed", type=int)
-    command.add_argument("--time-limit", type=float)
+    command.add_argument("--time-limit", type=float, metavar="SECONDS")
     command.add_argument(
         "--set", action="append", default=[], dest="sets", metavar="section.field=value"
     )

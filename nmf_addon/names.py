@@ -8,6 +8,8 @@ from pathlib import Path
 BASE_PACKAGE = __package__.rpartition(".")[0]
 REPOSITORY = Path(__file__).resolve().parent.parent
 EXTENSION_ID = "neural_microfacet_fields"
+JOBS_OF_UNSAVED = "jobs"
+"""`user_folder` of jobs that were begun before their .blend was saved"""
 
 
 def user_folder(name: str) -> Path:

@@ -11,6 +11,7 @@ from . import preferences, runtime, thumbnails
 from .jobs.model import JobModel
 from .jobs.monitor import monitor
 from .jobs.side_task import side_task
+from .names import BASE_PACKAGE
 from .scene.cameras import photo_of
 from .scene.capture_collection import active_capture, check_report, masked_box
 from .scene.hidden_photos import hidden_cameras
@@ -179,9 +180,13 @@ def _draw_missing_solver(
 ) -> None:
     box = layout.box()
     _paragraph(box, context, problem, icon="INFO")
-    if not preferences.chosen_python():
-        _note(box, context, f"Once per computer: {preferences.SIZE_TEXT} are downloaded into a "
-              "private folder. Nothing of Blender's is changed.")  # fmt: skip
+    if preferences.chosen_python():
+        # What is set up here would not be used.
+        shown = box.operator("preferences.addon_show", text="Open Preferences", icon="PREFERENCES")
+        shown.module = BASE_PACKAGE
+        return
+    _note(box, context, f"Once per computer: {preferences.SIZE_TEXT} are downloaded into a "
+          "private folder. Nothing of Blender's is changed.")  # fmt: skip
     preferences.draw_setup(box)
 
 

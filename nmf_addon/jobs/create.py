@@ -13,7 +13,7 @@ import bpy
 from ...solver import __version__
 from ...solver.capture.read import JOBS_FOLDER
 from ...solver.job.folder import JobFolder, JobRequest
-from ..names import user_folder
+from ..names import JOBS_OF_UNSAVED, user_folder
 from ..scene.capture_collection import placement_of, region_of, write_capture
 
 RESERVED = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9¹²³]", re.I)
@@ -26,7 +26,7 @@ def jobs_folder() -> Path:
     """Where new jobs go: beside the saved .blend, else in the extension's own folder."""
     if bpy.data.filepath:
         return Path(bpy.path.abspath(f"//{JOBS_FOLDER}"))
-    return user_folder("jobs")
+    return user_folder(JOBS_OF_UNSAVED)
 
 
 def new_job_root(name: str, parent: Path | None = None) -> Path:

@@ -270,8 +270,9 @@ def register() -> None:
     """Watch for files being opened and saved."""
     for handlers, handler in _handlers():
         handlers.append(handler)
-    # At Blender's start there is no file yet that could be looked at.
-    bpy.app.timers.register(_look_at_open_file, first_interval=0.0)
+    if not bpy.app.background:
+        # At Blender's start there is no file yet that could be looked at.
+        bpy.app.timers.register(_look_at_open_file, first_interval=0.0)
 
 
 def unregister() -> None:

@@ -10,13 +10,14 @@ import numpy as np
 from mathutils import Matrix
 
 from ...solver.job.folder import JobError, JobFolder
+from ..names import JOBS_OF_UNSAVED, user_folder
 from .adjusted_cameras import adjust_cameras
 from .capture_collection import root_of, scene_of
 from .images import nothing_left_behind
 from .job_capture import file_placement
 from .material import build_material
 from .pictures import named_pictures
-from .replace import JOB, installed_before, replace_asset
+from .replace import JOB, images_of, installed_before, replace_asset
 from .result import job_of_result, read_manifest, read_ply
 from .world import build_world, turn_with
 
@@ -62,7 +63,11 @@ def install_result(
         material = build_material(name, pictures, manifest["textures"])
         mesh.materials.append(material)
         world = build_world(f"{name} light", pictures["environment"])
-        item = installed_before(job)
+        if job.root.is_relative_to(user_folder(JOBS_OF_UNSAVED)):
+            # That goes with the extension, and what is made of the result may outlive that.
+            for image in (*images_of(material), *images_of(world)):
+                image.pack()
+        item = installed_before(job, (collection and scene_of(collection)) or context.scene)
         is_new = item is None
         if is_new:
             item = _place(context, job, mesh, manifest, collection)

@@ -46,7 +46,7 @@ def match_solver(scene: bpy.types.Scene, bounces: int = 2) -> str:
 
 
 def match_photo(scene: bpy.types.Scene) -> None:
-    """Render at the size of the photo behind the scene's camera, with its pixels' shape, if one is there."""
+    """Render at the size of the photo behind the scene's camera, with its pixels' shape, if it has one."""
     item = scene.camera
     if item is not None and item.type == "CAMERA" and photo_of(item) is not None:
         match_resolution(scene, *size_of(item), float(item.data.get(ASPECT, 1.0)))

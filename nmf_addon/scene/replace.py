@@ -12,9 +12,9 @@ JOB = "nmf_job"
 """path of the job's folder, on all that was installed from it"""
 
 
-def installed_before(job: JobFolder) -> bpy.types.Object | None:
-    """The object that a job was installed as, if it still is in a scene."""
-    for item in bpy.data.objects:
+def installed_before(job: JobFolder, scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """The object that a job was installed as, if it still is in a scene; that of `scene`, if it has one."""
+    for item in (*scene.objects, *bpy.data.objects):
         editable = item.type == "MESH" and not item.library and not item.data.library
         if editable and item.users_scene and _is_of(item, job):
             return item
@@ -41,8 +41,10 @@ def replace_asset(
     """
     job, earlier_mesh = item[JOB], item.data
     materials = [m for m in earlier_mesh.materials if m is not None and _is_ours(m, job)]
-    worlds = [w for w in bpy.data.worlds if _is_ours(w, job)]
-    images = {image for block in (*materials, *worlds) for image in _images(block)}
+    # A full copy of the scene has a light of its own.
+    others = {scene.world for scene in bpy.data.scenes if scene not in item.users_scene}
+    worlds = [w for w in bpy.data.worlds if _is_ours(w, job) and w not in others]
+    images = {image for block in (*materials, *worlds) for image in images_of(block)}
     _supersede(bpy.data.meshes, earlier_mesh, mesh)
     for earlier in materials:
         _supersede(bpy.data.materials, earlier, material)
@@ -51,7 +53,7 @@ def replace_asset(
     for image in images:
         if image.users == 0:
             bpy.data.images.remove(image)
-    for image in {*_images(material), *_images(world)}:
+    for image in {*images_of(material), *images_of(world)}:
         image.name = Path(image.filepath).name
 
 
@@ -59,7 +61,7 @@ def _is_ours(block: bpy.types.ID, job: str) -> bool:
     return block.get(JOB) == job and not block.library
 
 
-def _images(block: bpy.types.Material | bpy.types.World) -> list[bpy.types.Image]:
+def images_of(block: bpy.types.Material | bpy.types.World) -> list[bpy.types.Image]:
     """Pictures that a material or World shows."""
     nodes = block.node_tree.nodes
     return [n.image for n in nodes if n.type in ("TEX_IMAGE", "TEX_ENVIRONMENT") and n.image]

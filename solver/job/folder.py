@@ -247,6 +247,10 @@ class JobFolder:
         try:
             content = json.loads(read_replaced(self.manifest_path))
         except FileNotFoundError as error:
+            if not self.request_path.is_file():
+                raise JobError(
+                    f"{self.root}: this is no job folder; choose the folder of one job."
+                ) from error
             raise JobError(
                 f"{self.root}: the job has no complete result yet; resume it."
             ) from error

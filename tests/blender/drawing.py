@@ -30,7 +30,8 @@ class Layout:
 
     def operator(self, idname, text=None, icon="NONE"):
         assert icon in bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items
-        getattr(bpy.ops.nmf, idname.removeprefix("nmf.")).get_rna_type()
+        module, name = idname.split(".")
+        getattr(getattr(bpy.ops, module), name).get_rna_type()
         self.drawn.append(("operator", idname))
         return types.SimpleNamespace()
 

@@ -83,6 +83,19 @@ def test_a_job_that_was_moved_is_still_the_same(install, result_job):
     assert install(moved) == item
 
 
+def test_a_full_copy_of_a_scene_is_left_alone_when_the_other_is_renewed(install):
+    item, first = install(), bpy.context.scene
+    bpy.ops.scene.new(type="FULL_COPY")
+    second = bpy.context.scene
+    (copy,) = [i for i in second.objects if i.get("nmf_job")]
+    lights = first.world, second.world
+    assert lights[0] != lights[1] and copy != item
+    copy.data.vertices[0].co.x = item.data.vertices[0].co.x = 77
+    assert install() == copy
+    assert copy.data.vertices[0].co.x != 77 and item.data.vertices[0].co.x == 77
+    assert first.world == lights[0] and second.world != first.world
+
+
 def test_what_the_person_made_of_a_result_is_left_alone(install):
     item = install()
     copy = item.copy()

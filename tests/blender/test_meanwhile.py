@@ -174,7 +174,7 @@ def test_a_flat_region_box_is_told_and_nothing_is_written(capture, tmp_path):
 
 @pytest.fixture
 def linked_capture(capture, tmp_path):
-    """The capture, linked into another file."""
+    """Name of the capture, which is linked into another file."""
     name, library = capture.name, bpy.data.filepath
     bpy.ops.wm.save_mainfile()
     bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -183,18 +183,32 @@ def linked_capture(capture, tmp_path):
     with bpy.data.libraries.load(library, link=True) as (_, wanted):
         wanted.collections = [name]
     bpy.context.scene.collection.children.link(bpy.data.collections[name])
-    return bpy.data.collections[name]
+    return name
+
+
+def test_pictures_of_a_job_of_an_unsaved_file_are_packed_since_that_goes_with_the_extension(
+    extension, result_job, tmp_path
+):
+    install, names = extension("scene.install"), extension("names")
+    kept = install.install_result(bpy.context, result_job).material
+    inside = names.user_folder(names.JOBS_OF_UNSAVED) / result_job.name
+    shutil.copytree(result_job, inside)
+    packed = install.install_result(bpy.context, inside).material
+    for material, there in ((kept, False), (packed, True)):
+        images = extension("scene.replace").images_of(material)
+        assert images and all((image.packed_file is not None) == there for image in images)
 
 
 def test_a_linked_capture_cannot_be_scaled_here(linked_capture, extension):
-    for item in linked_capture.objects[:2]:
+    for item in bpy.data.collections[linked_capture].objects[:2]:
         item.select_set(True)
     with pytest.raises(RuntimeError, match="linked from another file; scale it there"):
         bpy.ops.nmf.set_scale(distance=2.0)
 
 
 def test_a_result_comes_to_an_overridden_capture(linked_capture, monitor, fake_solver, tick):
-    mine = linked_capture.override_hierarchy_create(bpy.context.scene, bpy.context.view_layer)
+    linked = bpy.data.collections[linked_capture]
+    mine = linked.override_hierarchy_create(bpy.context.scene, bpy.context.view_layer)
     assert mine.override_library
     bpy.context.scene.nmf.capture = mine
     assert bpy.ops.nmf.reconstruct() == {"FINISHED"}

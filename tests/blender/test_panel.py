@@ -57,6 +57,17 @@ def test_a_solver_that_is_not_there_is_said_with_a_button(draw, extension, monke
     assert ("operator", "nmf.reconstruct") not in drawn
 
 
+def test_where_the_own_python_is_wrong_the_preferences_are_offered_and_no_set_up(
+    draw, extension, monkeypatch
+):
+    monkeypatch.delenv("NMF_SOLVER_PYTHON")
+    monkeypatch.setattr(extension("preferences"), "chosen_python", lambda: "/nowhere/python")
+    extension("runtime").forget()
+    drawn, words = draw("reconstruct")
+    assert "does not exist" in words and ("operator", "preferences.addon_show") in drawn
+    assert ("operator", "nmf.setup_solver") not in drawn
+
+
 def test_the_set_up_shows_its_progress_and_its_error(draw, extension, monkeypatch):
     monkeypatch.setenv("NMF_SOLVER_PYTHON", "/nowhere/python")
     extension("runtime").forget()

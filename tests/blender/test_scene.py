@@ -90,7 +90,9 @@ def _shown_at(pixel, camera, frame):
 
 
 @pytest.mark.parametrize("frame", [(1920, 1080), (1080, 1920), (100, 100)])
-@pytest.mark.parametrize("size, fy", [((64, 48), 70), ((48, 64), 70), ((64, 64), 70), ((64, 48), 60)])
+@pytest.mark.parametrize(
+    "size, fy", [((64, 48), 70), ((48, 64), 70), ((64, 64), 70), ((64, 48), 60)]
+)
 def test_the_scene_lies_under_the_photo_whatever_is_rendered(extension, tmp_path, frame, size, fy):
     from bpy_extras.object_utils import world_to_camera_view
     from neural_microfacet_fields.solver.capture.camera import Camera

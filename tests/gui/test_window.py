@@ -84,6 +84,10 @@ def test_a_failure_shows_the_end_of_the_log(report):
     assert "ZeroDivisionError" in report["failure"]
 
 
+def test_the_job_of_the_open_file_is_taken_up_when_the_extension_is_switched_on_again(report):
+    assert report["enabled_again"] == "lost", "it died without a last word"
+
+
 def test_cameras_of_a_video_that_is_picked_in_the_file_browser_are_imported(report):
     assert report["video"] == "5 of 6 photos have a camera"
     assert report["video_capture"] == "Capture Walk_cameras"

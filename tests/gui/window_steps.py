@@ -169,6 +169,14 @@ def steps(ui):
     ui.shot(str(OUT / "6_failed.png"))
     report["failure"] = monitor.model.error
 
+    bpy.ops.preferences.addon_disable(module=MODULE)
+    yield 0.5
+    bpy.ops.preferences.addon_enable(module=MODULE)
+    yield 1.0
+    report["enabled_again"] = job_monitor().model.state
+    ui.sidebar("NMF")
+    yield 0.5
+
     os.environ["NMF_SOLVER_PYTHON"] = ""
     sys.modules[MODULE + ".nmf_addon.runtime"].forget()
     area.tag_redraw()
