@@ -1,6 +1,6 @@
 """Reconstruct without a window: `blender -c nmf`, `samples/reconstruct.py`, and the plain function.
 
-    reconstruct CAPTURE OUT.blend [--photos FOLDER] [--masks FOLDER] [--preset draft|standard]
+    reconstruct CAPTURE OUT.blend [--photos FOLDER] [--masks FOLDER] [--preset draft|standard|paper]
                 [--device auto|cpu|cuda|mps] [--seed 0] [--time-limit SECONDS]
                 [--set section.field=value …] [--job FOLDER] [--resume] [--overwrite]
 
@@ -27,9 +27,9 @@ from . import preferences
 from .jobs.create import create_job, last_job_root, new_job_root
 from .jobs.process import run_blocking, start_job
 from .runtime import RuntimeMissing, bootstrap_script, clean_environment
-from .scene.capture_collection import import_capture, photo_cameras, photo_paths
+from .scene.capture_collection import import_capture, photo_paths
 from .scene.install import InstalledAsset, install_result
-from .scene.match_solver import match_photo, match_solver
+from .scene.match_solver import check_cycles, match_photo, match_solver
 
 MOST_PACKED = 200_000_000
 """bytes of photos that are packed into a .blend; if they have more, they stay where they are"""
@@ -107,6 +107,7 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
     check_writable(out.parent)
     # Factory settings would switch off the installed extension, which this is.
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    check_cycles(bpy.context.scene)
     photos, masks = (
         None if folder is None else folder.absolute() for folder in (options.photos, options.masks)
     )
@@ -137,7 +138,6 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
     left = match_solver(bpy.context.scene, asset.manifest.get("bounces", 2))
     if left:
         print(f"Warning: {left}", file=sys.stderr)
-    bpy.context.scene.camera = photo_cameras(collection)[0]
     match_photo(bpy.context.scene)
     pack_pictures(photo_paths(collection))
     save(out)

@@ -12,14 +12,15 @@ JOBS_OF_UNSAVED = "jobs"
 """`user_folder` of jobs that were begun before their .blend was saved"""
 
 
-def user_folder(name: str) -> Path:
+def user_folder(name: str, create: bool = True) -> Path:
     """A folder of ours that survives upgrades and goes with the extension."""
     import bpy
 
     if BASE_PACKAGE.startswith("bl_ext."):
-        return Path(bpy.utils.extension_path_user(BASE_PACKAGE, path=name, create=True))
-    folder = Path(bpy.utils.user_resource("DATAFILES", path=EXTENSION_ID, create=True)) / name
-    folder.mkdir(parents=True, exist_ok=True)
+        return Path(bpy.utils.extension_path_user(BASE_PACKAGE, path=name, create=create))
+    folder = Path(bpy.utils.user_resource("DATAFILES", path=EXTENSION_ID, create=create)) / name
+    if create:
+        folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 

@@ -72,8 +72,11 @@ class NMF_preferences(bpy.types.AddonPreferences):
                 detail.label(text=versions, icon="BLANK1")
         else:
             box.label(text=problem, icon="ERROR")
-        draw_setup(box, again=python is not None)
-        if not setup_state().running:
+        # While an own Python is wrong, what is set up here would not be used.
+        offered = python is not None or not self.python
+        if offered:
+            draw_setup(box, again=python is not None)
+        if offered and not setup_state().running:
             note = box.column()
             note.active = False
             folder = runtime.managed_runtime(chosen_runtime())

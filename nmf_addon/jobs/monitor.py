@@ -173,7 +173,8 @@ monitor = Monitor()
 
 def _is_moving_something(window: bpy.types.Window) -> bool:
     """True between G, R or S and the click that ends it: what is selected has to stay so."""
-    return any(o.bl_idname.startswith("TRANSFORM_OT_") for o in window.modal_operators)
+    steps = [step for o in window.modal_operators for step in (o, *o.macros)]
+    return any(step.bl_idname.startswith("TRANSFORM_OT_") for step in steps)
 
 
 def _tick_soon() -> None:

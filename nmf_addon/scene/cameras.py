@@ -31,12 +31,30 @@ def add_camera(
     """A camera object with the photo as background; linked to nothing yet.
 
     Args:
-        frame: width over height of what is rendered. Blender fits a photo into it as a whole, and the
-            scene lies under it if the camera has the same side of its sensor fitted.
+        frame: see `fit_photos`.
         shown: what to show in place of the photo, such as its undistorted copy; the photo is kept
             as a second background that is off.
     """
     data = bpy.data.cameras.new(camera.name)
+    _fit_sensor(data, camera, frame)
+    data.display_size = 0.2
+    if image is not None:
+        data.show_background_images = True
+        for picture in filter(None, (shown, image)):
+            _add_background(data, picture, picture is (shown or image))
+    data[SIZE] = [camera.width, camera.height]
+    data[LENS] = camera.lens
+    data[DISTORTION] = list(camera.distortion) or [0.0]
+    data[ASPECT] = camera.fy / camera.fx
+    if camera.mask_path is not None:
+        data[MASK] = str(camera.mask_path)
+    item = bpy.data.objects.new(camera.name, data)
+    item.matrix_world = Matrix(camera.camera_to_world.tolist())
+    return item
+
+
+def _fit_sensor(data: bpy.types.Camera, camera: Camera, frame: float) -> None:
+    """Intrinsics of a camera, such that the scene lies under its photo in a frame (see `fit_photos`)."""
     aspect = camera.fy / camera.fx
     tall = camera.height / aspect  # in widths of a pixel
     upright = camera.width < frame * tall
@@ -46,20 +64,26 @@ def add_camera(
     across = tall if upright else camera.width
     data.shift_x = (0.5 * camera.width - camera.cx) / across
     data.shift_y = (camera.cy - 0.5 * camera.height) / (across * aspect)
-    data.display_size = 0.2
-    if image is not None:
-        data.show_background_images = True
-        for picture in filter(None, (shown, image)):
-            _add_background(data, picture, picture is (shown or image))
-    data[SIZE] = [camera.width, camera.height]
-    data[LENS] = camera.lens
-    data[DISTORTION] = list(camera.distortion) or [0.0]
-    data[ASPECT] = aspect
-    if camera.mask_path is not None:
-        data[MASK] = str(camera.mask_path)
-    item = bpy.data.objects.new(camera.name, data)
-    item.matrix_world = Matrix(camera.camera_to_world.tolist())
-    return item
+
+
+def frame_of(scene: bpy.types.Scene) -> float:
+    """Width over height of what a scene renders."""
+    render = scene.render
+    width = render.resolution_x * render.pixel_aspect_x
+    return width / (render.resolution_y * render.pixel_aspect_y)
+
+
+def fit_photos(scene: bpy.types.Scene) -> None:
+    """Let the scene lie under the photos of imported cameras again, after its render has got another shape.
+
+    Blender fits a photo into the frame as a whole, so its camera needs the side of its sensor fitted that
+    the frame is the narrower along.
+    """
+    for item in scene.objects:
+        if item.type != "CAMERA" or LENS not in item.data or item.data.library:
+            continue
+        with suppress(CaptureError):  # its photo has gone
+            _fit_sensor(item.data, to_solver(item, Matrix.Identity(4)), frame_of(scene))
 
 
 def show_behind(item: bpy.types.Object, picture: bpy.types.Image) -> None:

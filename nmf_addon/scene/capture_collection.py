@@ -22,7 +22,7 @@ from ...solver.capture.image_header import blender_shows
 from ...solver.capture.placement import placed, suggest_placement
 from ...solver.capture.read import read_capture
 from .background import is_distorted, turn_of, undistorted_copy
-from .cameras import add_camera, photo_of, photo_path, to_solver
+from .cameras import add_camera, frame_of, photo_of, photo_path, to_solver
 from .images import load_image, nothing_left_behind
 from .region import new_region_box, place_box, region_box
 
@@ -82,9 +82,7 @@ def _add_capture(
     root[FILE_TO_CAPTURE] = matrix.ravel().tolist()
     root.empty_display_type = "ARROWS"
     collection.objects.link(root)
-    render, progress = context.scene.render, context.window_manager
-    frame = render.resolution_x * render.pixel_aspect_x
-    frame /= render.resolution_y * render.pixel_aspect_y
+    frame, progress = frame_of(context.scene), context.window_manager
     progress.progress_begin(0, len(capture.cameras))
     for number, camera in enumerate(capture.cameras):
         progress.progress_update(number)

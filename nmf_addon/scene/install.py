@@ -63,14 +63,15 @@ def install_result(
         material = build_material(name, pictures, manifest["textures"])
         mesh.materials.append(material)
         world = build_world(f"{name} light", pictures["environment"])
-        if job.root.is_relative_to(user_folder(JOBS_OF_UNSAVED)):
+        if job.root.is_relative_to(user_folder(JOBS_OF_UNSAVED, create=False)):
             # That goes with the extension, and what is made of the result may outlive that.
             for image in (*images_of(material), *images_of(world)):
                 image.pack()
-        item = installed_before(job, (collection and scene_of(collection)) or context.scene)
+        scene = (collection and scene_of(collection)) or context.scene
+        item = installed_before(job, scene)
         is_new = item is None
         if is_new:
-            item = _place(context, job, mesh, manifest, collection)
+            item = _place(context, scene, job, mesh, manifest, collection)
     if not is_new:
         replace_asset(item, mesh, material, world)
     for block in (item, mesh, material, world):
@@ -87,12 +88,11 @@ def install_result(
 
 
 def _place(
-    context: bpy.types.Context, job: JobFolder, mesh: bpy.types.Mesh, manifest: dict,
-    collection: bpy.types.Collection | None,
+    context: bpy.types.Context, scene: bpy.types.Scene, job: JobFolder, mesh: bpy.types.Mesh,
+    manifest: dict, collection: bpy.types.Collection | None,
 ) -> bpy.types.Object:  # fmt: skip
-    """A new object in the scene: under its capture, or by itself."""
+    """A new object in a scene: under its capture, or by itself."""
     item = bpy.data.objects.new(job.root.name, mesh)
-    scene = (collection and scene_of(collection)) or context.scene
     home = _home(collection, scene, _view_layer(context, scene))
     home.objects.link(item)
     if collection is None:

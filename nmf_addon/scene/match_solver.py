@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from .cameras import ASPECT, photo_of, size_of
+from .cameras import ASPECT, fit_photos, photo_of, size_of
 from .colour import set_plain_view
 
 BLACKMAN_HARRIS_WIDTH = 1.5  # pixels
@@ -18,12 +18,8 @@ def match_solver(scene: bpy.types.Scene, bounces: int = 2) -> str:
     Raises:
         RuntimeError: there is no Cycles; nothing is changed.
     """
-    cycles = getattr(scene, "cycles", None)
-    if cycles is None:
-        raise RuntimeError(
-            "Cycles is switched off: enable 'Cycles Render Engine' in Preferences > Add-ons."
-        )
-    scene.render.engine = "CYCLES"
+    check_cycles(scene)
+    scene.render.engine, cycles = "CYCLES", scene.cycles
     cycles.max_bounces = max(bounces - 1, 0)
     cycles.diffuse_bounces = cycles.glossy_bounces = cycles.max_bounces
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
@@ -45,11 +41,27 @@ def match_solver(scene: bpy.types.Scene, bounces: int = 2) -> str:
     )
 
 
+def check_cycles(scene: bpy.types.Scene) -> None:
+    """Make sure that there is Cycles.
+
+    Raises:
+        RuntimeError: there is none.
+    """
+    if getattr(scene, "cycles", None) is None:
+        raise RuntimeError(
+            "Cycles is switched off: enable 'Cycles Render Engine' in Preferences > Add-ons."
+        )
+
+
 def match_photo(scene: bpy.types.Scene) -> None:
     """Render at the size of the photo behind the scene's camera, with its pixels' shape, if it has one."""
     item = scene.camera
-    if item is not None and item.type == "CAMERA" and photo_of(item) is not None:
-        match_resolution(scene, *size_of(item), float(item.data.get(ASPECT, 1.0)))
+    if item is None or item.type != "CAMERA" or photo_of(item) is None:
+        return
+    size = size_of(item)
+    if 0 not in size:  # as it is where the photo has gone
+        match_resolution(scene, *size, float(item.data.get(ASPECT, 1.0)))
+        fit_photos(scene)
 
 
 def match_resolution(scene: bpy.types.Scene, width: int, height: int, aspect: float = 1.0) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 from mathutils import Matrix, Vector
 
-from .capture_collection import active_capture, capture_collections, root_of
+from .capture_collection import SOURCE, active_capture, capture_collections, root_of
 
 LEAST = 1e-6  # distance of two points, Blender units
 
@@ -16,14 +16,16 @@ class MeasureError(ValueError):
 
 def picked_capture(context: bpy.types.Context) -> bpy.types.Collection:
     """The capture that what the person picked hangs on, else the active one."""
-    captures = capture_collections(context.scene)
+    # What was imported goes before collections that captures were sorted into.
+    captures = sorted(capture_collections(context.scene), key=lambda c: SOURCE not in c)
     edited = _edited_mesh(context)
     for item in context.selected_objects if edited is None else [edited]:
-        while item is not None:
-            for collection in captures:
-                if item == root_of(collection):
-                    return collection
-            item = item.parent
+        above = [item]
+        while above[-1].parent is not None:
+            above.append(above[-1].parent)
+        for collection in captures:
+            if root_of(collection) in above or item in set(collection.all_objects):
+                return collection
     return active_capture(context)
 
 

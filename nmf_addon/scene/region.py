@@ -51,12 +51,17 @@ def region_problem(collection: bpy.types.Collection, to_capture: Matrix) -> str:
     """
     boxes = [item for item in collection.all_objects if item.get(REGION)]
     if len(boxes) > 1:
-        return f"There are {len(boxes)} region boxes; only {boxes[0].name} counts."
+        return (
+            f"There are {len(boxes)} region boxes; only {boxes[0].name} counts; delete the others."
+        )
     for box in boxes:
         axes = np.array((to_capture @ box.matrix_world).to_3x3())
         lengths = np.linalg.norm(axes, axis=0)
         if (np.abs(axes).max(0) < (1 - STRAIGHT) * lengths).any():
-            return f"{box.name} is turned; the region is the straight box around it (Alt R straightens it)."
+            return (
+                f"{box.name} is turned; the region is the straight box around it. Set its rotation to 0 in "
+                "the sidebar's tab Item."
+            )
     return ""
 
 

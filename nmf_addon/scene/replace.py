@@ -41,9 +41,13 @@ def replace_asset(
     """
     job, earlier_mesh = item[JOB], item.data
     materials = [m for m in earlier_mesh.materials if m is not None and _is_ours(m, job)]
-    # A full copy of the scene has a light of its own.
-    others = {scene.world for scene in bpy.data.scenes if scene not in item.users_scene}
-    worlds = [w for w in bpy.data.worlds if _is_ours(w, job) and w not in others]
+    # A full copy of the scene has an object and a light of its own.
+    here = item.users_scene
+    copies = [
+        s for s in bpy.data.scenes if s not in here and any(_is_ours(i, job) for i in s.objects)
+    ]
+    kept = {s.world for s in copies} - {s.world for s in here}
+    worlds = [w for w in bpy.data.worlds if _is_ours(w, job) and w not in kept]
     images = {image for block in (*materials, *worlds) for image in images_of(block)}
     _supersede(bpy.data.meshes, earlier_mesh, mesh)
     for earlier in materials:

@@ -7,6 +7,7 @@ import sys
 import time
 from pathlib import Path
 
+import addon_utils
 import bpy
 import pytest
 
@@ -230,6 +231,18 @@ def test_headless_says_that_a_blend_was_cut_off_and_keeps_the_older_one(
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="no folder that nobody can write to")
+def test_headless_does_not_start_without_cycles(extension, duck, tmp_path, fake_solver, capsys):
+    addon_utils.disable("cycles")
+    try:
+        assert (
+            extension("headless").main(["reconstruct", str(duck), str(tmp_path / "x.blend")]) == 1
+        )
+    finally:
+        addon_utils.enable("cycles")
+    assert "Cycles is switched off" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 def test_headless_does_not_start_where_it_cannot_save(
     extension, duck, tmp_path, fake_solver, capsys
 ):

@@ -68,6 +68,14 @@ def test_a_job_installed_again_shows_what_it_holds_now(install, result_job):
     assert light.pixels[0] == 3.0
 
 
+def test_a_folder_that_is_no_job_is_told_apart_from_an_unfinished_one(install, tmp_path):
+    with pytest.raises(RuntimeError, match="this is no job folder; choose the folder of one job"):
+        install(tmp_path)
+    (tmp_path / "job.json").write_text("{}")
+    with pytest.raises(RuntimeError, match="no complete result yet; resume it"):
+        install(tmp_path)
+
+
 def test_a_deleted_result_can_be_installed_again(install):
     bpy.data.objects.remove(install())
     assert install().name == "jöb 1"
@@ -94,6 +102,16 @@ def test_a_full_copy_of_a_scene_is_left_alone_when_the_other_is_renewed(install)
     assert install() == copy
     assert copy.data.vertices[0].co.x != 77 and item.data.vertices[0].co.x == 77
     assert first.world == lights[0] and second.world != first.world
+
+
+def test_a_light_that_another_scene_shares_is_renewed_there_too(install):
+    install()
+    first, names = bpy.context.scene, [world.name for world in bpy.data.worlds]
+    other = bpy.data.scenes.new("other")
+    other.world = first.world
+    install()
+    assert other.world == first.world
+    assert [world.name for world in bpy.data.worlds] == names
 
 
 def test_what_the_person_made_of_a_result_is_left_alone(install):

@@ -4,12 +4,12 @@ import json
 import shutil
 from pathlib import Path
 
-import bmesh
 import bpy
 import fake_capture
 import numpy as np
 import pytest
 from mathutils import Matrix
+from picking import select_two_vertices
 
 
 def results():
@@ -235,12 +235,7 @@ def test_setting_the_scale_between_vertices_can_be_undone(capture, fake_solver, 
     root = item.parent.name
     bpy.context.view_layer.objects.active = item
     bpy.ops.object.mode_set("EXEC_DEFAULT", True, mode="EDIT")
-    mesh = bmesh.from_edit_mesh(item.data)
-    mesh.verts.ensure_lookup_table()
-    for vertex in mesh.verts:
-        vertex.select = vertex.index in (0, 7)
-    mesh.select_flush_mode()
-    bmesh.update_edit_mesh(item.data)
+    select_two_vertices(item)
     bpy.ops.ed.undo_push(message="select")
     before = bpy.data.objects[root].scale.x
     bpy.ops.nmf.set_scale("EXEC_DEFAULT", True, distance=10.0)

@@ -9,6 +9,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from mathutils import Euler, Matrix
+from picking import select_two_vertices
 
 
 def edit(path, change):
@@ -193,18 +194,33 @@ def test_the_capture_that_was_measured_is_scaled(extension, capture, result_job,
     item = install.install_result(bpy.context, result_job, capture).object
     other = add_capture("another")
     assert bpy.context.scene.nmf.capture == other
+    roots = [scene.root_of(collection) for collection in (capture, other)]
+    first, second = (root.scale.x for root in roots)
+    bpy.context.view_layer.objects.active = item
     bpy.ops.object.mode_set(mode="EDIT")
-    bpy.ops.object.mode_set(mode="OBJECT")
-    for vertex in item.data.vertices:
-        vertex.select = vertex.index in (0, 7)
-    bpy.ops.object.mode_set(mode="EDIT")
-    assert bpy.context.edit_object == item
-    measured = extension("scene.measure").picked_capture(bpy.context)
-    bpy.ops.object.mode_set(mode="OBJECT")
-    assert measured == capture
-    item.select_set(False)
-    scene.root_of(other).select_set(True)
-    assert extension("scene.measure").picked_capture(bpy.context) == other
+    select_two_vertices(item)
+    bpy.ops.nmf.set_scale(distance=50.0)
+    assert roots[0].scale.x != first and roots[1].scale.x == second
+    for chosen in bpy.context.selected_objects:
+        chosen.select_set(False)
+    for camera in scene.photo_cameras(other)[:2]:
+        camera.select_set(True)
+    first = roots[0].scale.x
+    bpy.ops.nmf.set_scale(distance=50.0)
+    assert roots[0].scale.x == first and roots[1].scale.x != second
+
+
+def test_cameras_without_an_empty_are_not_taken_for_another_capture(capture, duck):
+    bpy.context.scene.nmf.capture = capture
+    mine = bpy.data.collections.new("mine")
+    bpy.context.scene.collection.children.link(mine)
+    for item in [item for item in capture.objects if item.type == "CAMERA"][:2]:
+        copy = item.copy()
+        copy.parent = None
+        mine.objects.link(copy)
+        copy.select_set(True)
+    with pytest.raises(RuntimeError, match="mine has no transform empty"):
+        bpy.ops.nmf.set_scale(distance=2.0)
 
 
 def test_vertices_picked_in_edit_mode_are_measured(extension, capture):

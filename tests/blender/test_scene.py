@@ -150,6 +150,36 @@ def test_the_region_box_is_read_in_capture_space(extension, duck):
     np.testing.assert_allclose(region["max"], (1.5, 2, 3), atol=1e-5)
 
 
+def test_a_turned_region_box_is_told_when_the_reconstruction_begins(
+    extension, capture, fake_solver, capfd
+):
+    extension("scene.region").region_box(capture).rotation_euler.z = 0.3
+    assert bpy.ops.nmf.reconstruct() == {"FINISHED"}
+    assert "is turned; the region is the straight box" in capfd.readouterr().out
+
+
+def test_photos_lie_over_the_scene_again_once_the_render_has_their_shape(extension, tmp_path):
+    cameras, scene = extension("scene.cameras"), bpy.context.scene
+    from neural_microfacet_fields.solver.capture.camera import Camera
+
+    scene.render.resolution_x, scene.render.resolution_y = 1920, 1080
+    for name, size in (("upright", (48, 64)), ("lying", (64, 48))):
+        path = tmp_path / f"{name}.png"
+        bpy.data.images.new(name, *size).save(filepath=str(path))
+        camera = Camera(name, path, np.eye(4), *size, 70.0, 70.0, 30.0, 26.0)
+        photo = bpy.data.images.load(str(path))
+        scene.collection.objects.link(cameras.add_camera(camera, photo, frame=16 / 9))
+    scene.camera = bpy.data.objects["upright"]
+    assert bpy.data.cameras["lying"].sensor_fit == "VERTICAL"
+    before = cameras.to_solver(bpy.data.objects["lying"], Matrix.Identity(4))
+    extension("scene.match_solver").match_photo(scene)
+    assert bpy.data.cameras["lying"].sensor_fit == "HORIZONTAL"
+    after = cameras.to_solver(bpy.data.objects["lying"], Matrix.Identity(4))
+    np.testing.assert_allclose(
+        (after.fx, after.fy, after.cx, after.cy), (before.fx, before.fy, before.cx, before.cy), rtol=1e-5
+    )  # fmt: skip
+
+
 def test_a_region_box_that_is_turned_or_there_twice_is_told(extension, duck):
     scene, region = extension("scene.capture_collection"), extension("scene.region")
     collection = scene.import_capture(bpy.context, duck)

@@ -72,7 +72,12 @@ def test_cancel_and_resume_are_pressed(report):
 
 
 @pytest.mark.parametrize(
-    "meanwhile, what", [("rendered", "the render is over"), ("moved", "nothing is being moved")]
+    "meanwhile, what",
+    [
+        ("rendered", "the render is over"),
+        ("moved", "nothing is being moved"),
+        ("duplicated", "nothing is being moved"),
+    ],
 )
 def test_a_result_waits_until_the_person_is_done(report, meanwhile, what):
     assert report[meanwhile] == {

@@ -145,14 +145,19 @@ def steps(ui):
 
     ended = lambda: monitor.waits_to_install or not monitor.running  # noqa: E731
     os.environ["NMF_FAKE_MODE"] = "normal"
-    for name in ("rendered", "moved"):
+    for name in ("rendered", "moved", "duplicated"):
+        for item in bpy.context.selected_objects:
+            item.select_set(False)
+        bpy.data.objects["Camera"].select_set(True)
         there = installed()
         with ui.override():
             bpy.ops.nmf.reconstruct("EXEC_DEFAULT", True)
             if name == "rendered":
                 render_frames()
-            else:
+            elif name == "moved":
                 bpy.ops.transform.translate("INVOKE_DEFAULT")
+            else:
+                bpy.ops.object.duplicate_move("INVOKE_DEFAULT")
         yield from ui.wait(ended, 20)
         yield 0.5
         report[name] = {"text": monitor.model.text, "meanwhile": installed() == there}
