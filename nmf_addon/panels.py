@@ -74,7 +74,7 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
             layout.operator("nmf.add_region_box", icon="CUBE")
         else:
             row = layout.row(align=True)
-            row.label(text="Region box: fit it to the object", icon="CUBE")
+            row.operator("nmf.select_region_box", icon="CUBE")
             if masked_box(report) is not None:
                 row.operator("nmf.fit_region_box", text="", icon="MOD_MASK")
         row = layout.row(align=True)

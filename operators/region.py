@@ -1,4 +1,4 @@
-"""The region box: add one, fit it to what masks show."""
+"""The region box: add one, select it, fit it to what masks show."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from ..nmf_addon.scene.capture_collection import (
     capture_named,
     fit_region_box,
 )
+from ..nmf_addon.scene.region import region_box
+from ..nmf_addon.scene.selection import make_active
 from ..solver.capture.errors import CaptureError
 
 
@@ -29,9 +31,37 @@ class NMF_OT_add_region_box(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Add the box."""
         try:
-            add_region_box(context, active_capture(context))
+            box = add_region_box(context, active_capture(context))
         except CaptureError as error:
             self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        if context.mode == "OBJECT":
+            make_active(box, context.view_layer)
+        return {"FINISHED"}
+
+
+class NMF_OT_select_region_box(bpy.types.Operator):
+    """Select the region box; move and scale it until the object is in it, with little else"""
+
+    bl_idname = "nmf.select_region_box"
+    bl_label = "Select Region Box"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """With a box, in Object Mode."""
+        collection = active_capture(context)
+        there = collection is not None and region_box(collection) is not None
+        cls.poll_message_set("Switch to Object Mode first" if there else "Add a region box first")
+        return there and context.mode == "OBJECT"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Select it, also where it is hidden."""
+        box = region_box(active_capture(context))
+        if box.name in context.view_layer.objects:
+            box.hide_set(False)
+        if not make_active(box, context.view_layer):
+            self.report({"ERROR"}, f"{box.name} is hidden; show it, or its collection.")
             return {"CANCELLED"}
         return {"FINISHED"}
 
@@ -60,4 +90,4 @@ class NMF_OT_fit_region_box(bpy.types.Operator):
         return {"FINISHED"}
 
 
-classes = (NMF_OT_add_region_box, NMF_OT_fit_region_box)
+classes = (NMF_OT_add_region_box, NMF_OT_select_region_box, NMF_OT_fit_region_box)

@@ -19,6 +19,7 @@ from .material import build_material
 from .pictures import named_pictures
 from .replace import JOB, images_of, installed_before, replace_asset
 from .result import job_of_result, read_manifest, read_ply
+from .selection import make_active
 from .world import build_world, turn_with
 
 
@@ -83,7 +84,7 @@ def install_result(
     if scene.world not in (None, world):
         scene.world.use_fake_user = True
     scene.world = world
-    _make_active(item, _view_layer(context, scene))
+    make_active(item, _view_layer(context, scene))
     return InstalledAsset(item, material, world, manifest, moved)
 
 
@@ -106,17 +107,6 @@ def _place(
         home.objects.link(frame)
         item.parent = frame
     return item
-
-
-def _make_active(item: bpy.types.Object, view_layer: bpy.types.ViewLayer) -> None:
-    """Select an object, and nothing else, where it is seen at all."""
-    view_layer.update()
-    if item.name not in view_layer.objects:
-        return
-    for other in view_layer.objects.selected:
-        other.select_set(False, view_layer=view_layer)
-    item.select_set(True, view_layer=view_layer)
-    view_layer.objects.active = item
 
 
 def _home(

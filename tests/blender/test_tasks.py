@@ -101,6 +101,21 @@ def test_findings_of_a_check_stay_with_the_capture_and_show_in_its_panel(
     assert bpy.context.scene.nmf.job == "", "a check is no job"
 
 
+def test_the_region_box_is_selected_also_where_it_is_hidden(extension, capture):
+    box = extension("scene.region").region_box(capture)
+    box.hide_set(True)
+    assert bpy.ops.nmf.select_region_box() == {"FINISHED"}
+    assert bpy.context.selected_objects == [box] == [bpy.context.view_layer.objects.active]
+    capture.hide_viewport = True
+    with pytest.raises(RuntimeError, match="Region is hidden; show it, or its collection"):
+        bpy.ops.nmf.select_region_box()
+    bpy.data.objects.remove(box)
+    assert not bpy.ops.nmf.select_region_box.poll()
+    capture.hide_viewport = False
+    bpy.ops.nmf.add_region_box()
+    assert bpy.context.view_layer.objects.active == extension("scene.region").region_box(capture)
+
+
 def test_a_check_fits_the_region_box_to_the_masks_unless_somebody_has_moved_it(
     extension, task, capture, fake_solver
 ):

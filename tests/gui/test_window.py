@@ -55,6 +55,10 @@ def test_one_undo_takes_an_import_back(report):
     assert report["imported_again"] == report["imported"]
 
 
+def test_the_region_box_is_selected_by_its_button(report):
+    assert report["picked"] == ["Capture photos of it Region", 1]
+
+
 def test_reconstruct_is_pressed_and_shows_progress_and_a_preview(report):
     assert report["started"] and report["previewed"]
     assert 0.3 < report["overall"] < 1

@@ -107,6 +107,12 @@ def steps(ui):
     area.tag_redraw()
     yield 0.5
     ui.shot(str(OUT / "2_capture.png"))
+    yield from ui.press("nmf.select_region_box")
+    yield 0.5
+    report["picked"] = [
+        bpy.context.view_layer.objects.active.name,
+        len(bpy.context.selected_objects),
+    ]
     ui.click(*(yield from ui.find_prop("nmf.capture")))
     yield 1.0
     ui.shot(str(OUT / "2_captures_to_choose.png"))
