@@ -13,20 +13,15 @@ from ..nmf_addon.scene.capture_collection import (
 from ..nmf_addon.scene.region import region_box
 from ..nmf_addon.scene.selection import make_active
 from ..solver.capture.errors import CaptureError
+from .polls import WithCapture
 
 
-class NMF_OT_add_region_box(bpy.types.Operator):
+class NMF_OT_add_region_box(WithCapture, bpy.types.Operator):
     """Add a box that says where the object is; move and scale it"""
 
     bl_idname = "nmf.add_region_box"
     bl_label = "Add Region Box"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """With a capture."""
-        cls.poll_message_set("Import a capture first")
-        return active_capture(context) is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Add the box."""
@@ -66,7 +61,7 @@ class NMF_OT_select_region_box(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class NMF_OT_fit_region_box(bpy.types.Operator):
+class NMF_OT_fit_region_box(WithCapture, bpy.types.Operator):
     """Fit the region box to where all photos' masks show the object"""
 
     bl_idname = "nmf.fit_region_box"
@@ -74,12 +69,6 @@ class NMF_OT_fit_region_box(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     collection: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """With a capture."""
-        cls.poll_message_set("Import a capture first")
-        return active_capture(context) is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Move the box."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import bpy
 
-from ..nmf_addon.scene.capture_collection import active_capture
 from ..nmf_addon.scene.measure import LEAST, MeasureError, picked_capture, picked_points, scale_to
+from .polls import WithCapture
 
 
-class NMF_OT_set_scale(bpy.types.Operator):
+class NMF_OT_set_scale(WithCapture, bpy.types.Operator):
     """Give the distance of two points you picked: two vertices in Edit Mode, or two objects"""
 
     bl_idname = "nmf.set_scale"
@@ -19,12 +19,6 @@ class NMF_OT_set_scale(bpy.types.Operator):
         name="Distance", description="Distance of the two points in the real world",
         default=1.0, min=LEAST, subtype="DISTANCE", unit="LENGTH",
     )  # fmt: skip
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """With a capture."""
-        cls.poll_message_set("Import a capture first")
-        return active_capture(context) is not None
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the distance; what it measures now is the default."""

@@ -79,11 +79,12 @@ def fit_photos(scene: bpy.types.Scene) -> None:
     Blender fits a photo into the frame as a whole, so its camera needs the side of its sensor fitted that
     the frame is the narrower along.
     """
+    frame = frame_of(scene)
     for item in scene.objects:
         if item.type != "CAMERA" or LENS not in item.data or item.data.library:
             continue
         with suppress(CaptureError):  # its photo has gone
-            _fit_sensor(item.data, to_solver(item, Matrix.Identity(4)), frame_of(scene))
+            _fit_sensor(item.data, to_solver(item, Matrix.Identity(4)), frame)
 
 
 def show_behind(item: bpy.types.Object, picture: bpy.types.Image) -> None:

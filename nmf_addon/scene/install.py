@@ -56,6 +56,8 @@ def install_result(
     positions, normals, uvs, faces = read_ply(job.result_dir / manifest["mesh"])
     pictures = named_pictures(job, manifest)
     name = job.root.name
+    scene = (collection and scene_of(collection)) or context.scene
+    earlier = installed_before(job, scene)
     data = bpy.data
     with nothing_left_behind(
         data.objects, data.meshes, data.materials, data.node_groups, data.images, data.worlds
@@ -68,23 +70,19 @@ def install_result(
             # That goes with the extension, and what is made of the result may outlive that.
             for image in (*images_of(material), *images_of(world)):
                 image.pack()
-        scene = (collection and scene_of(collection)) or context.scene
-        item = installed_before(job, scene)
-        is_new = item is None
-        if is_new:
-            item = _place(context, scene, job, mesh, manifest, collection)
-    if not is_new:
-        replace_asset(item, mesh, material, world)
+        item = earlier or _place(context, scene, job, mesh, manifest, collection)
+    if earlier is not None:
+        replace_asset(earlier, mesh, material, world)
     for block in (item, mesh, material, world):
         block[JOB] = str(job.root)
     moved = adjust_cameras(job, collection) if collection is not None else 0
     if item.parent is not None:
         turn_with(world, item.parent)
-    scene = context.scene if context.scene in item.users_scene else item.users_scene[0]
-    if scene.world not in (None, world):
-        scene.world.use_fake_user = True
-    scene.world = world
-    make_active(item, _view_layer(context, scene))
+    shown = context.scene if context.scene in item.users_scene else item.users_scene[0]
+    if shown.world not in (None, world):
+        shown.world.use_fake_user = True
+    shown.world = world
+    make_active(item, _view_layer(context, shown))
     return InstalledAsset(item, material, world, manifest, moved)
 
 

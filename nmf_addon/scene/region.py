@@ -40,7 +40,7 @@ def is_as_placed(box: bpy.types.Object) -> bool:
 
 def region_box(collection: bpy.types.Collection) -> bpy.types.Object | None:
     """The collection's region box."""
-    return next((item for item in collection.all_objects if item.get(REGION)), None)
+    return next(iter(_region_boxes(collection)), None)
 
 
 def region_problem(collection: bpy.types.Collection, to_capture: Matrix) -> str:
@@ -49,20 +49,25 @@ def region_problem(collection: bpy.types.Collection, to_capture: Matrix) -> str:
     Args:
         to_capture: world to capture space.
     """
-    boxes = [item for item in collection.all_objects if item.get(REGION)]
+    boxes = _region_boxes(collection)
+    if not boxes:
+        return ""
     if len(boxes) > 1:
         return (
             f"There are {len(boxes)} region boxes; only {boxes[0].name} counts; delete the others."
         )
-    for box in boxes:
-        axes = np.array((to_capture @ box.matrix_world).to_3x3())
-        lengths = np.linalg.norm(axes, axis=0)
-        if (np.abs(axes).max(0) < (1 - STRAIGHT) * lengths).any():
-            return (
-                f"{box.name} is turned; the region is the straight box around it. Set its rotation to 0 in "
-                "the sidebar's tab Item."
-            )
-    return ""
+    axes = np.array((to_capture @ boxes[0].matrix_world).to_3x3())
+    lengths = np.linalg.norm(axes, axis=0)
+    if (np.abs(axes).max(0) >= (1 - STRAIGHT) * lengths).all():
+        return ""
+    return (
+        f"{boxes[0].name} is turned; the region is the straight box around it. Set its rotation to 0 in "
+        "the sidebar's tab Item."
+    )
+
+
+def _region_boxes(collection: bpy.types.Collection) -> list[bpy.types.Object]:
+    return [item for item in collection.all_objects if item.get(REGION)]
 
 
 def _state(box: bpy.types.Object) -> list[float]:
