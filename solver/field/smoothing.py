@@ -13,8 +13,7 @@ from collections.abc import Callable
 import torch
 import torch.nn.functional as F
 
-from ..kernels.vm import smooth_planes
-from ..kernels.vm_torch import smooth
+from ..kernels.vm import smooth_lines, smooth_planes
 
 PAPER_TAPS = torch.tensor([0.274068619, 0.451862762, 0.274068619])
 """the paper's kernel: a Gaussian of σ = 1 voxel, cut off after one"""
@@ -43,7 +42,7 @@ def smoothed_factors(
     planes: torch.Tensor, lines: torch.Tensor, taps: torch.Tensor = PAPER_TAPS
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Factors of `vm_gradient`: planes [3, G, G, C] and lines [3, G, C], each smoothed along its axes."""
-    return smooth_planes(planes, taps), smooth(lines, taps, 1)
+    return smooth_planes(planes, taps), smooth_lines(lines, taps)
 
 
 def step_smoothing(sigma: float) -> Callable[[torch.Tensor], torch.Tensor] | None:
@@ -58,7 +57,7 @@ def step_smoothing(sigma: float) -> Callable[[torch.Tensor], torch.Tensor] | Non
         return None
     taps = _gaussian(sigma)
     return lambda change: (
-        smooth_planes(change, taps) if change.dim() == 4 else smooth(change, taps, 1)
+        smooth_planes(change, taps) if change.dim() == 4 else smooth_lines(change, taps)
     )
 
 

@@ -35,9 +35,14 @@ def _warp_runs_on(device: str) -> bool:
     return runs_on(torch.device(device))
 
 
+def has_kernels(device: torch.device) -> bool:
+    """True for a device that has a faster path than plain torch."""
+    return path_of(device) != "torch"
+
+
 def fast(tensor: torch.Tensor) -> bool:
     """True where kernels apply: 32-bit tensors on a device that has a path for them."""
-    return tensor.dtype == torch.float32 and path_of(tensor.device) != "torch"
+    return tensor.dtype == torch.float32 and has_kernels(tensor.device)
 
 
 def on_numba(device: torch.device) -> bool:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 
 from . import drawing_torch
-from .backend import kernels, on_numba
+from .backend import has_kernels, kernels
 
 RAYS_PER_SAMPLE = 1024
 """room for the secondary rays of a sample in a key"""
@@ -36,14 +36,18 @@ def draw_depths(
         weights: [S] in flat form; those of ray r are `offsets[r]:offsets[r + 1]`. opacity: [R], their
             sums; rays with no more than `least` get none. u: [R, D] uniform in [0, 1).
     """
-    if not on_numba(weights.device):
+    if not has_kernels(weights.device):
         return drawing_torch.draw_depths(weights, offsets, opacity, u, least)
-    rows, row_times = torch.empty(2, *u.shape, dtype=torch.long).unbind()
+    rows, row_times = offsets.new_empty(2, *u.shape).unbind()
     counts = torch.empty_like(offsets[1:])
     run = kernels("drawing", weights.device)
-    run.draw_depths(weights.contiguous(), offsets, opacity, u, least, rows, row_times, counts)
-    index, ray, times = torch.empty(3, int(counts.sum()), dtype=torch.long).unbind()
-    run.flatten(rows, row_times, counts, index, times, ray)
+    run.draw_depths(
+        weights.contiguous(), offsets, opacity.contiguous(), u.contiguous(), least, rows, row_times,
+        counts,
+    )  # fmt: skip
+    ends, total = _ends(counts)
+    index, ray, times = offsets.new_empty(3, total).unbind()
+    run.flatten(rows, row_times, counts, ends, index, times, ray)
     return index, ray, times
 
 
@@ -57,13 +61,20 @@ def plan_rays(
         points: [P, 2] low-discrepancy in [0, 1)²; a sample's rays get the first ones, turned.
         streams: the hash's seeds for how many rays a sample gets and for its turn.
     """
-    if not on_numba(keys.device):
+    if not has_kernels(keys.device):
         parts = drawing_torch.plan_rays(keys, mass, rays, points, streams, RAYS_PER_SAMPLE)
         return Plan(*parts)
     counts, share = torch.empty_like(keys), torch.empty_like(mass)
     run = kernels("drawing", keys.device)
     run.share_out(keys, mass, rays, streams[0], counts, share)
-    sample, ray_keys = keys.new_empty(2, int(counts.sum())).unbind()
-    u = mass.new_empty(len(sample), 2)
-    run.leave(keys, counts, streams[1], points, RAYS_PER_SAMPLE, sample, ray_keys, u)
+    ends, total = _ends(counts)
+    sample, ray_keys = keys.new_empty(2, total).unbind()
+    u = mass.new_empty(total, 2)
+    run.leave(keys, counts, ends, streams[1], points, RAYS_PER_SAMPLE, sample, ray_keys, u)
     return Plan(counts, sample, ray_keys, share, u)
+
+
+def _ends(counts: torch.Tensor) -> tuple[torch.Tensor, int]:
+    """Where each of `counts` [N] items ends in flat form [N], and how many there are."""
+    ends = counts.cumsum(0)
+    return ends, int(ends[-1]) if len(ends) > 0 else 0

@@ -7,7 +7,7 @@ import math
 import numba
 import numpy as np
 
-from .hashing import unit_number
+from .hashing_numba import unit_number
 
 
 @numba.njit(cache=True, nogil=True)
@@ -48,13 +48,13 @@ def draw_depths(weights, offsets, opacity, u, least, index, times, counts):
 
 
 @numba.njit(cache=True, nogil=True)
-def flatten(rows, more_rows, counts, flat, more_flat, row):
-    """The first `counts[r]` entries of each row r of two arrays, one row after the other."""
-    at = 0
+def flatten(rows, more_rows, counts, ends, flat, more_flat, row):
+    """The first `counts[r]` entries of each row r of two arrays, row after row, up to `ends[r]`."""
     for r in range(counts.shape[0]):
+        first = ends[r] - counts[r]
         for i in range(counts[r]):
+            at = first + i
             flat[at], more_flat[at], row[at] = rows[r, i], more_rows[r, i], r
-            at += 1
 
 
 @numba.njit(cache=True, nogil=True)
@@ -69,16 +69,16 @@ def share_out(keys, mass, rays, seed, counts, share):
 
 
 @numba.njit(cache=True, nogil=True)
-def leave(keys, counts, seed, points, keys_per_sample, sample, ray_keys, u):
-    """The rays [K] of all samples: whose they are, their keys, and their points, turned by sample."""
-    k = 0
+def leave(keys, counts, ends, seed, points, keys_per_sample, sample, ray_keys, u):
+    """The rays [K] of all samples: whose they are, their keys, and their points, turned by sample; those
+    of sample s up to `ends[s]`."""
     for s in range(keys.shape[0]):
         if counts[s] == 0:
             continue
         shift0, shift1 = unit_number(keys[s], seed), unit_number(keys[s], seed + 1)
         for i in range(counts[s]):
+            k = ends[s] - counts[s] + i
             sample[k] = s
             ray_keys[k] = keys[s] * keys_per_sample + i % keys_per_sample
             x, y = points[i % len(points), 0] + shift0, points[i % len(points), 1] + shift1
             u[k, 0], u[k, 1] = x - np.floor(x), y - np.floor(y)
-            k += 1

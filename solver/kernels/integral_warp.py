@@ -188,6 +188,8 @@ def _rectangle_mean_backward(
     size: wp.array2d(dtype=float), cotangent: wp.array2d(dtype=float), grad: Table,
 ):  # fmt: skip
     n, c = wp.tid()
+    if cotangent[n, c] == 0.0:
+        return
     width = grad.shape[1] - 1
     turn = HALF * wp.float64(width)
     columns = wp.float64(size[n, 0])

@@ -7,35 +7,30 @@ from __future__ import annotations
 
 import torch
 
-from . import probe_light_numba
-from .backend import gradient_buffer
+from .backend import gradient_buffer, kernels
 
 
 class _Between(torch.autograd.Function):
     @staticmethod
     def forward(ctx, table, normals, points, row, clear, spacing, form):
-        samples = len(points)
-        out, rows = torch.empty(samples, 3), torch.empty(samples, 8, dtype=torch.long)
-        shares, blended = torch.empty(samples, 8), torch.empty(samples, 27)
-        normals = normals.contiguous()
-        probe_light_numba.irradiance_between(
-            points.contiguous().numpy(), row.numpy(), clear.numpy(), 1 / spacing,
-            table.flatten(1).numpy(), normals.numpy(), form.numpy(), out.numpy(), rows.numpy(),
-            shares.numpy(), blended.numpy(),
+        samples, normals = len(points), normals.contiguous()
+        out, rows = normals.new_empty(samples, 3), row.new_empty(samples, 8)
+        shares, blended = normals.new_empty(samples, 8), normals.new_empty(samples, 27)
+        kernels("probe_light", normals.device).irradiance_between(
+            points.contiguous(), row, clear, 1 / spacing, table.flatten(1), normals, form, out, rows,
+            shares, blended,
         )  # fmt: skip
         ctx.save_for_backward(table, normals, form, out, rows, shares, blended)
         return out
 
     @staticmethod
     def backward(ctx, cotangent):
-        table, normals, form, out, rows, shares, blended = ctx.saved_tensors
+        table, *saved = ctx.saved_tensors
         buffer, g_table = gradient_buffer(table)
-        g_normals = torch.empty_like(normals)
-        probe_light_numba.irradiance_between_backward(
-            normals.detach().numpy(), form.numpy(), out.numpy(), rows.numpy(), shares.numpy(),
-            blended.numpy(), cotangent.contiguous().numpy(), buffer.detach().flatten(1).numpy(),
-            g_normals.numpy(),
-        )  # fmt: skip
+        g_normals = torch.empty_like(saved[0])
+        kernels("probe_light", table.device).irradiance_between_backward(
+            *saved, cotangent.contiguous(), buffer.flatten(1), g_normals
+        )
         return g_table, g_normals, *[None] * 5
 
 

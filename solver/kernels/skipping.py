@@ -10,6 +10,9 @@ import torch
 
 DEPTHS_PER_UNIT = 32
 EMPTY = 128
+SELF_SHADOW_COSINE = 0.2
+"""of a ray and its surface: below it a ray starts no farther out than with it, for what lies there may be
+another surface"""
 # Each at most the sum of those before plus one: no gaps, even at a border.
 _GROWTHS = (1, 2, 4, 8, 16)
 

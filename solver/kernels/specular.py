@@ -1,4 +1,4 @@
-"""Glossy reflection of a batch of samples in two kernels, for devices that have a fast path.
+"""Glossy reflection of a batch of samples in a few kernels, for devices that have a fast path.
 
 `render.reflection` chooses between this and its plain torch twin, `scatter` and a lookup.
 """
@@ -7,14 +7,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
 import torch
 
-from . import integral_numba, specular_numba
-from .backend import gradient_buffer
-from .specular_numba import SELF_SHADOW_COSINE
-
-__all__ = ["SELF_SHADOW_COSINE", "Blockers", "Carried", "Near", "specular"]
+from .backend import gradient_buffer, kernels
 
 
 class Blockers(NamedTuple):
@@ -38,11 +33,8 @@ class Carried(NamedTuple):
 class Near(NamedTuple):
     """What of the light comes from close by (see `light.floor`)."""
 
-    shifts: torch.Tensor  # [S, 3] of the samples; none at all if all light is far
+    shifts: torch.Tensor  # [S, 3] of the samples; [0, 3] if all light is far
     up: tuple[float, float, float]
-
-
-ALL_FAR = Near(torch.empty(0, 3), (0.0, 0.0, 0.0))
 
 
 class _Specular(torch.autograd.Function):
@@ -50,19 +42,16 @@ class _Specular(torch.autograd.Function):
     def forward(ctx, normals, alphas, f0s, table, views, points, first, shares, u, rows, masking,
                 averaged, blockers, spread, near):  # fmt: skip
         samples, rays = len(normals), len(u)
-        radiance = torch.empty(samples, 3)
-        directions, weights, light = torch.empty(3, rays, 3).unbind()
-        passing, slope = torch.empty(rays), torch.empty(rays, 3, 2)
-        centre, size = torch.empty(2, rays, 2).unbind()
-        inputs = [normals, views, alphas, f0s, first, shares, u]
-        arrays = [value.detach().contiguous().numpy() for value in inputs]
-        specular_numba.specular(
-            *arrays, masking, averaged, spread.contiguous().numpy(), *_arrays_of(near),
-            points.contiguous().numpy(), blockers.reach,
-            blockers.low.double().numpy(), 1 / blockers.edge, blockers.cell,
-            blockers.blocking.numpy(), table.numpy(), rows.numpy(), radiance.numpy(),
-            directions.numpy(), weights.numpy(), passing.numpy(), light.numpy(), slope.numpy(),
-            centre.numpy(), size.numpy(),
+        radiance = normals.new_empty(samples, 3)
+        directions, weights, light = normals.new_empty(3, rays, 3).unbind()
+        passing, slope = normals.new_empty(rays), normals.new_empty(rays, 3, 2)
+        centre, size = normals.new_empty(2, rays, 2).unbind()
+        inputs = [v.contiguous() for v in (normals, views, alphas, f0s, first, shares, u)]
+        kernels("specular", normals.device).specular(
+            *inputs, masking, averaged, spread.contiguous(), near.shifts.contiguous(), near.up,
+            points.contiguous(), blockers.reach, blockers.low, 1 / blockers.edge, blockers.cell,
+            blockers.blocking, table, rows, radiance, directions, weights, passing, light, slope,
+            centre, size,
         )  # fmt: skip
         ctx.masking, ctx.near = masking, near
         ctx.save_for_backward(
@@ -76,37 +65,27 @@ class _Specular(torch.autograd.Function):
         *inputs, table, rows, directions, weights, passing, light, slope, centre, size = (
             ctx.saved_tensors
         )
-        arrays = [value.detach().contiguous().numpy() for value in inputs]
-        normals, first, cotangent = inputs[0], arrays[4], cotangent.contiguous().numpy()
+        normals, near = inputs[0], ctx.near
         height, width = table.shape[0] - 1, table.shape[1] - 1
         g_normals, g_f0s = torch.empty_like(normals), torch.empty_like(normals)
-        g_alphas = torch.empty(len(normals))
-        specular_numba.specular_backward(
-            *arrays, ctx.masking, *_arrays_of(ctx.near), directions.numpy(), light.numpy(),
-            slope.numpy(), width, height, cotangent, g_directions.contiguous().numpy(),
-            g_weights.contiguous().numpy(),
-            g_normals.numpy(), g_alphas.numpy(), g_f0s.numpy(),
+        g_alphas, to_light = normals.new_empty(len(normals)), torch.empty_like(light)
+        kernels("specular", table.device).specular_backward(
+            *inputs, ctx.masking, near.shifts.contiguous(), near.up, directions, weights, passing,
+            light, slope, width, height, cotangent.contiguous(), g_directions.contiguous(),
+            g_weights.contiguous(), g_normals, g_alphas, g_f0s, to_light,
         )  # fmt: skip
-        to_light = torch.empty_like(light)
-        specular_numba.light_cotangents(
-            first, cotangent, weights.numpy(), passing.numpy(), to_light.numpy()
-        )
         buffer, g_table = gradient_buffer(table)
-        integral_numba.rectangle_mean_backward(
-            rows.numpy(), centre.numpy(), size.numpy(), to_light.numpy(), buffer.detach().numpy()
+        kernels("integral", table.device).rectangle_mean_backward(
+            rows, centre, size, to_light, buffer
         )
         return g_normals, g_alphas, g_f0s, g_table, *[None] * 11
-
-
-def _arrays_of(near: Near) -> tuple[np.ndarray, np.ndarray]:
-    return near.shifts.contiguous().numpy(), np.array(near.up)
 
 
 def specular(
     normals: torch.Tensor, alphas: torch.Tensor, f0s: torch.Tensor, table: torch.Tensor,
     views: torch.Tensor, points: torch.Tensor, counts: torch.Tensor, shares: torch.Tensor,
     u: torch.Tensor, rows: torch.Tensor, masking: bool, averaged: bool, blockers: Blockers,
-    spread: torch.Tensor | None = None, near: Near = ALL_FAR,
+    spread: torch.Tensor | None = None, near: Near | None = None,
 ) -> tuple[torch.Tensor, Carried]:  # fmt: skip
     """Radiance [S, 3] that samples reflect from the environment, as far as the grid lets it through.
 
@@ -117,13 +96,14 @@ def specular(
         u: [K, 2] uniform in [0, 1), K = Σ counts.
         masking: weigh by G2/G1. averaged: a ray stands for its share of the solid angle.
         spread: [S, 2, 3] what the pixel adds to that (`footprint.reflected_spread`); none: nothing.
-        near: what of the light comes from close by.
+        near: what of the light comes from close by; none: nothing.
 
     Gradients of the radiance flow to normals, alphas, f0s and the table, those of what rays carried to
     the first three.
     """
     first = torch.nn.functional.pad(counts.cumsum(0), (1, 0))
     spread = normals.new_zeros(len(normals), 2, 3) if spread is None else spread
+    near = Near(normals.new_empty(0, 3), (0.0, 0.0, 0.0)) if near is None else near
     radiance, *carried = _Specular.apply(
         normals, alphas, f0s, table, views, points, first, shares, u, rows, masking, averaged,
         blockers, spread, near,

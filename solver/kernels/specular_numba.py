@@ -27,11 +27,11 @@ from .lobe_numba import (
     stretched_frame,
     to_world,
 )
+from .skipping import SELF_SHADOW_COSINE
 from .vectors_numba import cross, dot, plus
 from .walk_numba import walk
 
 ABOVE = 1e-4  # cosine from which a reflected direction counts as above the surface
-SELF_SHADOW_COSINE = 0.2
 BLOCK = 64  # samples of a task
 NEVER = 1e30  # distance from which a ray that is not looked at can be blocked
 
@@ -147,7 +147,6 @@ def specular(
     already.
     """
     samples, nobody = normals.shape[0], np.empty(0, np.float32)
-    up = (up[0], up[1], up[2])
     height, width = table.shape[0] - 1, table.shape[1] - 1
     for block in numba.prange((samples + BLOCK - 1) // BLOCK):
         low, high = block * BLOCK, min((block + 1) * BLOCK, samples)
@@ -287,23 +286,17 @@ def specular_backward_of_sample(
 
 @numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
 def specular_backward(
-    normals, views, alphas, f0s, first, shares, u, masking, shifts, up, directions, light, slope,
-    width, height, cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
+    normals, views, alphas, f0s, first, shares, u, masking, shifts, up, directions, weights, passing,
+    light, slope, width, height, cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
+    to_light,
 ):  # fmt: skip
     """Adjoint of `specular` with respect to normals, α and F0: of radiances (`cotangent`), and of the
-    rays' directions and weights."""
-    up = (up[0], up[1], up[2])
+    rays' directions and weights; and the cotangents [K, 3] of undimmed mean radiances along rays."""
     for s in numba.prange(normals.shape[0]):
         specular_backward_of_sample(
             s, normals, views, alphas, f0s, first, shares, u, masking, shifts, up, directions, light,
             slope, width, height, cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
         )  # fmt: skip
-
-
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
-def light_cotangents(first, cotangent, weights, passing, out):
-    """Cotangents [K, 3] of undimmed mean radiances along rays, from those [S, 3] of their samples."""
-    for s in numba.prange(first.shape[0] - 1):
         for k in range(first[s], first[s + 1]):
             for c in range(3):
-                out[k, c] = cotangent[s, c] * weights[k, c] * np.float32(passing[k])
+                to_light[k, c] = cotangent[s, c] * weights[k, c] * np.float32(passing[k])

@@ -8,7 +8,7 @@ from __future__ import annotations
 import torch
 
 from . import vm_torch
-from .backend import fast, gradient_buffer, kernels
+from .backend import fast, gradient_buffer, kernels, on_numba
 
 NEGLIGIBLE = 1e-3
 """cotangents below this share of their mean are left out of sums over many samples"""
@@ -59,20 +59,25 @@ class _Gradient(torch.autograd.Function):
         return None, *_to_factors("vm_gradient_backward", ctx.saved_tensors, cotangent)
 
 
-class _SmoothPlanes(torch.autograd.Function):
+class _Smooth(torch.autograd.Function):
+    """Smoothing is symmetric, so that it is its own adjoint."""
+
     @staticmethod
-    def forward(ctx, planes, taps):
+    def forward(ctx, factor, taps, kernel):
         ctx.save_for_backward(taps)
-        out = torch.empty_like(planes)
-        kernels("vm", out.device).smooth_planes(planes, taps, out)
-        return out
+        ctx.kernel = kernel
+        return _smoothed(factor, taps, kernel)
 
     @staticmethod
     def backward(ctx, cotangent):
         (taps,) = ctx.saved_tensors
-        out = torch.empty_like(cotangent, memory_format=torch.contiguous_format)
-        kernels("vm", out.device).smooth_planes(cotangent.contiguous(), taps, out)
-        return out, None
+        return _smoothed(cotangent.contiguous(), taps, ctx.kernel), None, None
+
+
+def _smoothed(factor: torch.Tensor, taps: torch.Tensor, kernel: str) -> torch.Tensor:
+    out = torch.empty_like(factor, memory_format=torch.contiguous_format)
+    getattr(kernels("vm", factor.device), kernel)(factor, taps, out)
+    return out
 
 
 def _to_factors(adjoint: str, saved, cotangent: torch.Tensor, *more):
@@ -119,5 +124,14 @@ def vm_gradient(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor)
 def smooth_planes(planes: torch.Tensor, taps: torch.Tensor) -> torch.Tensor:
     """Odd, symmetric taps [2r + 1] along both axes of planes [3, G, G, C]; borders are mirrored."""
     if fast(planes):
-        return _SmoothPlanes.apply(planes.contiguous(), taps.float().cpu())
+        taps = taps.float().to(planes.device)
+        return _Smooth.apply(planes.contiguous(), taps, "smooth_planes")
     return vm_torch.smooth_planes(planes, taps)
+
+
+def smooth_lines(lines: torch.Tensor, taps: torch.Tensor) -> torch.Tensor:
+    """Odd, symmetric taps [2r + 1] along lines [3, G, C]; borders are mirrored."""
+    if fast(lines) and not on_numba(lines.device):  # on the CPU torch does that well
+        taps = taps.float().to(lines.device)
+        return _Smooth.apply(lines.contiguous(), taps, "smooth_lines")
+    return vm_torch.smooth(lines, taps, 1)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import torch
 import warp as wp
 
-from . import vm_torch
 from .warp_device import launch
 
 wp.set_module_options({"enable_backward": False, "fast_math": True})
@@ -276,6 +275,36 @@ def _gradient_backward(
         wp.atomic_add(grad_lines, k, c.after, ch, w * to_dc)
 
 
+@wp.func
+def mirrored(i: int, size: int):
+    """Row beyond a border of a plane, which is mirrored (b a | a b c)."""
+    inside = i % (2 * size)
+    if inside < 0:
+        inside += 2 * size
+    if inside >= size:
+        inside = 2 * size - 1 - inside
+    return inside
+
+
+@wp.kernel
+def _smooth(
+    planes: wp.array4d(dtype=float), taps: wp.array(dtype=float), along_rows: bool,
+    out: wp.array4d(dtype=float),
+):  # fmt: skip
+    ki, j, ch = wp.tid()
+    size = planes.shape[1]
+    k = ki // size
+    i = ki % size
+    reach = taps.shape[0] // 2
+    total = float(0.0)
+    for tap in range(taps.shape[0]):
+        if along_rows:
+            total += taps[tap] * planes[k, mirrored(i + tap - reach, size), j, ch]
+        else:
+            total += taps[tap] * planes[k, i, mirrored(j + tap - reach, size), ch]
+    out[k, i, j, ch] = total
+
+
 def vm_sum(points, planes, lines, out) -> None:
     launch(_sum, len(points), points, planes, lines, out)
 
@@ -305,6 +334,15 @@ def vm_gradient_backward(points, planes, lines, cotangent, grad_planes, grad_lin
     launch(_gradient_backward, dim, points, planes, lines, cotangent, grad_planes, grad_lines)
 
 
-def smooth_planes(planes: torch.Tensor, taps: torch.Tensor, out: torch.Tensor) -> None:
-    # Wide elementwise operations, which torch does well on a graphics card.
-    out.copy_(vm_torch.smooth_planes(planes, taps))
+def smooth_planes(planes, taps, out) -> None:
+    dim = 3 * planes.shape[1], *planes.shape[2:]
+    between = torch.empty_like(planes)
+    launch(_smooth, dim, planes, taps, True, between)
+    launch(_smooth, dim, between, taps, False, out)
+
+
+def smooth_lines(lines, taps, out) -> None:
+    """Odd, symmetric taps along lines [3, G, C], borders mirrored."""
+    size, channels = lines.shape[1:]
+    one_wide = lines.view(3, size, 1, channels), out.view(3, size, 1, channels)
+    launch(_smooth, (3 * size, 1, channels), one_wide[0], taps, True, one_wide[1])

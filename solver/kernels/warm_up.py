@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 
 from .adam import Moments, Rates, adam_step
-from .backend import on_numba
+from .backend import has_kernels
 from .drawing import draw_depths, plan_rays
 from .hashing import uniform
 from .integral import prefix_sums, rectangle_mean
@@ -21,9 +21,9 @@ from .vm import smooth_planes, vm_gradient, vm_products, vm_sum
 def compile_kernels(device: torch.device | str = "cpu") -> None:
     """Run every kernel once, forwards and backwards, on a handful of numbers on a device."""
     with torch.device(device):
-        _run_shared()
-        if on_numba(torch.device(device)):
-            _run_numba()
+        _run_lookups()
+        if has_kernels(torch.device(device)):
+            _run_shading()
 
 
 def _leaf(*shape: int) -> torch.Tensor:
@@ -35,7 +35,7 @@ def _rays() -> tuple[torch.Tensor, torch.Tensor]:
     return points, torch.nn.functional.normalize(points - 0.4, dim=-1)
 
 
-def _run_shared() -> None:
+def _run_lookups() -> None:
     points, directions = _rays()
     planes, lines = _leaf(3, 4, 4, 8), _leaf(3, 4, 8)
     vm_sum(points, planes, lines).sum().backward()
@@ -59,7 +59,7 @@ def _run_shared() -> None:
     rectangle_mean(table, rows, centre, torch.ones(4, 2)).sum().backward()
 
 
-def _run_numba() -> None:
+def _run_shading() -> None:
     points, directions = _rays()
     keys, ones = torch.arange(4), torch.ones(4)
     uniform(keys, 0, 2)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import torch
 import torch.nn.functional as F
 
-from ..kernels.backend import fast, on_numba
+from ..kernels.backend import fast
 from ..kernels.probe_light import irradiance_between
 from ..light.irradiance import Arriving, irradiance
 from ..light.spherical_harmonics import quadratic_form
@@ -70,9 +70,10 @@ class Probes:
             table: [1 + R, 9, 3] `LightTables.irradiance`. part: which of `nodes`.
         """
         nodes = self.nodes[part]
-        if fast(normals) and on_numba(normals.device):
+        if fast(normals):
+            form = quadratic_form().to(normals.device)
             return irradiance_between(
-                table, normals, box_points, nodes.row, nodes.clear, nodes.spacing, quadratic_form()
+                table, normals, box_points, nodes.row, nodes.clear, nodes.spacing, form
             )
         rows, shares = _around(nodes, box_points)
         blended = F.embedding_bag(rows, table.flatten(1), per_sample_weights=shares, mode="sum")

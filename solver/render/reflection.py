@@ -14,9 +14,10 @@ from ..brdf.microfacet import (
     visible_normal_pdf,
 )
 from ..kernels import drawing
-from ..kernels.backend import fast, on_numba, precise
+from ..kernels.backend import fast, precise
 from ..kernels.drawing import Plan
-from ..kernels.specular import ALL_FAR, SELF_SHADOW_COSINE, Near, specular
+from ..kernels.skipping import SELF_SHADOW_COSINE
+from ..kernels.specular import Near, specular
 from ..light.floor import Floor
 from .random_numbers import ALLOCATION, CHOICE, ROTATION, RandomNumbers
 from .scene import RenderSettings, Samples, Scene, StepTables, Surface
@@ -152,7 +153,7 @@ def reflected(
     plan = plan_rays(samples.keys, mass, rays, random)
     sample = plan.sample
     fused = settings.visibility and settings.neural == 0 and samples.part is None
-    if fused and fast(toward) and on_numba(toward.device):
+    if fused and fast(toward):
         radiance, (direction, weight, passing) = specular(
             toward, surface.materials.alpha, surface.materials.f0, tables.light.table, view,
             samples.points, plan.counts, plan.share, plan.u, scene.environment.row_prefix,
@@ -198,6 +199,6 @@ def reflected(
     return radiance.index_add(0, sample, weight * bounced / probability[:, None])
 
 
-def _near(floor: Floor | None, points: torch.Tensor) -> Near:
+def _near(floor: Floor | None, points: torch.Tensor) -> Near | None:
     """What of the light comes from close by to points [S, 3]."""
-    return ALL_FAR if floor is None else Near(floor.shifts(points), floor.up)
+    return None if floor is None else Near(floor.shifts(points), floor.up)

@@ -4,8 +4,9 @@ import pytest
 import torch
 
 from solver.kernels.adam import Moments, Rates, adam_step
-from solver.kernels.backend import gradients_in_place, plain_torch
+from solver.kernels.backend import forced_path, gradients_in_place, plain_torch
 from solver.kernels.vm import vm_gradient, vm_products, vm_sum
+from tests.kernels.paths import PATHS, to_device
 
 
 def run(gradients, start):
@@ -27,11 +28,14 @@ def test_where_all_is_touched_it_is_torchs_adam():
     torch.testing.assert_close(run(gradients, start)[0], theirs.detach(), rtol=1e-4, atol=1e-5)
 
 
-def test_kernel_agrees_with_its_twin():
+@pytest.mark.parametrize("path, device", PATHS)
+def test_kernel_agrees_with_its_twin(path, device):
     torch.manual_seed(1)
     start = torch.randn(40, 8)
     gradients = torch.randn(5, 40, 8) * (torch.rand(5, 40, 1) < 0.5)
-    fused, moments = run(gradients, start)
+    start, gradients = to_device([start, gradients], device)
+    with forced_path(path):
+        fused, moments = run(gradients, start)
     with plain_torch():
         plain, others = run(gradients, start)
     torch.testing.assert_close(fused, plain)
@@ -39,17 +43,14 @@ def test_kernel_agrees_with_its_twin():
         torch.testing.assert_close(a, b)
 
 
-@pytest.mark.parametrize("plain", [False, True])
-def test_untouched_rows_stay_and_gradients_are_cleared(plain):
+@pytest.mark.parametrize("path, device", [*PATHS, ("torch", "cpu")])
+def test_untouched_rows_stay_and_gradients_are_cleared(path, device):
     torch.manual_seed(2)
-    parameter, gradient = torch.randn(6, 3), torch.randn(6, 3)
+    parameter, gradient = to_device([torch.randn(6, 3), torch.randn(6, 3)], device)
     gradient[2] = 0
     before = parameter.clone()
     moments = Moments(torch.ones_like(parameter), torch.ones_like(parameter))
-    if plain:
-        with plain_torch():
-            adam_step(parameter, gradient, moments, Rates(0.1, 0.9, 0.99, 1e-15, 1))
-    else:
+    with forced_path(path):
         adam_step(parameter, gradient, moments, Rates(0.1, 0.9, 0.99, 1e-15, 1))
     changed = (parameter != before).any(-1)
     assert changed.tolist() == [True, True, False, True, True, True]

@@ -1,12 +1,20 @@
 """Kernels compile for graphics cards where there is none: Warp brings NVIDIA's compiler along."""
 
 import importlib
+from pathlib import Path
 
 import pytest
 import warp as wp
 
+import solver.kernels
 
-@pytest.mark.parametrize("family", ["vm", "march", "integral", "visibility"])
+MODULES = Path(solver.kernels.__path__[0]).glob("*_warp.py")
+FAMILIES = sorted(
+    path.stem.removesuffix("_warp") for path in MODULES if "@wp.kernel" in path.read_text("utf-8")
+)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("architecture", [75, 90])
 def test_kernels_compile_for_cards_from_turing_to_hopper(family, architecture, tmp_path):
     module = importlib.import_module(f"solver.kernels.{family}_warp")

@@ -4,8 +4,9 @@ import pytest
 import scipy.stats
 import torch
 
-from solver.kernels.backend import plain_torch
+from solver.kernels.backend import forced_path, plain_torch
 from solver.kernels.drawing import draw_depths, plan_rays
+from tests.kernels.paths import PATHS, to_device
 
 POINTS = torch.quasirandom.SobolEngine(2, scramble=True, seed=3).draw(64)
 
@@ -24,17 +25,19 @@ def rays(count=400):
 
 
 @pytest.mark.parametrize("depths", [1, 2, 5])
-def test_both_twins_draw_the_same_samples(depths):
-    weights, offsets, opacity, ray = rays()
-    u = torch.rand(len(opacity), depths)
-    fused = draw_depths(weights, offsets, opacity, u, 1e-3)
+@pytest.mark.parametrize("path, device", PATHS)
+def test_all_twins_draw_the_same_samples(depths, path, device):
+    weights, offsets, opacity, ray = to_device(rays(), device)
+    u = torch.rand(len(opacity), depths).to(device)
+    with forced_path(path):
+        fused = draw_depths(weights, offsets, opacity, u, 1e-3)
     with plain_torch():
         plain = draw_depths(weights, offsets, opacity, u, 1e-3)
     for a, b in zip(fused, plain, strict=True):
         assert torch.equal(a, b)
     index, found, times = fused
     assert torch.equal(found, ray[index]) and (index[1:] > index[:-1]).all()
-    drawn = torch.zeros(len(opacity), dtype=torch.long).index_add(0, found, times)
+    drawn = torch.zeros_like(offsets[1:]).index_add(0, found, times)
     assert torch.equal(drawn, torch.where(opacity > 1e-3, depths, 0))
 
 
@@ -51,12 +54,14 @@ def test_samples_are_drawn_as_often_as_they_weigh():
     assert scipy.stats.chisquare(counts[kept].numpy(), expected.numpy()).pvalue > 1e-3
 
 
-@pytest.mark.parametrize("count", [1, 16, 300])
-def test_both_twins_plan_the_same_rays(count):
-    keys = torch.arange(500) * 4096 + 2**33
-    mass = torch.rand(500, generator=torch.Generator().manual_seed(2)) ** 4
-    arguments = keys, mass, count, POINTS, (12, 2**32 - 1)
-    fused = plan_rays(*arguments)
+@pytest.mark.parametrize("samples, count", [(500, 1), (500, 16), (500, 300), (0, 4)])
+@pytest.mark.parametrize("path, device", PATHS)
+def test_all_twins_plan_the_same_rays(samples, count, path, device):
+    keys = torch.arange(samples) * 4096 + 2**33
+    mass = torch.rand(samples, generator=torch.Generator().manual_seed(2)) ** 4
+    arguments = to_device([keys, mass, count, POINTS, (12, 2**32 - 1)], device)
+    with forced_path(path):
+        fused = plan_rays(*arguments)
     with plain_torch():
         plain = plan_rays(*arguments)
     for a, b in zip(fused, plain, strict=True):

@@ -1,18 +1,24 @@
 """Hashed uniform numbers: equal twins, uniform, independent of order and batch."""
 
 import numpy as np
+import pytest
 import scipy.stats
 import torch
 
+from solver.kernels.backend import forced_path
 from solver.kernels.hashing import uniform, uniform_torch
+from tests.kernels.paths import PATHS
 
 KEYS = torch.arange(40_000) * 4096
 
 
-def test_both_twins_give_the_same_bits():
+@pytest.mark.parametrize("path, device", PATHS)
+def test_all_twins_give_the_same_bits(path, device):
     keys = torch.cat([KEYS, torch.tensor([0, 1, 2**31, 2**32 - 1, 2**32, 2**58 + 12345])])
     for seed in (0, 1, 2**31, 2**40 + 7):
-        assert torch.equal(uniform(keys, seed, 3), uniform_torch(keys, seed, 3))
+        with forced_path(path):
+            found = uniform(keys.to(device), seed, 3)
+        assert torch.equal(found.cpu(), uniform_torch(keys, seed, 3))
 
 
 def test_numbers_are_uniform_in_the_unit_square():

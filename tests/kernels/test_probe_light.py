@@ -5,6 +5,7 @@ import torch
 
 from solver.kernels.backend import forced_path, gradients_in_place
 from solver.render.probes import Nodes, Probes
+from tests.kernels.paths import PATHS, to_device
 
 
 def probes(nodes=5, rows=12):
@@ -22,21 +23,24 @@ def inputs(count):
     return points, torch.nn.functional.normalize(torch.randn(count, 3), dim=-1)
 
 
-def run(path, count, cotangent=None):
+def run(path, count, cotangent=None, device="cpu"):
     grid, table = probes()
-    points, normals = inputs(count)
+    grid.nodes = [Nodes(*to_device(grid.nodes[0], device))]
+    points, normals, table = to_device([*inputs(count), table], device)
     table.requires_grad_(), normals.requires_grad_()
     with forced_path(path):
         found = grid.irradiance(table, 0, points, normals)
-        found.backward(torch.ones_like(found) if cotangent is None else cotangent)
-    return found.detach(), table.grad, normals.grad
+        cotangent = torch.ones(count, 3) if cotangent is None else cotangent
+        found.backward(cotangent.to(device))
+    return found.detach().cpu(), table.grad.cpu(), normals.grad.cpu()
 
 
 @pytest.mark.parametrize("count", [0, 1, 300])
-def test_kernel_and_twin_agree_in_values_and_gradients(count):
+@pytest.mark.parametrize("path, device", PATHS)
+def test_kernel_and_twin_agree_in_values_and_gradients(count, path, device):
     cotangent = torch.randn(count, 3)
     for ours, theirs in zip(
-        run("numba", count, cotangent), run("torch", count, cotangent), strict=True
+        run(path, count, cotangent, device), run("torch", count, cotangent), strict=True
     ):
         torch.testing.assert_close(ours, theirs, atol=2e-5, rtol=2e-5)
 

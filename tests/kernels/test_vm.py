@@ -75,3 +75,18 @@ def test_smoothing_agrees_with_its_twin_in_values_and_gradients(
             results.append((out, *torch.autograd.grad(out, planes, cotangent)))
     for a, b in zip(*results, strict=True):
         torch.testing.assert_close(a, b)
+
+
+@pytest.mark.parametrize("path, device", PATHS)
+def test_smoothing_of_lines_agrees_with_its_twin_in_values_and_gradients(path, device):
+    torch.manual_seed(5)
+    lines = torch.randn(3, 9, 16, requires_grad=True)
+    taps = torch.tensor([0.1, 0.2, 0.4, 0.2, 0.1])
+    lines, cotangent = to_device([lines, torch.randn_like(lines)], device)
+    results = []
+    for taken in (path, "torch"):
+        with forced_path(taken):
+            out = vm.smooth_lines(lines, taps)
+            results.append((out, *torch.autograd.grad(out, lines, cotangent)))
+    for a, b in zip(*results, strict=True):
+        torch.testing.assert_close(a, b)

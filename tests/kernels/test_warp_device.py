@@ -3,6 +3,8 @@
 import pytest
 import torch
 
+from solver.kernels import hashing_warp
+from solver.kernels.hashing import uniform_torch
 from solver.kernels.warp_device import launch, runs_on
 from tests.kernels.paths import WITHOUT_CARD
 
@@ -13,7 +15,7 @@ def test_a_kernel_refuses_tensors_of_another_type():
     values = torch.zeros(3)
     launch(_touch, 3, values)
     assert (values == 1).all()
-    with pytest.raises(TypeError, match="float64 instead of float32"):
+    with pytest.raises(TypeError, match="float64 instead of torch.float32"):
         launch(_touch, 3, values.double())
 
 
@@ -26,9 +28,17 @@ def test_warp_runs_on_the_card():
     assert runs_on(torch.device("cuda"))
 
 
-def test_a_device_that_warp_cannot_use_is_told(monkeypatch):
-    def no_such_device(device):
-        raise IndexError(device)
+def test_launches_again_with_other_numbers_tensors_and_sizes():
+    for count, columns in ((5, 3), (2, 7), (0, 1)):
+        keys = torch.arange(count) * 4096
+        ours = torch.empty(count, columns)
+        hashing_warp.uniform(keys, 2**32 - count, ours)
+        assert torch.equal(ours, uniform_torch(keys, 2**32 - count, columns))
 
-    monkeypatch.setattr("solver.kernels.warp_device.wp.device_from_torch", no_such_device)
+
+def test_a_device_that_warp_cannot_use_is_told(monkeypatch):
+    def no_such_device(*_, **__):
+        raise IndexError
+
+    monkeypatch.setattr("solver.kernels.warp_device.launch", no_such_device)
     assert not runs_on(torch.device("cpu"))

@@ -1,0 +1,45 @@
+"""Adam's step in Warp, for CUDA; `adam.adam_step_torch` is the plain twin."""
+
+from __future__ import annotations
+
+import torch
+import warp as wp
+
+from .warp_device import launch
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def _touch(gradient: wp.array2d(dtype=float), touched: wp.array(dtype=wp.uint8)):
+    n, c = wp.tid()
+    if gradient[n, c] != 0.0:
+        touched[n] = wp.uint8(1)
+
+
+@wp.kernel
+def _step(
+    parameter: wp.array2d(dtype=float), gradient: wp.array2d(dtype=float),
+    mean: wp.array2d(dtype=float), square: wp.array2d(dtype=float), size: float, scale: float,
+    mean_decay: float, square_decay: float, epsilon: float, touched: wp.array(dtype=wp.uint8),
+):  # fmt: skip
+    n, c = wp.tid()
+    if touched[n] != wp.uint8(0):
+        g = gradient[n, c]
+        m = mean_decay * mean[n, c] + (1.0 - mean_decay) * g
+        s = square_decay * square[n, c] + (1.0 - square_decay) * g * g
+        mean[n, c] = m
+        square[n, c] = s
+        parameter[n, c] = parameter[n, c] - size * m / (wp.sqrt(scale * s) + epsilon)
+        gradient[n, c] = 0.0
+
+
+def step(parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon) -> None:
+    """Change all tensors [N, C] in place; see the twin."""
+    touched = torch.zeros(len(parameter), dtype=torch.uint8, device=parameter.device)
+    dim = tuple(parameter.shape)
+    launch(_touch, dim, gradient, touched)
+    launch(
+        _step, dim, parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon,
+        touched,
+    )  # fmt: skip

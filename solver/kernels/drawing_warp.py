@@ -1,0 +1,122 @@
+"""A step's random choices in Warp, for CUDA; `drawing_torch` is the plain twin.
+
+Functions take the arguments of `drawing_numba`, as tensors, and do what is said there; a thread takes a
+ray, or a sample.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from .hashing_warp import unit_number
+from .warp_device import launch
+
+wp.set_module_options({"enable_backward": False})
+
+Integers = wp.array(dtype=wp.int64)
+Rows = wp.array2d(dtype=wp.int64)
+ONE = wp.constant(wp.int64(1))
+
+
+@wp.kernel
+def _draw_depths(
+    weights: wp.array(dtype=float), offsets: Integers, opacity: wp.array(dtype=float),
+    u: wp.array2d(dtype=float), least: float, index: Rows, times: Rows, counts: Integers,
+):  # fmt: skip
+    r = wp.tid()
+    first = int(offsets[r])
+    last = int(offsets[r + 1]) - 1
+    found = int(0)
+    if opacity[r] > least and last >= first:
+        total = wp.float64(0.0)
+        for i in range(first, last + 1):
+            total += wp.float64(weights[i])
+        for d in range(u.shape[1]):
+            target = wp.float64(u[r, d]) * total
+            running = wp.float64(weights[first])
+            chosen = int(first)
+            while running <= target and chosen < last:
+                chosen += 1
+                running += wp.float64(weights[chosen])
+            at = int(0)
+            while at < found and int(index[r, at]) < chosen:
+                at += 1
+            again = bool(False)
+            if at < found:
+                again = int(index[r, at]) == chosen
+            if again:
+                times[r, at] = times[r, at] + ONE
+            else:
+                later = int(found)
+                while later > at:
+                    index[r, later] = index[r, later - 1]
+                    times[r, later] = times[r, later - 1]
+                    later -= 1
+                index[r, at] = wp.int64(chosen)
+                times[r, at] = ONE
+                found += 1
+    counts[r] = wp.int64(found)
+
+
+@wp.kernel
+def _flatten(
+    rows: Rows, more_rows: Rows, counts: Integers, ends: Integers, flat: Integers,
+    more_flat: Integers, row: Integers,
+):  # fmt: skip
+    r = wp.tid()
+    count = int(counts[r])
+    first = int(ends[r]) - count
+    for i in range(count):
+        flat[first + i] = rows[r, i]
+        more_flat[first + i] = more_rows[r, i]
+        row[first + i] = wp.int64(r)
+
+
+@wp.kernel
+def _share_out(
+    keys: Integers, mass: wp.array(dtype=float), rays: float, seed: wp.uint32, counts: Integers,
+    share: wp.array(dtype=float),
+):  # fmt: skip
+    s = wp.tid()
+    expected = mass[s] * rays
+    count = wp.int64(wp.floor(expected + unit_number(keys[s], seed)))
+    counts[s] = count
+    share[s] = 1.0 / (wp.min(wp.max(expected, 1.0e-6), 1.0) * float(wp.max(count, ONE)))
+
+
+@wp.kernel
+def _leave(
+    keys: Integers, counts: Integers, ends: Integers, seed: wp.uint32, points: wp.array2d(dtype=float),
+    keys_per_sample: int, sample: Integers, ray_keys: Integers, u: wp.array2d(dtype=float),
+):  # fmt: skip
+    s = wp.tid()
+    count = int(counts[s])
+    first = int(ends[s]) - count
+    shift0 = unit_number(keys[s], seed)
+    shift1 = unit_number(keys[s], seed + wp.uint32(1))
+    for i in range(count):
+        k = first + i
+        sample[k] = wp.int64(s)
+        ray_keys[k] = keys[s] * wp.int64(keys_per_sample) + wp.int64(i % keys_per_sample)
+        x = points[i % points.shape[0], 0] + shift0
+        y = points[i % points.shape[0], 1] + shift1
+        u[k, 0] = x - wp.floor(x)
+        u[k, 1] = y - wp.floor(y)
+
+
+def draw_depths(weights, offsets, opacity, u, least, index, times, counts) -> None:
+    launch(_draw_depths, len(counts), weights, offsets, opacity, u, least, index, times, counts)
+
+
+def flatten(rows, more_rows, counts, ends, flat, more_flat, row) -> None:
+    launch(_flatten, len(counts), rows, more_rows, counts, ends, flat, more_flat, row)
+
+
+def share_out(keys, mass, rays, seed, counts, share) -> None:
+    launch(_share_out, len(keys), keys, mass, float(rays), seed, counts, share)
+
+
+def leave(keys, counts, ends, seed, points, keys_per_sample, sample, ray_keys, u) -> None:
+    launch(
+        _leave, len(keys), keys, counts, ends, seed, points, keys_per_sample, sample, ray_keys, u
+    )  # fmt: skip

@@ -1,0 +1,36 @@
+"""The hash in Warp, for CUDA; `hashing.uniform_torch` is the plain twin."""
+
+from __future__ import annotations
+
+import warp as wp
+
+from .warp_device import launch
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def mix(x: wp.uint32):
+    first = (x ^ (x >> wp.uint32(16))) * wp.uint32(0x7FEB352D)
+    second = (first ^ (first >> wp.uint32(15))) * wp.uint32(0x846CA68B)
+    return second ^ (second >> wp.uint32(16))
+
+
+@wp.func
+def unit_number(key: wp.int64, seed: wp.uint32):
+    """The number of one key; column c of `uniform` is that of seed + c."""
+    state = mix(seed)
+    state = mix(state ^ wp.uint32(key >> wp.int64(32)))
+    state = mix(state ^ wp.uint32(key))
+    return float(state >> wp.uint32(8)) * (1.0 / 16777216.0)
+
+
+@wp.kernel
+def _uniform(keys: wp.array(dtype=wp.int64), seed: wp.uint32, out: wp.array2d(dtype=float)):
+    n, column = wp.tid()
+    out[n, column] = unit_number(keys[n], seed + wp.uint32(column))
+
+
+def uniform(keys, seed, out) -> None:
+    """Numbers [N, columns] of keys [N]."""
+    launch(_uniform, tuple(out.shape), keys, seed, out)

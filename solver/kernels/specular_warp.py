@@ -1,0 +1,260 @@
+"""Glossy reflection in Warp, for CUDA: sample, weigh, look up the light, add up; and the adjoint.
+
+Functions take the arguments of `specular_numba`, as tensors, and do what is said there; a thread takes a
+ray. The adjoint of a ray's geometry is derived by Warp, that of its place in the light by hand, for
+arcus functions have no end at the poles.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+import warp as wp
+
+from .integral_warp import rectangle_mean
+from .lobe_warp import TURN, ggx_distribution, half_vector, seen_from, smith, to_world
+from .march_warp import row_of, through_grid
+from .skipping import SELF_SHADOW_COSINE
+from .warp_device import launch, launch_adjoint
+
+wp.set_module_options({"enable_backward": False})
+
+ABOVE = wp.constant(1.0e-4)
+"""cosine from which a reflected direction counts as above the surface"""
+LEAST_LIFT = wp.constant(SELF_SHADOW_COSINE)
+PI = wp.constant(math.pi)
+
+Vectors = wp.array2d(dtype=float)
+Numbers = wp.array(dtype=float)
+Owners = wp.array(dtype=wp.int32)
+
+
+@wp.struct
+class Seen:
+    """What a ray meets of a floor's light, as the floor's centre sees it (see `light.floor`)."""
+
+    direction: wp.vec3
+    length: float  # before it was made unit
+    shift: wp.vec3  # of the ray's origin, 0 for rays that do not go down
+
+
+@wp.func
+def from_centre(d: wp.vec3, shifts: Vectors, up: wp.vec3, s: int):
+    found = Seen()
+    found.direction = d
+    found.length = 1.0
+    found.shift = wp.vec3(0.0, 0.0, 0.0)
+    if shifts.shape[0] > 0:
+        down = -wp.dot(d, up)
+        if down > 0.0:
+            found.shift = row_of(shifts, s)
+            moved = d + down * found.shift
+            found.length = wp.length(moved)
+            found.direction = moved / found.length
+    return found
+
+
+@wp.func
+def along_ray(axis: wp.vec3, d: wp.vec3, seen: Seen, up: wp.vec3):
+    """See `SeenFromCentre.along_rays`."""
+    moved = axis - wp.dot(axis, seen.shift) * up
+    return (moved - wp.dot(moved, d) * d) / seen.length
+
+
+@wp.kernel
+def _own(first: wp.array(dtype=wp.int64), owners: Owners):
+    """Whose a ray is: of the last sample that begins no later."""
+    k = wp.tid()
+    low = int(0)
+    high = int(first.shape[0] - 1)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if int(first[middle]) <= k:
+            low = middle
+        else:
+            high = middle
+    owners[k] = low
+
+
+@wp.kernel(enable_backward=True)
+def _leave(
+    normals: Vectors, views: Vectors, alphas: Numbers, f0s: Vectors, shares: Numbers, u: Vectors,
+    owners: Owners, masking: bool, directions: Vectors, weights: Vectors,
+):  # fmt: skip
+    """Directions of rays, and what they weigh."""
+    k = wp.tid()
+    s = owners[k]
+    n = wp.vec3(normals[s, 0], normals[s, 1], normals[s, 2])
+    view = seen_from(n, wp.vec3(views[s, 0], views[s, 1], views[s, 2]))
+    alpha = alphas[s]
+    half = half_vector(view, alpha, u[k, 0], u[k, 1])
+    view_half = wp.dot(view, half)
+    out = 2.0 * view_half * half - view
+    d = to_world(n, out)
+    bend = shares[s]
+    if masking:
+        seen = 1.0 + smith(view[2], alpha)
+        bend = bend * seen / (seen + smith(out[2], alpha))
+    if out[2] <= ABOVE:
+        bend = 0.0
+    m = wp.clamp(1.0 - view_half, 0.0, 1.0)
+    m5 = m * m * m * m * m
+    for axis in range(3):
+        directions[k, axis] = d[axis]
+        weights[k, axis] = (f0s[s, axis] + (1.0 - f0s[s, axis]) * m5) * bend
+
+
+@wp.kernel
+def _look(
+    normals: Vectors, views: Vectors, alphas: Numbers, first: wp.array(dtype=wp.int64), u: Vectors,
+    owners: Owners, averaged: bool, spread: wp.array3d(dtype=float), shifts: Vectors, up: wp.vec3,
+    points: Vectors, reach: float, box_low: Numbers, box_scale: float, cell: float,
+    blocking: wp.array3d(dtype=wp.uint8), width: float, height: float, directions: Vectors,
+    passing: Numbers, centre: Vectors, size: Vectors,
+):  # fmt: skip
+    """What rays see of the map, and what the grid lets through."""
+    k = wp.tid()
+    s = owners[k]
+    n = row_of(normals, s)
+    view = seen_from(n, row_of(views, s))
+    alpha = alphas[s]
+    half = half_vector(view, alpha, u[k, 0], u[k, 1])
+    cosine = 2.0 * wp.dot(view, half) * half[2] - view[2]
+    if cosine <= ABOVE:
+        passing[k] = 0.0
+        centre[k, 0] = 0.0
+        centre[k, 1] = 0.0
+        size[k, 0] = 1.0
+        size[k, 1] = 1.0
+        return
+    d = row_of(directions, k)
+    solid_angle = float(0.0)
+    if averaged:
+        density = ggx_distribution(half[2], alpha)
+        density = density / ((1.0 + smith(view[2], alpha)) * 4.0 * view[2])
+        count = float(first[s + 1] - first[s])
+        solid_angle = wp.min(1.0 / wp.max(count * density, 1.0e-6), 4.0 * PI)
+    seen = from_centre(d, shifts, up, s)
+    e = seen.direction
+    sine = wp.max(wp.sqrt(e[0] * e[0] + e[1] * e[1]), 1.0e-4)
+    wide = float(solid_angle)
+    high = float(solid_angle)
+    if averaged:
+        east = wp.vec3(-e[1] / sine, e[0] / sine, 0.0)
+        south = wp.vec3(e[0] * e[2] / sine, e[1] * e[2] / sine, -sine)
+        if shifts.shape[0] > 0:
+            east = along_ray(east, d, seen, up)
+            south = along_ray(south, d, seen, up)
+            wide = wide * wp.dot(east, east)
+            high = high * wp.dot(south, south)
+        for edge in range(2):
+            pixel = wp.vec3(spread[s, edge, 0], spread[s, edge, 1], spread[s, edge, 2])
+            by_east = wp.dot(east, pixel)
+            by_south = wp.dot(south, pixel)
+            wide += by_east * by_east
+            high += by_south * by_south
+    centre[k, 0] = (0.5 - wp.atan2(e[1], e[0]) / TURN) * width
+    centre[k, 1] = wp.atan2(sine, e[2]) / PI * height
+    size[k, 0] = wp.clamp(wp.sqrt(wide) / sine * width / TURN, 1.0, width)
+    size[k, 1] = wp.clamp(wp.sqrt(high) * height / PI, 1.0, 0.5 * height)
+    start = wp.min(reach * (1.0 / wp.max(cosine, LEAST_LIFT) - 1.0), 4.0 * reach)
+    low = wp.vec3(box_low[0], box_low[1], box_low[2])
+    origin = (row_of(points, s) + reach * n - low) * box_scale
+    found = through_grid(origin, d * box_scale, start, cell, blocking)
+    passing[k] = found[0]
+
+
+@wp.kernel
+def _gather(
+    first: wp.array(dtype=wp.int64), weights: Vectors, passing: Numbers, radiance: Vectors,
+    light: Vectors, slope: wp.array3d(dtype=float),
+):  # fmt: skip
+    """What the rays of a sample bring back; their light and its slopes are dimmed by the grid."""
+    s, channel = wp.tid()
+    total = float(0.0)
+    for k in range(int(first[s]), int(first[s + 1])):
+        through = passing[k]
+        light[k, channel] = light[k, channel] * through
+        slope[k, channel, 0] = slope[k, channel, 0] * through
+        slope[k, channel, 1] = slope[k, channel, 1] * through
+        total += weights[k, channel] * light[k, channel]
+    radiance[s, channel] = total
+
+
+@wp.kernel
+def _arrive(
+    owners: Owners, shifts: Vectors, up: wp.vec3, directions: Vectors, weights: Vectors,
+    passing: Numbers, light: Vectors, slope: wp.array3d(dtype=float), width: float, height: float,
+    cotangent: Vectors, g_directions: Vectors, g_weights: Vectors, to_directions: Vectors,
+    to_weights: Vectors, to_light: Vectors,
+):  # fmt: skip
+    """Cotangents of rays' directions, weights and light, from those of their samples' radiance."""
+    k = wp.tid()
+    s = owners[k]
+    column = float(0.0)
+    row = float(0.0)
+    for c in range(3):
+        g = cotangent[s, c]
+        column += g * weights[k, c] * slope[k, c, 0]
+        row += g * weights[k, c] * slope[k, c, 1]
+        to_weights[k, c] = g * light[k, c] + g_weights[k, c]
+        to_light[k, c] = g * weights[k, c] * passing[k]
+    seen = from_centre(row_of(directions, k), shifts, up, s)
+    e = seen.direction
+    turn = column * width / (TURN * wp.max(e[0] * e[0] + e[1] * e[1], 1.0e-14))
+    fall = float(0.0)
+    if wp.abs(e[2]) < 1.0 - 1.0e-7:
+        fall = -row * height / (PI * wp.sqrt(1.0 - e[2] * e[2]))
+    to_e = wp.vec3(turn * e[1], -turn * e[0], fall)
+    to_d = (to_e - wp.dot(to_e, e) * e) / seen.length
+    to_d = to_d - wp.dot(to_d, seen.shift) * up
+    for axis in range(3):
+        to_directions[k, axis] = to_d[axis] + g_directions[k, axis]
+
+
+def _owners(first: torch.Tensor, rays: int) -> torch.Tensor:
+    owners = torch.empty(rays, dtype=torch.int32, device=first.device)
+    launch(_own, rays, first, owners)
+    return owners
+
+
+def specular(
+    normals, views, alphas, f0s, first, shares, u, masking, averaged, spread, shifts, up, points, reach,
+    box_low, box_scale, cell, blocking, table, rows, radiance, directions, weights, passing, light,
+    slope, centre, size,
+) -> None:  # fmt: skip
+    rays = len(u)
+    owners = _owners(first, rays)
+    launch(
+        _leave, rays, normals, views, alphas, f0s, shares, u, owners, masking, directions, weights
+    )  # fmt: skip
+    launch(
+        _look, rays, normals, views, alphas, first, u, owners, averaged, spread, shifts, wp.vec3(*up),
+        points, reach, box_low, box_scale, cell, blocking, float(table.shape[1] - 1),
+        float(table.shape[0] - 1), directions, passing, centre, size,
+    )  # fmt: skip
+    rectangle_mean(table, rows, centre, size, light, slope)
+    launch(_gather, (len(normals), 3), first, weights, passing, radiance, light, slope)
+
+
+def specular_backward(
+    normals, views, alphas, f0s, first, shares, u, masking, shifts, up, directions, weights, passing,
+    light, slope, width, height, cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
+    to_light,
+) -> None:  # fmt: skip
+    rays = len(u)
+    owners = _owners(first, rays)
+    to_directions, to_weights = torch.empty_like(directions), torch.empty_like(weights)
+    launch(
+        _arrive, rays, owners, shifts, wp.vec3(*up), directions, weights, passing, light, slope,
+        float(width), float(height), cotangent, g_directions, g_weights, to_directions, to_weights,
+        to_light,
+    )  # fmt: skip
+    for gradient in (g_normals, g_alphas, g_f0s):
+        gradient.zero_()
+    launch_adjoint(
+        _leave, rays,
+        (normals, views, alphas, f0s, shares, u, owners, masking, directions, weights),
+        (g_normals, None, g_alphas, g_f0s, None, None, None, None, to_directions, to_weights),
+    )  # fmt: skip
