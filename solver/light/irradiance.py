@@ -154,7 +154,7 @@ def arriving_harmonics(table: torch.Tensor, arriving: Arriving) -> torch.Tensor:
 def irradiance(harmonics: torch.Tensor, normals: torch.Tensor) -> torch.Tensor:
     """Irradiance [N, 3] of surfaces with unit normals [N, 3], of its coefficients [9, 3], or [N, 9, 3]
     where every surface has its own."""
-    basis = quadratic(normals) @ quadratic_form().to(normals)
+    basis = quadratic(normals) @ quadratic_form(normals.device, normals.dtype)
     if harmonics.dim() == 2:
         return (basis @ harmonics).clamp(min=0)
     return torch.einsum("nl,nlc->nc", basis, harmonics).clamp(min=0)

@@ -61,7 +61,7 @@ def quadratic(directions: torch.Tensor) -> torch.Tensor:
 
 
 @cache
-def quadratic_form() -> torch.Tensor:
+def quadratic_form(device: torch.device, dtype: torch.dtype = torch.float32) -> torch.Tensor:
     """[16, 9] with sh_basis(d, 2) = quadratic(d) @ it: three operations where the sum takes twenty.
 
     Ramamoorthi & Hanrahan, "An Efficient Representation for Irradiance Environment Maps", 2001, eq. 11.
@@ -78,11 +78,11 @@ def quadratic_form() -> torch.Tensor:
         {(x, z): 1.0925484305920792},
         {(x, x): 0.5462742152960396, (y, y): -0.5462742152960396},
     ]
-    form = torch.zeros(4, 4, 9)
+    form = torch.zeros(4, 4, 9, dtype=dtype)
     for column, term in enumerate(terms):
         for pair, factor in term.items():
             form[(*pair, column)] = factor
-    return form.view(16, 9)
+    return form.view(16, 9).to(device)
 
 
 def sh_degrees(degree: int, device: torch.device | None = None) -> torch.Tensor:

@@ -71,7 +71,7 @@ class Probes:
         """
         nodes = self.nodes[part]
         if fast(normals):
-            form = quadratic_form().to(normals.device)
+            form = quadratic_form(normals.device)
             return irradiance_between(
                 table, normals, box_points, nodes.row, nodes.clear, nodes.spacing, form
             )

@@ -19,6 +19,7 @@ included, arrive at `Placed.__torch_dispatch__`, which looks for mixing and runs
 from __future__ import annotations
 
 import contextlib
+import threading
 import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -29,7 +30,7 @@ from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from solver.kernels import backend, warp_device
-from solver.light import environment, irradiance
+from solver.light import environment, irradiance, spherical_harmonics
 from solver.render import nested
 from solver.render.nested import mapped, tensors_of
 
@@ -43,7 +44,10 @@ FACTORIES = (
 """functions of torch's that may make a tensor on a device inside others that are written in Python"""
 FILLING = {"fill_", "fill", "masked_fill", "masked_fill_"}
 """operations that take one number from the processor, as those that go element by element do"""
-CACHES = (environment._map_constants, irradiance.patches, irradiance._corners)
+CACHES = (
+    environment._map_constants, irradiance.patches, irradiance._corners,
+    spherical_harmonics.quadratic_form,
+)  # fmt: skip
 """of tensors by their device: none made for a pretended one may come to a real one, nor the other way"""
 INDEXING = {"index", "index_put", "index_put_", "_index_put_impl_", "_unsafe_index"}
 """operations that take indices from the processor"""
@@ -234,10 +238,10 @@ def pretended(kind: str, with_warp: bool = True) -> Iterator[None]:
         with_warp: it is one that Warp runs on, if it is of CUDA.
     """
 
-    def array(tensor, expected):
+    def array(tensor, name, wanted):
         if not isinstance(tensor, Placed):
-            problems.add(f"a Warp kernel gets '{expected.label}' of the processor")
-        return make_array(_numbers(tensor), expected)
+            problems.add(f"a Warp kernel gets '{name}' of the processor")
+        return make_array(_numbers(tensor), name, wanted)
 
     make_array, module_options = warp_device._array, torch.__future__
     before = module_options.get_overwrite_module_params_on_conversion()
@@ -248,7 +252,8 @@ def pretended(kind: str, with_warp: bool = True) -> Iterator[None]:
         stack.enter_context(patch.object(backend, "_warp_runs_on", lambda device: with_warp))
         stack.enter_context(patch.object(warp_device, "_array", array))
         stack.enter_context(patch.object(warp_device.wp, "device_from_torch", lambda device: "cpu"))
-        stack.enter_context(patch.object(warp_device.wp, "stream_from_torch", lambda device: None))
+        stack.enter_context(patch.object(warp_device, "_stream", lambda device: None))
+        stack.enter_context(patch.object(warp_device, "_commands", threading.local()))
         # A module's parameter becomes another when it moves: it cannot change its class.
         module_options.set_overwrite_module_params_on_conversion(True)
         stack.callback(module_options.set_overwrite_module_params_on_conversion, before)
