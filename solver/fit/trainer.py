@@ -73,7 +73,7 @@ class Trainer:
         fit = settings.fit
         if scene.device.type != "cpu":
             # A graphics card is busy only with many rays at once.
-            fit = dataclasses.replace(fit, chunk_rays=fit.rays)
+            fit = dataclasses.replace(fit, chunk_rays=fit.rays * settings.render.pixel_grid**2)
         if turns is not None:
             rays = min(fit.chunk_rays, max(1, fit.rays // TURNS_A_STEP))
             fit = dataclasses.replace(fit, chunk_rays=rays)

@@ -78,7 +78,8 @@ class Workers:
         tables = SharedTables.of(self.scenes[0], turns, self.together)
         count = len(self.scenes)
         copies = [tables.cut() for _ in range(count)]
-        with gradients_in_place():
+        # A thread of its own for a card's backward passes costs an eighth of a step in waiting for Python.
+        with gradients_in_place(), torch.autograd.set_multithreading_enabled(False):
             shares = self.together(
                 [partial(self._share, worker, copies[worker], chunks[worker::count])
                  for worker in range(count)]

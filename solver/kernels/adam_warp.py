@@ -10,6 +10,42 @@ from .warp_device import launch
 wp.set_module_options({"enable_backward": False})
 
 
+LONG_ROW = 64
+"""numbers of a row from which on it is shared out"""
+
+
+@wp.func
+def move(
+    parameter: wp.array2d(dtype=float), gradient: wp.array2d(dtype=float),
+    mean: wp.array2d(dtype=float), square: wp.array2d(dtype=float), size: float, scale: float,
+    mean_decay: float, square_decay: float, epsilon: float, n: int, c: int,
+):  # fmt: skip
+    g = gradient[n, c]
+    m = mean_decay * mean[n, c] + (1.0 - mean_decay) * g
+    s = square_decay * square[n, c] + (1.0 - square_decay) * g * g
+    mean[n, c] = m
+    square[n, c] = s
+    parameter[n, c] = parameter[n, c] - size * m / (wp.sqrt(scale * s) + epsilon)
+    gradient[n, c] = 0.0
+
+
+@wp.kernel
+def _step_rows(
+    parameter: wp.array2d(dtype=float), gradient: wp.array2d(dtype=float),
+    mean: wp.array2d(dtype=float), square: wp.array2d(dtype=float), size: float, scale: float,
+    mean_decay: float, square_decay: float, epsilon: float,
+):  # fmt: skip
+    n = wp.tid()
+    touched = bool(False)
+    for c in range(gradient.shape[1]):
+        touched = touched or gradient[n, c] != 0.0
+    if touched:
+        for c in range(gradient.shape[1]):
+            move(
+                parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon, n, c
+            )  # fmt: skip
+
+
 @wp.kernel
 def _touch(gradient: wp.array2d(dtype=float), touched: wp.array(dtype=wp.uint8)):
     n, c = wp.tid()
@@ -25,21 +61,18 @@ def _step(
 ):  # fmt: skip
     n, c = wp.tid()
     if touched[n] != wp.uint8(0):
-        g = gradient[n, c]
-        m = mean_decay * mean[n, c] + (1.0 - mean_decay) * g
-        s = square_decay * square[n, c] + (1.0 - square_decay) * g * g
-        mean[n, c] = m
-        square[n, c] = s
-        parameter[n, c] = parameter[n, c] - size * m / (wp.sqrt(scale * s) + epsilon)
-        gradient[n, c] = 0.0
+        move(
+            parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon, n, c
+        )
 
 
-def step(parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon) -> None:
-    """Change all tensors [N, C] in place; see the twin."""
-    touched = torch.zeros(len(parameter), dtype=torch.uint8, device=parameter.device)
-    dim = tuple(parameter.shape)
-    launch(_touch, dim, gradient, touched)
-    launch(
-        _step, dim, parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon,
-        touched,
-    )  # fmt: skip
+def step(parameter, gradient, mean, square, *factors) -> None:
+    """Change all tensors [N, C] in place by factors; see the twin."""
+    rows, columns = parameter.shape
+    tensors = parameter, gradient, mean, square
+    if columns < LONG_ROW:
+        launch(_step_rows, rows, *tensors, *factors)
+        return
+    touched = torch.zeros(rows, dtype=torch.uint8, device=parameter.device)
+    launch(_touch, (rows, columns), gradient, touched)
+    launch(_step, (rows, columns), *tensors, *factors, touched)

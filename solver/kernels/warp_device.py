@@ -6,9 +6,8 @@ needs a CUDA toolkit. Kernels run on torch's current stream, in order with torch
 
 from __future__ import annotations
 
-import ctypes
 import threading
-from functools import cache
+from functools import cache, partial
 
 import torch
 import warp as wp
@@ -21,8 +20,8 @@ _Array = type(wp.from_torch(torch.zeros(1), return_ctype=True))
 
 
 def launch(kernel: wp.Kernel, dim: int | tuple[int, ...], *arguments) -> None:
-    """Run `kernel` on `dim` threads; arguments are contiguous tensors of one device, and numbers."""
-    _run(kernel, dim, arguments)
+    """Run `kernel` on `dim` threads; arguments are tensors of one device, and numbers."""
+    _run(kernel, dim, arguments, None)
 
 
 def launch_adjoint(
@@ -37,68 +36,122 @@ def launch_adjoint(
     _run(kernel, dim, arguments, cotangents)
 
 
-_commands = threading.local()
-"""of a thread: launches by kernel and device, for making one anew takes Warp longer than all the rest"""
+_launches = threading.local()
+"""of a thread, since what one has set another must not launch"""
 
 
-def _run(kernel: wp.Kernel, dim, arguments: tuple, cotangents: tuple | None = None) -> None:
+def _run(kernel: wp.Kernel, dim, arguments: tuple, cotangents: tuple | None) -> None:
     if dim == 0 or (isinstance(dim, tuple) and 0 in dim):
         return
-    device = next(a.device for a in arguments if isinstance(a, torch.Tensor))
-    known = _commands.__dict__.setdefault("by_kernel", {})
+    device = _device_of(arguments)
+    known = _launches.__dict__.setdefault("known", {})
     key = kernel, device, cotangents is not None
     if key not in known:
-        known[key] = wp.launch(
-            kernel, dim, _arrays(kernel, arguments), device=wp.device_from_torch(device),
-            adj_inputs=_arrays(kernel, cotangents or ()), adjoint=cotangents is not None,
-            record_tape=False, record_cmd=True,
+        known[key] = _Launch(kernel, device, dim, arguments, cotangents)
+    known[key](dim, (*arguments, *(cotangents or ())))
+
+
+def _device_of(arguments: tuple) -> torch.device:
+    return next(a.device for a in arguments if isinstance(a, torch.Tensor))
+
+
+class _Launch:
+    """A kernel on a device, ready to go; to make that anew each time takes longer than most kernels do.
+
+    Args:
+        cotangents: those of the arguments, for the kernel's adjoint.
+    """
+
+    def __init__(
+        self, kernel: wp.Kernel, device: torch.device, dim, arguments: tuple, cotangents: tuple | None
+    ):  # fmt: skip
+        known = kernel.adj.args
+        self._parameters = [_Parameter(a.label, a.type) for a in known]
+        if cotangents is not None:
+            self._parameters += [_Parameter(f"cotangent of {a.label}", a.type) for a in known]
+        values = [
+            parameter.given(value)
+            for parameter, value in zip(self._parameters, (*arguments, *(cotangents or ())), strict=True)
+        ]  # fmt: skip
+        self._command = wp.launch(
+            kernel, dim, values[: len(known)], adj_inputs=values[len(known) :],
+            adjoint=cotangents is not None, device=wp.device_from_torch(device), record_cmd=True,
+            record_tape=False,
         )  # fmt: skip
-    command = known[key]
-    command.set_dim(dim)
-    for adjoint, values in ((False, arguments), (True, cotangents or ())):
-        for index, value in enumerate(_arrays(kernel, values)):
-            if isinstance(value, ctypes.Structure):
-                command.set_param_at_index_from_ctype(index, value, adjoint)
-            elif value is not None:
-                command.set_param_at_index(index, value, adjoint)
-    command.launch(_stream(device) if device.type == "cuda" else None)
+        for index, parameter in enumerate(self._parameters):
+            parameter.join(self._command, index % len(known), index >= len(known))
+        self._device, self._dim = device, dim
+
+    def __call__(self, dim: int | tuple[int, ...], values: tuple) -> None:
+        if dim != self._dim:
+            self._dim = dim
+            self._command.set_dim(dim)
+        for parameter, value in zip(self._parameters, values, strict=True):
+            parameter.set(value)
+        self._command.launch(_stream(self._device))
 
 
-def _stream(device: torch.device) -> wp.Stream:
-    current = torch.cuda.current_stream(device)
-    return _stream_of(device, current.cuda_stream)
+class _Parameter:
+    """An argument of a launch, or its cotangent, which is told what is new only."""
+
+    def __init__(self, name: str, kind: object):
+        self._name, self._value = name, None
+        self._array = self._type = None
+        if isinstance(kind, wp.array):
+            self._array, self._type = _Array(), wp.dtype_to_torch(kind.dtype)
+
+    def given(self, value: torch.Tensor | float | None) -> object:
+        """What Warp is given for a value, at first."""
+        self.set(value)
+        return self._array if isinstance(value, torch.Tensor) else value
+
+    def join(self, command: wp.Launch, index: int, adjoint: bool) -> None:
+        """Be a launch's parameter."""
+        self._tell = partial(command.set_param_at_index, index, adjoint=adjoint)
+        if self._array is not None:
+            command.set_param_at_index_from_ctype(index, self._array, adjoint)
+
+    def set(self, value: torch.Tensor | float | None) -> None:
+        """Take another value."""
+        if isinstance(value, torch.Tensor):
+            # All that Warp is told is where and how large it is: no type, so that a double would be read
+            # as two floats, and no owner, for memory on a stream is used again after what waits there.
+            self._array.data, *layout = place_of(value, self._name, self._type)
+            if layout != self._value:
+                self._value = layout
+                shape, strides = layout
+                size = value.element_size()
+                self._array.__init__(
+                    self._array.data, 0, len(shape), shape, [size * stride for stride in strides]
+                )
+        elif value is not None and value != self._value:
+            if self._value is not None:
+                self._tell(value)
+            self._value = value
 
 
-@cache
-def _stream_of(device: torch.device, address: int) -> wp.Stream:
-    return wp.Stream(wp.device_from_torch(device), cuda_stream=address)
+def place_of(
+    tensor: torch.Tensor, name: str, wanted: torch.dtype | None
+) -> tuple[int, tuple[int, ...], tuple[int, ...]]:
+    """Address, shape and strides of a tensor of the type wanted.
 
-
-def _arrays(kernel: wp.Kernel, values: tuple) -> list:
-    """The values that a kernel is given, with tensors as what Warp calls arrays."""
-    return [
-        _array(value, *wanted) if isinstance(value, torch.Tensor) else value
-        for value, wanted in zip(values, _types(kernel), strict=False)
-    ]
-
-
-@cache
-def _types(kernel: wp.Kernel) -> list[tuple[str, torch.dtype | None]]:
-    """Names of a kernel's arguments, and the type of those that are arrays."""
-    return [
-        (a.label, wp.dtype_to_torch(a.type.dtype) if isinstance(a.type, wp.array) else None)
-        for a in kernel.adj.args
-    ]
-
-
-def _array(tensor: torch.Tensor, name: str, wanted: torch.dtype | None) -> ctypes.Structure:
-    # What Warp is told is where and how large it is: no types, so that a double would be read as two
-    # floats, and no owner, for work on a stream is done before its memory is used again there.
+    Raises:
+        TypeError: it is of another.
+    """
     if tensor.dtype is not wanted:
         raise TypeError(f"{name}: {tensor.dtype} instead of {wanted}")
-    size = tensor.element_size()
-    strides = tuple(stride * size for stride in tensor.stride())
-    return _Array(tensor.data_ptr(), 0, tensor.dim(), tuple(tensor.shape), strides)
+    return tensor.data_ptr(), tensor.shape, tensor.stride()
+
+
+def _stream(device: torch.device) -> wp.Stream | None:
+    if device.type != "cuda":
+        return None
+    return _stream_at(device, torch.cuda.current_stream(device).cuda_stream)
+
+
+@cache
+def _stream_at(device: torch.device, address: int) -> wp.Stream:
+    return wp.Stream(wp.device_from_torch(device), cuda_stream=address)
 
 
 @wp.kernel

@@ -238,22 +238,22 @@ def pretended(kind: str, with_warp: bool = True) -> Iterator[None]:
         with_warp: it is one that Warp runs on, if it is of CUDA.
     """
 
-    def array(tensor, name, wanted):
+    def place(tensor, name, wanted):
         if not isinstance(tensor, Placed):
             problems.add(f"a Warp kernel gets '{name}' of the processor")
-        return make_array(_numbers(tensor), name, wanted)
+        return place_of(_numbers(tensor), name, wanted)
 
-    make_array, module_options = warp_device._array, torch.__future__
+    place_of, module_options = warp_device.place_of, torch.__future__
     before = module_options.get_overwrite_module_params_on_conversion()
     availability = torch.cuda if kind == "cuda" else torch.backends.mps
     problems.clear()
     with contextlib.ExitStack() as stack:
         stack.enter_context(patch.object(availability, "is_available", lambda: True))
         stack.enter_context(patch.object(backend, "_warp_runs_on", lambda device: with_warp))
-        stack.enter_context(patch.object(warp_device, "_array", array))
+        stack.enter_context(patch.object(warp_device, "place_of", place))
         stack.enter_context(patch.object(warp_device.wp, "device_from_torch", lambda device: "cpu"))
         stack.enter_context(patch.object(warp_device, "_stream", lambda device: None))
-        stack.enter_context(patch.object(warp_device, "_commands", threading.local()))
+        stack.enter_context(patch.object(warp_device, "_launches", threading.local()))
         # A module's parameter becomes another when it moves: it cannot change its class.
         module_options.set_overwrite_module_params_on_conversion(True)
         stack.callback(module_options.set_overwrite_module_params_on_conversion, before)

@@ -28,11 +28,12 @@ def test_where_all_is_touched_it_is_torchs_adam():
     torch.testing.assert_close(run(gradients, start)[0], theirs.detach(), rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.parametrize("columns", [8, 100])
 @pytest.mark.parametrize("path, device", PATHS)
-def test_kernel_agrees_with_its_twin(path, device):
+def test_kernel_agrees_with_its_twin(path, device, columns):
     torch.manual_seed(1)
-    start = torch.randn(40, 8)
-    gradients = torch.randn(5, 40, 8) * (torch.rand(5, 40, 1) < 0.5)
+    start = torch.randn(40, columns)
+    gradients = torch.randn(5, 40, columns) * (torch.rand(5, 40, 1) < 0.5)
     start, gradients = to_device([start, gradients], device)
     with forced_path(path):
         fused, moments = run(gradients, start)
