@@ -8,6 +8,7 @@ from __future__ import annotations
 import torch
 
 from ..brdf.microfacet import DIELECTRIC_F0
+from ..kernels.pointwise import at_hand, rowwise
 from ..render.radiance import RayBuffers
 from ..render.smoothness import saturating
 from .settings import FitSettings
@@ -39,15 +40,30 @@ def of_materials(buffers: RayBuffers, settings: FitSettings, fraction: float) ->
         loss = loss + (1 - fraction) * settings.roughness_weight * buffers.alpha.mean()
     if fraction < settings.f0_start:
         return loss
+    grey = settings.grey_f0_weight if fraction >= settings.grey_f0_start else 0.0
+    if at_hand(buffers.f0):
+        return loss + _of_materials_at_once(buffers, settings, grey)
     if settings.dielectric_weight > 0:
         loss = loss + settings.dielectric_weight * unlike_dielectric(buffers)
-    if settings.grey_f0_weight > 0 and fraction >= settings.grey_f0_start:
-        loss = loss + settings.grey_f0_weight * coloured_dielectric(buffers)
+    if grey > 0:
+        loss = loss + grey * coloured_dielectric(buffers)
     if settings.metal_weight > 0:
         loss = loss + settings.metal_weight * unlike_metal(buffers)
     if settings.metal_albedo_weight > 0:
         loss = loss + settings.metal_albedo_weight * diffuse_metal(buffers)
     return loss
+
+
+def _of_materials_at_once(buffers: RayBuffers, settings: FitSettings, grey: float) -> torch.Tensor:
+    """What `of_materials` has of those that tell metals from dielectrics, in one kernel."""
+    (loss,) = rowwise(
+        "material_priors", (buffers.albedo, buffers.f0, buffers.opacity.detach()),
+        (LEAST_OPACITY, settings.dielectric_weight, DIELECTRIC_F0, DIELECTRIC_SPREAD, grey,
+         LEAST_METAL_F0, SURE_DIELECTRIC_F0, settings.metal_weight, METAL_F0, COOL_SPREAD, METAL_SPREAD,
+         settings.metal_albedo_weight, SURE_METAL_F0),
+        ((),),
+    )  # fmt: skip
+    return loss.mean()
 
 
 def unlike_dielectric(buffers: RayBuffers) -> torch.Tensor:

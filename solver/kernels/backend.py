@@ -50,6 +50,11 @@ def on_numba(device: torch.device) -> bool:
     return path_of(device) == "numba"
 
 
+def on_warp(device: torch.device) -> bool:
+    """True where kernels that exist for cards only apply."""
+    return path_of(device) == "warp"
+
+
 class Kernels:
     """A family's kernels on one path, as functions of contiguous tensors and numbers."""
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import torch
 
 from ..field.heads import Materials
+from ..kernels.pointwise import at_hand, rowwise
 from .footprint import reflected_spread
 from .random_numbers import RandomNumbers
 from .reflection import reflected
@@ -33,6 +34,20 @@ def diffuse_fresnel(f0: torch.Tensor, cosine: torch.Tensor) -> torch.Tensor:
     return (1 - f0) * (1 - s)[:, None]
 
 
+def diffuse_radiance(
+    normals: torch.Tensor, materials: Materials, light: torch.Tensor, view: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Radiance [S, 3] that samples scatter of irradiance `light` [S, 3] along unit `view` [S, 3], and their
+    normals on the viewer's side."""
+    if at_hand(normals):
+        inputs = normals, materials.f0, materials.albedo, light, view
+        return rowwise("diffuse", inputs, (), ((3,), (3,)))
+    facing = (normals * view).sum(-1, keepdim=True)
+    toward = torch.where(facing < 0, -normals, normals)
+    reflectance = diffuse_fresnel(materials.f0, facing[:, 0].abs()) * materials.albedo
+    return reflectance * light / math.pi, toward
+
+
 def shade(
     scene: Scene, tables: StepTables, settings: RenderSettings, random: RandomNumbers,
     samples: Samples, view: torch.Tensor, mass: torch.Tensor, rays: int, trace=None,
@@ -51,12 +66,8 @@ def shade(
         return _glow(scene, tables, samples)
     surface = scene.surface(samples.points, samples.part, tables.normals)
     normals, materials = surface.normals, surface.materials
-    facing = (normals * view).sum(-1, keepdim=True)
-    toward = torch.where(facing < 0, -normals, normals)
-
-    reflectance = diffuse_fresnel(materials.f0, facing[:, 0].abs()) * materials.albedo
     light = scene.irradiance(samples.points, samples.part, normals, tables.light)
-    diffuse = reflectance * light / math.pi
+    diffuse, toward = diffuse_radiance(normals, materials, light, view)
     spread = None
     if pixel_angle is not None and settings.pixel_footprint:
         spread = reflected_spread(scene, tables, samples, normals, view, pixel_angle)

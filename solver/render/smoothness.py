@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 
 from ..field.heads import Materials
+from ..kernels.pointwise import at_hand, rowwise
 from .random_numbers import NEIGHBOUR, RandomNumbers
 from .scene import RenderSettings, Samples, Scene, StepTables
 from .shade import Shading
@@ -41,6 +42,14 @@ def smoothness(
     offset = (random.uniform(NEIGHBOUR, samples.keys, 3) - 0.5) * (2 * 3**0.5 * spread)
     near = scene.surface(samples.points + offset, samples.part, tables.normals)
     beyond = scene.surface_normals(samples.points - offset, samples.part, tables.normals)
+    if at_hand(shading.normals):
+        here, there = shading.materials, near.materials
+        return rowwise(
+            "smoothness",
+            (shading.normals, near.normals, beyond, here.alpha, there.alpha, here.albedo, there.albedo,
+             here.f0, there.f0),
+            (GLOSS_ROUGHNESS, CREASE, SAME_COLOUR, EVEN_ROUGHNESS), ((), ()),
+        )  # fmt: skip
     gloss = torch.exp(-shading.materials.alpha.detach().sqrt() / GLOSS_ROUGHNESS)
     bends = gloss * bending(shading.normals, near.normals, beyond)
     return bends, unevenness(shading.materials, near.materials)

@@ -1,0 +1,51 @@
+"""Shading of samples and priors of pixels in one kernel each, on cards that Warp runs on.
+
+Where each is called stands its plain torch twin: `render.smoothness`, `render.shade`, `fit.priors`.
+"""
+
+from __future__ import annotations
+
+import torch
+
+from .backend import kernels, on_warp
+
+Shape = tuple[int, ...]
+
+
+def at_hand(tensor: torch.Tensor) -> bool:
+    """True where `rowwise` applies; on the CPU torch does well what is done for each number."""
+    return tensor.dtype == torch.float32 and on_warp(tensor.device)
+
+
+class _Rowwise(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, name, widths, numbers, *inputs):
+        inputs = [value.contiguous() for value in inputs]
+        rows = len(inputs[0])
+        outputs = [inputs[0].new_empty(rows, *width) for width in widths]
+        kernels("pointwise", inputs[0].device).run(name, inputs, numbers, outputs)
+        ctx.name, ctx.numbers, ctx.count = name, numbers, len(inputs)
+        ctx.save_for_backward(*inputs, *outputs)
+        return tuple(outputs)
+
+    @staticmethod
+    def backward(ctx, *cotangents):
+        inputs, outputs = ctx.saved_tensors[: ctx.count], ctx.saved_tensors[ctx.count :]
+        gradients = [
+            torch.zeros_like(value) if needed else None
+            for value, needed in zip(inputs, ctx.needs_input_grad[3:], strict=True)
+        ]
+        kernels("pointwise", inputs[0].device).run_adjoint(
+            ctx.name, inputs, ctx.numbers, outputs, gradients, [c.contiguous() for c in cotangents]
+        )
+        return None, None, None, *gradients
+
+
+def rowwise(
+    name: str, inputs: tuple[torch.Tensor, ...], numbers: tuple[float, ...], widths: tuple[Shape, ...]
+) -> tuple[torch.Tensor, ...]:  # fmt: skip
+    """What a kernel of `pointwise_warp` makes of inputs [N, ...] and numbers: [N, *width] each.
+
+    Gradients flow to the inputs.
+    """
+    return _Rowwise.apply(name, widths, numbers, *inputs)

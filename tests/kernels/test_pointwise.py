@@ -1,0 +1,117 @@
+"""What is done for each sample or pixel at once on a card: against the plain torch that it stands for."""
+
+import dataclasses
+from types import SimpleNamespace
+
+import pytest
+import torch
+
+from solver.field.heads import Materials
+from solver.fit import priors
+from solver.fit.settings import FitSettings
+from solver.kernels.backend import forced_path
+from solver.render.random_numbers import RandomNumbers
+from solver.render.scene import RenderSettings, Samples, Surface
+from solver.render.shade import Shading, diffuse_radiance
+from solver.render.smoothness import smoothness
+from tests.kernels.paths import PATHS, to_device
+
+CARDS = [path for path in PATHS if path.values[0] == "warp"]
+COUNT = 500
+
+
+def rand(*shape):
+    return torch.rand(*shape, generator=rand.generator)
+
+
+def unit(count=COUNT):
+    return torch.nn.functional.normalize(rand(count, 3) - 0.5, dim=-1)
+
+
+def materials():
+    alpha = (1e-4 + rand(COUNT)).requires_grad_()
+    return [rand(COUNT, 3).requires_grad_(), alpha, rand(COUNT, 3).requires_grad_()]
+
+
+def compare(path, device, leaves, function, fixed=()):
+    """Outputs of a function, and gradients to its leaves, by kernels and by plain torch."""
+    found = []
+    for taken in (path, "torch"):
+        inputs = to_device(leaves, device)
+        with forced_path(taken):
+            outputs = function(*inputs, *to_device(fixed, device))
+            weights = torch.linspace(0.5, 1.5, sum(o.numel() for o in outputs), device=device)
+            sum(
+                (o.flatten() * w).sum()
+                for o, w in zip(outputs, weights.split([o.numel() for o in outputs]), strict=True)
+            ).backward()
+        found.append([*outputs, *(leaf.grad for leaf in inputs)])
+    for a, b in zip(*found, strict=True):
+        torch.testing.assert_close(a, b, rtol=1e-4, atol=1e-5)
+    assert all((gradient != 0).any() for gradient in found[1])
+
+
+@pytest.fixture(autouse=True)
+def seeded():
+    rand.generator = torch.Generator().manual_seed(3)
+
+
+@pytest.mark.parametrize("path, device", CARDS)
+def test_diffuse_light_is_the_same(path, device):
+    def function(normals, albedo, alpha, f0, light, view):
+        return diffuse_radiance(normals, Materials(albedo, alpha, f0), light, view)
+
+    albedo, alpha, f0 = materials()
+    # α has no say in it, and its place is taken by what has.
+    leaves = [unit().requires_grad_(), albedo, f0, rand(COUNT, 3).requires_grad_()]
+    compare(
+        path, device, leaves,
+        lambda normals, albedo, f0, light, view: function(normals, albedo, None, f0, light, view),
+        [unit()],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("path, device", CARDS)
+def test_smoothness_is_the_same(path, device):
+    normals = unit()
+    close = [torch.nn.functional.normalize(normals + 0.05 * unit(), dim=-1) for _ in range(2)]
+    here, there = materials(), materials()
+    # Half of all are of one material, where steps of roughness count more.
+    there[0] = (
+        here[0].detach() + 0.01 * (torch.arange(COUNT) % 2)[:, None] * rand(COUNT, 3)
+    ).requires_grad_()
+    leaves = [normals.requires_grad_(), *(n.requires_grad_() for n in close), *here, *there]
+
+    def function(normals, near, beyond, albedo, alpha, f0, near_albedo, near_alpha, near_f0):
+        nearby = Surface(near, None, Materials(near_albedo, near_alpha, near_f0), 0.0)
+        scene = SimpleNamespace(
+            field=SimpleNamespace(voxel=0.01), surface=lambda *_: nearby,
+            surface_normals=lambda *_: beyond,
+        )  # fmt: skip
+        shading = Shading(None, normals, None, Materials(albedo, alpha, f0))
+        keys = torch.arange(COUNT, device=normals.device)
+        samples = Samples(normals.detach(), None, None, keys)
+        tables, random = SimpleNamespace(normals=None), RandomNumbers(0, normals.device)
+        return smoothness(scene, tables, RenderSettings(), random, samples, shading)
+
+    compare(path, device, leaves, function)
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize("path, device", CARDS)
+def test_priors_of_materials_are_the_same(path, device, fraction):
+    opacity = rand(COUNT)
+    opacity[0], opacity[1] = 0.0, 1.0
+    f0 = rand(COUNT, 3) ** 2
+    f0[: COUNT // 2] = 0.05 + 0.2 * f0[: COUNT // 2]
+    albedo, f0 = ((value * opacity[:, None]).requires_grad_() for value in (rand(COUNT, 3), f0))
+    settings = dataclasses.replace(FitSettings(), palette_weight=0.3, roughness_weight=0.0)
+
+    def function(albedo, f0, opacity):
+        buffers = SimpleNamespace(albedo=albedo, f0=f0, opacity=opacity, alpha=None)
+        return [priors.of_materials(buffers, settings, fraction).view(1) * COUNT]
+
+    if fraction < settings.f0_start:
+        compare(path, device, [albedo], lambda a, f, o: function(a, f, o), [f0.detach(), opacity])
+    else:
+        compare(path, device, [albedo, f0], function, [opacity])
