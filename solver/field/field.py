@@ -6,10 +6,14 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+from ..kernels.pointwise import at_hand, rowwise
 from ..kernels.vm import vm_gradient, vm_products, vm_sum
 from ..kernels.vm_torch import vm_interpolation_gradient
 from .heads import MaterialHeads, Materials
 from .smoothing import gaussian_taps, smoothed_factors, upsample
+
+LEAST_SLOPE = 1e-5
+"""of raw densities per grid unit, below which a normal is no unit vector"""
 
 
 class MicrofacetField(nn.Module):
@@ -116,7 +120,9 @@ class MicrofacetField(nn.Module):
         """Unit outward normals [N, 3]: minus the (smoothed) gradient of the raw density."""
         gradient_of = vm_gradient if self.smoothed_normals else vm_interpolation_gradient
         gradient = gradient_of(box_points * (self.size - 1), *factors)
-        return -F.normalize(gradient, dim=-1, eps=1e-5)
+        if at_hand(gradient):
+            return rowwise("outward", (gradient,), (LEAST_SLOPE,), ((3,),))[0]
+        return -F.normalize(gradient, dim=-1, eps=LEAST_SLOPE)
 
     def features(self, box_points: torch.Tensor) -> torch.Tensor:
         """Feature vectors [N, F] at box points [N, 3]."""

@@ -5,6 +5,8 @@ Where each is called stands its plain torch twin: `render.smoothness`, `render.s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 
 from .backend import kernels, on_warp
@@ -31,14 +33,21 @@ class _Rowwise(torch.autograd.Function):
     @staticmethod
     def backward(ctx, *cotangents):
         inputs, outputs = ctx.saved_tensors[: ctx.count], ctx.saved_tensors[ctx.count :]
-        gradients = [
-            torch.zeros_like(value) if needed else None
-            for value, needed in zip(inputs, ctx.needs_input_grad[3:], strict=True)
-        ]
+        gradients = _zeros(inputs, ctx.needs_input_grad[3:])
         kernels("pointwise", inputs[0].device).run_adjoint(
             ctx.name, inputs, ctx.numbers, outputs, gradients, [c.contiguous() for c in cotangents]
         )
         return None, None, None, *gradients
+
+
+def _zeros(inputs: Sequence[torch.Tensor], needed: Sequence[bool]) -> list[torch.Tensor | None]:
+    """Gradients to begin with of the inputs that need one: parts of one tensor, which is filled at once."""
+    sizes = [value.numel() if wanted else 0 for value, wanted in zip(inputs, needed, strict=True)]
+    parts = inputs[0].new_zeros(sum(sizes)).split(sizes)
+    return [
+        part.view_as(value) if wanted else None
+        for part, value, wanted in zip(parts, inputs, needed, strict=True)
+    ]
 
 
 def rowwise(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from .lobe_warp import to_world
 from .warp_device import launch, launch_adjoint
 
 Numbers = wp.array(dtype=float)
@@ -97,6 +98,52 @@ def diffuse(
 
 
 @wp.kernel
+def outward(gradient: Vectors, least: float, normals: Vectors):
+    """Unit vectors against gradients, shorter where those are below `least`; see `field.normals`."""
+    n = wp.tid()
+    along = vector(gradient, n)
+    unit = along / wp.max(wp.length(along), least)
+    for c in range(3):
+        normals[n, c] = -unit[c]
+
+
+@wp.kernel(enable_backward=False)
+def pixel_edges(
+    normals: Vectors, view: Vectors, points: Vectors, distance: Numbers, angle: Numbers,
+    least_cosine: float, slid: wp.array3d(dtype=float),
+):  # fmt: skip
+    """World points [S, 2, 3] a pixel beside each sample on its tangent plane; see `render.footprint`."""
+    n = wp.tid()
+    normal = vector(normals, n)
+    toward = vector(view, n)
+    facing = wp.dot(normal, toward)
+    slope = wp.max(wp.abs(facing), least_cosine) * wp.where(facing < 0.0, -1.0, 1.0)
+    for edge in range(2):
+        along = to_world(toward, wp.vec3(1.0 - float(edge), float(edge), 0.0))
+        along = along - wp.dot(along, normal) / slope * toward
+        for c in range(3):
+            slid[n, edge, c] = points[n, c] + angle[n] * distance[n] * along[c]
+
+
+@wp.kernel(enable_backward=False)
+def mirrored_edges(
+    normals: Vectors, view: Vectors, other: wp.array3d(dtype=float), angle: Numbers,
+    spread: wp.array3d(dtype=float),
+):  # fmt: skip
+    """How mirrored directions differ across a pixel [S, 2, 3], with normals `other` at its edges."""
+    n = wp.tid()
+    normal = vector(normals, n)
+    toward = vector(view, n)
+    for edge in range(2):
+        bend = wp.vec3(other[n, edge, 0], other[n, edge, 1], other[n, edge, 2]) - normal
+        turn = angle[n] * to_world(toward, wp.vec3(1.0 - float(edge), float(edge), 0.0))
+        change = wp.dot(turn, normal) - wp.dot(toward, bend)
+        found = turn - 2.0 * change * normal + 2.0 * wp.dot(normal, toward) * bend
+        for c in range(3):
+            spread[n, edge, c] = found[c]
+
+
+@wp.kernel
 def material_priors(
     albedo: Vectors, f0: Vectors, opacity: Numbers, least_opacity: float, dielectric: float,
     dielectric_f0: float, dielectric_spread: float, grey: float, least_metal: float,
@@ -129,7 +176,8 @@ def material_priors(
     loss[n] = total
 
 
-KERNELS = {kernel.key.rsplit(".")[-1]: kernel for kernel in (smoothness, diffuse, material_priors)}
+ALL = smoothness, diffuse, outward, pixel_edges, mirrored_edges, material_priors
+KERNELS = {kernel.key.rsplit(".")[-1]: kernel for kernel in ALL}
 
 
 def run(name: str, inputs, numbers, outputs) -> None:

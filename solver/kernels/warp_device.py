@@ -124,6 +124,9 @@ class _Parameter:
                 self._array.__init__(
                     self._array.data, 0, len(shape), shape, [size * stride for stride in strides]
                 )
+        elif self._array is not None:
+            # Not wanted this time: what it was given before is not to be written to.
+            self._array.data = 0
         elif value is not None and value != self._value:
             if self._value is not None:
                 self._tell(value)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import torch
 
 from ..brdf.microfacet import tangent_frame
+from ..kernels.pointwise import at_hand, rowwise
 from .scene import Samples, Scene, StepTables
 
 LEAST_COSINE = 0.1
@@ -30,6 +31,8 @@ def reflected_spread(
         pixel_angle: [R] angular width of each ray's pixel, rad.
     """
     angle = pixel_angle[samples.ray][:, None]
+    if at_hand(normals):
+        return _spread_at_once(scene, tables, samples, normals, view, angle[:, 0])
     facing = (normals * view).sum(-1, keepdim=True)
     sign = torch.where(facing < 0, -1.0, 1.0)
     slope = facing.abs().clamp(min=LEAST_COSINE) * sign
@@ -44,3 +47,15 @@ def reflected_spread(
     # Of r = d − 2 (d·n) n with d = −view: dr = dd − 2 (dd·n + d·dn) n − 2 (d·n) dn.
     change = (turn * normals - view * bend).sum(-1, keepdim=True)
     return (turn - 2 * change * normals + 2 * facing * bend).transpose(0, 1)
+
+
+def _spread_at_once(
+    scene: Scene, tables: StepTables, samples: Samples, normals: torch.Tensor, view: torch.Tensor,
+    angle: torch.Tensor,
+) -> torch.Tensor:  # fmt: skip
+    """`reflected_spread` in two kernels, before and after normals are looked up; `angle` [S]."""
+    edges = normals, view, samples.points, samples.distance, angle
+    (points,) = rowwise("pixel_edges", edges, (LEAST_COSINE,), ((2, 3),))
+    part = None if samples.part is None else samples.part.repeat_interleave(2)
+    other = scene.surface_normals(points.view(-1, 3), part, tables.normals).view_as(points)
+    return rowwise("mirrored_edges", (normals, view, other, angle), (), ((2, 3),))[0]

@@ -6,15 +6,18 @@ from types import SimpleNamespace
 import pytest
 import torch
 
+from solver.field.field import MicrofacetField
 from solver.field.heads import Materials
 from solver.fit import priors
 from solver.fit.settings import FitSettings
 from solver.kernels.backend import forced_path
+from solver.render.footprint import reflected_spread
 from solver.render.random_numbers import RandomNumbers
-from solver.render.scene import RenderSettings, Samples, Surface
+from solver.render.scene import RenderSettings, Samples, StepTables, Surface
 from solver.render.shade import Shading, diffuse_radiance
 from solver.render.smoothness import smoothness
 from tests.kernels.paths import PATHS, to_device
+from tests.render.test_invariance import lumpy
 
 CARDS = [path for path in PATHS if path.values[0] == "warp"]
 COUNT = 500
@@ -33,7 +36,7 @@ def materials():
     return [rand(COUNT, 3).requires_grad_(), alpha, rand(COUNT, 3).requires_grad_()]
 
 
-def compare(path, device, leaves, function, fixed=()):
+def compare(path, device, leaves, function, fixed=(), scale=1.0):
     """Outputs of a function, and gradients to its leaves, by kernels and by plain torch."""
     found = []
     for taken in (path, "torch"):
@@ -47,7 +50,7 @@ def compare(path, device, leaves, function, fixed=()):
             ).backward()
         found.append([*outputs, *(leaf.grad for leaf in inputs)])
     for a, b in zip(*found, strict=True):
-        torch.testing.assert_close(a, b, rtol=1e-4, atol=1e-5)
+        torch.testing.assert_close(scale * a, scale * b, rtol=1e-4, atol=1e-5)
     assert all((gradient != 0).any() for gradient in found[1])
 
 
@@ -69,6 +72,24 @@ def test_diffuse_light_is_the_same(path, device):
         lambda normals, albedo, f0, light, view: function(normals, albedo, None, f0, light, view),
         [unit()],
     )  # fmt: skip
+
+
+@pytest.mark.parametrize("path, device", CARDS)
+def test_gradients_that_are_not_wanted_are_written_nowhere(path, device):
+    """A fixed bug: a launch went on to write where the one before it had wanted a gradient."""
+    normals, light, view = to_device([unit(), rand(COUNT, 3), unit()], device)
+    albedo, alpha, f0 = to_device(materials(), device)
+    before = []
+    with forced_path(path):
+        for wanted in (True, False, True):
+            light.grad = None
+            light.requires_grad_(wanted)
+            radiance, _ = diffuse_radiance(normals, Materials(albedo, alpha, f0), light, view)
+            kept = [gradient.clone() for gradient in before]
+            radiance.sum().backward()
+            assert all(torch.equal(*pair) for pair in zip(before, kept, strict=True))
+            before += [light.grad] if wanted else []
+    assert len(before) == 2 and torch.equal(*before)
 
 
 @pytest.mark.parametrize("path, device", CARDS)
@@ -95,6 +116,33 @@ def test_smoothness_is_the_same(path, device):
         return smoothness(scene, tables, RenderSettings(), random, samples, shading)
 
     compare(path, device, leaves, function)
+
+
+@pytest.mark.parametrize("path, device", CARDS)
+def test_normals_are_the_same_also_where_there_is_hardly_any_slope(path, device):
+    planes, lines = rand(3, 8, 8, 4), rand(3, 8, 4)
+    planes[:, :3] = 1e-4 * planes[:, :3]
+    points = rand(COUNT, 3)
+    field = MicrofacetField(torch.zeros(3), 1.0, 8, density_components=4).to(device)
+
+    def function(planes, lines):
+        return [field.normals(points.to(device), (planes, lines))]
+
+    compare(path, device, [planes.requires_grad_(), lines.requires_grad_()], function, scale=1e-3)
+
+
+@pytest.mark.parametrize("path, device", CARDS)
+def test_a_pixels_spread_in_a_mirror_is_the_same(path, device):
+    scene = lumpy().to(device)
+    points, view, normals = 0.5 * unit(), unit(), unit()
+    samples = to_device([points, 4 + rand(COUNT), torch.arange(COUNT), None], device)
+    normals, view, angle = to_device([normals, view, 0.01 * rand(COUNT)], device)
+    found = []
+    for taken in (path, "torch"):
+        with forced_path(taken):
+            tables = StepTables.of(scene)
+            found.append(reflected_spread(scene, tables, Samples(*samples), normals, view, angle))
+    torch.testing.assert_close(*found, rtol=1e-3, atol=1e-4)
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.5, 0.9])
