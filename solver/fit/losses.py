@@ -7,6 +7,7 @@ import math
 import torch
 
 from ..field.room import Room
+from ..kernels.pointwise import at_hand, rowwise
 from ..render.radiance import RayBuffers
 from ..render.random_numbers import ROOM_DIRECTION, RandomNumbers
 from ..render.scene import Scene, StepTables
@@ -60,6 +61,14 @@ def total_loss(
         fraction: how much of the fit is done; smoothness terms fade with it.
         gain: see `photometric`.
     """
+    if (
+        at_hand(buffers.radiance)
+        and buffers.bending is not None
+        and gain is None
+        and (isinstance(behind, torch.Tensor))
+    ):
+        image, shape = _at_once(buffers, batch, settings, use_masks, fraction, behind)
+        return image + shape, {"image": float(image.detach())}
     image = photometric(buffers, batch, behind, gain)
     loss = image + settings.opacity_weight * buffers.opacity.mean()
     loss = loss + settings.orientation_weight * buffers.backfacing.mean()
@@ -71,6 +80,24 @@ def total_loss(
         loss = loss + fade * settings.bend_weight * buffers.bending.mean()
         loss = loss + fade * settings.unevenness_weight * buffers.unevenness.mean()
     return loss, {"image": float(image.detach())}
+
+
+def _at_once(
+    buffers: RayBuffers, batch: RayBatch, settings: FitSettings, use_masks: bool, fraction: float,
+    behind: torch.Tensor,
+) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
+    """The image loss and the rest of `total_loss` in one kernel, of pixels before plain colours."""
+    fade = settings.smoothness_end**fraction
+    image, shape = rowwise(
+        "pixel_loss",
+        (buffers.radiance, buffers.opacity, buffers.backfacing, buffers.bending, buffers.unevenness,
+         batch.colour, batch.alpha, batch.alpha_known, batch.clipped, behind),
+        (settings.opacity_weight, settings.orientation_weight,
+         settings.mask_weight if use_masks else 0.0, fade * settings.bend_weight,
+         fade * settings.unevenness_weight),
+        ((), ()),
+    )  # fmt: skip
+    return image.mean(), shape.mean()
 
 
 def known_of_room(

@@ -118,6 +118,12 @@ def off_palette(buffers: RayBuffers) -> torch.Tensor:
     albedo = _straight(buffers.albedo, buffers.opacity)
     mean = (opacity[:, None] * albedo).mean() / opacity.mean().clamp(min=LEAST_OPACITY)
     half = len(opacity) // 2
+    if at_hand(albedo):
+        inputs, numbers = (
+            (buffers.albedo, opacity, mean.view(1)),
+            (LEAST_OPACITY, COLOUR_SPREAD, half),
+        )
+        return rowwise("off_palette", inputs, numbers, ((),))[0].mean()
     square = (albedo - albedo.roll(half, 0)).square().mean(-1) / mean.square().clamp(min=1e-6)
     return (opacity * opacity.roll(half) * saturating(square, COLOUR_SPREAD)).mean()
 

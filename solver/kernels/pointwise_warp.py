@@ -143,6 +143,57 @@ def mirrored_edges(
             spread[n, edge, c] = found[c]
 
 
+@wp.func
+def linear_to_srgb(linear: float):
+    """`render.tonemap.linear_to_srgb`."""
+    curve = 1.055 * wp.pow(wp.max(linear, 0.0031308), 1.0 / 2.4) - 0.055
+    return wp.where(linear <= 0.0031308, 12.92 * linear, curve)
+
+
+@wp.kernel
+def pixel_loss(
+    radiance: Vectors, opacity: Numbers, backfacing: Numbers, bending: Numbers, unevenness: Numbers,
+    colour: Vectors, alpha: Numbers, alpha_known: wp.array(dtype=wp.bool),
+    clipped: wp.array2d(dtype=wp.bool), behind: Vectors, by_opacity: float, by_backfacing: float,
+    by_mask: float, by_bending: float, by_unevenness: float, image: Numbers, shape: Numbers,
+):  # fmt: skip
+    """How unlike its photo a pixel before a plain colour is, and the weighted sum of what else is held
+    against it; see `fit.losses`."""
+    n = wp.tid()
+    share = wp.clamp(opacity[n], 0.0, 1.0)
+    total = float(0.0)
+    for c in range(3):
+        shown = linear_to_srgb(radiance[n, c] / wp.max(share, 1.0e-3)) * share
+        shown = shown + (1.0 - share) * behind[n, c]
+        error = shown - (colour[n, c] * alpha[n] + (1.0 - alpha[n]) * behind[n, c])
+        forgiven = clipped[n, c] and error > 0.0 and alpha[n] > 0.999
+        total += wp.where(forgiven, 0.0, error * error)
+    image[n] = total / 3.0
+    missing = wp.where(alpha_known[n], opacity[n] - alpha[n], 0.0)
+    shape[n] = (
+        by_opacity * opacity[n] + by_backfacing * backfacing[n] + by_mask * missing * missing
+        + by_bending * bending[n] + by_unevenness * unevenness[n]
+    )  # fmt: skip
+
+
+@wp.kernel
+def off_palette(
+    albedo: Vectors, opacity: Numbers, mean: Numbers, least_opacity: float, spread: float,
+    half: int, loss: Numbers,
+):  # fmt: skip
+    """How unlike a pixel's albedo is to that of another half a batch away; see `fit.priors`."""
+    n = wp.tid()
+    other = n - half
+    if other < 0:
+        other = other + albedo.shape[0]
+    own = held(opacity[n])
+    others = held(opacity[other])
+    step = vector(albedo, n) / wp.max(own, least_opacity)
+    step = step - vector(albedo, other) / wp.max(others, least_opacity)
+    square = mean_square(step) / wp.max(mean[0] * mean[0], 1.0e-6)
+    loss[n] = own * others * saturating(square, spread)
+
+
 @wp.kernel
 def material_priors(
     albedo: Vectors, f0: Vectors, opacity: Numbers, least_opacity: float, dielectric: float,
@@ -176,7 +227,16 @@ def material_priors(
     loss[n] = total
 
 
-ALL = smoothness, diffuse, outward, pixel_edges, mirrored_edges, material_priors
+ALL = (
+    smoothness,
+    diffuse,
+    outward,
+    pixel_edges,
+    mirrored_edges,
+    pixel_loss,
+    off_palette,
+    material_priors,
+)
 KERNELS = {kernel.key.rsplit(".")[-1]: kernel for kernel in ALL}
 
 

@@ -9,6 +9,7 @@ import torch
 from solver.field.field import MicrofacetField
 from solver.field.heads import Materials
 from solver.fit import priors
+from solver.fit.losses import total_loss
 from solver.fit.settings import FitSettings
 from solver.kernels.backend import forced_path
 from solver.render.footprint import reflected_spread
@@ -143,6 +144,31 @@ def test_a_pixels_spread_in_a_mirror_is_the_same(path, device):
             tables = StepTables.of(scene)
             found.append(reflected_spread(scene, tables, Samples(*samples), normals, view, angle))
     torch.testing.assert_close(*found, rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize("use_masks", [True, False])
+@pytest.mark.parametrize("path, device", CARDS)
+def test_losses_of_pixels_are_the_same(path, device, use_masks):
+    opacity, alpha = rand(COUNT), (2 * rand(COUNT) - 0.5).clamp(0, 1)
+    opacity[0], opacity[1] = 1.001, 0.0
+    radiance = (1.2 * rand(COUNT, 3) ** 3 * opacity[:, None]).requires_grad_()
+    leaves = [radiance, opacity.requires_grad_(), *(rand(COUNT).requires_grad_() for _ in range(3))]
+    fixed = [
+        rand(COUNT, 3), alpha, rand(COUNT) < 0.8, rand(COUNT, 3) < 0.5, rand(COUNT, 3)
+    ]  # fmt: skip
+
+    def function(
+        radiance, opacity, backfacing, bending, unevenness, colour, alpha, known, clipped, behind
+    ):
+        buffers = SimpleNamespace(
+            radiance=radiance, opacity=opacity, backfacing=backfacing, bending=bending,
+            unevenness=unevenness,
+        )  # fmt: skip
+        batch = SimpleNamespace(colour=colour, alpha=alpha, alpha_known=known, clipped=clipped)
+        loss, terms = total_loss(buffers, batch, FitSettings(), use_masks, 0.3, behind)
+        return [COUNT * loss.view(1), torch.tensor([terms["image"]], device=device)]
+
+    compare(path, device, leaves, function, fixed)
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.5, 0.9])
