@@ -130,10 +130,10 @@ class Camera:
         which these are, and their depths (`project`)."""
         height, width = shape
         pixel, depth = self.project(points)
-        pixel = np.nan_to_num(pixel, nan=-1.0) * (width / self.width, height / self.height)
-        inside = (depth > 0) & (pixel >= 0).all(1) & (pixel < (width, height)).all(1)
-        column, row = pixel[inside].astype(int).T
-        return (row, column), inside, depth[inside]
+        x, y = pixel[:, 0] * (width / self.width), pixel[:, 1] * (height / self.height)
+        # No comparison holds for NaN.
+        inside = (depth > 0) & (x >= 0) & (x < width) & (y >= 0) & (y < height)
+        return (y[inside].astype(int), x[inside].astype(int)), inside, depth[inside]
 
     def lens_reaches(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """[N] true where some ray has the pixel position; false beyond the distortion's fold."""

@@ -5,6 +5,10 @@ Early, rays go through fog and take many samples; later few. After NeRFAcc (Li e
 
 from __future__ import annotations
 
+import math
+
+import torch
+
 from .settings import FitSettings
 
 FIRST_RAYS = 100
@@ -12,15 +16,29 @@ SMOOTHING = 0.1
 RETRACED_START, RETRACED_MEMORY = 1000, 20
 
 
+MEMORY_OF_A_CHUNK = 12e9
+"""bytes of a card for a chunk of the paper's size: 200,000 samples, 1,000,000 secondary ones"""
+
+
+def room_on(device: torch.device) -> int:
+    """For how many chunks of the paper's size a device has memory at once; one on the CPU."""
+    if device.type != "cuda":
+        return 1
+    return max(1, int(torch.cuda.get_device_properties(device).total_memory / MEMORY_OF_A_CHUNK))
+
+
 class Batching:
     """How many primary rays a step and a chunk take, and how many secondary rays are retraced.
+
+    Args:
+        room: for how many chunks at once, of those that `samples` allows, the device has memory.
 
     Attributes:
         share: of the rays that the settings say, where `samples` does not; less where there is no time.
     """
 
-    def __init__(self, settings: FitSettings, retraced_rays: int):
-        self.settings, self.first_retraced = settings, retraced_rays
+    def __init__(self, settings: FitSettings, retraced_rays: int, room: int = 1):
+        self.settings, self.first_retraced, self.room = settings, retraced_rays, room
         self.share = 1.0
         self.restart()
 
@@ -42,14 +60,20 @@ class Batching:
         most = max(settings.most_rays, settings.rays)
         held = max(1, self.chunk // each)
         total = min(max(held, settings.rays), most)
-        chunk = min(held, total)
+        chunk = min(held * self.room, total)
         whole, rest = divmod(total, chunk)
         return [chunk] * whole + ([rest] if rest else [])
 
-    def retraced_of(self, share: float) -> int:
-        """Retraced rays of a chunk that is a `share` of its step."""
-        follows_memory = self.settings.samples > 0 or self.settings.secondary_samples > 0
-        return self.retraced if follows_memory else round(self.retraced * share)
+    def retraced_of(self, share: float, primary: int) -> int:
+        """Retraced rays of a chunk that is a `share` of its step and has so many primary ones."""
+        if self.settings.samples <= 0 and self.settings.secondary_samples <= 0:
+            return round(self.retraced * share)
+        # Those of all the chunks whose place it takes.
+        return (
+            self.retraced * math.ceil(primary / max(1, self.chunk))
+            if self.room > 1
+            else self.retraced
+        )
 
     def observe(self, rays: int, samples: int, retraced: int, retraced_samples: int) -> None:
         """Take note of a chunk: its rays and samples, primary and retraced."""

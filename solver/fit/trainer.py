@@ -15,7 +15,7 @@ from ..render.probing import refresh_probes
 from ..render.random_numbers import RandomNumbers
 from ..render.scene import Scene, SharedTables
 from .adam import Adam
-from .batching import Batching
+from .batching import Batching, room_on
 from .chunk import SURROUNDED, Chunk, ChunkLoss
 from .exposure import exposures_for
 from .far_light import FarLight
@@ -77,7 +77,7 @@ class Trainer:
         if turns is not None:
             rays = min(fit.chunk_rays, max(1, fit.rays // TURNS_A_STEP))
             fit = dataclasses.replace(fit, chunk_rays=rays)
-        self.batching = Batching(fit, settings.render.retraced_rays)
+        self.batching = Batching(fit, settings.render.retraced_rays, room_on(scene.device))
         self.step = 0
         self.level = 0
         self.steps_at_level = 0
@@ -260,7 +260,7 @@ class Trainer:
         chunks = []
         for batch, own, colour in zip(batches, keys.split(sizes), colours, strict=True):
             share = len(own) / len(keys)
-            retraced = self.batching.retraced_of(share)
+            retraced = self.batching.retraced_of(share, len(own) * grid * grid)
             turn = min(len(chunks), len(turns) - 1)
             chunks.append(
                 Chunk(batch, own, colour, log_gain, share, retraced, self.step, self.fraction, turn)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 import scipy.ndimage
@@ -13,6 +15,7 @@ from ..capture.camera import Camera
 from ..capture.errors import listed
 from ..field.field import MicrofacetField
 from ..kernels.vm_torch import LINE_AXES, PLANE_AXES
+from ..threads import usable_cores
 from .seen_space import cell_centres
 
 SEEN_BY = 0.2
@@ -23,6 +26,8 @@ don't see it, lies inside all their masks, as it were"""
 NOTHING_IN_COMMON = "no point in the region lies inside the masks of all photos"
 FINER, MUCH_SMALLER = 4, 0.8
 """times that the hull's box is looked for within itself, while an edge gets shorter by this factor"""
+CELLS_A_THREAD = 20_000
+"""at least, of those carved side by side"""
 THIN_CELLS = 2
 """cells around the hull within which it is not too thin for its cells' centres, but ends"""
 BELONG_TOGETHER = (
@@ -58,19 +63,28 @@ def carve(
     reach = 0.5 * float(np.linalg.norm((region[1] - region[0]) / cells)) if whole_cells else 0.0
     alive = np.arange(len(points)) if within is None else np.flatnonzero(within)
     times_seen = np.zeros(len(points), dtype=np.int32)
-    for camera, mask in zip(cameras, masks, strict=True):
-        if whole_cells:
-            # Pixels to the nearest that the mask shows, along rows or columns.
-            beside = scipy.ndimage.distance_transform_cdt(~mask, "chessboard")
-        at, seen, depths = camera.pixels_of(points[alive], mask.shape)
-        times_seen[alive] += seen
-        covered = np.ones(len(alive), dtype=bool)
-        if whole_cells:
+
+    def may_stay(camera: Camera, mask: np.ndarray, beside: np.ndarray | None, some: np.ndarray):
+        """Which of `some` cells a photo leaves; counts those in its frame."""
+        at, seen, depths = camera.pixels_of(points[some], mask.shape)
+        times_seen[some] += seen
+        covered = np.ones(len(some), dtype=bool)
+        if beside is None:
+            covered[seen] = mask[at]
+        else:
             per_unit = max(camera.fx, camera.fy) * mask.shape[1] / camera.width / depths
             covered[seen] = (beside[at] <= np.round(reach * per_unit) + spare) & (beside[at] >= 0)
-        else:
-            covered[seen] = mask[at]
-        alive = alive[covered]
+        return some[covered]
+
+    with ThreadPoolExecutor(usable_cores()) as pool:
+        for camera, mask in zip(cameras, masks, strict=True):
+            beside = None
+            if whole_cells:
+                # Pixels to the nearest that the mask shows, along rows or columns.
+                beside = scipy.ndimage.distance_transform_cdt(~mask, "chessboard")
+            parts = np.array_split(alive, max(1, min(usable_cores(), len(alive) // CELLS_A_THREAD)))
+            kept = pool.map(partial(may_stay, camera, mask, beside), parts)
+            alive = np.concatenate(list(kept))
     hull = np.zeros(len(points), dtype=bool)
     hull[alive] = times_seen[alive] >= fewest * len(cameras)
     return hull.reshape(cells, cells, cells)

@@ -21,9 +21,8 @@ def at_hand(tensor: torch.Tensor) -> bool:
 
 class _Rowwise(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, name, widths, numbers, *inputs):
+    def forward(ctx, name, rows, widths, numbers, *inputs):
         inputs = [value.contiguous() for value in inputs]
-        rows = len(inputs[0])
         outputs = [inputs[0].new_empty(rows, *width) for width in widths]
         kernels("pointwise", inputs[0].device).run(name, inputs, numbers, outputs)
         ctx.name, ctx.numbers, ctx.count = name, numbers, len(inputs)
@@ -33,11 +32,11 @@ class _Rowwise(torch.autograd.Function):
     @staticmethod
     def backward(ctx, *cotangents):
         inputs, outputs = ctx.saved_tensors[: ctx.count], ctx.saved_tensors[ctx.count :]
-        gradients = _zeros(inputs, ctx.needs_input_grad[3:])
+        gradients = _zeros(inputs, ctx.needs_input_grad[4:])
         kernels("pointwise", inputs[0].device).run_adjoint(
             ctx.name, inputs, ctx.numbers, outputs, gradients, [c.contiguous() for c in cotangents]
         )
-        return None, None, None, *gradients
+        return None, None, None, None, *gradients
 
 
 def _zeros(inputs: Sequence[torch.Tensor], needed: Sequence[bool]) -> list[torch.Tensor | None]:
@@ -51,10 +50,15 @@ def _zeros(inputs: Sequence[torch.Tensor], needed: Sequence[bool]) -> list[torch
 
 
 def rowwise(
-    name: str, inputs: tuple[torch.Tensor, ...], numbers: tuple[float, ...], widths: tuple[Shape, ...]
+    name: str, inputs: tuple[torch.Tensor, ...], numbers: tuple[float, ...], widths: tuple[Shape, ...],
+    rows: int | None = None,
 ) -> tuple[torch.Tensor, ...]:  # fmt: skip
     """What a kernel of `pointwise_warp` makes of inputs [N, ...] and numbers: [N, *width] each.
 
     Gradients flow to the inputs.
+
+    Args:
+        rows: N, if it is not that of the first input.
     """
-    return _Rowwise.apply(name, widths, numbers, *inputs)
+    rows = len(inputs[0]) if rows is None else rows
+    return _Rowwise.apply(name, rows, widths, numbers, *inputs)

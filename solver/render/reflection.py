@@ -16,6 +16,7 @@ from ..brdf.microfacet import (
 from ..kernels import drawing
 from ..kernels.backend import fast, precise
 from ..kernels.drawing import Plan
+from ..kernels.pointwise import at_hand, rowwise
 from ..kernels.skipping import SELF_SHADOW_COSINE
 from ..kernels.specular import Near, specular
 from ..light.floor import Floor
@@ -53,6 +54,8 @@ def scatter(
         spread: [S, 2, 3] see `footprint.reflected_spread`.
     """
     sample = plan.sample
+    if at_hand(normals):
+        return _scatter_at_once(surface, normals, view, part, plan, scene, settings, spread)
     tangent, bitangent = tangent_frame(normals)
     frame = torch.stack([tangent, bitangent, normals], dim=1)
     local_view = torch.einsum("nij,nj->ni", frame, view)
@@ -84,6 +87,25 @@ def scatter(
     direction = direction / direction.norm(dim=-1, keepdim=True)
     spread = None if spread is None or not settings.integral_image else spread[sample]
     return SecondaryRays(sample, plan.keys, direction, weight, solid_angle, spread)
+
+
+def _scatter_at_once(
+    surface: Surface, normals: torch.Tensor, view: torch.Tensor, part: torch.Tensor | None,
+    plan: Plan, scene: Scene, settings: RenderSettings, spread: torch.Tensor | None,
+) -> SecondaryRays:  # fmt: skip
+    """`scatter` with all but g in one kernel."""
+    alpha, sample = surface.materials.alpha, plan.sample
+    half, light, direction, weight, solid_angle = rowwise(
+        "scattered",
+        (normals, alpha, surface.materials.f0, view, plan.share, plan.counts, sample, plan.u),
+        (settings.light_masking, settings.integral_image), ((3,), (3,), (3,), (3,), ()), len(sample),
+    )  # fmt: skip
+    if settings.neural > 0:
+        part = None if part is None else part[sample]
+        g = scene.neural_term(part, surface.features[sample], half, light, alpha[sample])
+        weight = weight * (1 + settings.neural * (g - 1))
+    spread = None if spread is None or not settings.integral_image else spread[sample]
+    return SecondaryRays(sample, plan.keys, direction, weight, solid_angle.detach(), spread)
 
 
 @torch.no_grad()

@@ -23,6 +23,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from unittest.mock import patch
 
 import torch
@@ -35,6 +36,8 @@ from solver.render import nested
 from solver.render.nested import mapped, tensors_of
 
 ROOT = Path(__file__).resolve().parents[2]
+MEMORY = 48e9
+"""of the card, bytes"""
 LINES = 4
 """of the source that a problem is told with, the innermost first"""
 FACTORIES = (
@@ -249,6 +252,8 @@ def pretended(kind: str, with_warp: bool = True) -> Iterator[None]:
     problems.clear()
     with contextlib.ExitStack() as stack:
         stack.enter_context(patch.object(availability, "is_available", lambda: True))
+        card = SimpleNamespace(total_memory=MEMORY)
+        stack.enter_context(patch.object(torch.cuda, "get_device_properties", lambda device: card))
         stack.enter_context(patch.object(backend, "_warp_runs_on", lambda device: with_warp))
         stack.enter_context(patch.object(warp_device, "place_of", place))
         stack.enter_context(patch.object(warp_device.wp, "device_from_torch", lambda device: "cpu"))

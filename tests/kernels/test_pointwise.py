@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 import torch
 
+from solver.brdf.neural import NeuralTerm
 from solver.field.field import MicrofacetField
 from solver.field.heads import Materials
 from solver.fit import priors
@@ -14,6 +15,7 @@ from solver.fit.settings import FitSettings
 from solver.kernels.backend import forced_path
 from solver.render.footprint import reflected_spread
 from solver.render.random_numbers import RandomNumbers
+from solver.render.reflection import plan_rays, scatter
 from solver.render.scene import RenderSettings, Samples, StepTables, Surface
 from solver.render.shade import Shading, diffuse_radiance
 from solver.render.smoothness import smoothness
@@ -52,7 +54,7 @@ def compare(path, device, leaves, function, fixed=(), scale=1.0):
         found.append([*outputs, *(leaf.grad for leaf in inputs)])
     for a, b in zip(*found, strict=True):
         torch.testing.assert_close(scale * a, scale * b, rtol=1e-4, atol=1e-5)
-    assert all((gradient != 0).any() for gradient in found[1])
+    assert all((leaf.grad != 0).any() for leaf in inputs)
 
 
 @pytest.fixture(autouse=True)
@@ -144,6 +146,28 @@ def test_a_pixels_spread_in_a_mirror_is_the_same(path, device):
             tables = StepTables.of(scene)
             found.append(reflected_spread(scene, tables, Samples(*samples), normals, view, angle))
     torch.testing.assert_close(*found, rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize("masking, averaged", [(True, True), (False, False)])
+@pytest.mark.parametrize("path, device", CARDS)
+def test_scattered_rays_are_the_same_with_the_neural_term(path, device, masking, averaged):
+    normals, view = unit(), unit()
+    view = torch.where((view * normals).sum(-1, keepdim=True) > 0, view, -view)
+    _, alpha, f0 = materials()
+    leaves = [normals.requires_grad_(), alpha, f0, rand(COUNT, 24).requires_grad_()]
+    settings = RenderSettings(neural=0.7, light_masking=masking, integral_image=averaged)
+    torch.manual_seed(0)
+    term = NeuralTerm(24).to(device)
+    scene = SimpleNamespace(neural_term=lambda part, *inputs: term(*inputs))
+
+    def function(normals, alpha, f0, features, view, mass):
+        surface = Surface(normals, features, Materials(None, alpha, f0), 0.0)
+        keys = 4096 * torch.arange(COUNT, device=device)
+        plan = plan_rays(keys, mass, 4, RandomNumbers(0, device))
+        rays = scatter(surface, normals, view, None, plan, scene, settings)
+        return [rays.direction, rays.weight, 0.01 * rays.solid_angle]
+
+    compare(path, device, leaves, function, [view, rand(COUNT)], scale=0.1)
 
 
 @pytest.mark.parametrize("use_masks", [True, False])

@@ -1,0 +1,192 @@
+"""Shading of samples in Warp, for CUDA, a thread a row; Warp derives the adjoints.
+
+Plain torch, their twin, stands where each is called (see `pointwise`). Kernels take what has gradients,
+then what has none, numbers, and what they write.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from .lobe_warp import ggx_distribution, half_vector, seen_from, smith, to_world
+from .vectors_warp import (
+    Numbers,
+    Vectors,
+    distance,
+    held,
+    mean_distance,
+    saturating,
+    vector,
+)
+
+PI = wp.constant(3.141592653589793)
+
+
+@wp.kernel
+def smoothness(
+    normals: Vectors, near: Vectors, beyond: Vectors, alpha: Numbers, near_alpha: Numbers,
+    albedo: Vectors, near_albedo: Vectors, f0: Vectors, near_f0: Vectors, gloss_roughness: float,
+    crease: float, same_colour: float, even_roughness: float, bends: Numbers, unevenness: Numbers,
+):  # fmt: skip
+    """`render.smoothness.smoothness`, of what it looked up."""
+    n = wp.tid()
+    lone = vector(near, n) + vector(beyond, n) - 2.0 * vector(normals, n)
+    roughness = wp.sqrt(alpha[n])
+    gloss = wp.exp(-held(roughness) / gloss_roughness)
+    bends[n] = gloss * saturating(0.25 * wp.dot(lone, lone), crease)
+    colours = mean_distance(vector(near_albedo, n), vector(albedo, n))
+    colours = colours + mean_distance(vector(near_f0, n), vector(f0, n))
+    counts = 1.0 + (even_roughness - 1.0) * wp.exp(-held(colours) / same_colour)
+    unevenness[n] = colours + counts * distance(wp.sqrt(near_alpha[n]), roughness)
+
+
+@wp.kernel
+def diffuse(
+    normals: Vectors, f0: Vectors, albedo: Vectors, light: Vectors, view: Vectors, radiance: Vectors,
+    toward: Vectors,
+):  # fmt: skip
+    """Diffuse radiance of samples under irradiance `light`, and their normals on the viewer's side; see
+    `render.shade`."""
+    n = wp.tid()
+    normal = vector(normals, n)
+    facing = wp.dot(normal, vector(view, n))
+    away = wp.clamp(1.0 - wp.abs(facing), 1.0e-12, 1.0)
+    passing = 1.0 - (0.0271 * wp.pow(away, 2.65) + 0.0005)
+    side = wp.where(facing < 0.0, -1.0, 1.0)
+    for c in range(3):
+        radiance[n, c] = (1.0 - f0[n, c]) * passing * albedo[n, c] * light[n, c] / PI
+        toward[n, c] = side * normal[c]
+
+
+@wp.kernel
+def outward(gradient: Vectors, least: float, normals: Vectors):
+    """Unit vectors against gradients, shorter where those are below `least`; see `field.normals`."""
+    n = wp.tid()
+    along = vector(gradient, n)
+    unit = along / wp.max(wp.length(along), least)
+    for c in range(3):
+        normals[n, c] = -unit[c]
+
+
+@wp.kernel(enable_backward=False)
+def pixel_edges(
+    normals: Vectors, view: Vectors, points: Vectors, distance: Numbers, angle: Numbers,
+    least_cosine: float, slid: wp.array3d(dtype=float),
+):  # fmt: skip
+    """World points [S, 2, 3] a pixel beside each sample on its tangent plane; see `render.footprint`."""
+    n = wp.tid()
+    normal = vector(normals, n)
+    toward = vector(view, n)
+    facing = wp.dot(normal, toward)
+    slope = wp.max(wp.abs(facing), least_cosine) * wp.where(facing < 0.0, -1.0, 1.0)
+    for edge in range(2):
+        along = to_world(toward, wp.vec3(1.0 - float(edge), float(edge), 0.0))
+        along = along - wp.dot(along, normal) / slope * toward
+        for c in range(3):
+            slid[n, edge, c] = points[n, c] + angle[n] * distance[n] * along[c]
+
+
+@wp.kernel(enable_backward=False)
+def mirrored_edges(
+    normals: Vectors, view: Vectors, other: wp.array3d(dtype=float), angle: Numbers,
+    spread: wp.array3d(dtype=float),
+):  # fmt: skip
+    """How mirrored directions differ across a pixel [S, 2, 3], with normals `other` at its edges."""
+    n = wp.tid()
+    normal = vector(normals, n)
+    toward = vector(view, n)
+    for edge in range(2):
+        bend = wp.vec3(other[n, edge, 0], other[n, edge, 1], other[n, edge, 2]) - normal
+        turn = angle[n] * to_world(toward, wp.vec3(1.0 - float(edge), float(edge), 0.0))
+        change = wp.dot(turn, normal) - wp.dot(toward, bend)
+        found = turn - 2.0 * change * normal + 2.0 * wp.dot(normal, toward) * bend
+        for c in range(3):
+            spread[n, edge, c] = found[c]
+
+
+@wp.kernel
+def scattered(
+    normals: Vectors, alpha: Numbers, f0: Vectors, view: Vectors, share: Numbers,
+    counts: wp.array(dtype=wp.int64), sample: wp.array(dtype=wp.int64), u: Vectors, masking: bool,
+    averaged: bool, half_vectors: Vectors, lights: Vectors, directions: Vectors, weights: Vectors,
+    solid_angles: Numbers,
+):  # fmt: skip
+    """Secondary rays [K]: local half vectors and directions, world directions, weights without g, and the
+    solid angles they stand for; see `render.reflection.scatter`."""
+    k = wp.tid()
+    s = int(sample[k])
+    n = vector(normals, s)
+    local = seen_from(n, vector(view, s))
+    half = half_vector(local, alpha[s], u[k, 0], u[k, 1])
+    view_half = wp.dot(local, half)
+    light = 2.0 * view_half * half - local
+    direction = to_world(n, light)
+    bend = wp.where(light[2] > 1.0e-4, share[s], 0.0)
+    if masking:
+        seen = 1.0 + smith(local[2], alpha[s])
+        bend = bend * seen / (seen + smith(light[2], alpha[s]))
+    m = wp.clamp(1.0 - view_half, 0.0, 1.0)
+    m5 = m * m * m * m * m
+    for c in range(3):
+        half_vectors[k, c] = half[c]
+        lights[k, c] = light[c]
+        directions[k, c] = direction[c]
+        weights[k, c] = (f0[s, c] + (1.0 - f0[s, c]) * m5) * bend
+    solid_angle = float(0.0)
+    if averaged:
+        density = ggx_distribution(held(half[2]), held(alpha[s]))
+        density = density / ((1.0 + smith(held(local[2]), held(alpha[s]))) * 4.0 * held(local[2]))
+        solid_angle = 1.0 / wp.max(float(counts[s]) * density, 1.0e-6)
+    solid_angles[k] = solid_angle
+
+
+@wp.func
+def harmonics(d: wp.vec3, blur: float, out: Vectors, n: int, first: int):
+    """The 25 of `light.spherical_harmonics.sh_basis`, degree l times exp(−l(l + 1)/2 · `blur`), and the
+    direction itself."""
+    x = d[0]
+    y = d[1]
+    z = d[2]
+    xx = x * x
+    yy = y * y
+    zz = z * z
+    out[n, first] = 0.28209479177387814
+    a = wp.exp(-blur)
+    out[n, first + 1] = a * 0.4886025119029199 * y
+    out[n, first + 2] = a * 0.4886025119029199 * z
+    out[n, first + 3] = a * 0.4886025119029199 * x
+    b = wp.exp(-3.0 * blur)
+    out[n, first + 4] = b * 1.0925484305920792 * x * y
+    out[n, first + 5] = b * 1.0925484305920792 * y * z
+    out[n, first + 6] = b * 0.31539156525252005 * (3.0 * zz - 1.0)
+    out[n, first + 7] = b * 1.0925484305920792 * x * z
+    out[n, first + 8] = b * 0.5462742152960396 * (xx - yy)
+    c = wp.exp(-6.0 * blur)
+    out[n, first + 9] = c * 0.5900435899266435 * y * (3.0 * xx - yy)
+    out[n, first + 10] = c * 2.890611442640554 * x * y * z
+    out[n, first + 11] = c * 0.4570457994644658 * y * (5.0 * zz - 1.0)
+    out[n, first + 12] = c * 0.3731763325901154 * z * (5.0 * zz - 3.0)
+    out[n, first + 13] = c * 0.4570457994644658 * x * (5.0 * zz - 1.0)
+    out[n, first + 14] = c * 1.445305721320277 * z * (xx - yy)
+    out[n, first + 15] = c * 0.5900435899266435 * x * (xx - 3.0 * yy)
+    e = wp.exp(-10.0 * blur)
+    out[n, first + 16] = e * 2.5033429417967046 * x * y * (xx - yy)
+    out[n, first + 17] = e * 1.7701307697799304 * y * z * (3.0 * xx - yy)
+    out[n, first + 18] = e * 0.9461746957575601 * x * y * (7.0 * zz - 1.0)
+    out[n, first + 19] = e * 0.6690465435572892 * y * z * (7.0 * zz - 3.0)
+    out[n, first + 20] = e * 0.10578554691520431 * (35.0 * zz * zz - 30.0 * zz + 3.0)
+    out[n, first + 21] = e * 0.6690465435572892 * x * z * (7.0 * zz - 3.0)
+    out[n, first + 22] = e * 0.47308734787878004 * (xx - yy) * (7.0 * zz - 1.0)
+    out[n, first + 23] = e * 1.7701307697799304 * x * z * (xx - 3.0 * yy)
+    out[n, first + 24] = e * 0.6258357354491761 * (xx * (xx - 3.0 * yy) - yy * (3.0 * xx - yy))
+    for axis in range(3):
+        out[n, first + 25 + axis] = d[axis]
+
+
+@wp.kernel(enable_backward=False)
+def directions_encoded(half: Vectors, light: Vectors, alpha: Numbers, out: Vectors):
+    """Attenuated harmonics of local half vectors and directions, each before these [K, 56]; see
+    `brdf.neural`."""
+    n = wp.tid()
+    harmonics(vector(half, n), alpha[n], out, n, 0)
+    harmonics(vector(light, n), alpha[n], out, n, 28)
