@@ -1,6 +1,14 @@
 """How many threads there may be, and how they wait."""
 
+from __future__ import annotations
+
 import os
+from collections import deque
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor, Future
+from typing import TypeVar
+
+Item, Result = TypeVar("Item"), TypeVar("Result")
 
 
 def let_idle_threads_sleep() -> None:
@@ -21,3 +29,15 @@ def usable_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def mapped_ahead(pool: Executor, function: Callable[[Item], Result], items: Iterable[Item]):
+    """Results of a function of items in their order, a few of them made ahead: not all, which a pool's own
+    `map` would, for they may be more than memory holds."""
+    under_way: deque[Future[Result]] = deque()
+    for item in items:
+        under_way.append(pool.submit(function, item))
+        if len(under_way) > 2 * usable_cores():
+            yield under_way.popleft().result()
+    while under_way:
+        yield under_way.popleft().result()

@@ -29,6 +29,8 @@ _LOOKUPS_PER_SHOWN_PIXEL, _LOOKUPS_PER_PHOTO = 800, 1_100_000
 _LOOKUPS_OF_FLOOR = 20_000_000
 # A step of a fog, of draft's 1024 rays (measured: 0.3 s where a lookup takes 0.29 µs).
 _LOOKUPS_PER_FOG_STEP = 1_000_000
+_SECONDS_BESIDE_A_CARD = 8.0
+"""mesh and UVs are made by the processor, however fast a card is (measured, *draft*)"""
 _TRIAL = 30_000
 FINISHING = 0.3
 """of a time limit that mesh, textures and report may take: with more, they get smaller"""
@@ -88,7 +90,10 @@ def finish_within(
         lookups += _LOOKUPS_PER_SHOWN_PIXEL * shown + _LOOKUPS_PER_PHOTO * len(cameras)
         if scene.environment.floor is not None:
             lookups += _LOOKUPS_OF_FLOOR
-        finish = Finish(size, pixels, lookups * lookup, lookup)
+        seconds = lookups * lookup
+        if limit is not None and scene.device.type != "cpu":
+            seconds += _SECONDS_BESIDE_A_CARD
+        finish = Finish(size, pixels, seconds, lookup)
         if limit is None or finish.seconds <= FINISHING * limit:
             break
     return finish

@@ -15,7 +15,7 @@ from ..capture.camera import Camera
 from ..capture.errors import listed
 from ..field.field import MicrofacetField
 from ..kernels.vm_torch import LINE_AXES, PLANE_AXES
-from ..threads import usable_cores
+from ..threads import mapped_ahead, usable_cores
 from .seen_space import cell_centres
 
 SEEN_BY = 0.2
@@ -77,17 +77,23 @@ def carve(
         return some[covered]
 
     with ThreadPoolExecutor(usable_cores()) as pool:
-        for camera, mask in zip(cameras, masks, strict=True):
-            beside = None
-            if whole_cells:
-                # Pixels to the nearest that the mask shows, along rows or columns.
-                beside = scipy.ndimage.distance_transform_cdt(~mask, "chessboard")
+        with_distances = mapped_ahead(pool, _and_distances if whole_cells else _alone, masks)
+        for camera, (mask, beside) in zip(cameras, with_distances, strict=True):
             parts = np.array_split(alive, max(1, min(usable_cores(), len(alive) // CELLS_A_THREAD)))
             kept = pool.map(partial(may_stay, camera, mask, beside), parts)
             alive = np.concatenate(list(kept))
     hull = np.zeros(len(points), dtype=bool)
     hull[alive] = times_seen[alive] >= fewest * len(cameras)
     return hull.reshape(cells, cells, cells)
+
+
+def _alone(mask: np.ndarray) -> tuple[np.ndarray, None]:
+    return mask, None
+
+
+def _and_distances(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A mask, and how many pixels the nearest that it shows is away from each, along rows or columns."""
+    return mask, scipy.ndimage.distance_transform_cdt(~mask, "chessboard")
 
 
 def whole_hull(

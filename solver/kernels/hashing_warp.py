@@ -9,10 +9,14 @@ from .warp_device import launch
 wp.set_module_options({"enable_backward": False})
 
 
+FIRST = wp.constant(wp.uint32(0x7FEB352D))
+SECOND = wp.constant(wp.uint32(0x846CA68B))
+
+
 @wp.func
 def mix(x: wp.uint32):
-    first = (x ^ (x >> wp.uint32(16))) * wp.uint32(0x7FEB352D)
-    second = (first ^ (first >> wp.uint32(15))) * wp.uint32(0x846CA68B)
+    first = (x ^ (x >> wp.uint32(16))) * FIRST
+    second = (first ^ (first >> wp.uint32(15))) * SECOND
     return second ^ (second >> wp.uint32(16))
 
 

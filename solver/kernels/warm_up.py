@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 
 from .adam import Moments, Rates, adam_step
-from .backend import has_kernels
+from .backend import has_kernels, on_warp
 from .drawing import draw_depths, plan_rays
 from .hashing import uniform
 from .integral import prefix_sums, rectangle_mean
@@ -17,9 +17,18 @@ from .sphere import look_up
 from .visibility import look_around
 from .vm import smooth_planes, vm_gradient, vm_products, vm_sum
 
+WARP_FAMILIES = (
+    "adam", "drawing", "hashing", "integral", "loss", "march", "probe_light", "shading", "specular",
+    "visibility", "vm",
+)  # fmt: skip
+
 
 def compile_kernels(device: torch.device | str = "cpu") -> None:
     """Run every kernel once, forwards and backwards, on a handful of numbers on a device."""
+    if on_warp(torch.device(device)):
+        from . import warp_device
+
+        warp_device.load(WARP_FAMILIES, torch.device(device))
     with torch.device(device):
         _run_lookups()
         if has_kernels(torch.device(device)):

@@ -6,11 +6,15 @@ needs a CUDA toolkit. Kernels run on torch's current stream, in order with torch
 
 from __future__ import annotations
 
+import importlib
 import threading
+from collections.abc import Iterable
 from functools import cache, partial
 
 import torch
 import warp as wp
+
+from ..threads import usable_cores
 
 # Its greeting would stand among what programs read from our output.
 wp.config.log_level = wp.LOG_ERROR
@@ -155,6 +159,16 @@ def _stream(device: torch.device) -> wp.Stream | None:
 @cache
 def _stream_at(device: torch.device, address: int) -> wp.Stream:
     return wp.Stream(wp.device_from_torch(device), cuda_stream=address)
+
+
+def load(families: Iterable[str], device: torch.device) -> None:
+    """Compile all kernels of modules `*_warp` for a device, side by side, and load them; those that were
+    compiled on this machine before are found on its disk."""
+    modules = [importlib.import_module(f"{__package__}.{family}_warp") for family in families]
+    wp.force_load(
+        wp.device_from_torch(device), [wp.get_module(module.__name__) for module in modules],
+        max_workers=usable_cores(),
+    )  # fmt: skip
 
 
 @wp.kernel

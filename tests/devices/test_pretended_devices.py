@@ -18,6 +18,7 @@ from solver.fit.preview import over_plain
 from solver.fit.reconstruct import run_job
 from solver.fit.render_job import compose_jobs, render_job
 from solver.fit.start import new_trainer
+from solver.fit.time_limit import _SECONDS_BESIDE_A_CARD, finish_within
 from solver.job.control import Cancelled
 from solver.job.folder import JobFolder, JobRequest
 from solver.kernels.warm_up import compile_kernels
@@ -26,6 +27,7 @@ from solver.render.composition import Placement
 from tests.devices.pretend import Placed, pretended, problems
 from tests.fit.test_fit import SIZE, ball_capture
 from tests.fit.test_method import SMALL_PAPER
+from tests.render.scenes import ball
 
 WAYS = [
     pytest.param("cuda", True, id="cuda-warp"),
@@ -94,6 +96,14 @@ def test_a_fit_on_a_card_mixes_nothing_with_the_processor(device, with_warp, fit
         trainer = new_trainer(capture, photos, settings, 0, None, device, lambda fraction: None)
         losses = [trainer.advance(step / STEPS)["image"] for step in range(STEPS)]
     assert isinstance(trainer.scene.field.density_planes, Placed) and np.isfinite(losses).all()
+
+
+def test_what_the_processor_does_beside_a_card_takes_its_time_within_a_limit():
+    with pretended("cuda"):
+        scene = ball().to("cuda")
+        limited = finish_within(60, scene, settings_for("draft"))
+        assert limited.seconds > _SECONDS_BESIDE_A_CARD
+        assert finish_within(None, scene, settings_for("draft")).seconds == 0
 
 
 @pytest.mark.parametrize("device, with_warp", WAYS)

@@ -7,11 +7,16 @@ import pytest
 import warp as wp
 
 import solver.kernels
+from solver.kernels.warm_up import WARP_FAMILIES
 
 MODULES = Path(solver.kernels.__path__[0]).glob("*_warp.py")
 FAMILIES = sorted(
     path.stem.removesuffix("_warp") for path in MODULES if "@wp.kernel" in path.read_text("utf-8")
 )
+
+
+def test_all_that_have_kernels_are_compiled_before_a_fit():
+    assert set(FAMILIES) == set(WARP_FAMILIES)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
