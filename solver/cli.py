@@ -6,6 +6,7 @@ Exit codes: 0 done, 2 bad input, 3 cancelled, 4 out of memory, 1 anything else.
 from __future__ import annotations
 
 import argparse
+import importlib
 import io
 import math
 import sys
@@ -184,9 +185,9 @@ def _reconstruct(options: argparse.Namespace) -> int:
         return _run_job(job, options.began)
     preset, overrides = options.preset or "draft", overrides_of(options.sets)
     settings_for(preset, overrides)
-    read_capture(
-        options.capture, photos=options.photos, masks=options.masks
-    )  # bad input is refused before a folder is made
+    # Bad input is refused, and a package that is missing told, before a folder is made.
+    read_capture(options.capture, photos=options.photos, masks=options.masks)
+    importlib.import_module(".fit.reconstruct", __package__)
     request = JobRequest(
         capture=str(options.capture.absolute()), preset=preset, device=options.device or "auto",
         seed=options.seed or 0, time_limit=options.time_limit, overrides=overrides,

@@ -99,6 +99,20 @@ def test_doctor_names_packages_that_do_not_load(monkeypatch, capsys):
     assert last.startswith("a-missing-package DOES NOT LOAD: ModuleNotFoundError")
 
 
+def test_a_package_that_is_missing_is_told_before_a_folder_is_made(tmp_path):
+    """A fixed bug: what was left asked for --resume."""
+    code = (
+        "import sys; sys.modules['xatlas'] = None; from solver.start import start; "
+        f"sys.argv[1:] = ['reconstruct', {str(DUCK)!r}, '--out', {str(tmp_path / 'job')!r}]; "
+        "sys.exit(start())"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, text=True, capture_output=True, timeout=60
+    )
+    assert result.returncode == 2 and "lacks the package 'xatlas'" in result.stderr
+    assert not (tmp_path / "job").exists()
+
+
 @pytest.mark.parametrize("how", [["-m", "solver"], ["solver/bootstrap.py"]], ids=" ".join)
 def test_a_python_without_the_packages_is_told_which_and_how_to_get_them(how):
     # -S: without the folder of installed packages.
