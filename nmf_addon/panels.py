@@ -185,6 +185,8 @@ def _draw_missing_solver(
         shown = box.operator("preferences.addon_show", text="Open Preferences", icon="PREFERENCES")
         shown.module = BASE_PACKAGE
         return
+    if runtime.variable_python():
+        return
     _note(box, context, f"Once per computer: {preferences.SIZE_TEXT} are downloaded into a "
           "private folder. Nothing of Blender's is changed.")  # fmt: skip
     preferences.draw_setup(box)

@@ -53,6 +53,11 @@ def managed_runtime(chosen_folder: str = "") -> Path:
     return folder
 
 
+def variable_python() -> str:
+    """The Python that the environment variable names; "" if it does not."""
+    return os.environ.get(PYTHON_VARIABLE, "")
+
+
 def solver_python(chosen: str = "", runtime_folder: str = "") -> Path:
     """The Python to run the solver with.
 
@@ -63,12 +68,13 @@ def solver_python(chosen: str = "", runtime_folder: str = "") -> Path:
     Raises:
         RuntimeMissing: none of them is there.
     """
-    for candidate in (chosen, os.environ.get(PYTHON_VARIABLE, "")):
+    variable = f"the environment variable {PYTHON_VARIABLE}"
+    for candidate, place in ((chosen, "the preferences"), (variable_python(), variable)):
         if candidate:
             if Path(candidate).is_file():
                 return Path(candidate)
             raise RuntimeMissing(
-                f"The solver's Python {candidate} does not exist; correct it in the preferences."
+                f"The solver's Python {candidate} does not exist; correct it in {place}."
             )
     environment = managed_runtime(runtime_folder) / ENVIRONMENT
     if (environment / RECORD).is_file() and environment_python(environment).is_file():

@@ -50,11 +50,27 @@ def test_a_box_that_masks_show_can_be_taken_by_a_button(draw, capture):
         assert (("operator", "nmf.fit_region_box") in drawn) == offered
 
 
-def test_a_solver_that_is_not_there_is_said_with_a_button(draw, extension, monkeypatch):
+@pytest.fixture
+def not_set_up(extension, monkeypatch):
+    monkeypatch.delenv("NMF_SOLVER_PYTHON")
+    state = None, "The solver is not set up yet; press Set Up Solver."
+    monkeypatch.setattr(extension("runtime"), "solver_state", lambda *_: state)
+
+
+def test_a_solver_that_is_not_there_is_said_with_a_button(draw, not_set_up):
+    drawn, words = draw("reconstruct")
+    assert "not set up yet" in words and ("operator", "nmf.setup_solver") in drawn
+    assert ("operator", "nmf.reconstruct") not in drawn
+
+
+def test_where_the_variable_names_no_python_that_is_said_and_nothing_set_up_in_vain(
+    draw, extension, monkeypatch
+):
     monkeypatch.setenv("NMF_SOLVER_PYTHON", "/nowhere/python")
     extension("runtime").forget()
     drawn, words = draw("reconstruct")
-    assert "does not exist" in words and ("operator", "nmf.setup_solver") in drawn
+    assert "correct it in the environment variable NMF_SOLVER_PYTHON" in words
+    assert ("operator", "nmf.setup_solver") not in drawn
     assert ("operator", "nmf.reconstruct") not in drawn
 
 
@@ -69,9 +85,7 @@ def test_where_the_own_python_is_wrong_the_preferences_are_offered_and_no_set_up
     assert ("operator", "nmf.setup_solver") not in drawn
 
 
-def test_the_set_up_shows_its_progress_and_its_error(draw, extension, monkeypatch):
-    monkeypatch.setenv("NMF_SOLVER_PYTHON", "/nowhere/python")
-    extension("runtime").forget()
+def test_the_set_up_shows_its_progress_and_its_error(draw, extension, not_set_up, monkeypatch):
     module = extension("setup_monitor")
     state = module.SetupState(running=True, fraction=0.4, text="Downloading torch (190 MB)")
     monkeypatch.setattr(module, "_state", state)
