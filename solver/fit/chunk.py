@@ -103,7 +103,9 @@ class ChunkLoss:
             loss = loss + fit.room_light_weight * self.far.difference(scene, tables, random, keys)
         (loss * share).backward()
         samples = (buffers.samples, buffers.retraced, buffers.retraced_samples)
-        return Taken(terms["image"], samples, None if log_gain is None else log_gain.grad)
+        # A card is waited for here, when it has all there is to do.
+        image = float(terms["image"])
+        return Taken(image, samples, None if log_gain is None else log_gain.grad)
 
     @torch.no_grad()
     def image_error(self, scene: Scene, tables: StepTables, chunk: Chunk) -> float:

@@ -53,7 +53,7 @@ def photometric(
 def total_loss(
     buffers: RayBuffers, batch: RayBatch, settings: FitSettings, use_masks: bool, fraction: float,
     behind: Behind, gain: torch.Tensor | None = None,
-) -> tuple[torch.Tensor, dict[str, float]]:  # fmt: skip
+) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:  # fmt: skip
     """The weighted sum of what photos and shapes say, and the terms that are worth showing.
 
     Args:
@@ -68,7 +68,7 @@ def total_loss(
         and (isinstance(behind, torch.Tensor))
     ):
         image, shape = _at_once(buffers, batch, settings, use_masks, fraction, behind)
-        return image + shape, {"image": float(image.detach())}
+        return image + shape, {"image": image.detach()}
     image = photometric(buffers, batch, behind, gain)
     loss = image + settings.opacity_weight * buffers.opacity.mean()
     loss = loss + settings.orientation_weight * buffers.backfacing.mean()
@@ -79,7 +79,7 @@ def total_loss(
         fade = settings.smoothness_end**fraction
         loss = loss + fade * settings.bend_weight * buffers.bending.mean()
         loss = loss + fade * settings.unevenness_weight * buffers.unevenness.mean()
-    return loss, {"image": float(image.detach())}
+    return loss, {"image": image.detach()}
 
 
 def _at_once(

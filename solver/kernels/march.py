@@ -42,9 +42,8 @@ def march(
         shift, scale: σ = scale · softplus(raw + shift) per world unit.
     """
     planes, lines = planes.detach(), lines.detach()
-    shortest = float(directions.abs().amax(-1).min()) if len(directions) else 1.0
-    capacity = max(4, math.ceil(math.sqrt(3.0) / max(shortest * step, 1e-9)) + 2)
-    capacity = min(capacity, MOST_SAMPLES)
+    # Of the box's diagonal, which no ray is longer than.
+    capacity = min(math.ceil(math.sqrt(3.0) * cell * len(free) / step) + 2, MOST_SAMPLES)
     if not fast(planes):
         return Segments(*march_torch.march(
             origins, directions, start, jitter, step, cell, free, planes, lines, shift, scale,

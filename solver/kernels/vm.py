@@ -8,7 +8,7 @@ from __future__ import annotations
 import torch
 
 from . import vm_torch
-from .backend import fast, gradient_buffer, kernels, on_numba
+from .backend import fast, gradient_buffer, kernels, on_numba, on_warp
 
 NEGLIGIBLE = 1e-3
 """cotangents below this share of their mean are left out of sums over many samples"""
@@ -41,7 +41,9 @@ class _Sum(torch.autograd.Function):
     def backward(ctx, cotangent):
         # Most samples of a ray lie before or behind its surface, with next to no gradient: together
         # those left out have less than a thousandth of it.
-        least = NEGLIGIBLE * float(cotangent.abs().mean()) if len(cotangent) else 0.0
+        least = NEGLIGIBLE * cotangent.abs().mean().nan_to_num()
+        if not on_warp(least.device):
+            least = float(least)  # where nothing waits for it
         gradients = _to_factors("vm_sum_backward", ctx.saved_tensors, cotangent, least)
         return None, *gradients, None
 

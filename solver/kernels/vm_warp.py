@@ -144,12 +144,12 @@ def spread(
 @wp.kernel
 def _sum_backward(
     points: wp.array2d(dtype=float), planes: wp.array4d(dtype=float),
-    lines: wp.array3d(dtype=float), cotangent: wp.array(dtype=float), least: float,
+    lines: wp.array3d(dtype=float), cotangent: wp.array(dtype=float), least: wp.array(dtype=float),
     grad_planes: wp.array4d(dtype=float), grad_lines: wp.array3d(dtype=float),
 ):  # fmt: skip
     n, ch = wp.tid()
     g = cotangent[n]
-    if wp.abs(g) <= least:
+    if wp.abs(g) <= least[0]:
         return
     size = planes.shape[1]
     for k in range(3):
@@ -312,7 +312,7 @@ def vm_sum(points, planes, lines, out) -> None:
 def vm_sum_backward(points, planes, lines, cotangent, least, grad_planes, grad_lines) -> None:
     dim = len(points), planes.shape[3]
     launch(
-        _sum_backward, dim, points, planes, lines, cotangent, least, grad_planes, grad_lines
+        _sum_backward, dim, points, planes, lines, cotangent, least.view(1), grad_planes, grad_lines
     )  # fmt: skip
 
 

@@ -190,7 +190,7 @@ def test_losses_of_pixels_are_the_same(path, device, use_masks):
         )  # fmt: skip
         batch = SimpleNamespace(colour=colour, alpha=alpha, alpha_known=known, clipped=clipped)
         loss, terms = total_loss(buffers, batch, FitSettings(), use_masks, 0.3, behind)
-        return [COUNT * loss.view(1), torch.tensor([terms["image"]], device=device)]
+        return [COUNT * loss.view(1), terms["image"].view(1)]
 
     compare(path, device, leaves, function, fixed)
 
