@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future
 from typing import TypeVar
 
 Item, Result = TypeVar("Item"), TypeVar("Result")
+
+MOST_AHEAD = 8
 
 
 def let_idle_threads_sleep() -> None:
@@ -31,13 +33,22 @@ def usable_cores() -> int:
     return os.cpu_count() or 1
 
 
-def mapped_ahead(pool: Executor, function: Callable[[Item], Result], items: Iterable[Item]):
-    """Results of a function of items in their order, a few of them made ahead: not all, which a pool's own
+def mapped_ahead(
+    pool: Executor,
+    function: Callable[[Item], Result],
+    items: Iterable[Item],
+    ahead: int = MOST_AHEAD,
+) -> Iterator[Result]:
+    """Results of a function of items in their order, some of them made `ahead`: not all, which a pool's own
     `map` would, for they may be more than memory holds."""
     under_way: deque[Future[Result]] = deque()
-    for item in items:
-        under_way.append(pool.submit(function, item))
-        if len(under_way) > 2 * usable_cores():
+    try:
+        for item in items:
+            under_way.append(pool.submit(function, item))
+            if len(under_way) > ahead:
+                yield under_way.popleft().result()
+        while under_way:
             yield under_way.popleft().result()
-    while under_way:
-        yield under_way.popleft().result()
+    finally:
+        for future in under_way:
+            future.cancel()

@@ -16,15 +16,18 @@ SMOOTHING = 0.1
 RETRACED_START, RETRACED_MEMORY = 1000, 20
 
 
+LEFT_FREE = 2e9
+"""bytes of a card for others, Blender among them"""
 MEMORY_OF_A_CHUNK = 12e9
 """bytes of a card for a chunk of the paper's size: 200,000 samples, 1,000,000 secondary ones"""
 
 
 def room_on(device: torch.device) -> int:
-    """For how many chunks of the paper's size a device has memory at once; one on the CPU."""
+    """For how many chunks of the paper's size a device has free memory; one on the CPU."""
     if device.type != "cuda":
         return 1
-    return max(1, int(torch.cuda.get_device_properties(device).total_memory / MEMORY_OF_A_CHUNK))
+    free, _ = torch.cuda.mem_get_info(device)
+    return max(1, int((free - LEFT_FREE) / MEMORY_OF_A_CHUNK))
 
 
 class Batching:
@@ -68,12 +71,11 @@ class Batching:
         """Retraced rays of a chunk that is a `share` of its step and has so many primary ones."""
         if self.settings.samples <= 0 and self.settings.secondary_samples <= 0:
             return round(self.retraced * share)
-        # Those of all the chunks whose place it takes.
-        return (
-            self.retraced * math.ceil(primary / max(1, self.chunk))
-            if self.room > 1
-            else self.retraced
-        )
+        places = 1
+        if self.settings.samples > 0:
+            # Of how many chunks it takes the place.
+            places = min(self.room, math.ceil(primary / max(1, self.chunk)))
+        return self.retraced * places
 
     def observe(self, rays: int, samples: int, retraced: int, retraced_samples: int) -> None:
         """Take note of a chunk: its rays and samples, primary and retraced."""
@@ -85,10 +87,10 @@ class Batching:
             self.chunk = int(settings.samples * self.rays_per_sample) + 1
         if settings.secondary_samples > 0 and self.first_retraced > 0 and retraced > 0:
             self.recent = [*self.recent, retraced / max(retraced_samples, 1)][-RETRACED_MEMORY:]
-            room = int(settings.secondary_samples * min(self.recent)) + 1
+            held = int(settings.secondary_samples * min(self.recent)) + 1
             # Until the memory is full, what was seen may not be the worst.
             full = len(self.recent) == RETRACED_MEMORY
-            self.retraced = room if full else min(room, RETRACED_START)
+            self.retraced = held if full else min(held, RETRACED_START)
 
     def state(self) -> dict:
         """For a checkpoint."""

@@ -61,12 +61,8 @@ def total_loss(
         fraction: how much of the fit is done; smoothness terms fade with it.
         gain: see `photometric`.
     """
-    if (
-        at_hand(buffers.radiance)
-        and buffers.bending is not None
-        and gain is None
-        and (isinstance(behind, torch.Tensor))
-    ):
+    before_colour = isinstance(behind, torch.Tensor) and gain is None
+    if before_colour and buffers.bending is not None and at_hand(buffers.radiance):
         image, shape = _at_once(buffers, batch, settings, use_masks, fraction, behind)
         return image + shape, {"image": image.detach()}
     image = photometric(buffers, batch, behind, gain)

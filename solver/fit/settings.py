@@ -102,8 +102,8 @@ class FitSettings:
     most_rays: int = 0
     """pixels a step, at most, where `samples` leaves room (0: always `rays`)"""
     samples: int = 0
-    """density samples of primary rays worked on at once, about; a step with more is cut in chunks
-    whose gradients are summed (0: all rays of a step at once)"""
+    """density samples of the primary rays of a chunk, about; a step with more is cut in chunks whose
+    gradients are summed, on a card several at once (0: all rays of a step at once)"""
     secondary_samples: int = 0
     """density samples of retraced rays a chunk, about; R follows (0: R is `render.retraced_rays`)"""
     learning_rate_grid: float = 0.04

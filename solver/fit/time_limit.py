@@ -90,11 +90,10 @@ def finish_within(
         lookups += _LOOKUPS_PER_SHOWN_PIXEL * shown + _LOOKUPS_PER_PHOTO * len(cameras)
         if scene.environment.floor is not None:
             lookups += _LOOKUPS_OF_FLOOR
-        seconds = lookups * lookup
-        if limit is not None and scene.device.type != "cpu":
-            seconds += _SECONDS_BESIDE_A_CARD
-        finish = Finish(size, pixels, seconds, lookup)
-        if limit is None or finish.seconds <= FINISHING * limit:
+        beside = 0.0 if limit is None or scene.device.type == "cpu" else _SECONDS_BESIDE_A_CARD
+        finish = Finish(size, pixels, lookups * lookup + beside, lookup)
+        # Those that smaller textures and pictures spare.
+        if limit is None or lookups * lookup <= FINISHING * limit:
             break
     return finish
 

@@ -77,7 +77,9 @@ class Trainer:
         if turns is not None:
             rays = min(fit.chunk_rays, max(1, fit.rays // TURNS_A_STEP))
             fit = dataclasses.replace(fit, chunk_rays=rays)
-        self.batching = Batching(fit, settings.render.retraced_rays, room_on(scene.device))
+        # A chunk has one light: under turned ones a step must not be one.
+        room = room_on(scene.device) if turns is None else 1
+        self.batching = Batching(fit, settings.render.retraced_rays, room)
         self.step = 0
         self.level = 0
         self.steps_at_level = 0

@@ -77,7 +77,9 @@ def carve(
         return some[covered]
 
     with ThreadPoolExecutor(usable_cores()) as pool:
-        with_distances = mapped_ahead(pool, _and_distances if whole_cells else _alone, masks)
+        with_distances = ((mask, None) for mask in masks)
+        if whole_cells:
+            with_distances = mapped_ahead(pool, _and_distances, masks)
         for camera, (mask, beside) in zip(cameras, with_distances, strict=True):
             parts = np.array_split(alive, max(1, min(usable_cores(), len(alive) // CELLS_A_THREAD)))
             kept = pool.map(partial(may_stay, camera, mask, beside), parts)
@@ -85,10 +87,6 @@ def carve(
     hull = np.zeros(len(points), dtype=bool)
     hull[alive] = times_seen[alive] >= fewest * len(cameras)
     return hull.reshape(cells, cells, cells)
-
-
-def _alone(mask: np.ndarray) -> tuple[np.ndarray, None]:
-    return mask, None
 
 
 def _and_distances(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

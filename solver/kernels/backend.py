@@ -1,7 +1,7 @@
 """Which of several equal paths a computation takes: numba on the CPU, Warp on CUDA, or plain torch.
 
-A family of kernels, "vm" for instance, is the modules `vm_numba`, `vm_warp` and `vm_torch`; the first two
-have the same functions, and the last is the twin that both are tested against.
+A family of kernels, "vm" for instance, is the modules `vm_numba` and `vm_warp`, with the same functions.
+The twin that both are tested against is `vm_torch`, or stands where they are called. Some have one path.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Plain torch twin of `drawing_numba`: the same choices, bit for bit where nothing is summed."""
+"""Plain torch twin of `drawing`'s kernels: the same choices, bit for bit where nothing is summed."""
 
 from __future__ import annotations
 

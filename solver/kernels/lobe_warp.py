@@ -11,28 +11,33 @@ import warp as wp
 
 LEAST_VIEW = wp.constant(1.0e-3)
 """cosine to the viewer, at least"""
-TURN = wp.constant(2.0 * math.pi)
+PI, TURN = wp.constant(math.pi), wp.constant(2.0 * math.pi)
+ABOVE = wp.constant(1.0e-4)
+"""cosine from which a reflected direction counts as above the surface"""
+
+
+@wp.func
+def frame(n: wp.vec3):
+    """Tangent and bitangent of a unit normal (Duff et al. 2017)."""
+    sign = wp.where(n[2] >= 0.0, 1.0, -1.0)
+    a = -1.0 / (sign + n[2])
+    c = n[0] * n[1] * a
+    tangent = wp.vec3(1.0 + sign * n[0] * n[0] * a, sign * c, -sign * n[0])
+    bitangent = wp.vec3(c, sign + n[1] * n[1] * a, -n[1])
+    return tangent, bitangent
 
 
 @wp.func
 def to_world(n: wp.vec3, local: wp.vec3):
-    """A unit vector of the frame of a world normal n (Duff et al. 2017), in the world."""
-    sign = wp.where(n[2] >= 0.0, 1.0, -1.0)
-    a = -1.0 / (sign + n[2])
-    c = n[0] * n[1] * a
-    t = wp.vec3(1.0 + sign * n[0] * n[0] * a, sign * c, -sign * n[0])
-    b = wp.vec3(c, sign + n[1] * n[1] * a, -n[1])
+    """A unit vector of the frame of a world normal n, in the world."""
+    t, b = frame(n)
     return wp.normalize(local[0] * t + local[1] * b + local[2] * n)
 
 
 @wp.func
 def seen_from(n: wp.vec3, v: wp.vec3):
     """The world's unit direction v to the viewer in the frame, not below `LEAST_VIEW`."""
-    sign = wp.where(n[2] >= 0.0, 1.0, -1.0)
-    a = -1.0 / (sign + n[2])
-    c = n[0] * n[1] * a
-    t = wp.vec3(1.0 + sign * n[0] * n[0] * a, sign * c, -sign * n[0])
-    b = wp.vec3(c, sign + n[1] * n[1] * a, -n[1])
+    t, b = frame(n)
     return wp.normalize(wp.vec3(wp.dot(t, v), wp.dot(b, v), wp.max(wp.dot(n, v), LEAST_VIEW)))
 
 
@@ -66,7 +71,26 @@ def smith(cosine: float, alpha: float):
 
 
 @wp.func
-def ggx_distribution(cosine: float, alpha: float):
-    """D of a half vector's cosine."""
-    denominator = cosine * cosine * (alpha * alpha - 1.0) + 1.0
-    return alpha * alpha / wp.max(0.5 * TURN * denominator * denominator, 1.0e-20)
+def bend(view: wp.vec3, light: wp.vec3, alpha: float, share: float, masking: bool):
+    """A ray's weight without Fresnel's term: its share, by G2/G1 with `masking`; none below the surface."""
+    weight = wp.where(light[2] > ABOVE, share, 0.0)
+    if masking:
+        seen = 1.0 + smith(view[2], alpha)
+        weight = weight * seen / (seen + smith(light[2], alpha))
+    return weight
+
+
+@wp.func
+def fresnel_power(view_half: float):
+    """Schlick's (1 − cos)⁵."""
+    m = wp.clamp(1.0 - view_half, 0.0, 1.0)
+    return m * m * m * m * m
+
+
+@wp.func
+def solid_angle_of(view_z: float, half_z: float, alpha: float, count: float):
+    """The solid angle that one of `count` rays stands for: 1/(N · pdf)."""
+    denominator = half_z * half_z * (alpha * alpha - 1.0) + 1.0
+    density = alpha * alpha / wp.max(PI * denominator * denominator, 1.0e-20)
+    density = density / ((1.0 + smith(view_z, alpha)) * 4.0 * view_z)
+    return 1.0 / wp.max(count * density, 1.0e-6)

@@ -28,7 +28,8 @@ def pixel_loss(
     """How unlike its photo a pixel before a plain colour is, and the weighted sum of what else is held
     against it; see `fit.losses`."""
     n = wp.tid()
-    share = wp.clamp(opacity[n], 0.0, 1.0)
+    # Not `clamp`, which has no gradient at 0 and 1 themselves, where torch's has.
+    share = wp.where(opacity[n] > 1.0, 1.0, wp.where(opacity[n] < 0.0, 0.0, opacity[n]))
     total = float(0.0)
     for c in range(3):
         shown = linear_to_srgb(radiance[n, c] / wp.max(share, 1.0e-3)) * share

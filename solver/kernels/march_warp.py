@@ -11,6 +11,7 @@ import warp as wp
 
 from .skipping import DEPTHS_PER_UNIT
 from .skipping import EMPTY as EMPTY_CODE
+from .vectors_warp import vector
 from .vm_warp import raw_density
 from .warp_device import launch
 
@@ -20,11 +21,6 @@ EMPTY = wp.constant(EMPTY_CODE)
 DEPTH_UNIT = wp.constant(1.0 / DEPTHS_PER_UNIT)
 HALF = wp.constant(math.log(2))
 NEVER = wp.constant(wp.inf)
-
-
-@wp.func
-def row_of(values: wp.array2d(dtype=float), n: int):
-    return wp.vec3(values[n, 0], values[n, 1], values[n, 2])
 
 
 @wp.func
@@ -80,8 +76,8 @@ def _march(
     distance: wp.array2d(dtype=float), raw: wp.array2d(dtype=float), counts: wp.array(dtype=wp.int64),
 ):  # fmt: skip
     r = wp.tid()
-    origin = row_of(origins, r)
-    direction = row_of(directions, r)
+    origin = vector(origins, r)
+    direction = vector(directions, r)
     span = box_span(origin, direction)
     far = span[1]
     step_cells = step / cell
@@ -156,7 +152,7 @@ def _grid_transmittance(
     out: wp.array(dtype=float),
 ):  # fmt: skip
     r = wp.tid()
-    found = through_grid(row_of(origins, r), row_of(directions, r), start[r], step, blocking)
+    found = through_grid(vector(origins, r), vector(directions, r), start[r], step, blocking)
     out[r] = found[0]
 
 

@@ -1,6 +1,7 @@
 """Shading of samples and priors of pixels in one kernel each, on cards that Warp runs on.
 
-Where each is called stands its plain torch twin: `render.smoothness`, `render.shade`, `fit.priors`.
+Where each is called stands its plain torch twin: in `field.field`, `brdf.neural`, `render.shade`,
+`render.reflection`, `render.footprint`, `render.smoothness`, `fit.losses` and `fit.priors`.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import torch
+from torch.autograd.function import once_differentiable
 
 from .backend import kernels, on_warp
 
@@ -22,7 +24,6 @@ def at_hand(tensor: torch.Tensor) -> bool:
 class _Rowwise(torch.autograd.Function):
     @staticmethod
     def forward(ctx, name, rows, widths, numbers, *inputs):
-        inputs = [value.contiguous() for value in inputs]
         outputs = [inputs[0].new_empty(rows, *width) for width in widths]
         kernels("pointwise", inputs[0].device).run(name, inputs, numbers, outputs)
         ctx.name, ctx.numbers, ctx.count = name, numbers, len(inputs)
@@ -30,6 +31,7 @@ class _Rowwise(torch.autograd.Function):
         return tuple(outputs)
 
     @staticmethod
+    @once_differentiable
     def backward(ctx, *cotangents):
         inputs, outputs = ctx.saved_tensors[: ctx.count], ctx.saved_tensors[ctx.count :]
         gradients = _zeros(inputs, ctx.needs_input_grad[4:])
@@ -44,7 +46,7 @@ def _zeros(inputs: Sequence[torch.Tensor], needed: Sequence[bool]) -> list[torch
     sizes = [value.numel() if wanted else 0 for value, wanted in zip(inputs, needed, strict=True)]
     parts = inputs[0].new_zeros(sum(sizes)).split(sizes)
     return [
-        part.view_as(value) if wanted else None
+        part.view(value.shape) if wanted else None
         for part, value, wanted in zip(parts, inputs, needed, strict=True)
     ]
 

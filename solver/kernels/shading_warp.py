@@ -8,7 +8,15 @@ from __future__ import annotations
 
 import warp as wp
 
-from .lobe_warp import ggx_distribution, half_vector, seen_from, smith, to_world
+from .lobe_warp import (
+    PI,
+    bend,
+    fresnel_power,
+    half_vector,
+    seen_from,
+    solid_angle_of,
+    to_world,
+)  # fmt: skip
 from .vectors_warp import (
     Numbers,
     Vectors,
@@ -18,8 +26,6 @@ from .vectors_warp import (
     saturating,
     vector,
 )
-
-PI = wp.constant(3.141592653589793)
 
 
 @wp.kernel
@@ -121,22 +127,18 @@ def scattered(
     view_half = wp.dot(local, half)
     light = 2.0 * view_half * half - local
     direction = to_world(n, light)
-    bend = wp.where(light[2] > 1.0e-4, share[s], 0.0)
-    if masking:
-        seen = 1.0 + smith(local[2], alpha[s])
-        bend = bend * seen / (seen + smith(light[2], alpha[s]))
-    m = wp.clamp(1.0 - view_half, 0.0, 1.0)
-    m5 = m * m * m * m * m
+    bent = bend(local, light, alpha[s], share[s], masking)
+    m5 = fresnel_power(view_half)
     for c in range(3):
         half_vectors[k, c] = half[c]
         lights[k, c] = light[c]
         directions[k, c] = direction[c]
-        weights[k, c] = (f0[s, c] + (1.0 - f0[s, c]) * m5) * bend
+        weights[k, c] = (f0[s, c] + (1.0 - f0[s, c]) * m5) * bent
     solid_angle = float(0.0)
     if averaged:
-        density = ggx_distribution(held(half[2]), held(alpha[s]))
-        density = density / ((1.0 + smith(held(local[2]), held(alpha[s]))) * 4.0 * held(local[2]))
-        solid_angle = 1.0 / wp.max(float(counts[s]) * density, 1.0e-6)
+        solid_angle = solid_angle_of(
+            held(local[2]), held(half[2]), held(alpha[s]), float(counts[s])
+        )
     solid_angles[k] = solid_angle
 
 

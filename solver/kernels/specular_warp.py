@@ -7,26 +7,30 @@ arcus functions have no end at the poles.
 
 from __future__ import annotations
 
-import math
-
 import torch
 import warp as wp
 
 from .integral_warp import rectangle_mean
-from .lobe_warp import TURN, ggx_distribution, half_vector, seen_from, smith, to_world
-from .march_warp import row_of, through_grid
+from .lobe_warp import (
+    ABOVE,
+    PI,
+    TURN,
+    bend,
+    fresnel_power,
+    half_vector,
+    seen_from,
+    solid_angle_of,
+    to_world,
+)  # fmt: skip
+from .march_warp import through_grid
 from .skipping import SELF_SHADOW_COSINE
+from .vectors_warp import Numbers, Vectors, vector
 from .warp_device import launch, launch_adjoint
 
 wp.set_module_options({"enable_backward": False})
 
-ABOVE = wp.constant(1.0e-4)
-"""cosine from which a reflected direction counts as above the surface"""
 LEAST_LIFT = wp.constant(SELF_SHADOW_COSINE)
-PI = wp.constant(math.pi)
 
-Vectors = wp.array2d(dtype=float)
-Numbers = wp.array(dtype=float)
 Owners = wp.array(dtype=wp.int32)
 
 
@@ -48,7 +52,7 @@ def from_centre(d: wp.vec3, shifts: Vectors, up: wp.vec3, s: int):
     if shifts.shape[0] > 0:
         down = -wp.dot(d, up)
         if down > 0.0:
-            found.shift = row_of(shifts, s)
+            found.shift = vector(shifts, s)
             moved = d + down * found.shift
             found.length = wp.length(moved)
             found.direction = moved / found.length
@@ -85,24 +89,17 @@ def _leave(
     """Directions of rays, and what they weigh."""
     k = wp.tid()
     s = owners[k]
-    n = wp.vec3(normals[s, 0], normals[s, 1], normals[s, 2])
-    view = seen_from(n, wp.vec3(views[s, 0], views[s, 1], views[s, 2]))
-    alpha = alphas[s]
-    half = half_vector(view, alpha, u[k, 0], u[k, 1])
+    n = vector(normals, s)
+    view = seen_from(n, vector(views, s))
+    half = half_vector(view, alphas[s], u[k, 0], u[k, 1])
     view_half = wp.dot(view, half)
     out = 2.0 * view_half * half - view
     d = to_world(n, out)
-    bend = shares[s]
-    if masking:
-        seen = 1.0 + smith(view[2], alpha)
-        bend = bend * seen / (seen + smith(out[2], alpha))
-    if out[2] <= ABOVE:
-        bend = 0.0
-    m = wp.clamp(1.0 - view_half, 0.0, 1.0)
-    m5 = m * m * m * m * m
+    bent = bend(view, out, alphas[s], shares[s], masking)
+    m5 = fresnel_power(view_half)
     for axis in range(3):
         directions[k, axis] = d[axis]
-        weights[k, axis] = (f0s[s, axis] + (1.0 - f0s[s, axis]) * m5) * bend
+        weights[k, axis] = (f0s[s, axis] + (1.0 - f0s[s, axis]) * m5) * bent
 
 
 @wp.kernel
@@ -116,8 +113,8 @@ def _look(
     """What rays see of the map, and what the grid lets through."""
     k = wp.tid()
     s = owners[k]
-    n = row_of(normals, s)
-    view = seen_from(n, row_of(views, s))
+    n = vector(normals, s)
+    view = seen_from(n, vector(views, s))
     alpha = alphas[s]
     half = half_vector(view, alpha, u[k, 0], u[k, 1])
     cosine = 2.0 * wp.dot(view, half) * half[2] - view[2]
@@ -128,13 +125,11 @@ def _look(
         size[k, 0] = 1.0
         size[k, 1] = 1.0
         return
-    d = row_of(directions, k)
+    d = vector(directions, k)
     solid_angle = float(0.0)
     if averaged:
-        density = ggx_distribution(half[2], alpha)
-        density = density / ((1.0 + smith(view[2], alpha)) * 4.0 * view[2])
         count = float(first[s + 1] - first[s])
-        solid_angle = wp.min(1.0 / wp.max(count * density, 1.0e-6), 4.0 * PI)
+        solid_angle = wp.min(solid_angle_of(view[2], half[2], alpha, count), 4.0 * PI)
     seen = from_centre(d, shifts, up, s)
     e = seen.direction
     sine = wp.max(wp.sqrt(e[0] * e[0] + e[1] * e[1]), 1.0e-4)
@@ -160,7 +155,7 @@ def _look(
     size[k, 1] = wp.clamp(wp.sqrt(high) * height / PI, 1.0, 0.5 * height)
     start = wp.min(reach * (1.0 / wp.max(cosine, LEAST_LIFT) - 1.0), 4.0 * reach)
     low = wp.vec3(box_low[0], box_low[1], box_low[2])
-    origin = (row_of(points, s) + reach * n - low) * box_scale
+    origin = (vector(points, s) + reach * n - low) * box_scale
     found = through_grid(origin, d * box_scale, start, cell, blocking)
     passing[k] = found[0]
 
@@ -200,7 +195,7 @@ def _arrive(
         row += g * weights[k, c] * slope[k, c, 1]
         to_weights[k, c] = g * light[k, c] + g_weights[k, c]
         to_light[k, c] = g * weights[k, c] * passing[k]
-    seen = from_centre(row_of(directions, k), shifts, up, s)
+    seen = from_centre(vector(directions, k), shifts, up, s)
     e = seen.direction
     turn = column * width / (TURN * wp.max(e[0] * e[0] + e[1] * e[1], 1.0e-14))
     fall = float(0.0)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import warp as wp
 
-from .march_warp import row_of, through_grid
+from .march_warp import through_grid
+from .vectors_warp import vector
 from .warp_device import launch
 
 wp.set_module_options({"enable_backward": False, "fast_math": True})
@@ -17,7 +18,7 @@ def _look_around(
     distance: wp.array2d(dtype=float),
 ):  # fmt: skip
     p, d = wp.tid()
-    found = through_grid(row_of(points, p), row_of(directions, d), start, step, blocking)
+    found = through_grid(vector(points, p), vector(directions, d), start, step, blocking)
     passing[p, d] = found[0]
     distance[p, d] = found[1]
 

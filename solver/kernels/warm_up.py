@@ -25,13 +25,14 @@ WARP_FAMILIES = (
 
 def compile_kernels(device: torch.device | str = "cpu") -> None:
     """Run every kernel once, forwards and backwards, on a handful of numbers on a device."""
-    if on_warp(torch.device(device)):
+    device = torch.empty(0, device=device).device  # which of the cards, if only 'cuda' is said
+    if on_warp(device):
         from . import warp_device
 
-        warp_device.load(WARP_FAMILIES, torch.device(device))
-    with torch.device(device):
+        warp_device.load(WARP_FAMILIES, device)
+    with device:
         _run_lookups()
-        if has_kernels(torch.device(device)):
+        if has_kernels(device):
             _run_shading()
 
 

@@ -23,14 +23,13 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from unittest.mock import patch
 
 import torch
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from solver.kernels import backend, warp_device
+from solver.kernels import backend, vm, warp_device
 from solver.light import environment, irradiance, spherical_harmonics
 from solver.render import nested
 from solver.render.nested import mapped, tensors_of
@@ -49,7 +48,7 @@ FILLING = {"fill_", "fill", "masked_fill", "masked_fill_"}
 """operations that take one number from the processor, as those that go element by element do"""
 CACHES = (
     environment._map_constants, irradiance.patches, irradiance._corners,
-    spherical_harmonics.quadratic_form,
+    spherical_harmonics.quadratic_form, vm._taps_on,
 )  # fmt: skip
 """of tensors by their device: none made for a pretended one may come to a real one, nor the other way"""
 INDEXING = {"index", "index_put", "index_put_", "_index_put_impl_", "_unsafe_index"}
@@ -246,17 +245,22 @@ def pretended(kind: str, with_warp: bool = True) -> Iterator[None]:
             problems.add(f"a Warp kernel gets '{name}' of the processor")
         return place_of(_numbers(tensor), name, wanted)
 
+    def of_warp(device):
+        if device.index is None:
+            raise TypeError("Warp knows cards by their numbers alone")
+        return "cpu"
+
     place_of, module_options = warp_device.place_of, torch.__future__
     before = module_options.get_overwrite_module_params_on_conversion()
     availability = torch.cuda if kind == "cuda" else torch.backends.mps
     problems.clear()
     with contextlib.ExitStack() as stack:
         stack.enter_context(patch.object(availability, "is_available", lambda: True))
-        card = SimpleNamespace(total_memory=MEMORY)
-        stack.enter_context(patch.object(torch.cuda, "get_device_properties", lambda device: card))
+        memory = patch.object(torch.cuda, "mem_get_info", lambda device: (MEMORY, MEMORY))
+        stack.enter_context(memory)
         stack.enter_context(patch.object(backend, "_warp_runs_on", lambda device: with_warp))
         stack.enter_context(patch.object(warp_device, "place_of", place))
-        stack.enter_context(patch.object(warp_device.wp, "device_from_torch", lambda device: "cpu"))
+        stack.enter_context(patch.object(warp_device.wp, "device_from_torch", of_warp))
         stack.enter_context(patch.object(warp_device, "_stream", lambda device: None))
         stack.enter_context(patch.object(warp_device, "_launches", threading.local()))
         # A module's parameter becomes another when it moves: it cannot change its class.

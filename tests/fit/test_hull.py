@@ -6,6 +6,7 @@ import scipy.ndimage
 import torch
 
 from solver.field.field import MicrofacetField
+from solver.fit import visual_hull
 from solver.fit.visual_hull import (
     carve,
     decompose,
@@ -16,6 +17,21 @@ from solver.fit.visual_hull import (
 )
 from solver.kernels.vm import vm_sum
 from tests.cameras.box_scene import box_camera, look_at
+
+
+@pytest.mark.parametrize("whole_cells", [False, True])
+def test_a_hull_is_the_same_on_one_thread_and_on_several(whole_cells, monkeypatch):
+    eyes = np.array([[4, 0, 0.3], [0.3, 4, 0], [0, 0.3, 4], [3, 3, 1]])
+    cameras = [box_camera(look_at(eye, np.zeros(3))) for eye in eyes]
+    rows, columns = np.mgrid[:90, :120]
+    masks = [(rows - 45) ** 2 + (columns - 55 - i) ** 2 < 400 for i in range(len(cameras))]
+    region = np.array([[-1.5] * 3, [1.5] * 3])
+    hulls = []
+    for threads, each in ((1, 10**9), (4, 1)):
+        monkeypatch.setattr(visual_hull, "usable_cores", lambda threads=threads: threads)
+        monkeypatch.setattr(visual_hull, "CELLS_A_THREAD", each)
+        hulls.append(carve(cameras, masks, region, 20, 0.5, whole_cells))
+    assert 0 < hulls[0].sum() < hulls[0].size and np.array_equal(*hulls)
 
 
 def grid(size, low=-1.0, high=1.0):

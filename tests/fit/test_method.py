@@ -150,6 +150,19 @@ def test_retraced_rays_follow_the_samples_they_take():
     assert batching.retraced == pytest.approx(1250, rel=0.01)
 
 
+def test_a_card_with_room_takes_several_chunks_at_once_with_the_retraced_rays_of_all():
+    settings = FitSettings(rays=400, most_rays=8000, samples=10_000)
+    for room, sizes, retraced in ((1, [100] * 4, 70), (3, [300, 100], 210), (9, [400], 280)):
+        batching = Batching(settings, 70, room)
+        assert batching.chunks() == sizes
+        assert batching.retraced_of(sizes[0] / 400, sizes[0]) == retraced
+    # What is cut by rays, not by samples, has its share of them, whatever room there is.
+    by_rays = Batching(FitSettings(rays=2048, chunk_rays=512), 1000, 6)
+    assert by_rays.chunks() == [512] * 4 and by_rays.retraced_of(0.25, 512) == 250
+    by_secondary = Batching(FitSettings(secondary_samples=1000), 1000, 6)
+    assert by_secondary.retraced_of(1.0, 8192) == 1000
+
+
 def test_a_step_cut_in_chunks_has_the_gradient_of_the_whole():
     whole = start(SMALL)
     cut = start(SMALL)

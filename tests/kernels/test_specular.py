@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from solver.kernels.backend import forced_path
+from solver.kernels.skipping import blocking_grid
 from solver.light.environment import EnvironmentMap, equirect_directions
 from solver.light.floor import Floor
 from solver.render.random_numbers import RandomNumbers
@@ -39,9 +40,19 @@ def inputs(device):
     return [value.to(device) for value in values]
 
 
-def shaded(path, device, settings, floor=False):
+def mirrored_sky(origins, directions, keys, start):
+    """Stands for a trace: what rays meet depends on where they go, as with a gradient it does."""
+    return 1 + directions * directions.roll(1, -1), torch.full_like(start, 0.3)
+
+
+def shaded(path, device, settings, floor=False, trace=None):
     """Radiance, and gradients to normals, α, F0 and the light, on a path of a device."""
     scene = lumpy().to(device)
+    # Half-clear things all around, so that rays are dimmed, and some can be traced further.
+    depths = 0.5 * torch.rand(
+        scene.occupancy.blocking.shape, generator=torch.Generator().manual_seed(1)
+    )
+    scene.occupancy.blocking = blocking_grid(depths * (depths > 0.4)).to(device)
     scene.environment = EnvironmentMap.from_radiance(
         0.2 + (2 * equirect_directions(32, 64).float()).exp()
     ).to(device)
@@ -59,7 +70,7 @@ def shaded(path, device, settings, floor=False):
         surface = Surface(normals, surface.features, materials, surface.reach)
         radiance = reflected(
             scene, tables, settings, RandomNumbers(0, device), samples, surface, normals, view, mass,
-            RAYS, None, spread,
+            RAYS, trace, spread,
         )  # fmt: skip
         cotangent = torch.linspace(0.5, 1.5, 3 * COUNT, device=device).view(COUNT, 3)
         radiance.backward(cotangent)
@@ -85,4 +96,19 @@ def test_kernels_agree_with_their_twin_in_values_and_gradients(
         assert scale > 0 and torch.isfinite(a).all(), name
         torch.testing.assert_close(
             a, b, rtol=5e-3, atol=5e-3 * scale, msg=lambda m, name=name: f"{name}: {m}"
+        )
+
+
+@pytest.mark.parametrize("path, device", PATHS)
+def test_gradients_of_what_is_traced_further_come_through_directions_and_weights(path, device):
+    # A budget for all that are blocked, so that chance decides nothing.
+    settings = dataclasses.replace(SETTINGS, retraced_rays=10 * RAYS)
+    ours = shaded(path, device, settings, trace=mirrored_sky)
+    theirs = shaded("torch", device, settings, trace=mirrored_sky)
+    alone = shaded("torch", device, SETTINGS)
+    assert (theirs[0] - alone[0]).abs().max() > 0.1 and (theirs[1] - alone[1]).abs().max() > 0.1
+    for name, a, b in zip(("radiance", "normals", "alpha", "f0"), ours, theirs, strict=False):
+        scale = float(b.abs().mean())
+        torch.testing.assert_close(
+            a, b, rtol=5e-3, atol=5e-3 * scale, msg=lambda m, n=name: f"{n}: {m}"
         )

@@ -5,6 +5,7 @@ import torch
 
 from solver.kernels import hashing_warp
 from solver.kernels.hashing import uniform_torch
+from solver.kernels.warm_up import compile_kernels
 from solver.kernels.warp_device import launch, runs_on
 from tests.kernels.paths import WITHOUT_CARD
 
@@ -23,9 +24,17 @@ def test_warp_runs_on_the_processor():
     assert runs_on(torch.device("cpu"))
 
 
+def test_launches_again_with_the_same_shape_laid_out_otherwise():
+    keys, columns = 4096 * torch.arange(6), torch.empty(4, 6)
+    for out in (torch.empty(6, 4), columns.T, torch.empty(6, 4)):
+        hashing_warp.uniform(keys, 3, out)
+        assert torch.equal(out, uniform_torch(keys, 3, 4))
+
+
 @WITHOUT_CARD
-def test_warp_runs_on_the_card():
+def test_warp_runs_on_the_card_and_finds_all_kernels_compiled():
     assert runs_on(torch.device("cuda"))
+    compile_kernels("cuda")
 
 
 def test_launches_again_with_other_numbers_tensors_and_sizes():
