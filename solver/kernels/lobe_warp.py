@@ -64,6 +64,14 @@ def half_vector(view: wp.vec3, alpha: float, u0: float, u1: float):
 
 
 @wp.func
+def reflected(n: wp.vec3, v: wp.vec3, alpha: float, u0: float, u1: float):
+    """The viewer, a visible normal, and the viewer mirrored at it, all in the frame of a world normal n."""
+    view = seen_from(n, v)
+    half = half_vector(view, alpha, u0, u1)
+    return view, half, 2.0 * wp.dot(view, half) * half - view
+
+
+@wp.func
 def smith(cosine: float, alpha: float):
     """Smith's Λ."""
     c2 = wp.clamp(cosine * cosine, 1.0e-8, 1.0)

@@ -8,15 +8,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from .lobe_warp import (
-    PI,
-    bend,
-    fresnel_power,
-    half_vector,
-    seen_from,
-    solid_angle_of,
-    to_world,
-)  # fmt: skip
+from .lobe_warp import PI, bend, fresnel_power, reflected, solid_angle_of, to_world
 from .vectors_warp import (
     Numbers,
     Vectors,
@@ -122,13 +114,10 @@ def scattered(
     k = wp.tid()
     s = int(sample[k])
     n = vector(normals, s)
-    local = seen_from(n, vector(view, s))
-    half = half_vector(local, alpha[s], u[k, 0], u[k, 1])
-    view_half = wp.dot(local, half)
-    light = 2.0 * view_half * half - local
+    local, half, light = reflected(n, vector(view, s), alpha[s], u[k, 0], u[k, 1])
     direction = to_world(n, light)
     bent = bend(local, light, alpha[s], share[s], masking)
-    m5 = fresnel_power(view_half)
+    m5 = fresnel_power(wp.dot(local, half))
     for c in range(3):
         half_vectors[k, c] = half[c]
         lights[k, c] = light[c]

@@ -11,17 +11,7 @@ import torch
 import warp as wp
 
 from .integral_warp import rectangle_mean
-from .lobe_warp import (
-    ABOVE,
-    PI,
-    TURN,
-    bend,
-    fresnel_power,
-    half_vector,
-    seen_from,
-    solid_angle_of,
-    to_world,
-)  # fmt: skip
+from .lobe_warp import ABOVE, PI, TURN, bend, fresnel_power, reflected, solid_angle_of, to_world
 from .march_warp import through_grid
 from .skipping import SELF_SHADOW_COSINE
 from .vectors_warp import Numbers, Vectors, vector
@@ -90,13 +80,10 @@ def _leave(
     k = wp.tid()
     s = owners[k]
     n = vector(normals, s)
-    view = seen_from(n, vector(views, s))
-    half = half_vector(view, alphas[s], u[k, 0], u[k, 1])
-    view_half = wp.dot(view, half)
-    out = 2.0 * view_half * half - view
+    view, half, out = reflected(n, vector(views, s), alphas[s], u[k, 0], u[k, 1])
     d = to_world(n, out)
     bent = bend(view, out, alphas[s], shares[s], masking)
-    m5 = fresnel_power(view_half)
+    m5 = fresnel_power(wp.dot(view, half))
     for axis in range(3):
         directions[k, axis] = d[axis]
         weights[k, axis] = (f0s[s, axis] + (1.0 - f0s[s, axis]) * m5) * bent
@@ -114,11 +101,8 @@ def _look(
     k = wp.tid()
     s = owners[k]
     n = vector(normals, s)
-    view = seen_from(n, vector(views, s))
-    alpha = alphas[s]
-    half = half_vector(view, alpha, u[k, 0], u[k, 1])
-    cosine = 2.0 * wp.dot(view, half) * half[2] - view[2]
-    if cosine <= ABOVE:
+    view, half, out = reflected(n, vector(views, s), alphas[s], u[k, 0], u[k, 1])
+    if out[2] <= ABOVE:
         passing[k] = 0.0
         centre[k, 0] = 0.0
         centre[k, 1] = 0.0
@@ -129,7 +113,7 @@ def _look(
     solid_angle = float(0.0)
     if averaged:
         count = float(first[s + 1] - first[s])
-        solid_angle = wp.min(solid_angle_of(view[2], half[2], alpha, count), 4.0 * PI)
+        solid_angle = wp.min(solid_angle_of(view[2], half[2], alphas[s], count), 4.0 * PI)
     seen = from_centre(d, shifts, up, s)
     e = seen.direction
     sine = wp.max(wp.sqrt(e[0] * e[0] + e[1] * e[1]), 1.0e-4)
@@ -153,7 +137,7 @@ def _look(
     centre[k, 1] = wp.atan2(sine, e[2]) / PI * height
     size[k, 0] = wp.clamp(wp.sqrt(wide) / sine * width / TURN, 1.0, width)
     size[k, 1] = wp.clamp(wp.sqrt(high) * height / PI, 1.0, 0.5 * height)
-    start = wp.min(reach * (1.0 / wp.max(cosine, LEAST_LIFT) - 1.0), 4.0 * reach)
+    start = wp.min(reach * (1.0 / wp.max(out[2], LEAST_LIFT) - 1.0), 4.0 * reach)
     low = wp.vec3(box_low[0], box_low[1], box_low[2])
     origin = (vector(points, s) + reach * n - low) * box_scale
     found = through_grid(origin, d * box_scale, start, cell, blocking)

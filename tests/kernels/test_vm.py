@@ -58,35 +58,21 @@ def test_kernels_give_the_same_bits_twice():
     assert all(torch.equal(a, b) for a, b in zip(*runs, strict=True))
 
 
+@pytest.mark.parametrize("name, axes", [("smooth_planes", 2), ("smooth_lines", 1)])
 @pytest.mark.parametrize("size, channels, reach", [(2, 1, 1), (9, 16, 2), (5, 3, 13)])
 @pytest.mark.parametrize("path, device", PATHS)
 def test_smoothing_agrees_with_its_twin_in_values_and_gradients(
-    size, channels, reach, path, device
+    name, axes, size, channels, reach, path, device
 ):
     torch.manual_seed(4)
-    planes = torch.randn(3, size, size, channels, requires_grad=True)
+    factor = torch.randn(3, *[size] * axes, channels, requires_grad=True)
     half = torch.rand(reach)
     taps = torch.cat([half, torch.ones(1), half.flip(0)]) / (1 + 2 * half.sum())
-    planes, cotangent = to_device([planes, torch.randn_like(planes)], device)
+    factor, cotangent = to_device([factor, torch.randn_like(factor)], device)
     results = []
     for taken in (path, "torch"):
         with forced_path(taken):
-            out = vm.smooth_planes(planes, taps)
-            results.append((out, *torch.autograd.grad(out, planes, cotangent)))
-    for a, b in zip(*results, strict=True):
-        torch.testing.assert_close(a, b)
-
-
-@pytest.mark.parametrize("path, device", PATHS)
-def test_smoothing_of_lines_agrees_with_its_twin_in_values_and_gradients(path, device):
-    torch.manual_seed(5)
-    lines = torch.randn(3, 9, 16, requires_grad=True)
-    taps = torch.tensor([0.1, 0.2, 0.4, 0.2, 0.1])
-    lines, cotangent = to_device([lines, torch.randn_like(lines)], device)
-    results = []
-    for taken in (path, "torch"):
-        with forced_path(taken):
-            out = vm.smooth_lines(lines, taps)
-            results.append((out, *torch.autograd.grad(out, lines, cotangent)))
+            out = getattr(vm, name)(factor, taps)
+            results.append((out, *torch.autograd.grad(out, factor, cotangent)))
     for a, b in zip(*results, strict=True):
         torch.testing.assert_close(a, b)
