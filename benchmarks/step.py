@@ -94,12 +94,11 @@ class Operations(TorchDispatchMode):
         self.count = 0
 
     def __torch_dispatch__(self, operation, types, args=(), kwargs=None):
-        looks = {argument.alias_info is not None for argument in operation._schema.returns} == {
-            True
-        }
-        in_place = any(a.alias_info and a.alias_info.is_write for a in operation._schema.arguments)
-        makes = "empty" in str(operation)
-        self.count += (in_place or not looks) and not makes
+        schema = operation._schema
+        only_looks = bool(schema.returns) and all(r.alias_info is not None for r in schema.returns)
+        in_place = any(a.alias_info and a.alias_info.is_write for a in schema.arguments)
+        only_makes_room = "empty" in str(operation)
+        self.count += (in_place or not only_looks) and not only_makes_room
         return operation(*args, **(kwargs or {}))
 
 

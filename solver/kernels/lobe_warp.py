@@ -79,7 +79,7 @@ def smith(cosine: float, alpha: float):
 
 
 @wp.func
-def bend(view: wp.vec3, light: wp.vec3, alpha: float, share: float, masking: bool):
+def masked_share(view: wp.vec3, light: wp.vec3, alpha: float, share: float, masking: bool):
     """A ray's weight without Fresnel's term: its share, by G2/G1 with `masking`; none below the surface."""
     weight = wp.where(light[2] > ABOVE, share, 0.0)
     if masking:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from .lobe_warp import PI, bend, fresnel_power, reflected, solid_angle_of, to_world
+from .lobe_warp import PI, fresnel_power, masked_share, reflected, solid_angle_of, to_world
 from .vectors_warp import (
     Numbers,
     Vectors,
@@ -116,7 +116,7 @@ def scattered(
     n = vector(normals, s)
     local, half, light = reflected(n, vector(view, s), alpha[s], u[k, 0], u[k, 1])
     direction = to_world(n, light)
-    bent = bend(local, light, alpha[s], share[s], masking)
+    bent = masked_share(local, light, alpha[s], share[s], masking)
     m5 = fresnel_power(wp.dot(local, half))
     for c in range(3):
         half_vectors[k, c] = half[c]

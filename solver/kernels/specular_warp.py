@@ -11,7 +11,16 @@ import torch
 import warp as wp
 
 from .integral_warp import rectangle_mean
-from .lobe_warp import ABOVE, PI, TURN, bend, fresnel_power, reflected, solid_angle_of, to_world
+from .lobe_warp import (
+    ABOVE,
+    PI,
+    TURN,
+    fresnel_power,
+    masked_share,
+    reflected,
+    solid_angle_of,
+    to_world,
+)
 from .march_warp import through_grid
 from .skipping import SELF_SHADOW_COSINE
 from .vectors_warp import Numbers, Vectors, vector
@@ -82,7 +91,7 @@ def _leave(
     n = vector(normals, s)
     view, half, out = reflected(n, vector(views, s), alphas[s], u[k, 0], u[k, 1])
     d = to_world(n, out)
-    bent = bend(view, out, alphas[s], shares[s], masking)
+    bent = masked_share(view, out, alphas[s], shares[s], masking)
     m5 = fresnel_power(wp.dot(view, half))
     for axis in range(3):
         directions[k, axis] = d[axis]
