@@ -92,8 +92,8 @@ def finish_within(
             lookups += _LOOKUPS_OF_FLOOR
         beside = 0.0 if limit is None or scene.device.type == "cpu" else _SECONDS_BESIDE_A_CARD
         finish = Finish(size, pixels, lookups * lookup + beside, lookup)
-        # Those that smaller textures and pictures spare.
-        if limit is None or lookups * lookup <= FINISHING * limit:
+        # Of what the processor does beside a card, smaller textures and pictures spare nothing.
+        if limit is None or finish.seconds - beside <= FINISHING * limit:
             break
     return finish
 

@@ -13,6 +13,7 @@ from ..brdf.microfacet import (
     tangent_frame,
     visible_normal_pdf,
 )
+from ..field.heads import Materials
 from ..kernels import drawing
 from ..kernels.backend import fast, precise
 from ..kernels.drawing import Plan
@@ -54,8 +55,26 @@ def scatter(
         spread: [S, 2, 3] see `footprint.reflected_spread`.
     """
     sample = plan.sample
-    if at_hand(normals):
-        return _scatter_at_once(surface, normals, view, part, plan, scene, settings, spread)
+    leave = _leave_at_once if at_hand(normals) else _leave
+    half, light, direction, weight, solid_angle = leave(
+        surface.materials, normals, view, plan, settings
+    )
+    if settings.neural > 0:
+        part = None if part is None else part[sample]
+        alpha = surface.materials.alpha[sample]
+        g = scene.neural_term(part, surface.features[sample], half, light, alpha)
+        weight = weight * (1 + settings.neural * (g - 1))
+    spread = None if spread is None or not settings.integral_image else spread[sample]
+    return SecondaryRays(sample, plan.keys, direction, weight, solid_angle, spread)
+
+
+def _leave(
+    materials: Materials, normals: torch.Tensor, view: torch.Tensor, plan: Plan,
+    settings: RenderSettings,
+) -> tuple[torch.Tensor, ...]:  # fmt: skip
+    """Rays [K] as they leave: local half vectors and directions, world directions, weights without g, and
+    solid angles."""
+    sample = plan.sample
     tangent, bitangent = tangent_frame(normals)
     frame = torch.stack([tangent, bitangent, normals], dim=1)
     local_view = torch.einsum("nij,nj->ni", frame, view)
@@ -63,7 +82,7 @@ def scatter(
     local_view = local_view / local_view.norm(dim=-1, keepdim=True)
 
     local_view, frame = local_view[sample], frame[sample]
-    alpha, f0 = surface.materials.alpha[sample], surface.materials.f0[sample]
+    alpha, f0 = materials.alpha[sample], materials.f0[sample]
     half = sample_visible_normal(local_view, alpha, plan.u)
     view_half = (local_view * half).sum(-1)
     light = 2 * view_half[:, None] * half - local_view
@@ -73,10 +92,6 @@ def scatter(
     if settings.light_masking:
         shadowing = masking_shadowing_over_masking(local_view[:, 2], light[:, 2], alpha)
         weight = weight * shadowing[:, None]
-    if settings.neural > 0:
-        part = None if part is None else part[sample]
-        g = scene.neural_term(part, surface.features[sample], half, light, alpha)
-        weight = weight * (1 + settings.neural * (g - 1))
     weight = weight * (above * plan.share[sample])[:, None]
     with torch.no_grad():
         pdf = visible_normal_pdf(local_view[:, 2], half[:, 2], alpha)
@@ -84,28 +99,21 @@ def scatter(
         if not settings.integral_image:
             solid_angle = torch.zeros_like(solid_angle)
     direction = torch.einsum("nij,ni->nj", frame, light)
-    direction = direction / direction.norm(dim=-1, keepdim=True)
-    spread = None if spread is None or not settings.integral_image else spread[sample]
-    return SecondaryRays(sample, plan.keys, direction, weight, solid_angle, spread)
+    return half, light, direction / direction.norm(dim=-1, keepdim=True), weight, solid_angle
 
 
-def _scatter_at_once(
-    surface: Surface, normals: torch.Tensor, view: torch.Tensor, part: torch.Tensor | None,
-    plan: Plan, scene: Scene, settings: RenderSettings, spread: torch.Tensor | None,
-) -> SecondaryRays:  # fmt: skip
-    """`scatter` with all but g in one kernel."""
-    alpha, sample = surface.materials.alpha, plan.sample
-    half, light, direction, weight, solid_angle = rowwise(
+def _leave_at_once(
+    materials: Materials, normals: torch.Tensor, view: torch.Tensor, plan: Plan,
+    settings: RenderSettings,
+) -> tuple[torch.Tensor, ...]:  # fmt: skip
+    """`_leave` in one kernel."""
+    *rays, solid_angle = rowwise(
         "scattered",
-        (normals, alpha, surface.materials.f0, view, plan.share, plan.counts, sample, plan.u),
-        (settings.light_masking, settings.integral_image), ((3,), (3,), (3,), (3,), ()), len(sample),
+        (normals, materials.alpha, materials.f0, view, plan.share, plan.counts, plan.sample, plan.u),
+        (settings.light_masking, settings.integral_image), ((3,), (3,), (3,), (3,), ()),
+        len(plan.sample),
     )  # fmt: skip
-    if settings.neural > 0:
-        part = None if part is None else part[sample]
-        g = scene.neural_term(part, surface.features[sample], half, light, alpha[sample])
-        weight = weight * (1 + settings.neural * (g - 1))
-    spread = None if spread is None or not settings.integral_image else spread[sample]
-    return SecondaryRays(sample, plan.keys, direction, weight, solid_angle.detach(), spread)
+    return *rays, solid_angle.detach()
 
 
 @torch.no_grad()
