@@ -4,13 +4,15 @@
     python benchmarks/step.py --device cuda --capture scenes/materials --preset standard
 
 Steps are those of a fit that has just begun on its finest grid; the paths take them in turn, so that a
-machine that gets slower does so for all. Torch's operations are counted too, without those that only look
-at a tensor in another way: on a card each is a launch, and launches are what a step there waits for.
+machine that gets slower does so for all. On a card they are also replayed, as a fit does it. Torch's
+operations are counted too, without those that only look at a tensor in another way: on a card each is a
+launch, and launches are what a step that is not replayed waits for.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 import time
 from pathlib import Path
@@ -35,7 +37,10 @@ from solver.fit.workers import Workers  # noqa: E402
 from solver.kernels.backend import forced_path  # noqa: E402
 from solver.kernels.warm_up import compile_kernels  # noqa: E402
 
-PATHS = {"cpu": ("torch", "numba", "warp"), "cuda": ("torch", "warp"), "mps": ("torch",)}
+REPLAYED = "warp, replayed"
+PATHS = {
+    "cpu": ("torch", "numba", "warp"), "cuda": ("torch", "warp", REPLAYED), "mps": ("torch",),
+}  # fmt: skip
 WARM_UP, ROUNDS = 2, 3
 
 
@@ -57,16 +62,18 @@ def main() -> None:
     paths = PATHS[options.device]
     trainers, seconds = {}, {path: [] for path in paths}
     for path in paths:
-        with forced_path(path):
+        with on(path):
             if path != "torch":
                 compile_kernels(options.device)
             trainers[path] = new_trainer(
                 capture, photos, settings, 0, None, options.device, lambda fraction: None
             )
+            if path != REPLAYED:
+                trainers[path].replay = None
             take_steps(trainers[path], WARM_UP, options.device)
     for _ in range(ROUNDS):
         for path in paths:
-            with forced_path(path):
+            with on(path):
                 took = take_steps(trainers[path], options.steps, options.device)
                 seconds[path].append(took / options.steps)
     print(
@@ -76,14 +83,20 @@ def main() -> None:
     print("| --- | ---: | ---: | ---: |")
     for path in paths:
         best = min(seconds[path])
-        # A mode is a thread's own.
+        # A mode is a thread's own, and sees nothing of what is replayed.
+        trainers[path].replay = None
         trainers[path].workers = Workers(trainers[path].scene, trainers[path].loss)
-        with forced_path(path), Operations() as operations:
+        with on(path), Operations() as operations:
             take_steps(trainers[path], 1, options.device)
         ratio = min(seconds["torch"]) / best
         print(f"| {path} | {1e3 * best:.1f} | {ratio:.1f} | {operations.count} |")
     if options.device == "cuda":
         print(f"\nPeak {torch.cuda.max_memory_allocated() / 2**30:.1f} GiB of its memory.")
+
+
+def on(path: str) -> contextlib.AbstractContextManager:
+    """Within this block every computation takes the path."""
+    return forced_path("warp" if path == REPLAYED else path)
 
 
 class Operations(TorchDispatchMode):

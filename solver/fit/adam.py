@@ -61,13 +61,15 @@ class Adam:
         adam_step(change, parameter.grad, moments, rates)
         parameter.detach().add_(smooth(change))
 
-    def _epsilon(self, gradient: torch.Tensor, moments: Moments, floor: float) -> float:
+    def _epsilon(
+        self, gradient: torch.Tensor, moments: Moments, floor: float
+    ) -> float | torch.Tensor:
         if floor <= 0:
             return self.EPSILON
         decay = self.DECAYS[1]
         square = decay * moments.square + (1 - decay) * gradient * gradient
         scale = 1 / (1 - decay**self.count)
-        return max(floor * float((scale * square).sqrt().mean()), self.EPSILON)
+        return (floor * (scale * square).sqrt().mean()).clamp(min=self.EPSILON).view(1)
 
     def forget(self, parameter: torch.Tensor) -> None:
         """What was learned of the gradient of a parameter that has been set anew."""

@@ -18,8 +18,9 @@ RETRACED_START, RETRACED_MEMORY = 1000, 20
 
 LEFT_FREE = 2e9
 """bytes of a card for others, Blender among them"""
-MEMORY_OF_A_CHUNK = 12e9
-"""bytes of a card for a chunk of the paper's size: 200,000 samples, 1,000,000 secondary ones"""
+MEMORY_OF_A_CHUNK = 4e9
+"""bytes of a card for a chunk of the paper's size, 200,000 samples and 1,000,000 secondary ones: eleven
+took 30 GiB of an H200, with the graph (docs/decisions/0034)"""
 
 
 def room_on(device: torch.device) -> int:

@@ -37,7 +37,7 @@ class Chunk(NamedTuple):
     )  # [photos, C] logarithms of their exposures, where those are found
     share: float  # of the step's pixels
     retraced: int  # secondary rays to be traced through the field
-    step: int
+    random: RandomNumbers  # of the step
     fraction: float  # of the fit done
     turn: int = 0  # which of the step's turns of the light it is under
 
@@ -45,7 +45,7 @@ class Chunk(NamedTuple):
 class Taken(NamedTuple):
     """What came of a chunk, next to gradients."""
 
-    image: float  # its image loss
+    image: torch.Tensor  # its image loss
     samples: tuple[int, int, int]  # density samples, retraced rays, their samples
     to_exposures: torch.Tensor | None  # [photos, C] gradient of their log gains
 
@@ -58,7 +58,6 @@ class ChunkLoss:
     """
 
     settings: Settings
-    random: RandomNumbers
     use_masks: bool
     background: str
     fog: bool
@@ -96,16 +95,14 @@ class ChunkLoss:
         if reflecting > 0:
             loss = loss + reflecting * priors.of_materials(buffers, fit, chunk.fraction)
         keys = chunk.keys[: max(1, round(ROOM_DIRECTIONS * share))]
-        random = self.random.at(chunk.step)
         if scene.room is not None:
-            loss = loss + fit.room_light_weight * room_light(scene, tables, random, keys)
+            loss = loss + fit.room_light_weight * room_light(scene, tables, chunk.random, keys)
         elif self.far is not None:
-            loss = loss + fit.room_light_weight * self.far.difference(scene, tables, random, keys)
+            difference = self.far.difference(scene, tables, chunk.random, keys)
+            loss = loss + fit.room_light_weight * difference
         (loss * share).backward()
         samples = (buffers.samples, buffers.retraced, buffers.retraced_samples)
-        # A card is waited for here, when it has all there is to do.
-        image = float(terms["image"])
-        return Taken(image, samples, None if log_gain is None else log_gain.grad)
+        return Taken(terms["image"], samples, None if log_gain is None else log_gain.grad)
 
     @torch.no_grad()
     def image_error(self, scene: Scene, tables: StepTables, chunk: Chunk) -> float:
@@ -122,7 +119,7 @@ class ChunkLoss:
         )
         each = batch.directions.shape[1]
         buffers = render_rays(
-            scene, tables, settings, self.random.at(chunk.step),
+            scene, tables, settings, chunk.random,
             batch.origins.repeat_interleave(each, 0), batch.directions.flatten(0, 1),
             keys_of_rays(chunk.keys, each), jitter=True,
             pixel_angle=batch.pixel_angle.repeat_interleave(each) / settings.pixel_grid,
@@ -132,7 +129,7 @@ class ChunkLoss:
     def _behind(self, scene: Scene, tables: StepTables, chunk: Chunk) -> Behind:
         batch = chunk.batch
         if self.background in SURROUNDED:
-            u = self.random.at(chunk.step).uniform(ROOM_OFFSET, chunk.keys)
+            u = chunk.random.uniform(ROOM_OFFSET, chunk.keys)
             middle = torch.nn.functional.normalize(batch.directions.mean(1), dim=-1)
             return surroundings(scene, tables, batch.origins, middle, batch.pixel_angle, u)
         if batch.behind is not None:

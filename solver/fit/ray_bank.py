@@ -10,6 +10,7 @@ import torch
 from ..capture.backdrop import LEVELS, TOLERANCE
 from ..capture.camera import Camera
 from ..capture.photos import Photo
+from ..kernels.constants import constant_on
 from ..render.pixels import places_in_pixel
 from ..render.tonemap import linear_to_srgb
 
@@ -116,7 +117,7 @@ class RayBank:
                     self.directions[down + width] - self.directions[down],
                 ]
             )
-            places = torch.from_numpy(places_in_pixel(grid)).to(step)
+            places = constant_on(step.device, tuple(map(tuple, places_in_pixel(grid).tolist())))
             directions = directions + torch.einsum("nk,kbj->bnj", places, step)
             directions = torch.nn.functional.normalize(directions, dim=-1)
         return torch.einsum("bij,bnj->bni", self.rotation[photo], directions)
@@ -158,11 +159,15 @@ class RayBank:
             begin, end = torch.searchsorted(likely, likely.new_tensor([first, last])).tolist()
             likely = likely[begin:end]
         if likely is None or len(likely) == 0:
-            return torch.randint(first, last, (count,), generator=generator).to(self.device)
+            return self._sent(torch.randint(first, last, (count,), generator=generator))
         background = int(count * self.BACKGROUND_SHARE)
         chosen = torch.randint(len(likely), (count - background,), generator=generator)
         anywhere = torch.randint(first, last, (background,), generator=generator)
-        return torch.cat([likely[chosen.to(self.device)], anywhere.to(self.device)])
+        return torch.cat([likely[self._sent(chosen)], self._sent(anywhere)])
+
+    def _sent(self, pixels: torch.Tensor) -> torch.Tensor:
+        """Pixels on the device, which need not have them before it is asked for more."""
+        return pixels.to(self.device, non_blocking=True)
 
     def draw_photo(self, generator: torch.Generator) -> int:
         """A random photo, as often as its pixels are drawn."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from contextlib import nullcontext
 from functools import partial
+from typing import NamedTuple
 
 import torch
 
@@ -16,12 +18,13 @@ from ..render.random_numbers import RandomNumbers
 from ..render.scene import Scene, SharedTables
 from .adam import Adam
 from .batching import Batching, room_on
-from .chunk import SURROUNDED, Chunk, ChunkLoss
+from .chunk import SURROUNDED, Chunk, ChunkLoss, Taken
 from .exposure import exposures_for
 from .far_light import FarLight
 from .light_colours import coarsest_colours
 from .light_start import light_from_room
 from .ray_bank import RayBank
+from .replay import StepPlan, replay_for
 from .schedule import pixel_grid, probe_turn, smoothing_width, step_width
 from .settings import Settings
 from .workers import Workers, worker_count
@@ -34,6 +37,14 @@ LEAST_RADIANCE = 1e-30
 """as dark as a light gets, so that its logarithm stays a number"""
 TURNS_A_STEP = 4
 """photos of which a step has pixels, at least, where the light turned with them"""
+
+
+class Drawn(NamedTuple):
+    """The random pixels of a step."""
+
+    pixels: torch.Tensor  # [P] long, of the bank
+    colours: torch.Tensor | None  # [P, 3] sRGB behind the object, where it is random
+    turns: Sequence[torch.Tensor | None]  # [3, 3] of the light, those that `Chunk.turn` counts
 
 
 class Trainer:
@@ -68,7 +79,7 @@ class Trainer:
         self.far = far
         self.exposures = exposures_for(settings.fit.exposure, bank.photo_count, scene.device)
         self.random = RandomNumbers(seed, scene.device)
-        self.loss = ChunkLoss(settings, self.random, use_masks, background, fog, far)
+        self.loss = ChunkLoss(settings, use_masks, background, fog, far)
         self.generator = torch.Generator().manual_seed(seed)
         fit = settings.fit
         if scene.device.type != "cpu":
@@ -86,6 +97,9 @@ class Trainer:
         self.fraction_at_level = self.fraction = 0.0
         self.probe_turn = -1
         self.workers: Workers | None = None
+        # The tables of a light that turns are others in each step.
+        self.replay = replay_for(scene.device) if turns is None else None
+        self._image_before: torch.Tensor | None = None
         self._begin_level()
 
     def _begin_level(self) -> None:
@@ -145,12 +159,19 @@ class Trainer:
         self.scene.occupancy.refresh(
             field, least, self.settings.render.step * field.voxel, dilation=1
         )
+        self._end_period()
+
+    def _end_period(self) -> None:
+        """What steps read lies elsewhere from now on."""
+        if self.replay is not None:
+            self.replay.forget()
 
     def refresh_probes(self) -> None:
         """Let diffuse light be blocked by the surface as the occupancy grid has it, unless it is not to
         be, or everything still shines by itself."""
         if self.settings.render.diffuse_visibility and self.emission(self.fraction) < 1:
             refresh_probes(self.scene)
+            self._end_period()
 
     def emission(self, fraction: float) -> float:
         """Share of emission at a fraction of the fit."""
@@ -159,6 +180,8 @@ class Trainer:
     @torch.no_grad()
     def finish(self) -> None:
         """What is left to do when the last step is done."""
+        # Graphs keep memory that is needed elsewhere now.
+        self.replay = None
         self.refresh_occupancy()
         self.refresh_probes()
         tolerance = self.settings.light.colour_tolerance
@@ -167,14 +190,16 @@ class Trainer:
             grid = pixel_grid(self.settings, self.fraction)
             # Each step under turned lights has tables of them all.
             steps = STEPS_OF_PIXELS if self.turns is None else 1
-            pixels = [self._draw(self.batching.chunks(grid * grid), grid) for _ in range(steps)]
+            plan, random = self._plan(grid), self.random.at(self.step)
+            drawn = [self._draw(plan.sizes) for _ in range(steps)]
+            pixels = [(self._chunks(plan, some, random), some.turns) for some in drawn]
             own = self.scene.environment.radiance()
             self._set_light(coarsest_colours(own, partial(self._error_under, pixels), tolerance))
             self.refresh_probes()
 
     def _error_under(
         self, steps: list[tuple[list[Chunk], Sequence[torch.Tensor | None]]], radiance: torch.Tensor
-    ) -> float:
+    ) -> float:  # fmt: skip
         """Image loss of steps' chunks under a light of `radiance` [3, H, 2H], which the scene then has."""
         self._set_light(radiance)
         error = 0.0
@@ -196,14 +221,20 @@ class Trainer:
         return decay * (0.1 + 0.9 * math.sin(0.5 * math.pi * warm))
 
     def advance(self, fraction: float) -> dict[str, float]:
-        """One optimiser step at `fraction` in [0, 1) of the fit; returns what to report."""
+        """One optimiser step at `fraction` in [0, 1) of the fit; returns what to report.
+
+        Where steps are replayed, what is said of the image is of the step before, for which nothing waits.
+        """
+        with nullcontext() if self.replay is None else self.replay.stream():
+            return self._advance(fraction)
+
+    def _advance(self, fraction: float) -> dict[str, float]:
         begin_to_reflect = self.emission(self.fraction) == 1 > self.emission(fraction)
         self.fraction = fraction
         self._coarse_to_fine(fraction)
         if begin_to_reflect and self.scene.room is not None and self.settings.light.from_room:
             height = self.scene.environment.height
             self.begin_light(light_from_room(self.scene.room, height))
-        self.scene.field.smoothing = smoothing_width(self.settings.field, fraction)
         factor = self._learning_rate_factor(fraction)
         for group in self.optimiser.param_groups:
             group["lr"] = group["base"] * factor
@@ -218,56 +249,87 @@ class Trainer:
         if probe_turn(fraction) != self.probe_turn:
             self.probe_turn = probe_turn(fraction)
             self.refresh_probes()
-        grid = pixel_grid(self.settings, fraction)
-        each = grid * grid
-        chunks, turns = self._draw(self.batching.chunks(each), grid)
-        found = self.workers.gradients(chunks, turns)
+        plan = self._begin_period(pixel_grid(self.settings, fraction))
+        self.scene.field.smoothing = smoothing_width(self.settings.field, plan.fraction)
+        found, counted = self._gradients(plan)
         self.workers.together(self.optimiser.moves())
         if self.exposures is not None:
             self.exposures.step([taken.to_exposures for taken in found], factor)
         self.step += 1
         self.steps_at_level += 1
-        image = 0.0
-        for chunk, taken in zip(chunks, found, strict=True):
-            self.batching.observe(len(chunk.keys) * each, *taken.samples)
-            image += taken.image * chunk.share
+        if counted:
+            for rays, taken in zip(plan.rays, found, strict=True):
+                self.batching.observe(rays, *taken.samples)
+        image = sum(taken.image * share for taken, share in zip(found, plan.shares, strict=True))
+        if self.replay is not None:
+            before, self._image_before = self._image_before, image
+            image = image if before is None else before
+        image = float(image)
         return {
-            "image": image, "psnr": -10 * math.log10(max(image, 1e-12)),
-            "samples": sum(taken.samples[0] for taken in found),
-            "rays": sum(len(chunk.keys) for chunk in chunks) * each,
+            "image": image, "psnr": -10 * math.log10(max(image, 1e-12)), "rays": sum(plan.rays)
         }  # fmt: skip
 
-    def _draw(
-        self, sizes: list[int], grid: int
-    ) -> tuple[list[Chunk], Sequence[torch.Tensor | None]]:
-        """Chunks of so many random pixels with grid × grid rays each, and the turns of the light they are
-        under; all random numbers of a step are drawn here."""
-        pixels, colours, device = [], [], self.scene.device
-        turns, photos = [None], [None] * len(sizes)
+    def _begin_period(self, grid: int) -> StepPlan:
+        """The plan of a step: one of its own, or that of all steps that are replayed."""
+        if self.replay is None:
+            return self._plan(grid)
+        if self.replay.plan is None:
+            self.replay.begin(self._plan(grid))
+        return self.replay.plan
+
+    def _plan(self, grid: int) -> StepPlan:
+        sizes = self.batching.chunks(grid * grid)
+        retraced = [
+            self.batching.retraced_of(size / sum(sizes), size * grid * grid) for size in sizes
+        ]
+        return StepPlan(sizes, grid, retraced, self.fraction)
+
+    def _gradients(self, plan: StepPlan) -> tuple[list[Taken], bool]:
+        """Add a step's gradients to those of the scene; returns what chunks found, and whether their counts
+        are those of the step."""
+        drawn = self._draw(plan.sizes)
+        if self.replay is None:
+            chunks = self._chunks(plan, drawn, self.random.at(self.step))
+            return self.workers.gradients(chunks, drawn.turns), True
+
+        def compute(pixels, colours, streams):
+            again = Drawn(pixels, colours, drawn.turns)
+            return self.workers.gradients(self._chunks(plan, again, self.random.of(streams)))
+
+        streams = torch.tensor(self.random.streams_at(self.step))
+        streams = streams.to(self.scene.device, non_blocking=True)
+        return self.replay.run(compute, drawn.pixels, drawn.colours, streams)
+
+    def _draw(self, sizes: list[int]) -> Drawn:
+        """The random pixels of a step's chunks."""
+        pixels, colours, turns, photos = [], [], [None], [None] * len(sizes)
         if self.turns is not None:
             # A chunk has one light, and so the pixels of one photo.
             photos = [self.bank.draw_photo(self.generator) for _ in sizes]
             turns = [self.turns[photo] for photo in photos]
         for size, photo in zip(sizes, photos, strict=True):
             pixels.append(self.bank.draw(size, self.generator, photo))
-            colour = None
             if self.background == "random":
-                colour = torch.rand(size, 3, generator=self.generator).to(device)
-            colours.append(colour)
+                colours.append(torch.rand(size, 3, generator=self.generator))
+        colours = torch.cat(colours).to(self.scene.device, non_blocking=True) if colours else None
+        return Drawn(torch.cat(pixels), colours, turns)
+
+    def _chunks(self, plan: StepPlan, drawn: Drawn, random: RandomNumbers) -> list[Chunk]:
+        """Chunks of the pixels drawn, with grid × grid rays each."""
+        sizes = plan.sizes
         # All rays at once, which is faster, and then cut.
-        batch = self.bank.batch(torch.cat(pixels), grid)
-        batches = batch.split(sizes)
-        keys = torch.arange(sum(sizes), device=device)
+        batches = self.bank.batch(drawn.pixels, plan.grid).split(sizes)
+        keys = torch.arange(len(drawn.pixels), device=self.scene.device).split(sizes)
+        colours = [None] * len(sizes) if drawn.colours is None else drawn.colours.split(sizes)
         log_gain = None if self.exposures is None else self.exposures.log_gain.detach()
-        chunks = []
-        for batch, own, colour in zip(batches, keys.split(sizes), colours, strict=True):
-            share = len(own) / len(keys)
-            retraced = self.batching.retraced_of(share, len(own) * grid * grid)
-            turn = min(len(chunks), len(turns) - 1)
-            chunks.append(
-                Chunk(batch, own, colour, log_gain, share, retraced, self.step, self.fraction, turn)
+        rows = zip(batches, keys, colours, plan.shares, plan.retraced, strict=True)
+        return [
+            Chunk(
+                batch, own, colour, log_gain, share, retraced, random, plan.fraction,
+                min(index, len(drawn.turns) - 1),
             )
-        return chunks, turns
+            for index, (batch, own, colour, share, retraced) in enumerate(rows)
+        ]  # fmt: skip
 
     def _coarse_to_fine(self, fraction: float) -> None:
         starts = self.settings.field.size_starts

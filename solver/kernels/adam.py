@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import torch
 
-from .backend import fast, kernels
+from .backend import fast, kernels, on_warp
+from .constants import constant_on
 
 
 class Moments(NamedTuple):
@@ -26,7 +27,7 @@ class Rates(NamedTuple):
     step: float
     mean_decay: float
     square_decay: float
-    epsilon: float
+    epsilon: float | torch.Tensor  # a number, or one in memory [1]
     count: int  # of steps, this one included
 
 
@@ -41,7 +42,12 @@ def adam_step(
         scale = 1 / (1 - rates.square_decay**rates.count)
         rows = parameter.shape[-1]
         tensors = [t.view(-1, rows) for t in (parameter, gradient, *moments)]
-        factors = (size, scale, rates.mean_decay, rates.square_decay, rates.epsilon)
+        epsilon = rates.epsilon
+        if not on_warp(parameter.device):
+            epsilon = float(epsilon)
+        elif not isinstance(epsilon, torch.Tensor):
+            epsilon = constant_on(parameter.device, (epsilon,))
+        factors = (size, scale, rates.mean_decay, rates.square_decay, epsilon)
         if fast(parameter):
             kernels("adam", parameter.device).step(*tensors, *factors)
         else:

@@ -33,7 +33,7 @@ def move(
 def _step_rows(
     parameter: wp.array2d(dtype=float), gradient: wp.array2d(dtype=float),
     mean: wp.array2d(dtype=float), square: wp.array2d(dtype=float), size: float, scale: float,
-    mean_decay: float, square_decay: float, epsilon: float,
+    mean_decay: float, square_decay: float, epsilon: wp.array(dtype=float),
 ):  # fmt: skip
     n = wp.tid()
     touched = bool(False)
@@ -42,7 +42,7 @@ def _step_rows(
     if touched:
         for c in range(gradient.shape[1]):
             move(
-                parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon, n, c
+                parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon[0], n, c
             )  # fmt: skip
 
 
@@ -57,13 +57,14 @@ def _touch(gradient: wp.array2d(dtype=float), touched: wp.array(dtype=wp.uint8))
 def _step(
     parameter: wp.array2d(dtype=float), gradient: wp.array2d(dtype=float),
     mean: wp.array2d(dtype=float), square: wp.array2d(dtype=float), size: float, scale: float,
-    mean_decay: float, square_decay: float, epsilon: float, touched: wp.array(dtype=wp.uint8),
+    mean_decay: float, square_decay: float, epsilon: wp.array(dtype=float),
+    touched: wp.array(dtype=wp.uint8),
 ):  # fmt: skip
     n, c = wp.tid()
     if touched[n] != wp.uint8(0):
         move(
-            parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon, n, c
-        )
+            parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon[0], n, c
+        )  # fmt: skip
 
 
 def step(parameter, gradient, mean, square, *factors) -> None:

@@ -10,6 +10,8 @@ import torch
 
 from . import drawing_torch
 from .backend import has_kernels, kernels
+from .flat_form import offsets_of, room_for
+from .hashing import Stream, stream_for
 
 RAYS_PER_SAMPLE = 1024
 """room for the secondary rays of a sample in a key"""
@@ -19,6 +21,7 @@ class Plan(NamedTuple):
     """Which secondary rays are to be sampled: ray k belongs to sample `sample[k]`."""
 
     counts: torch.Tensor  # [S] long, rays of a sample
+    offsets: torch.Tensor  # [S + 1] long, where they begin
     sample: torch.Tensor  # [K] long
     keys: torch.Tensor  # [K] long
     share: torch.Tensor  # [S] by how much a ray counts
@@ -45,14 +48,15 @@ def draw_depths(
         weights.contiguous(), offsets, opacity.contiguous(), u.contiguous(), least, rows, row_times,
         counts,
     )  # fmt: skip
-    ends, total = _ends(counts)
-    index, ray, times = offsets.new_empty(3, total).unbind()
-    run.flatten(rows, row_times, counts, ends, index, times, ray)
+    ends, total = offsets_of(counts)
+    index = room_for(offsets, total, fill=len(weights) - 1)
+    ray, times = room_for(offsets, 2, total).unbind()
+    run.flatten(rows, row_times, ends, index, times, ray)
     return index, ray, times
 
 
 def plan_rays(
-    keys: torch.Tensor, mass: torch.Tensor, rays: int, points: torch.Tensor, streams: tuple[int, int]
+    keys: torch.Tensor, mass: torch.Tensor, rays: int, points: torch.Tensor, streams: tuple[Stream, Stream]
 ) -> Plan:  # fmt: skip
     """Share out a pixel's `rays` among its samples.
 
@@ -66,15 +70,10 @@ def plan_rays(
         return Plan(*parts)
     counts, share = torch.empty_like(keys), torch.empty_like(mass)
     run = kernels("drawing", keys.device)
+    streams = [stream_for(keys.device, stream) for stream in streams]
     run.share_out(keys, mass, rays, streams[0], counts, share)
-    ends, total = _ends(counts)
-    sample, ray_keys = keys.new_empty(2, total).unbind()
-    u = mass.new_empty(total, 2)
-    run.leave(keys, counts, ends, streams[1], points, RAYS_PER_SAMPLE, sample, ray_keys, u)
-    return Plan(counts, sample, ray_keys, share, u)
-
-
-def _ends(counts: torch.Tensor) -> tuple[torch.Tensor, int]:
-    """Where each of `counts` [N] items ends in flat form [N], and how many there are."""
-    ends = counts.cumsum(0)
-    return ends, int(ends[-1]) if len(ends) > 0 else 0
+    offsets, total = offsets_of(counts)
+    sample = room_for(keys, total, fill=len(keys) - 1)
+    ray_keys, u = room_for(keys, total), room_for(mass, total, 2, fill=0.5)
+    run.leave(keys, offsets, streams[1], points, RAYS_PER_SAMPLE, sample, ray_keys, u)
+    return Plan(counts, offsets, sample, ray_keys, share, u)

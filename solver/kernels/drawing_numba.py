@@ -48,12 +48,11 @@ def draw_depths(weights, offsets, opacity, u, least, index, times, counts):
 
 
 @numba.njit(cache=True, nogil=True)
-def flatten(rows, more_rows, counts, ends, flat, more_flat, row):
-    """The first `counts[r]` entries of each row r of two arrays, row after row, up to `ends[r]`."""
-    for r in range(counts.shape[0]):
-        first = ends[r] - counts[r]
-        for i in range(counts[r]):
-            at = first + i
+def flatten(rows, more_rows, offsets, flat, more_flat, row):
+    """The first entries of each row r of two arrays, to `offsets[r]` up to `offsets[r + 1]`."""
+    for r in range(rows.shape[0]):
+        for at in range(offsets[r], offsets[r + 1]):
+            i = at - offsets[r]
             flat[at], more_flat[at], row[at] = rows[r, i], more_rows[r, i], r
 
 
@@ -69,15 +68,15 @@ def share_out(keys, mass, rays, seed, counts, share):
 
 
 @numba.njit(cache=True, nogil=True)
-def leave(keys, counts, ends, seed, points, keys_per_sample, sample, ray_keys, u):
+def leave(keys, offsets, seed, points, keys_per_sample, sample, ray_keys, u):
     """The rays [K] of all samples: whose they are, their keys, and their points, turned by sample; those
-    of sample s up to `ends[s]`."""
+    of sample s from `offsets[s]` up to `offsets[s + 1]`."""
     for s in range(keys.shape[0]):
-        if counts[s] == 0:
+        if offsets[s + 1] == offsets[s]:
             continue
         shift0, shift1 = unit_number(keys[s], seed), unit_number(keys[s], seed + 1)
-        for i in range(counts[s]):
-            k = ends[s] - counts[s] + i
+        for k in range(offsets[s], offsets[s + 1]):
+            i = k - offsets[s]
             sample[k] = s
             ray_keys[k] = keys[s] * keys_per_sample + i % keys_per_sample
             x, y = points[i % len(points), 0] + shift0, points[i % len(points), 1] + shift1

@@ -35,12 +35,13 @@ def plan_rays(keys, mass, rays, points, streams, keys_per_sample):
     """See `drawing.plan_rays`; the parts of a plan."""
     expected = mass * rays
     counts = allocate_rays(mass, rays, uniform(keys, streams[0], 1)[:, 0])
+    offsets = torch.nn.functional.pad(counts.cumsum(0), (1, 0))
     sample = torch.repeat_interleave(torch.arange(len(counts), device=counts.device), counts)
-    index = torch.arange(len(sample), device=counts.device) - (counts.cumsum(0) - counts)[sample]
+    index = torch.arange(len(sample), device=counts.device) - offsets[sample]
     # A sample that was lucky to get its one ray stands for the others like it.
     share = 1 / (expected.clamp(1e-6, 1) * counts.clamp(min=1))
     ray_keys = keys[sample] * keys_per_sample + index % keys_per_sample
-    return counts, sample, ray_keys, share, turned(points, keys, streams[1], sample, index)
+    return counts, offsets, sample, ray_keys, share, turned(points, keys, streams[1], sample, index)
 
 
 def turned(points, keys, stream, sample, index):

@@ -60,13 +60,11 @@ def _draw_depths(
 
 @wp.kernel
 def _flatten(
-    rows: Rows, more_rows: Rows, counts: Integers, ends: Integers, flat: Integers,
-    more_flat: Integers, row: Integers,
+    rows: Rows, more_rows: Rows, offsets: Integers, flat: Integers, more_flat: Integers, row: Integers,
 ):  # fmt: skip
     r = wp.tid()
-    count = int(counts[r])
-    first = int(ends[r]) - count
-    for i in range(count):
+    first = int(offsets[r])
+    for i in range(int(offsets[r + 1]) - first):
         flat[first + i] = rows[r, i]
         more_flat[first + i] = more_rows[r, i]
         row[first + i] = wp.int64(r)
@@ -74,27 +72,28 @@ def _flatten(
 
 @wp.kernel
 def _share_out(
-    keys: Integers, mass: wp.array(dtype=float), rays: float, seed: wp.uint32, counts: Integers,
+    keys: Integers, mass: wp.array(dtype=float), rays: float, seed: Integers, counts: Integers,
     share: wp.array(dtype=float),
 ):  # fmt: skip
     s = wp.tid()
     expected = mass[s] * rays
-    count = wp.int64(wp.floor(expected + unit_number(keys[s], seed)))
+    count = wp.int64(wp.floor(expected + unit_number(keys[s], wp.uint32(seed[0]))))
     counts[s] = count
     share[s] = 1.0 / (wp.min(wp.max(expected, 1.0e-6), 1.0) * float(wp.max(count, ONE)))
+    if mass[s] <= 0.0:
+        share[s] = 0.0
 
 
 @wp.kernel
 def _leave(
-    keys: Integers, counts: Integers, ends: Integers, seed: wp.uint32, points: wp.array2d(dtype=float),
+    keys: Integers, offsets: Integers, seed: Integers, points: wp.array2d(dtype=float),
     keys_per_sample: int, sample: Integers, ray_keys: Integers, u: wp.array2d(dtype=float),
 ):  # fmt: skip
     s = wp.tid()
-    count = int(counts[s])
-    first = int(ends[s]) - count
-    shift0 = unit_number(keys[s], seed)
-    shift1 = unit_number(keys[s], seed + wp.uint32(1))
-    for i in range(count):
+    first = int(offsets[s])
+    shift0 = unit_number(keys[s], wp.uint32(seed[0]))
+    shift1 = unit_number(keys[s], wp.uint32(seed[0]) + wp.uint32(1))
+    for i in range(int(offsets[s + 1]) - first):
         k = first + i
         sample[k] = wp.int64(s)
         ray_keys[k] = keys[s] * wp.int64(keys_per_sample) + wp.int64(i % keys_per_sample)
@@ -108,15 +107,15 @@ def draw_depths(weights, offsets, opacity, u, least, index, times, counts) -> No
     launch(_draw_depths, len(counts), weights, offsets, opacity, u, least, index, times, counts)
 
 
-def flatten(rows, more_rows, counts, ends, flat, more_flat, row) -> None:
-    launch(_flatten, len(counts), rows, more_rows, counts, ends, flat, more_flat, row)
+def flatten(rows, more_rows, offsets, flat, more_flat, row) -> None:
+    launch(_flatten, len(rows), rows, more_rows, offsets, flat, more_flat, row)
 
 
 def share_out(keys, mass, rays, seed, counts, share) -> None:
     launch(_share_out, len(keys), keys, mass, float(rays), seed, counts, share)
 
 
-def leave(keys, counts, ends, seed, points, keys_per_sample, sample, ray_keys, u) -> None:
+def leave(keys, offsets, seed, points, keys_per_sample, sample, ray_keys, u) -> None:
     launch(
-        _leave, len(keys), keys, counts, ends, seed, points, keys_per_sample, sample, ray_keys, u
+        _leave, len(keys), keys, offsets, seed, points, keys_per_sample, sample, ray_keys, u
     )  # fmt: skip

@@ -8,22 +8,34 @@ from __future__ import annotations
 
 import torch
 
-from .backend import has_kernels, kernels
+from .backend import has_kernels, kernels, on_warp
 
 _MASK = 0xFFFFFFFF
 _TO_UNIT = 1.0 / (1 << 24)
 
 
-def uniform(keys: torch.Tensor, seed: int, columns: int) -> torch.Tensor:
+Stream = int | torch.Tensor
+"""a seed of the hash, 32 bits; where it lies in a card's memory, [1] long"""
+
+
+def uniform(keys: torch.Tensor, seed: Stream, columns: int) -> torch.Tensor:
     """Uniform numbers in [0, 1) [N, columns] float32 of non-negative integer keys [N] long."""
     if not has_kernels(keys.device):
         return uniform_torch(keys, seed, columns)
     out = torch.empty(len(keys), columns, device=keys.device)
-    kernels("hashing", keys.device).uniform(keys.contiguous(), seed & _MASK, out)
+    seed = stream_for(keys.device, seed)
+    kernels("hashing", keys.device).uniform(keys.contiguous(), seed, out)
     return out
 
 
-def uniform_torch(keys: torch.Tensor, seed: int, columns: int) -> torch.Tensor:
+def stream_for(device: torch.device, seed: Stream) -> Stream:
+    """A stream as a device's kernels take it: in memory for those in Warp, else a number."""
+    if not on_warp(device):
+        return int(seed) & _MASK
+    return seed if isinstance(seed, torch.Tensor) else torch.tensor([seed & _MASK], device=device)
+
+
+def uniform_torch(keys: torch.Tensor, seed: Stream, columns: int) -> torch.Tensor:
     """Plain torch twin of `uniform`: bit for bit the same."""
     column = torch.arange(columns, device=keys.device)
     state = _mix(column + (seed & _MASK))

@@ -30,9 +30,11 @@ def unit_number(key: wp.int64, seed: wp.uint32):
 
 
 @wp.kernel
-def _uniform(keys: wp.array(dtype=wp.int64), seed: wp.uint32, out: wp.array2d(dtype=float)):
+def _uniform(
+    keys: wp.array(dtype=wp.int64), seed: wp.array(dtype=wp.int64), out: wp.array2d(dtype=float)
+):  # fmt: skip
     n, column = wp.tid()
-    out[n, column] = unit_number(keys[n], seed + wp.uint32(column))
+    out[n, column] = unit_number(keys[n], wp.uint32(seed[0]) + wp.uint32(column))
 
 
 def uniform(keys, seed, out) -> None:

@@ -12,6 +12,7 @@ import torch
 
 from . import march_torch
 from .backend import fast, kernels
+from .flat_form import filled_up, offsets_of, room_for
 
 MOST_SAMPLES = 4096
 """of a ray; what lies beyond them is not seen"""
@@ -57,12 +58,11 @@ def march(
         origins, directions, start.contiguous(), jitter.contiguous(), step, cell, free,
         planes.contiguous(), lines.contiguous(), shift, scale, min_transmittance, distance, raw, counts,
     )  # fmt: skip
-    offsets = torch.cat([counts.new_zeros(1), counts.cumsum(0)])
-    count = int(offsets[-1])
-    flat, flat_raw = origins.new_empty(2, count).unbind()
-    points, ray = origins.new_empty(count, 3), counts.new_empty(count)
-    run.compact(origins, directions, distance, raw, counts, offsets, flat, flat_raw, points, ray)
-    return Segments(flat, flat_raw, points, ray, offsets)
+    offsets, count = offsets_of(counts)
+    flat, flat_raw = room_for(origins, 2, count).unbind()
+    points, ray = room_for(origins, count, 3), room_for(counts, count)
+    run.compact(origins, directions, distance, raw, offsets, flat, flat_raw, points, ray)
+    return Segments(*filled_up(offsets, flat, flat_raw, points, ray), offsets)
 
 
 def grid_transmittance(
@@ -86,7 +86,7 @@ def grid_transmittance(
 class _Composite(torch.autograd.Function):
     @staticmethod
     def forward(ctx, optical_depth, offsets):
-        weights = torch.empty_like(optical_depth)
+        weights = room_for(optical_depth, len(optical_depth))
         transmittance = weights.new_empty(len(offsets) - 1)
         run = kernels("march", weights.device)
         run.composite(optical_depth, offsets, weights, transmittance)
@@ -96,7 +96,7 @@ class _Composite(torch.autograd.Function):
     @staticmethod
     def backward(ctx, g_weights, g_transmittance):
         offsets, weights, transmittance = ctx.saved_tensors
-        out = torch.empty_like(weights)
+        out = room_for(weights, len(weights))
         kernels("march", weights.device).composite_backward(
             offsets, weights, transmittance, g_weights.contiguous(), g_transmittance.contiguous(),
             out,

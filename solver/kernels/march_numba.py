@@ -70,12 +70,12 @@ def march(
 
 @numba.njit(parallel=True, cache=True, nogil=True)
 def compact(
-    origins, directions, distance, raw, counts, offsets, flat_distance, flat_raw, points, ray
+    origins, directions, distance, raw, offsets, flat_distance, flat_raw, points, ray
 ):  # fmt: skip
     """Copy the rows' leading entries into flat segments, and note where they are."""
-    for r in numba.prange(counts.shape[0]):
+    for r in numba.prange(origins.shape[0]):
         first = offsets[r]
-        for i in range(counts[r]):
+        for i in range(offsets[r + 1] - first):
             t = distance[r, i]
             flat_distance[first + i] = t
             flat_raw[first + i] = raw[r, i]

@@ -15,7 +15,8 @@ from .vectors_warp import vector
 from .vm_warp import raw_density
 from .warp_device import launch
 
-wp.set_module_options({"enable_backward": False, "fast_math": True})
+# A thread walks a ray, sample after sample, and a step has few of them: they are spread over the card.
+wp.set_module_options({"enable_backward": False, "fast_math": True, "block_dim": 32})
 
 EMPTY = wp.constant(EMPTY_CODE)
 DEPTH_UNIT = wp.constant(1.0 / DEPTHS_PER_UNIT)
@@ -40,7 +41,8 @@ def box_span(origin: wp.vec3, direction: wp.vec3):
             t1 = (1.0 - o) / d
             near = wp.max(near, wp.min(t0, t1))
             far = wp.min(far, wp.max(t0, t1))
-    if missed:
+    # What has no direction would walk for ever.
+    if missed or near <= -1.0e30:
         near = 1.0
         far = 0.0
     return wp.vec2(near, far)
@@ -106,14 +108,13 @@ def _march(
 @wp.kernel
 def _compact(
     origins: wp.array2d(dtype=float), directions: wp.array2d(dtype=float),
-    distance: wp.array2d(dtype=float), raw: wp.array2d(dtype=float),
-    counts: wp.array(dtype=wp.int64), offsets: wp.array(dtype=wp.int64),
+    distance: wp.array2d(dtype=float), raw: wp.array2d(dtype=float), offsets: wp.array(dtype=wp.int64),
     flat_distance: wp.array(dtype=float), flat_raw: wp.array(dtype=float),
     points: wp.array2d(dtype=float), ray: wp.array(dtype=wp.int64),
 ):  # fmt: skip
     r = wp.tid()
     first = int(offsets[r])
-    for i in range(int(counts[r])):
+    for i in range(int(offsets[r + 1]) - first):
         t = distance[r, i]
         flat_distance[first + i] = t
         flat_raw[first + i] = raw[r, i]
@@ -199,11 +200,11 @@ def march(
 
 
 def compact(
-    origins, directions, distance, raw, counts, offsets, flat_distance, flat_raw, points, ray
+    origins, directions, distance, raw, offsets, flat_distance, flat_raw, points, ray
 ) -> None:  # fmt: skip
     launch(
-        _compact, len(counts), origins, directions, distance, raw, counts, offsets, flat_distance,
-        flat_raw, points, ray,
+        _compact, len(origins), origins, directions, distance, raw, offsets, flat_distance, flat_raw,
+        points, ray,
     )  # fmt: skip
 
 

@@ -83,7 +83,7 @@ class _Specular(torch.autograd.Function):
 
 def specular(
     normals: torch.Tensor, alphas: torch.Tensor, f0s: torch.Tensor, table: torch.Tensor,
-    views: torch.Tensor, points: torch.Tensor, counts: torch.Tensor, shares: torch.Tensor,
+    views: torch.Tensor, points: torch.Tensor, first: torch.Tensor, shares: torch.Tensor,
     u: torch.Tensor, rows: torch.Tensor, masking: bool, averaged: bool, blockers: Blockers,
     spread: torch.Tensor | None = None, near: Near | None = None,
 ) -> tuple[torch.Tensor, Carried]:  # fmt: skip
@@ -92,8 +92,8 @@ def specular(
     Args:
         normals, views: [S, 3] world, unit, normals on the viewer's side. alphas: [S]. f0s: [S, 3].
         table, rows: of the light (`integral.rectangle_mean`). points: [S, 3] world.
-        counts: [S] rays of each sample. shares: [S] by how much each of them counts.
-        u: [K, 2] uniform in [0, 1), K = Σ counts.
+        first: [S + 1] where each sample's rays begin. shares: [S] by how much each of them counts.
+        u: [K, 2] uniform in [0, 1).
         masking: weigh by G2/G1. averaged: a ray stands for its share of the solid angle.
         spread: [S, 2, 3] what the pixel adds to that (`footprint.reflected_spread`); none: nothing.
         near: what of the light comes from close by; none: nothing.
@@ -101,7 +101,6 @@ def specular(
     Gradients of the radiance flow to normals, alphas, f0s and the table, those of what rays carried to
     the first three.
     """
-    first = torch.nn.functional.pad(counts.cumsum(0), (1, 0))
     spread = normals.new_zeros(len(normals), 2, 3) if spread is None else spread
     near = Near(normals.new_empty(0, 3), (0.0, 0.0, 0.0)) if near is None else near
     radiance, *carried = _Specular.apply(

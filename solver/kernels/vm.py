@@ -5,12 +5,11 @@ Shapes and layout are those of `vm_torch`. Gradients flow to the factors only, n
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import torch
 
 from . import vm_torch
 from .backend import fast, gradient_buffer, kernels, on_numba, on_warp
+from .constants import constant_on
 
 NEGLIGIBLE = 1e-3
 """cotangents below this share of their mean are left out of sums over many samples"""
@@ -125,16 +124,10 @@ def vm_gradient(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor)
     return vm_torch.vm_gradient(points.detach(), planes, lines)
 
 
-@lru_cache(maxsize=16)
-def _taps_on(device: torch.device, taps: tuple[float, ...]) -> torch.Tensor:
-    """Taps on a device, kept there: a step has the same ones several times, and so mostly has the next."""
-    return torch.tensor(taps, dtype=torch.float32, device=device)
-
-
 def smooth_planes(planes: torch.Tensor, taps: torch.Tensor) -> torch.Tensor:
     """Odd, symmetric taps [2r + 1] along both axes of planes [3, G, G, C]; borders are mirrored."""
     if fast(planes):
-        taps = _taps_on(planes.device, tuple(taps.tolist()))
+        taps = constant_on(planes.device, tuple(taps.tolist()))
         return _Smooth.apply(planes.contiguous(), taps, "smooth_planes")
     return vm_torch.smooth_planes(planes, taps)
 
@@ -142,6 +135,6 @@ def smooth_planes(planes: torch.Tensor, taps: torch.Tensor) -> torch.Tensor:
 def smooth_lines(lines: torch.Tensor, taps: torch.Tensor) -> torch.Tensor:
     """Odd, symmetric taps [2r + 1] along lines [3, G, C]; borders are mirrored."""
     if fast(lines) and not on_numba(lines.device):  # on the CPU torch does that well
-        taps = _taps_on(lines.device, tuple(taps.tolist()))
+        taps = constant_on(lines.device, tuple(taps.tolist()))
         return _Smooth.apply(lines.contiguous(), taps, "smooth_lines")
     return vm_torch.smooth(lines, taps, 1)

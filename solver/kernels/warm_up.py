@@ -79,8 +79,8 @@ def _run_shading() -> None:
     rows = torch.linspace(0, 1, 5, dtype=torch.float64)
     table, normals = prefix_sums(_leaf(3, 4, 8), rows[1:]), directions.clone().requires_grad_()
     radiance, _ = specular(
-        normals, _leaf(4), _leaf(4, 3), table, directions, points, torch.ones(4, dtype=torch.long),
-        torch.ones(4), torch.rand(4, 2), rows, True, True, blockers,
+        normals, _leaf(4), _leaf(4, 3), table, directions, points, torch.arange(5), torch.ones(4),
+        torch.rand(4, 2), rows, True, True, blockers,
     )  # fmt: skip
     radiance.sum().backward()
     irradiance_between(

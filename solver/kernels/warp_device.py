@@ -80,7 +80,7 @@ class _Launch:
         self._command = wp.launch(
             kernel, dim, values[: len(known)], adj_inputs=values[len(known) :],
             adjoint=cotangents is not None, device=wp.device_from_torch(device), record_cmd=True,
-            record_tape=False,
+            record_tape=False, block_dim=kernel.module.options["block_dim"],
         )  # fmt: skip
         for index, parameter in enumerate(self._parameters):
             parameter.join(self._command, index % len(known), index >= len(known))
@@ -129,6 +129,8 @@ class _Parameter:
                     self._array.data, 0, len(shape), shape, [size * stride for stride in strides]
                 )
         elif self._array is not None:
+            if value is not None:
+                raise TypeError(f"{self._name}: {value} instead of a tensor")
             # Not wanted this time: what it was given before is not to be written to.
             self._array.data = 0
         elif value is not None and value != self._value:

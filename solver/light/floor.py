@@ -17,6 +17,8 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from ..kernels.constants import constant_on
+
 LOWEST = 0.02
 """of the centre's height: points count as no closer to the plane"""
 FARTHEST = 30.0
@@ -47,9 +49,10 @@ class Floor(NamedTuple):
     def shifts(self, points: torch.Tensor) -> torch.Tensor:
         """(x − c)/h [N, 3] of points x [N, 3]; no gradient."""
         points = points.detach()
-        above = points @ points.new_tensor(self.up) - self.height
+        up, centre = (_like(points, values) for values in (self.up, self.centre))
+        above = points @ up - self.height
         least = LOWEST * self.centre_height
-        return (points - points.new_tensor(self.centre)) / above.clamp(min=least)[:, None]
+        return (points - centre) / above.clamp(min=least)[:, None]
 
     def seen(self, shifts: torch.Tensor, directions: torch.Tensor) -> SeenFromCentre:
         """What rays of unit directions [N, 3] see, as the centre sees it.
@@ -57,7 +60,7 @@ class Floor(NamedTuple):
         Args:
             shifts: [N, 3] of their origins.
         """
-        up = directions.new_tensor(self.up)
+        up = _like(directions, self.up)
         down = -(directions @ up)
         moved = directions + down.clamp(min=0)[:, None] * shifts
         length = moved.norm(dim=-1, keepdim=True)
@@ -92,3 +95,7 @@ class SeenFromCentre(NamedTuple):
         back = (axes - by_shift * self.up) / self.length[:, None]
         ray = self.rays[:, None]
         return back - (back * ray).sum(-1, keepdim=True) * ray
+
+
+def _like(tensor: torch.Tensor, values: tuple[float, ...]) -> torch.Tensor:
+    return constant_on(tensor.device, values, tensor.dtype)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import torch
 
 from ..kernels.drawing import draw_depths
+from ..kernels.flat_form import indices_of
 
 LEAST_OPACITY = 1e-3
 """rays that are more transparent than this are not shaded"""
@@ -44,8 +45,10 @@ def all_depths(
     weights: torch.Tensor, ray: torch.Tensor, opacity: torch.Tensor, min_weight: float
 ) -> Depths:
     """All samples [S] heavier than `min_weight`; they make up for the others of their `ray` [S]."""
-    index = (weights.detach() > min_weight).nonzero()[:, 0]
-    kept, heavy = ray[index], weights[index]
+    index, real = indices_of(weights.detach() > min_weight)
+    kept, heavy = ray[index], weights.index_select(0, index)
+    if real is not None:
+        heavy = heavy * real
     fixed, opacity = heavy.detach(), opacity.detach()
     total = torch.zeros_like(opacity).index_add(0, kept, fixed)
     # Weights keep their own gradient; only the scale between heavy and all samples is fixed.
@@ -76,6 +79,12 @@ def random_depths(
         mass = share * opacity.detach()[chosen]
     slope = None
     if depths > 1:
-        logarithm = weights[index].clamp(min=1e-12).log() - opacity[chosen].clamp(min=1e-12).log()
+        logarithm = _log_of(weights, index) - _log_of(opacity, chosen)
         slope = (logarithm - logarithm.detach()) * (depths / (depths - 1))
     return Depths(index, chosen, share, mass, opacity, slope)
+
+
+def _log_of(values: torch.Tensor, index: torch.Tensor) -> torch.Tensor:
+    """Logarithms of values [N] at `index` [K]."""
+    # Not values[index], whose gradient is slow on a card where an index comes often.
+    return values.index_select(0, index).clamp(min=1e-12).log()

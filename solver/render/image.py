@@ -23,7 +23,8 @@ from .random_numbers import RandomNumbers
 from .scene import RenderSettings, Scene, StepTables
 from .surroundings import surroundings
 
-RAYS_PER_CHUNK = 4096
+RAYS_PER_CHUNK, ON_A_CARD = 4096, 32_768
+"""at once; a card is busy only with many"""
 PEAK_RAYS = 16_384
 """whose steps are kept at once to find their peaks"""
 
@@ -63,7 +64,7 @@ def image_settings(
 @torch.no_grad()
 def render_view(
     scene: Scene, tables: StepTables, settings: RenderSettings, camera: Camera, seed: int = 0,
-    progress: Callable[[float], None] | None = None, rays_per_chunk: int = RAYS_PER_CHUNK,
+    progress: Callable[[float], None] | None = None, rays_per_chunk: int | None = None,
 ) -> RenderedView:  # fmt: skip
     """Render what a camera sees. The same picture for the same seed, however it is cut in chunks.
 
@@ -76,6 +77,8 @@ def render_view(
     row, column = np.mgrid[0 : camera.height, 0 : camera.width]
     columns, rows = column.reshape(-1, 1) + places[:, 0], row.reshape(-1, 1) + places[:, 1]
     pixels, each = columns.shape
+    if rays_per_chunk is None:
+        rays_per_chunk = RAYS_PER_CHUNK if device.type == "cpu" else ON_A_CARD
     pixels_per_chunk = max(1, rays_per_chunk // each)
     parts, around = [], []
     for first in range(0, pixels, pixels_per_chunk):

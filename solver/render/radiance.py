@@ -81,7 +81,8 @@ def render_rays(
         # A fog's colours cost little, and chosen at random they would hardly tell where it is dense.
         chosen = all_depths(weights, ray, 1 - transmittance, GLOW_MIN_WEIGHT)
     elif settings.shaded_depths > 0:
-        u = random.uniform(DEPTH, keys, settings.shaded_depths).view(count, -1)
+        depths = settings.shaded_depths
+        u = random.uniform(DEPTH, keys, depths).view(count, depths)
         chosen = random_depths(weights, steps.offsets, 1 - transmittance, u)
     else:
         chosen = all_depths(weights, ray, 1 - transmittance, settings.min_weight)
@@ -128,7 +129,7 @@ def _samples(
     keys: torch.Tensor,
 ) -> Samples:  # fmt: skip
     """The chosen steps along rays of the given origins, directions [R, 3] and keys [R]."""
-    index, ray = chosen.index, chosen.ray
+    index, ray = chosen.index, steps.ray[chosen.index]
     distance = steps.distance[index]
     points = origins[ray] + distance[:, None] * directions[ray]
     part = None if steps.part is None else steps.part[index]
@@ -156,14 +157,15 @@ def _trace_secondary(scene, tables, settings, random, origins, directions, keys,
     weights, transmittance = composite(steps.depth, steps.offsets)
     ray = steps.ray
     if settings.secondary_depths > 0:
-        u = random.uniform(SECONDARY_DEPTH, keys, settings.secondary_depths).view(len(keys), -1)
+        depths = settings.secondary_depths
+        u = random.uniform(SECONDARY_DEPTH, keys, depths).view(len(keys), depths)
         chosen = random_depths(weights, steps.offsets, 1 - transmittance, u)
     else:
         least = SECONDARY_MIN_WEIGHT * settings.min_weight
         chosen = all_depths(weights, ray, 1 - transmittance, least)
     kept = _samples(steps, chosen, origins.detach(), directions.detach(), keys)
+    view = -directions.index_select(0, kept.ray)
     shading = shade(
-        scene, tables, settings, random, kept, -directions[kept.ray], chosen.mass,
-        settings.secondary_bounce_rays,
-    )  # fmt: skip
+        scene, tables, settings, random, kept, view, chosen.mass, settings.secondary_bounce_rays
+    )
     return chosen.gather(shading.radiance), transmittance, len(ray)

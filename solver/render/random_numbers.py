@@ -10,20 +10,22 @@ import copy
 
 import torch
 
-from ..kernels.hashing import uniform
+from ..kernels.hashing import Stream, uniform
 from ..kernels.march import MOST_SAMPLES
 
 OFFSET, ALLOCATION, ROTATION, NEIGHBOUR, SECONDARY_OFFSET, CHOICE = range(6)
 DEPTH, SECONDARY_DEPTH, ROOM_OFFSET, ROOM_DIRECTION = range(6, 10)
+PURPOSES = 10
 
 
 class RandomNumbers:
-    """Random numbers of one rendering; `step` makes those of an optimisation step."""
+    """Random numbers of one rendering; `at` makes those of an optimisation step."""
 
     def __init__(self, seed: int, device: torch.device | str = "cpu", points: int = 1024):
         engine = torch.quasirandom.SobolEngine(2, scramble=True, seed=seed)
         self.points = engine.draw(points).to(device)
-        self.seed, self.step = seed, 0
+        self.seed = seed
+        self._streams = self._kept(self.streams_at(0))
 
     def uniform(self, purpose: int, keys: torch.Tensor, columns: int = 1) -> torch.Tensor:
         """Independent uniform numbers in [0, 1) of keys [N]: [N], or [N, columns]."""
@@ -32,15 +34,31 @@ class RandomNumbers:
 
     def at(self, step: int) -> RandomNumbers:
         """Those of a step."""
+        return self.of(self._kept(self.streams_at(step)))
+
+    def of(self, streams: list[int] | torch.Tensor) -> RandomNumbers:
+        """Those of streams for all purposes; a tensor [PURPOSES] may get another step's before they are
+        drawn."""
         other = copy.copy(self)
-        other.step = step
+        other._streams = streams
         return other
 
-    def stream(self, purpose: int) -> int:
-        """The hash's seed for the numbers of a purpose."""
+    def streams_at(self, step: int) -> list[int]:
+        """The hash's seeds for all purposes at a step."""
         # Odd multipliers keep seeds, steps and purposes apart before they are hashed.
-        mixed = self.seed * 0x9E3779B1 + self.step * 0x85EBCA77 + purpose * 0xC2B2AE3D
-        return mixed & 0xFFFFFFFF
+        mixed = self.seed * 0x9E3779B1 + step * 0x85EBCA77
+        return [(mixed + purpose * 0xC2B2AE3D) & 0xFFFFFFFF for purpose in range(PURPOSES)]
+
+    def stream(self, purpose: int) -> Stream:
+        """The hash's seed for the numbers of a purpose."""
+        if isinstance(self._streams, torch.Tensor):
+            return self._streams[purpose : purpose + 1]
+        return self._streams[purpose]
+
+    def _kept(self, streams: list[int]) -> list[int] | torch.Tensor:
+        """Streams where they are needed: in the memory of the device."""
+        device = self.points.device
+        return streams if device.type == "cpu" else torch.tensor(streams, device=device)
 
 
 def sample_keys(

@@ -17,6 +17,7 @@ from ..field.heads import Materials
 from ..kernels import drawing
 from ..kernels.backend import fast, precise
 from ..kernels.drawing import Plan
+from ..kernels.flat_form import indices_of, nothing_follows
 from ..kernels.pointwise import at_hand, rowwise
 from ..kernels.skipping import SELF_SHADOW_COSINE
 from ..kernels.specular import Near, specular
@@ -26,6 +27,8 @@ from .scene import RenderSettings, Samples, Scene, StepTables, Surface
 
 CLEAR = 0.95
 """transmittance of the grid above which a secondary ray counts as free"""
+LEAST_SCORE = 1e-30
+"""of all rays together, so that none is divided by nothing"""
 
 
 class SecondaryRays(NamedTuple):
@@ -61,8 +64,9 @@ def scatter(
     )
     if settings.neural > 0:
         part = None if part is None else part[sample]
-        alpha = surface.materials.alpha[sample]
-        g = scene.neural_term(part, surface.features[sample], half, light, alpha)
+        alpha = surface.materials.alpha.detach()[sample]
+        features = surface.features.index_select(0, sample)
+        g = scene.neural_term(part, features, half, light, alpha)
         weight = weight * (1 + settings.neural * (g - 1))
     spread = None if spread is None or not settings.integral_image else spread[sample]
     return SecondaryRays(sample, plan.keys, direction, weight, solid_angle, spread)
@@ -128,7 +132,9 @@ def secondary_origins(
         normals: [S, 3]. sample: [K] long, where each ray leaves from. direction: [K, 3] unit.
     """
     normal = normals[sample]
-    reach = torch.as_tensor(reach, device=normals.device).expand(len(normals))[sample]
+    if not isinstance(reach, torch.Tensor):
+        reach = normals.new_full((len(normals),), reach)
+    reach = reach[sample]
     origins = samples.points[sample] + reach[:, None] * normal
     cosine = (normal * direction).sum(-1).clamp(min=SELF_SHADOW_COSINE)
     return origins, reach * (1 / cosine - 1).clamp(max=4.0)
@@ -146,24 +152,20 @@ def choose_noisy_largest(scores: torch.Tensor, budget: int, noise: torch.Tensor)
 
 
 def choose_systematic(
-    scores: torch.Tensor, budget: int, u: float
+    scores: torch.Tensor, budget: int, u: torch.Tensor | float
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Systematic sampling of about `budget` rays by score: indices and their probabilities.
 
     Dividing what a chosen ray brings by its probability keeps the estimate unbiased.
     """
-    total = scores.sum()
-    if budget <= 0 or total <= 0:
-        empty = torch.zeros(0, dtype=torch.long, device=scores.device)
-        return empty, scores.new_zeros(0)
-    candidates = (scores > 0).nonzero()[:, 0]
-    if len(candidates) <= budget:
-        return candidates, torch.ones_like(scores[candidates])
-    probability = (scores * (budget / total)).clamp(max=1)
+    candidates, total = scores > 0, scores.sum().clamp(min=LEAST_SCORE)
+    shared = (scores * (budget / total)).clamp(max=1)
+    probability = torch.where(candidates.sum() <= budget, candidates.to(scores), shared)
     running = (probability.to(precise(scores.device)).cumsum(0) + u).floor()
     chosen = torch.diff(running, prepend=running.new_zeros(1)) > 0
-    indices = chosen.nonzero()[:, 0]
-    return indices, probability[indices]
+    indices, real = indices_of(chosen)
+    found = probability[indices]
+    return indices, found if real is None else torch.where(real, found, 1.0)
 
 
 def reflected(
@@ -186,7 +188,7 @@ def reflected(
     if fused and fast(toward):
         radiance, (direction, weight, passing) = specular(
             toward, surface.materials.alpha, surface.materials.f0, tables.light.table, view,
-            samples.points, plan.counts, plan.share, plan.u, scene.environment.row_prefix,
+            samples.points, plan.offsets, plan.share, plan.u, scene.environment.row_prefix,
             settings.light_masking, settings.integral_image, scene.blockers(surface.reach), spread,
             _near(scene.environment.floor, samples.points),
         )  # fmt: skip
@@ -204,21 +206,21 @@ def reflected(
                 passing = scene.grid_transmittance(lifted[0], direction, lifted[1])
         arriving = weight * light * passing[:, None]
         radiance = torch.zeros_like(toward).index_add(0, sample, arriving)
-    if trace is None or settings.retraced_rays <= 0 or len(sample) == 0:
+    if trace is None or settings.retraced_rays <= 0 or nothing_follows(sample):
         return radiance
 
     importance = weight.detach().amax(-1) * mass[sample]
     if settings.visibility:
         importance = torch.where(passing < CLEAR, (1 - passing) * importance, 0.0)
     if settings.retrace_choice == "noisy":
-        noise = random.uniform(CHOICE, plan.keys)
+        noise = torch.where(mass[sample] > 0, random.uniform(CHOICE, plan.keys), -1.0)
         chosen = choose_noisy_largest(importance, settings.retraced_rays, noise)
         probability = torch.ones_like(importance[chosen])
     else:
         # One number for the batch; with a budget for all rays it decides nothing.
-        u = float(random.uniform(CHOICE, plan.keys[:1]))
+        u = random.uniform(CHOICE, plan.keys[:1])
         chosen, probability = choose_systematic(importance, settings.retraced_rays, u)
-    if len(chosen) == 0:
+    if nothing_follows(chosen):
         return radiance
     sample = sample[chosen]
     direction, weight = direction.index_select(0, chosen), weight.index_select(0, chosen)

@@ -29,7 +29,8 @@ import torch
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from solver.kernels import backend, vm, warp_device
+from solver.fit import replay
+from solver.kernels import backend, constants, warp_device
 from solver.light import environment, irradiance, spherical_harmonics
 from solver.render import nested
 from solver.render.nested import mapped, tensors_of
@@ -48,7 +49,7 @@ FILLING = {"fill_", "fill", "masked_fill", "masked_fill_"}
 """operations that take one number from the processor, as those that go element by element do"""
 CACHES = (
     environment._map_constants, irradiance.patches, irradiance._corners,
-    spherical_harmonics.quadratic_form, vm._taps_on,
+    spherical_harmonics.quadratic_form, constants.constant_on,
 )  # fmt: skip
 """of tensors by their device: none made for a pretended one may come to a real one, nor the other way"""
 INDEXING = {"index", "index_put", "index_put_", "_index_put_impl_", "_unsafe_index"}
@@ -205,6 +206,8 @@ class Pretence(TorchFunctionMode):
             elif isinstance(value, str | torch.device):
                 device = value
         target = tensor.device if device is None else torch.device(device)
+        if _graph["replays"] and target.type != tensor.device.type:
+            problems.add(f"a tensor moved to {target.type} within a graph")
         dtype = dtype or tensor.dtype
         if target.type == tensor.device.type:
             return tensor.to(dtype, copy=copy)
@@ -215,6 +218,8 @@ class Pretence(TorchFunctionMode):
 
     def _made(self, function, args, device, requires_grad=False, **kwargs) -> torch.Tensor:
         there = torch.device(device).type == self.device.type
+        if _graph["replays"] and there and function.__name__ in ("tensor", "as_tensor"):
+            problems.add(f"{function.__name__} of numbers on the device within a graph")
         if function.__name__ == "as_tensor" and isinstance(args[0], torch.Tensor):
             return self._moved(*args, device=device, **kwargs)
         if there and kwargs.get("generator") is not None:
@@ -230,6 +235,24 @@ class Pretence(TorchFunctionMode):
                 return function(*args, **kwargs)
 
         return called
+
+
+class CalledAgain:
+    """A graph that is none: it does once more what is asked for, and must not move tensors meanwhile."""
+
+    def __init__(self, call: Callable, pool: object):
+        self.call = call
+
+    def replay(self) -> object:
+        """See `replay.CudaGraph`."""
+        _graph["replays"] = True
+        try:
+            return self.call()
+        finally:
+            _graph["replays"] = False
+
+
+_graph = {"replays": False}
 
 
 @contextlib.contextmanager
@@ -264,6 +287,8 @@ def pretended(kind: str, with_warp: bool = True) -> Iterator[None]:
         stack.enter_context(patch.object(warp_device, "_stream", lambda device: None))
         stack.enter_context(patch.object(warp_device, "_launches", threading.local()))
         # A module's parameter becomes another when it moves: it cannot change its class.
+        stack.enter_context(patch.object(replay, "stream_and_pool", lambda device: (None, None)))
+        stack.enter_context(patch.object(replay.Replay, "make_graph", CalledAgain))
         module_options.set_overwrite_module_params_on_conversion(True)
         stack.callback(module_options.set_overwrite_module_params_on_conversion, before)
         for cache in CACHES:

@@ -63,7 +63,7 @@ FITS = {
     "paper": ("paper", SMALL_PAPER),
 }  # fmt: skip
 WITHOUT_MASKS = ("room", "white")
-STEPS = 4
+STEPS, REPLAYED = 4, 2
 
 
 def before_grey(photo):
@@ -95,6 +95,10 @@ def test_a_fit_on_a_card_mixes_nothing_with_the_processor(device, with_warp, fit
     with pretended(device, with_warp):
         trainer = new_trainer(capture, photos, settings, 0, None, device, lambda fraction: None)
         losses = [trainer.advance(step / STEPS)["image"] for step in range(STEPS)]
+        if device == "cuda" and with_warp and fit != "turned":
+            last = (STEPS - 1) / STEPS
+            losses += [trainer.advance(last)["image"] for _ in range(REPLAYED)]
+            assert trainer.replay.failed is None and trainer.replay.replays
     assert isinstance(trainer.scene.field.density_planes, Placed) and np.isfinite(losses).all()
 
 

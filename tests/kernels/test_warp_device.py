@@ -18,6 +18,8 @@ def test_a_kernel_refuses_tensors_of_another_type():
     assert (values == 1).all()
     with pytest.raises(TypeError, match="float64 instead of torch.float32"):
         launch(_touch, 3, values.double())
+    with pytest.raises(TypeError, match="1.0 instead of a tensor"):
+        hashing_warp.uniform(torch.arange(3), 1.0, torch.empty(3, 1))
 
 
 def test_warp_runs_on_the_processor():
@@ -27,7 +29,7 @@ def test_warp_runs_on_the_processor():
 def test_launches_again_with_the_same_shape_laid_out_otherwise():
     keys, columns = 4096 * torch.arange(6), torch.empty(4, 6)
     for out in (torch.empty(6, 4), columns.T, torch.empty(6, 4)):
-        hashing_warp.uniform(keys, 3, out)
+        hashing_warp.uniform(keys, torch.tensor([3]), out)
         assert torch.equal(out, uniform_torch(keys, 3, 4))
 
 
@@ -41,7 +43,7 @@ def test_launches_again_with_other_numbers_tensors_and_sizes():
     for count, columns in ((5, 3), (2, 7), (0, 1)):
         keys = torch.arange(count) * 4096
         ours = torch.empty(count, columns)
-        hashing_warp.uniform(keys, 2**32 - count, ours)
+        hashing_warp.uniform(keys, torch.tensor([2**32 - count]), ours)
         assert torch.equal(ours, uniform_torch(keys, 2**32 - count, columns))
 
 
