@@ -61,6 +61,7 @@ class NMF_OT_check_capture(bpy.types.Operator):
                 collection,
                 folder / "job",
                 preset=settings.preset,
+                device=settings.device,
                 overrides=chosen_overrides(settings),
             )
             words = ["check", str(job.root), "--preset", settings.preset, "--json"]

@@ -16,7 +16,7 @@ from pathlib import Path
 from . import __version__
 from .cameras.command import add_frames, add_solve
 from .job.exit_codes import CANCELLED, DONE, FAILED
-from .job.folder import MOST_SEED, JobError, JobFolder, JobRequest, overrides_of
+from .job.folder import DEVICES, MOST_SEED, JobError, JobFolder, JobRequest, overrides_of
 from .job.resume import take_up
 from .job.status import process_is_alive, read_status
 from .preflight.command import add_check, add_pictures
@@ -58,7 +58,7 @@ def _parser() -> argparse.ArgumentParser:
     new.add_argument("--photos", type=Path, metavar="DIR", help="if not below the capture's folder")
     new.add_argument("--masks", type=Path, metavar="DIR", help="if not in a folder 'masks' there")
     new.add_argument("--preset", help="draft (as it is without), standard or paper")
-    new.add_argument("--device", choices=("auto", "cpu", "cuda", "mps"))
+    new.add_argument("--device", choices=DEVICES)
     new.add_argument("--seed", type=_seed)
     new.add_argument("--time-limit", type=_positive, metavar="SECONDS", help="asset included")
     new.add_argument(

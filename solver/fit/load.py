@@ -19,8 +19,8 @@ from ..render.probing import refresh_probes
 from ..render.scene import Scene, StepTables
 from . import checkpoint
 from .cut_out import photos_as_fitted
+from .devices import device_at_hand
 from .panorama_file import read_panorama
-from .reconstruct import device_at_hand
 from .schedule import picture_settings
 from .settings import Settings
 from .standing_file import read_standing

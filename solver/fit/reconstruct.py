@@ -23,7 +23,7 @@ from ..kernels.backend import fast
 from ..kernels.warm_up import compile_kernels
 from . import checkpoint
 from .clock import FitClock
-from .errors import SettingsError
+from .devices import choose_device, device_at_hand
 from .isolation import Isolated, isolated
 from .presets import settings_for
 from .preview import write_previews
@@ -237,38 +237,6 @@ def fit(
     write_previews(trainer, job.preview_dir)
     progress.preview("preview/render.png")
     write_figure(job.root / "snapshots")
-
-
-def choose_device(name: str) -> str:
-    """The torch device for 'auto', 'cpu', 'cuda' or 'mps'.
-
-    Raises:
-        SettingsError: the device is not there.
-    """
-    available = {"cpu": True, "cuda": torch.cuda.is_available() and _cuda_computes()}
-    available["mps"] = torch.backends.mps.is_available()
-    if name == "auto":
-        return "cuda" if available["cuda"] else "cpu"
-    if not available.get(name, False):
-        there = ", ".join(key for key, value in available.items() if value)
-        raise SettingsError(f"--device {name}: this machine has no such device; choose {there}.")
-    return name
-
-
-def _cuda_computes() -> bool:
-    """False for a card that is there, but too old for this build of torch."""
-    try:
-        return float(torch.ones(1, device="cuda") + 1) == 2
-    except RuntimeError:
-        return False
-
-
-def device_at_hand(name: str) -> str:
-    """The torch device that a job was begun on, or else this machine's best: jobs move between machines."""
-    try:
-        return choose_device(name)
-    except SettingsError:
-        return choose_device("auto")
 
 
 def _stop_if_asked(control: Control) -> None:

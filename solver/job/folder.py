@@ -21,6 +21,8 @@ from typing import Any, TypeVar
 Result = TypeVar("Result")
 SCHEMA_VERSION = 1
 MOST_SEED = (1 << 63) - 1
+DEVICES = ("auto", "cpu", "cuda", "mps")
+"""that a job may ask for"""
 EVEN = 1e-3
 """how far the axes of a similarity may be from square and even, as a share of their length"""
 

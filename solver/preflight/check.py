@@ -9,6 +9,7 @@ import numpy as np
 
 from ..capture.capture import Capture
 from ..fit.cut_out_standing import support_below
+from ..fit.devices import card_of, choose_device
 from ..fit.presets import settings_for
 from ..fit.settings import Settings
 from ..fit.turned_light import circles_of
@@ -46,6 +47,7 @@ class Report:
 def check(
     capture: Capture, preset: str = "draft", progress: Callable[[int, int], None] | None = None,
     region: np.ndarray | None = None, overrides: Mapping[str, object] | None = None,
+    device: str = "auto",
 ) -> Report:  # fmt: skip
     """Check a capture before it is reconstructed.
 
@@ -53,10 +55,12 @@ def check(
         progress: called with the number of photos looked at and of all.
         region: [2, 3] world box that a person gave; None: the capture's. `Report.box` may lie beside it.
         overrides: settings that a person chose, as `JobRequest.overrides`; what they answer is not advised.
+        device: that it is to run on, as `choose_device` takes it.
 
     Raises:
-        CaptureError: a photo cannot be decoded. SettingsError: there is no such preset, or setting.
+        CaptureError: a photo cannot be decoded. SettingsError: there is no such preset, setting or device.
     """
+    card = card_of(choose_device(device))
     settings = settings_for(preset, overrides)
     asked = capture if region is None else replace(capture, region=region)
     reduced = ReducedPhotos()
@@ -69,7 +73,7 @@ def check(
         _stands(capture, settings, region),
         all(look.coverage is not None for look in looks),
     )
-    told = estimate(asked, preset, masked, turned=turned, standing=stands, settings=settings)
+    told = estimate(asked, preset, masked, None, turned, stands, settings, card)
     found = [note(text) for text in capture.warnings]
     found += (
         photos.blur(looks)

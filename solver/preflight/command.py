@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..job.exit_codes import CANCELLED, DONE
-from ..job.folder import JobFolder
+from ..job.folder import DEVICES, JobFolder
 from ..session import passing_session
 
 if TYPE_CHECKING:
@@ -23,6 +23,9 @@ def add_check(commands: argparse._SubParsersAction) -> None:
     check = commands.add_parser("check", help="look for problems of a capture, in seconds")
     _add_capture(check)
     check.add_argument("--preset", help="draft, standard or paper; default: the job's, or draft")
+    check.add_argument(
+        "--device", choices=DEVICES, help="that it is to run on; default: the job's, or auto"
+    )
     check.add_argument("--json", action="store_true", help="one object on stdout, for programs")
     check.set_defaults(run=run_check)
 
@@ -50,7 +53,7 @@ def run_check(options: argparse.Namespace) -> int:
     """Print findings and estimate; the exit code is 0 also with warnings.
 
     Raises:
-        CaptureError: the capture cannot be read. SettingsError: there is no such preset.
+        CaptureError: the capture cannot be read. SettingsError: there is no such preset or device.
     """
     from ..fit.presets import settings_for
     from .check import check
@@ -61,7 +64,8 @@ def run_check(options: argparse.Namespace) -> int:
     settings_for(preset, overrides)
     capture, region = _capture_and_region(options, job)
     told = _progress if sys.stderr.isatty() else None
-    report = check(capture, preset, told, region, overrides)
+    device = options.device or ("auto" if job is None else job.request.device)
+    report = check(capture, preset, told, region, overrides, device)
     if options.json:
         print(json.dumps(report.as_json(), allow_nan=False))
         return DONE

@@ -1,7 +1,8 @@
-"""How long a reconstruction will take on this machine's processor, and how much memory: an estimate.
+"""How long a reconstruction will take on this machine, and how much memory: an estimate.
 
 Time is the preset's steps times what a step took where it was measured (two cores, docs/benchmarks.md),
-for as many cores as the step can use. Memory is what photos take up while rays are made of them, plus what
+for as many cores as the step can use; on an NVIDIA card, what it took on an H200 (docs/decisions/0034).
+Memory is what photos take up while rays are made of them, plus what
 a fit of the preset was seen to need beside them.
 """
 
@@ -22,12 +23,17 @@ CORE_SECONDS = {"draft": 0.11, "standard": 0.33, "paper": 3.0}
 """processor seconds of a step; the paper's is not measured but follows its rays"""
 OVERHEAD = {"draft": 40.0, "standard": 100.0, "paper": 240.0}
 """seconds for kernels, hull, asset and report"""
+CARD_SECONDS = {"draft": 0.0075, "standard": 0.0075, "paper": 0.015}
+"""seconds of a step on an H200"""
+CARD_OVERHEAD = {"draft": 27.0, "standard": 31.0, "paper": 60.0}
+"""seconds beside the steps there, most of them the processor's"""
 BASE_BYTES = {"draft": 1.3e9, "standard": 2.0e9, "paper": 4.0e9}
 """memory of a fit of few, small photos"""
 WITHOUT_MASKS = 1.8
 """times as long takes a step without masks: a fog at first, and the room to the end"""
-TURNED = 1.9
-"""times as long takes a step whose light turns with the cameras: tables for each photo it has pixels of"""
+TURNED, TURNED_ON_A_CARD = 1.9, 6.0
+"""times as long takes a step whose light turns with the cameras: tables for each photo it has pixels of; a
+guess on a card, where it is not replayed then"""
 EFFICIENCY = 0.9
 FINDING_POINTS = 0.4
 """processor seconds it takes to find the sparse points that a photo without mask shows"""
@@ -35,6 +41,9 @@ FINDING_STANDING = 1.0
 """the same to find where a photo shows what stands on a support"""
 LOADING = 0.25e-6
 """processor seconds a pixel of the photos takes until it is in the ray bank"""
+
+ON_PROCESSOR = "an estimate for the processor; other work slows it down"
+ON_A_CARD = "an estimate for {card}, as it was measured on an H200; a smaller card takes longer"
 
 PHOTO_BYTES = 16  # float32 RGBA, kept for hull, previews and report
 BANK_BYTES = 8  # half RGB and alpha
@@ -48,7 +57,7 @@ class Estimate:
     """Estimates, not promises.
 
     Attributes:
-        seconds: wall time of the whole reconstruction on the processor, asset included.
+        seconds: wall time of the whole reconstruction, asset included.
         bytes: peak memory.
         photo_bytes: the photos' part of it.
         cores: that the fit can use here.
@@ -61,7 +70,7 @@ class Estimate:
     photo_bytes: int
     cores: int
     memory: int | None
-    note: str = "an estimate for the processor; other work slows it down"
+    note: str
 
     def as_json(self) -> dict:
         """For `--json`: the fields, and `text`, a sentence."""
@@ -79,7 +88,7 @@ class Estimate:
 
 def estimate(
     capture: Capture, preset: str, masked: bool, cores: int | None = None, turned: bool = False,
-    standing: bool = False, settings: Settings | None = None,
+    standing: bool = False, settings: Settings | None = None, card: str | None = None,
 ) -> Estimate:  # fmt: skip
     """Estimate a reconstruction of a capture.
 
@@ -89,6 +98,7 @@ def estimate(
         turned: its light goes round with the cameras.
         standing: the object stands on something, by which photos without masks get some first.
         settings: the preset's with what a person changed; None: as it comes.
+        card: the NVIDIA card it will run on; None: the processor.
 
     Raises:
         SettingsError: there is no such preset.
@@ -99,12 +109,15 @@ def estimate(
     pixels = sum(camera.width * camera.height for camera in capture.cameras)
     speed = 1 + EFFICIENCY * (usable - 1)
     fog, standing = not (masked or standing), standing and not masked
-    fit = settings.fit.steps * CORE_SECONDS[preset] / speed
+    a_step, beside = CORE_SECONDS[preset] / speed, OVERHEAD[preset]
+    if card is not None:
+        a_step, beside = CARD_SECONDS[preset], CARD_OVERHEAD[preset]
+    fit = settings.fit.steps * a_step
     if fog:
         fit *= WITHOUT_MASKS * _share_of_coarser_grid(settings.field)
     if turned and settings.light.turntable != "no":
-        fit *= TURNED
-    seconds = fit + OVERHEAD[preset] + pixels * LOADING
+        fit *= TURNED if card is None else TURNED_ON_A_CARD
+    seconds = fit + beside + pixels * LOADING
     if standing:
         seconds += len(capture.cameras) * FINDING_STANDING / speed
     if fog and capture.has_few_points and settings.field.hull_start:
@@ -122,6 +135,7 @@ def estimate(
         photos,
         usable,
         memory_of_machine(),
+        ON_PROCESSOR if card is None else ON_A_CARD.format(card=card),
     )
 
 

@@ -236,7 +236,7 @@ def check(job: Path) -> int:
         {"level": "note", "photo": None, "text": f"{len(frames)} photos"},
     ]
     print("a library's banner")
-    estimate = {"text": "about 5 minutes and 1.6 GB", "seconds": 300.0}
+    estimate = {"text": f"about 5 minutes and 1.6 GB on {request.device}", "seconds": 300.0}
     box = {"min": [-0.5, -0.25, 0.0], "max": [0.5, 0.25, 1.0]}
     print(json.dumps({"findings": findings, "estimate": estimate, "box": box}))
     return 0

@@ -92,11 +92,12 @@ def test_findings_of_a_check_stay_with_the_capture_and_show_in_its_panel(
     extension, task, capture, fake_solver
 ):
     scene = extension("scene.capture_collection")
+    bpy.context.scene.nmf.device = "cpu"
     assert bpy.ops.nmf.check_capture() == {"FINISHED"}
     task.finish()
     assert task.model.text == "Check: 1 warning"
     report = json.loads(capture[scene.FINDINGS])
-    assert report["findings"][0]["photo"] == "r_0"
+    assert report["findings"][0]["photo"] == "r_0" and report["estimate"]["text"].endswith("on cpu")
     assert [f["level"] for f in report["findings"]] == ["warning", "note"]
     assert bpy.context.scene.nmf.job == "", "a check is no job"
 

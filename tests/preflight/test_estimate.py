@@ -95,6 +95,20 @@ def test_a_fog_on_a_coarser_grid_takes_less_time():
     assert masked < fog < WITHOUT_MASKS * masked
 
 
+def test_on_a_card_the_estimate_is_the_cards_and_says_so():
+    capture = capture_at(around(60))
+    for preset in ("draft", "standard", "paper"):
+        slow, fast = (
+            estimate(capture, preset, True, 2, card=card) for card in (None, "NVIDIA RTX 4000")
+        )
+        assert fast.seconds < slow.seconds / 3 and fast.bytes == slow.bytes
+        assert "NVIDIA RTX 4000" in fast.line() and "processor" in slow.line()
+    still, turned = (
+        estimate(capture, "draft", True, 2, turned=t, card="a card").seconds for t in (False, True)
+    )
+    assert turned > still
+
+
 @pytest.mark.parametrize(("answer", "memory"), [(1, 16 << 30), (0, None)])
 def test_windows_is_asked_for_its_memory_in_its_own_words(monkeypatch, answer, memory):
     def tell(status):

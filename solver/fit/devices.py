@@ -1,0 +1,44 @@
+"""Which of a machine's devices a fit runs on."""
+
+from __future__ import annotations
+
+import torch
+
+from .errors import SettingsError
+
+
+def choose_device(name: str) -> str:
+    """The torch device for 'auto', 'cpu', 'cuda' or 'mps'.
+
+    Raises:
+        SettingsError: the device is not there.
+    """
+    available = {"cpu": True, "cuda": torch.cuda.is_available() and _cuda_computes()}
+    available["mps"] = torch.backends.mps.is_available()
+    if name == "auto":
+        return "cuda" if available["cuda"] else "cpu"
+    if not available.get(name, False):
+        there = ", ".join(key for key, value in available.items() if value)
+        raise SettingsError(f"--device {name}: this machine has no such device; choose {there}.")
+    return name
+
+
+def _cuda_computes() -> bool:
+    """False for a card that is there, but too old for this build of torch."""
+    try:
+        return float(torch.ones(1, device="cuda") + 1) == 2
+    except RuntimeError:
+        return False
+
+
+def device_at_hand(name: str) -> str:
+    """The torch device that a job was begun on, or else this machine's best: jobs move between machines."""
+    try:
+        return choose_device(name)
+    except SettingsError:
+        return choose_device("auto")
+
+
+def card_of(device: str) -> str | None:
+    """The name of the NVIDIA card that a device is; None for others."""
+    return torch.cuda.get_device_name() if device == "cuda" else None
