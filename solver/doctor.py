@@ -63,6 +63,8 @@ def report() -> str:
     """Versions, devices, memory and disk as lines of text."""
     import torch
 
+    from .fit.devices import idle_card
+
     lines = [
         f"Neural Microfacet Fields {__version__}",
         f"Python {platform.python_version()}, {platform.platform()}",
@@ -84,6 +86,9 @@ def report() -> str:
         )
     else:
         lines.append("CUDA not available: the CPU is used")
+        idle = idle_card()
+        if idle is not None:
+            lines.append(idle)
     if torch.backends.mps.is_available():
         lines.append("MPS available (--device mps)")
     lines.append(f"Free disk {shutil.disk_usage(os.getcwd()).free / 2**30:.0f} GiB")

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+
 import torch
 
 from .errors import SettingsError
@@ -42,3 +45,35 @@ def device_at_hand(name: str) -> str:
 def card_of(device: str) -> str | None:
     """The name of the NVIDIA card that a device is; None for others."""
     return torch.cuda.get_device_name() if device == "cuda" else None
+
+
+def idle_card() -> str | None:
+    """What to do about an NVIDIA card that is there, but that this torch cannot use, a sentence; None if
+    there is none."""
+    name = None if choose_device("auto") == "cuda" else _name_of_card()
+    if name is None:
+        return None
+    if torch.version.cuda is None:
+        return (
+            f"{name} is not used, for the solver's PyTorch is one for processors only; with one for CUDA, "
+            "jobs take a fraction of the time (see Devices in the manual)"
+        )
+    return (
+        f"{name} is not used: PyTorch for CUDA {torch.version.cuda} cannot; a newer driver may help"
+    )
+
+
+def _name_of_card() -> str | None:
+    """Of the first NVIDIA card, as its driver has it; None where there is no card or no driver."""
+    program = shutil.which("nvidia-smi")
+    if program is None:
+        return None
+    words = [program, "--query-gpu=name", "--format=csv,noheader"]
+    try:
+        told = subprocess.run(
+            words, stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", errors="replace",
+            timeout=10, check=True,
+        )  # fmt: skip
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return next(iter(told.stdout.strip().splitlines()), None)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..capture.capture import Capture
 from ..fit.cut_out_standing import support_below
-from ..fit.devices import card_of, choose_device
+from ..fit.devices import card_of, choose_device, idle_card
 from ..fit.presets import settings_for
 from ..fit.settings import Settings
 from ..fit.turned_light import circles_of
@@ -61,6 +61,7 @@ def check(
         CaptureError: a photo cannot be decoded. SettingsError: there is no such preset, setting or device.
     """
     card = card_of(choose_device(device))
+    idle = idle_card() if device == "auto" else None
     settings = settings_for(preset, overrides)
     asked = capture if region is None else replace(capture, region=region)
     reduced = ReducedPhotos()
@@ -74,7 +75,7 @@ def check(
         all(look.coverage is not None for look in looks),
     )
     told = estimate(asked, preset, masked, None, turned, stands, settings, card)
-    found = [note(text) for text in capture.warnings]
+    found = [note(text) for text in (*capture.warnings, idle) if text]
     found += (
         photos.blur(looks)
         + photos.exposure(looks, settings.fit.exposure == "fixed")

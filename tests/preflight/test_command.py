@@ -52,6 +52,19 @@ def test_what_cannot_be_read_ends_with_code_2_and_one_sentence(pictures, tmp_pat
         check(capture_at(around(4)), "fast")
 
 
+def test_a_card_that_lies_idle_is_told_unless_somebody_chose_the_processor(
+    pictures, tmp_path, monkeypatch
+):
+    write(tmp_path, pictures)
+    module = sys.modules[check.__module__]
+    monkeypatch.setattr(module, "choose_device", lambda device: "cpu")
+    monkeypatch.setattr(module, "idle_card", lambda: "a card is not used")
+    capture = read_capture(tmp_path)
+    told = [f for f in check(capture).findings if f.text == "a card is not used"]
+    assert [(finding.level, finding.photo) for finding in told] == [("note", None)]
+    assert "a card is not used" not in str(check(capture, device="cpu").findings)
+
+
 def test_what_the_persons_settings_answer_is_not_advised(pictures, tmp_path):
     def darker(colour, mask):
         return (0.3 * colour).astype(colour.dtype), mask
