@@ -71,6 +71,12 @@ class Adam:
         scale = 1 / (1 - decay**self.count)
         return (floor * (scale * square).sqrt().mean()).clamp(min=self.EPSILON).view(1)
 
+    def clear(self) -> None:
+        """Forget the gradients of a step that came to nothing."""
+        for _, parameter in self._parameters():
+            if parameter.grad is not None:
+                parameter.grad.zero_()
+
     def forget(self, parameter: torch.Tensor) -> None:
         """What was learned of the gradient of a parameter that has been set anew."""
         for (_, own), moments in zip(self._parameters(), self._moments, strict=True):

@@ -93,6 +93,15 @@ class Batching:
             full = len(self.recent) == RETRACED_MEMORY
             self.retraced = held if full else min(held, RETRACED_START)
 
+    @property
+    def settled(self) -> bool:
+        """False while each step is to learn from the one before (see `observe`)."""
+        settings = self.settings
+        if settings.samples > 0 and self.rays_per_sample == 0:
+            return False
+        traces = settings.secondary_samples > 0 and self.first_retraced > 0
+        return not traces or len(self.recent) == RETRACED_MEMORY
+
     def state(self) -> dict:
         """For a checkpoint."""
         return {

@@ -19,11 +19,15 @@ LEAST_STEPS_FROM_FOG = 200
 """steps, however short a limit is: with 120 the fog of a whole fit stayed thin, and there was no surface"""
 
 
-def work_done(settings: Settings, fraction: float, fog: bool = False) -> float:
+def work_done(
+    settings: Settings, fraction: float, fog: bool = False, on_card: bool = False
+) -> float:
     """Share of a fit's time that its first `fraction` takes: steps on coarse grids are faster.
 
     Args:
         fog: it starts as one (see `Trainer`).
+        on_card: on one that replays steps, which takes as long on coarse grids and for few rays (measured
+            on an H200).
     """
     fade = settings.fit.emission_fade if fog else (0.0, 0.0)
     finer = min(settings.fit.pixel_grid_start, 1.0)
@@ -31,9 +35,10 @@ def work_done(settings: Settings, fraction: float, fog: bool = False) -> float:
 
     def cost(at: float) -> float:
         level = sum(start <= at for start in settings.field.size_starts) - 1
-        grid = grid_cost(settings.field.sizes[level])
         shining = emission_share(settings.fit, at) if fog else 0.0
-        further = pixel_grid(settings, at) ** 2 - 1
+        grid, further = grid_cost(settings.field.sizes[level]), pixel_grid(settings, at) ** 2 - 1
+        if on_card:
+            grid, further = 1.0, 0
         return grid * (1 + (_FOG_COST - 1) * shining) * (1 + _RAY_COST * further)
 
     spans = [(start, end, cost((start + end) / 2)) for start, end in pairwise(edges)]
@@ -52,14 +57,19 @@ class FitClock:
     Args:
         begun: fraction of the fit that was done before (a resumed fit).
         limit: seconds of wall time for the rest, or None to count steps.
-        fog: the fit started as one.
+        fog: the fit started as one. on_card: see `work_done`.
     """
 
     PATIENCE = 2.0  # seconds before an estimate means anything
 
-    def __init__(self, settings: Settings, begun: float, limit: float | None, fog: bool = False):
+    def __init__(
+        self, settings: Settings, begun: float, limit: float | None, fog: bool = False,
+        on_card: bool = False,
+    ):  # fmt: skip
         self.settings, self.begun, self.limit, self.fog = settings, begun, limit, fog
+        self.on_card = on_card
         self.started = time.monotonic()
+        self._first: tuple[float, float] | None = None
 
     @property
     def elapsed(self) -> float:
@@ -77,11 +87,16 @@ class FitClock:
         return max(done, by_time)
 
     def seconds_left(self, step: int) -> float | None:
-        """Seconds until the fit is over; None while nobody can tell."""
-        elapsed, done = self.elapsed, self.fraction(step)
-        if elapsed < self.PATIENCE or done <= self.begun:
+        """Seconds until the fit is over; None while nobody can tell. To be asked after every step."""
+        elapsed, work = self.elapsed, self._work(self.fraction(step))
+        if self._first is None:
+            # A card takes seconds for its first step, and none of the others does.
+            self._first = (elapsed, work) if self.on_card else (0.0, self._work(self.begun))
+        since, share = elapsed - self._first[0], work - self._first[1]
+        if since < self.PATIENCE or share <= 0:
             return None
-        before = work_done(self.settings, self.begun, self.fog)
-        share = work_done(self.settings, done, self.fog) - before
-        by_work = elapsed / max(share, 1e-3) * (1 - before - share)
+        by_work = since / max(share, 1e-3) * (1 - work)
         return by_work if self.limit is None else min(by_work, max(self.limit - elapsed, 0.0))
+
+    def _work(self, fraction: float) -> float:
+        return work_done(self.settings, fraction, self.fog, self.on_card)

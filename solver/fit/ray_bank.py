@@ -10,7 +10,7 @@ import torch
 from ..capture.backdrop import LEVELS, TOLERANCE
 from ..capture.camera import Camera
 from ..capture.photos import Photo
-from ..kernels.constants import constant_on
+from ..kernels.sending import constant_on, sent
 from ..render.pixels import places_in_pixel
 from ..render.tonemap import linear_to_srgb
 
@@ -159,15 +159,11 @@ class RayBank:
             begin, end = torch.searchsorted(likely, likely.new_tensor([first, last])).tolist()
             likely = likely[begin:end]
         if likely is None or len(likely) == 0:
-            return self._sent(torch.randint(first, last, (count,), generator=generator))
+            return sent(torch.randint(first, last, (count,), generator=generator), self.device)
         background = int(count * self.BACKGROUND_SHARE)
         chosen = torch.randint(len(likely), (count - background,), generator=generator)
         anywhere = torch.randint(first, last, (background,), generator=generator)
-        return torch.cat([likely[self._sent(chosen)], self._sent(anywhere)])
-
-    def _sent(self, pixels: torch.Tensor) -> torch.Tensor:
-        """Pixels on the device, which need not have them before it is asked for more."""
-        return pixels.to(self.device, non_blocking=True)
+        return torch.cat([likely[sent(chosen, self.device)], sent(anywhere, self.device)])
 
     def draw_photo(self, generator: torch.Generator) -> int:
         """A random photo, as often as its pixels are drawn."""

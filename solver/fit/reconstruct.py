@@ -200,7 +200,7 @@ def fit(
     """
     settings = trainer.settings
     steps = settings.fit.steps
-    timer = FitClock(settings, trainer.fraction, limit, trainer.fog)
+    timer = FitClock(settings, trainer.fraction, limit, trainer.fog, trainer.replay is not None)
     last_preview = last_checkpoint = time.monotonic()
     smooth_psnr, preview_took = None, 0.0
     while True:
@@ -208,6 +208,9 @@ def fit(
         if done >= 1:
             break
         terms = trainer.advance(done)
+        if trainer.replay is not None and trainer.replay.failed is not None:
+            progress.warning(f"steps take longer than they could: {trainer.replay.failed}")
+            trainer.replay = None
         if trainer.step in settings.fit.snapshots:
             write_snapshot(trainer, job.root / "snapshots", done)
         smooth = terms["psnr"] if smooth_psnr is None else 0.95 * smooth_psnr + 0.05 * terms["psnr"]

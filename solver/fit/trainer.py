@@ -12,6 +12,7 @@ from typing import NamedTuple
 import torch
 
 from ..field.smoothing import step_smoothing
+from ..kernels.sending import sent
 from ..light.environment import EnvironmentMap
 from ..render.probing import refresh_probes
 from ..render.random_numbers import RandomNumbers
@@ -37,6 +38,10 @@ LEAST_RADIANCE = 1e-30
 """as dark as a light gets, so that its logarithm stays a number"""
 TURNS_A_STEP = 4
 """photos of which a step has pixels, at least, where the light turned with them"""
+
+
+HELD = 0.02
+"""of the fit, for which what steps do may stay the same where they are replayed"""
 
 
 class Drawn(NamedTuple):
@@ -99,7 +104,6 @@ class Trainer:
         self.workers: Workers | None = None
         # The tables of a light that turns are others in each step.
         self.replay = replay_for(scene.device) if turns is None else None
-        self._image_before: torch.Tensor | None = None
         self._begin_level()
 
     def _begin_level(self) -> None:
@@ -112,6 +116,8 @@ class Trainer:
             count = min(count, len(self.batching.chunks()))
         self.workers = Workers(self.scene, self.loss, count)
         self.steps_at_level = 0
+        if self.replay is not None:
+            self.replay.release()
         self.refresh_occupancy()
 
     def begin_light(self, found: EnvironmentMap) -> None:
@@ -199,7 +205,7 @@ class Trainer:
 
     def _error_under(
         self, steps: list[tuple[list[Chunk], Sequence[torch.Tensor | None]]], radiance: torch.Tensor
-    ) -> float:  # fmt: skip
+    ) -> float:
         """Image loss of steps' chunks under a light of `radiance` [3, H, 2H], which the scene then has."""
         self._set_light(radiance)
         error = 0.0
@@ -232,6 +238,8 @@ class Trainer:
         begin_to_reflect = self.emission(self.fraction) == 1 > self.emission(fraction)
         self.fraction = fraction
         self._coarse_to_fine(fraction)
+        if begin_to_reflect:
+            self._end_period()
         if begin_to_reflect and self.scene.room is not None and self.settings.light.from_room:
             height = self.scene.environment.height
             self.begin_light(light_from_room(self.scene.room, height))
@@ -261,10 +269,7 @@ class Trainer:
             for rays, taken in zip(plan.rays, found, strict=True):
                 self.batching.observe(rays, *taken.samples)
         image = sum(taken.image * share for taken, share in zip(found, plan.shares, strict=True))
-        if self.replay is not None:
-            before, self._image_before = self._image_before, image
-            image = image if before is None else before
-        image = float(image)
+        image = float(image) if self.replay is None else self.replay.told_before(image)
         return {
             "image": image, "psnr": -10 * math.log10(max(image, 1e-12)), "rays": sum(plan.rays)
         }  # fmt: skip
@@ -273,7 +278,11 @@ class Trainer:
         """The plan of a step: one of its own, or that of all steps that are replayed."""
         if self.replay is None:
             return self._plan(grid)
-        if self.replay.plan is None:
+        plan = self.replay.plan
+        if (
+            plan is None or plan.grid != grid or self.fraction - plan.fraction > HELD
+            or not self.batching.settled
+        ):  # fmt: skip
             self.replay.begin(self._plan(grid))
         return self.replay.plan
 
@@ -293,12 +302,14 @@ class Trainer:
             return self.workers.gradients(chunks, drawn.turns), True
 
         def compute(pixels, colours, streams):
-            again = Drawn(pixels, colours, drawn.turns)
+            # A light that turns is not replayed.
+            again = Drawn(pixels, colours, (None,))
             return self.workers.gradients(self._chunks(plan, again, self.random.of(streams)))
 
-        streams = torch.tensor(self.random.streams_at(self.step))
-        streams = streams.to(self.scene.device, non_blocking=True)
-        return self.replay.run(compute, drawn.pixels, drawn.colours, streams)
+        streams = sent(torch.tensor(self.random.streams_at(self.step)), self.scene.device)
+        return self.replay.run(
+            compute, self.optimiser.clear, drawn.pixels, drawn.colours, streams
+        )  # fmt: skip
 
     def _draw(self, sizes: list[int]) -> Drawn:
         """The random pixels of a step's chunks."""
@@ -311,7 +322,7 @@ class Trainer:
             pixels.append(self.bank.draw(size, self.generator, photo))
             if self.background == "random":
                 colours.append(torch.rand(size, 3, generator=self.generator))
-        colours = torch.cat(colours).to(self.scene.device, non_blocking=True) if colours else None
+        colours = sent(torch.cat(colours), self.scene.device) if colours else None
         return Drawn(torch.cat(pixels), colours, turns)
 
     def _chunks(self, plan: StepPlan, drawn: Drawn, random: RandomNumbers) -> list[Chunk]:

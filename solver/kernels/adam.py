@@ -11,7 +11,7 @@ from typing import NamedTuple
 import torch
 
 from .backend import fast, kernels, on_warp
-from .constants import constant_on
+from .sending import constant_on
 
 
 class Moments(NamedTuple):

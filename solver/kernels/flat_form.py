@@ -77,7 +77,12 @@ def is_reserved() -> bool:
 def nothing_follows(items: torch.Tensor) -> bool:
     """True if there are no items, so that what would be done with them can be left out; not where there
     have to be the same flat forms each time."""
-    return len(items) == 0 and _state["totals"] is None
+    return len(items) == 0 and has_no_order()
+
+
+def has_no_order() -> bool:
+    """True where flat forms may be more or fewer the next time."""
+    return _state["totals"] is None
 
 
 def _length_for(total: torch.Tensor) -> int:

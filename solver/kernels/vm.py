@@ -9,7 +9,7 @@ import torch
 
 from . import vm_torch
 from .backend import fast, gradient_buffer, kernels, on_numba, on_warp
-from .constants import constant_on
+from .sending import constant_on
 
 NEGLIGIBLE = 1e-3
 """cotangents below this share of their mean are left out of sums over many samples"""

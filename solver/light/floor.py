@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from ..kernels.constants import constant_on
+from ..kernels.sending import constant_on
 
 LOWEST = 0.02
 """of the centre's height: points count as no closer to the plane"""

@@ -17,7 +17,7 @@ from ..field.heads import Materials
 from ..kernels import drawing
 from ..kernels.backend import fast, precise
 from ..kernels.drawing import Plan
-from ..kernels.flat_form import indices_of, nothing_follows
+from ..kernels.flat_form import has_no_order, indices_of, nothing_follows
 from ..kernels.pointwise import at_hand, rowwise
 from ..kernels.skipping import SELF_SHADOW_COSINE
 from ..kernels.specular import Near, specular
@@ -159,6 +159,10 @@ def choose_systematic(
     Dividing what a chosen ray brings by its probability keeps the estimate unbiased.
     """
     candidates, total = scores > 0, scores.sum().clamp(min=LEAST_SCORE)
+    if scores.device.type == "cpu" and has_no_order():
+        few = candidates.nonzero()[:, 0]
+        if len(few) <= budget:
+            return few, torch.ones_like(scores[few])
     shared = (scores * (budget / total)).clamp(max=1)
     probability = torch.where(candidates.sum() <= budget, candidates.to(scores), shared)
     running = (probability.to(precise(scores.device)).cumsum(0) + u).floor()

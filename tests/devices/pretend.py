@@ -30,7 +30,7 @@ from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from solver.fit import replay
-from solver.kernels import backend, constants, warp_device
+from solver.kernels import backend, sending, warp_device
 from solver.light import environment, irradiance, spherical_harmonics
 from solver.render import nested
 from solver.render.nested import mapped, tensors_of
@@ -49,7 +49,7 @@ FILLING = {"fill_", "fill", "masked_fill", "masked_fill_"}
 """operations that take one number from the processor, as those that go element by element do"""
 CACHES = (
     environment._map_constants, irradiance.patches, irradiance._corners,
-    spherical_harmonics.quadratic_form, constants.constant_on,
+    spherical_harmonics.quadratic_form, sending.constant_on,
 )  # fmt: skip
 """of tensors by their device: none made for a pretended one may come to a real one, nor the other way"""
 INDEXING = {"index", "index_put", "index_put_", "_index_put_impl_", "_unsafe_index"}
@@ -197,7 +197,9 @@ class Pretence(TorchFunctionMode):
             return self._made(function, args, **kwargs)
         return function(*args, **kwargs)
 
-    def _moved(self, tensor, *wanted, device=None, dtype=None, copy=False, **_) -> torch.Tensor:
+    def _moved(
+        self, tensor, *wanted, device=None, dtype=None, copy=False, non_blocking=False, **_
+    ) -> torch.Tensor:  # fmt: skip
         for value in wanted:
             if isinstance(value, torch.Tensor):
                 device, dtype = value.device, value.dtype
@@ -206,6 +208,8 @@ class Pretence(TorchFunctionMode):
             elif isinstance(value, str | torch.device):
                 device = value
         target = tensor.device if device is None else torch.device(device)
+        if non_blocking and "mps" in (target.type, tensor.device.type):
+            problems.add("a tensor moved to or from Metal, which may read it when it is another's")
         if _graph["replays"] and target.type != tensor.device.type:
             problems.add(f"a tensor moved to {target.type} within a graph")
         dtype = dtype or tensor.dtype
@@ -240,16 +244,40 @@ class Pretence(TorchFunctionMode):
 class CalledAgain:
     """A graph that is none: it does once more what is asked for, and must not move tensors meanwhile."""
 
-    def __init__(self, call: Callable, pool: object):
-        self.call = call
+    def __init__(self, call: Callable):
+        self._call = call
 
     def replay(self) -> object:
-        """See `replay.CudaGraph`."""
+        """See `CudaGraph`."""
         _graph["replays"] = True
         try:
-            return self.call()
+            return self._call()
         finally:
             _graph["replays"] = False
+
+    def end(self) -> None:
+        """See `CudaGraph`."""
+
+
+class PretendedCard:
+    """Stands for `solver.fit.card.Card`."""
+
+    graph = CalledAgain
+
+    def __init__(self, device: torch.device):
+        self._before: torch.Tensor | None = None
+
+    def stream(self) -> contextlib.AbstractContextManager[None]:
+        """See `Card`."""
+        return contextlib.nullcontext()
+
+    def release(self) -> None:
+        """See `Card`."""
+
+    def told_before(self, value: torch.Tensor) -> float:
+        """See `Card`."""
+        before, self._before = self._before, value.clone()
+        return float(value if before is None else before)
 
 
 _graph = {"replays": False}
@@ -286,9 +314,8 @@ def pretended(kind: str, with_warp: bool = True) -> Iterator[None]:
         stack.enter_context(patch.object(warp_device.wp, "device_from_torch", of_warp))
         stack.enter_context(patch.object(warp_device, "_stream", lambda device: None))
         stack.enter_context(patch.object(warp_device, "_launches", threading.local()))
+        stack.enter_context(patch.object(replay, "Card", PretendedCard))
         # A module's parameter becomes another when it moves: it cannot change its class.
-        stack.enter_context(patch.object(replay, "stream_and_pool", lambda device: (None, None)))
-        stack.enter_context(patch.object(replay.Replay, "make_graph", CalledAgain))
         module_options.set_overwrite_module_params_on_conversion(True)
         stack.callback(module_options.set_overwrite_module_params_on_conversion, before)
         for cache in CACHES:

@@ -12,6 +12,7 @@ import torch
 from solver.asset.far_light import light_from_afar
 from solver.asset.files import write_png
 from solver.capture.panorama import Panorama
+from solver.fit.batching import RETRACED_MEMORY
 from solver.fit.far_light import SeenLight
 from solver.fit.presets import settings_for
 from solver.fit.preview import over_plain
@@ -97,6 +98,7 @@ def test_a_fit_on_a_card_mixes_nothing_with_the_processor(device, with_warp, fit
         losses = [trainer.advance(step / STEPS)["image"] for step in range(STEPS)]
         if device == "cuda" and with_warp and fit != "turned":
             last = (STEPS - 1) / STEPS
+            trainer.batching.recent = [1.0] * RETRACED_MEMORY
             losses += [trainer.advance(last)["image"] for _ in range(REPLAYED)]
             assert trainer.replay.failed is None and trainer.replay.replays
     assert isinstance(trainer.scene.field.density_planes, Placed) and np.isfinite(losses).all()

@@ -62,6 +62,17 @@ def test_time_left_is_right_when_steps_take_as_long_as_the_model_says(time, fog)
         assert watch.seconds_left(step) == pytest.approx(left, rel=0.01)
 
 
+def test_on_a_card_all_steps_take_as_long_but_for_the_first(time):
+    assert work_done(DRAFT, 0.3, on_card=True) == pytest.approx(0.3)
+    assert work_done(DRAFT, 0.3) < 0.27
+    watch = FitClock(DRAFT, 0.0, None, on_card=True)
+    for step in range(1, DRAFT.fit.steps, 100):
+        time.now = 103.0 + 0.01 * step
+        left = watch.seconds_left(step)
+        assert left is None or left == pytest.approx(0.01 * (DRAFT.fit.steps - step), rel=0.01)
+    assert left is not None
+
+
 def test_within_a_limit_time_decides_unless_the_steps_are_faster(time):
     watch = FitClock(DRAFT, 0.0, 60.0)
     time.now += 30

@@ -6,16 +6,26 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from solver.fit import replay
+from solver.fit.batching import RETRACED_MEMORY, Batching
+from solver.fit.card import Card
 from solver.fit.presets import settings_for
 from solver.fit.replay import SPARE, Replay, StepPlan, replay_for
 from solver.fit.start import new_trainer
+from solver.fit.trainer import HELD
 from solver.kernels.backend import forced_path
-from solver.kernels.flat_form import offsets_of
+from solver.kernels.flat_form import is_reserved, offsets_of
+from tests.devices import pretend
+from tests.devices.test_pretended_devices import before_grey
 from tests.fit.test_fit import SMALL, ball_capture
 from tests.fit.test_method import SMALL_PAPER
 from tests.kernels.paths import WITHOUT_CARD
+from tests.kernels.test_flat_form import COUNTS
 
 SETTINGS = {"draft": SMALL, "paper": settings_for("paper", SMALL_PAPER)}
+FEW = {
+    "field.sizes": "24,32", "field.size_starts": "0,0.5", "light.heights": "16,32", "fit.rays": "64",
+    "field.hull_cells": "32", "field.occupancy_cells": "32", "render.secondary_rays": "4",
+}  # fmt: skip
 WAITING = {
     "_local_scalar_dense",
     "nonzero",
@@ -41,22 +51,24 @@ class NoWaiting(TorchDispatchMode):
         return operation(*args, **(kwargs or {}))
 
 
-class CalledAgain:
-    """A graph that is none: it does what is asked for once more, which may wait for nothing."""
-
-    def __init__(self, call, pool):
-        self.call = call
+class CalledAgain(pretend.CalledAgain):
+    """A graph that is none: it does once more what is asked for, which may wait for nothing."""
 
     def replay(self):
         with NoWaiting():
-            return self.call()
+            return self._call()
+
+
+class Processor(pretend.PretendedCard):
+    """A card that is none."""
+
+    graph = CalledAgain
 
 
 @pytest.fixture
 def on_the_processor(monkeypatch):
     """Graphs of `CalledAgain` for Warp's processor device."""
-    monkeypatch.setattr(replay, "stream_and_pool", lambda device: (None, None))
-    monkeypatch.setattr(Replay, "make_graph", CalledAgain)
+    monkeypatch.setattr(replay, "Card", Processor)
     with forced_path("warp"):
         yield
 
@@ -67,6 +79,7 @@ def trainer_on(device, settings, replayed, **options):
         capture, photos, settings, 0, None, device, lambda fraction: None, **options
     )
     trainer.replay = Replay(trainer.scene.device) if replayed else None
+    trainer.batching.recent, trainer.batching.rays_per_sample = [1.0] * RETRACED_MEMORY, 0.01
     return trainer
 
 
@@ -129,6 +142,10 @@ def found(*counts):
     return compute
 
 
+def nothing():
+    """Undoes nothing."""
+
+
 PLAN = StepPlan([4], 1, [0], 0.5)
 VALUES = torch.arange(3.0)
 
@@ -137,9 +154,12 @@ def test_a_period_has_an_ordinary_step_and_then_graphs(on_the_processor):
     replay = Replay(torch.device("cpu"))
     for _ in range(2):
         replay.begin(PLAN)
-        assert replay.run(found(5), VALUES) == ([3], True) and not replay.replays
+        assert replay.run(found(5), nothing, VALUES) == ([3], True) and not replay.replays
         for factor in (2, 3):
-            assert replay.run(found(5), factor * VALUES) == ([3 * factor], False) and replay.replays
+            assert (
+                replay.run(found(5), nothing, factor * VALUES) == ([3 * factor], False)
+                and replay.replays
+            )
 
 
 def test_lengths_are_by_the_most_that_was_seen_in_the_period_before(on_the_processor):
@@ -147,8 +167,8 @@ def test_lengths_are_by_the_most_that_was_seen_in_the_period_before(on_the_proce
     most = []
     for count, later in ((100, 900), (100, 100), (100, 100)):
         replay.begin(StepPlan([4], 1, [0], 0.5))
-        replay.run(found(count), VALUES)
-        replay.run(found(later), VALUES)
+        replay.run(found(count), nothing, VALUES)
+        replay.run(found(later), nothing, VALUES)
         most.append(replay._lengths[0])
     assert most == [120 + SPARE, 1080 + SPARE, 120 + SPARE]
 
@@ -156,31 +176,101 @@ def test_lengths_are_by_the_most_that_was_seen_in_the_period_before(on_the_proce
 def test_a_step_that_does_other_things_than_the_first_one_is_no_graph(
     on_the_processor, monkeypatch
 ):
-    class Captured(CalledAgain):
-        def __init__(self, call, pool):
-            super().__init__(call, pool)
+    class Recorded(CalledAgain):
+        def __init__(self, call):
+            super().__init__(call)
             call()
 
-    monkeypatch.setattr(Replay, "make_graph", Captured)
+    monkeypatch.setattr(Processor, "graph", Recorded)
     replay = Replay(torch.device("cpu"))
     replay.begin(PLAN)
     for counts in ((5,), (5, 5), (5,)):
-        assert replay.run(found(*counts), VALUES) == ([3], True)
+        assert replay.run(found(*counts), nothing, VALUES) == ([3], True)
     assert not replay.replays and replay.failed is None
     replay.begin(StepPlan([4], 1, [0], 0.6))
-    replay.run(found(5), VALUES)
-    replay.run(found(5), VALUES)
+    replay.run(found(5), nothing, VALUES)
+    replay.run(found(5), nothing, VALUES)
     assert replay.replays
 
 
 def test_where_no_graph_can_be_made_steps_go_on_one_by_one(on_the_processor, monkeypatch):
-    def out_of_memory(call, pool):
+    def out_of_memory(call):
         raise torch.OutOfMemoryError("CUDA out of memory")
 
-    monkeypatch.setattr(Replay, "make_graph", staticmethod(out_of_memory))
+    monkeypatch.setattr(Processor, "graph", staticmethod(out_of_memory))
     trainer = trainer_on("cpu", SMALL, True)
     losses = [trainer.advance(0.6)["image"] for _ in range(5)]
     assert trainer.replay.failed == "CUDA out of memory" and np.isfinite(losses).all()
+
+
+def test_where_memory_ends_in_an_ordinary_step_it_is_taken_from_graphs_and_the_step_made_again(
+    on_the_processor,
+):
+    replay, undone = Replay(torch.device("cpu")), []
+
+    def short(values):
+        if replay.failed is None:
+            raise torch.OutOfMemoryError("CUDA out of memory")
+        return [values.sum()]
+
+    replay.begin(PLAN)
+    assert replay.run(short, lambda: undone.append(1), VALUES) == ([3], True)
+    assert undone == [1] and replay.failed == "CUDA out of memory"
+
+
+def test_gradients_of_a_step_that_came_to_nothing_are_cleared():
+    trainer = trainer_on("cpu", SMALL, False)
+    trainer._gradients(trainer._plan(1))
+    assert any(p.grad is not None and p.grad.any() for p in trainer.scene.parameters())
+    trainer.optimiser.clear()
+    assert not any(p.grad is not None and p.grad.any() for p in trainer.scene.parameters())
+
+
+WHOLE = {
+    "masked": {"fit.pixel_grid_start": "0.8", "render.pixel_grid": "2", "fit.exposure": "gain"},
+    "fog": {"fit.background": "white", "fit.emission_fade": "0.2,0.4"},
+    "room": {"fit.background": "room", "fit.emission_fade": "0.2,0.4"},
+}
+
+
+@pytest.mark.parametrize("fit", list(WHOLE))
+def test_a_whole_fit_that_is_replayed_learns_what_an_ordinary_one_does(fit, on_the_processor):
+    """Through all that a fit changes: grids, light, probes, rays a pixel, occupancy, fog to surface."""
+    capture, photos = ball_capture()
+    if fit != "masked":
+        photos = [before_grey(photo) for photo in photos]
+    settings = settings_for("draft", FEW | WHOLE[fit])
+    losses = []
+    for replayed in (False, True):
+        trainer = new_trainer(capture, photos, settings, 0, None, "cpu", lambda fraction: None)
+        trainer.replay = Replay(trainer.scene.device) if replayed else None
+        trainer.OCCUPANCY_EVERY, replays = 8, 0
+        told = []
+        for step in range(48):
+            told.append(trainer.advance(step // 6 / 8)["image"])
+            replays += replayed and trainer.replay.replays
+        assert np.isfinite(told).all() and replays >= 20 * replayed
+        losses.append(np.mean(told[-8:]))
+    assert losses[1] == pytest.approx(losses[0], rel=0.1)
+
+
+def test_a_period_ends_where_the_fit_has_gone_on(on_the_processor):
+    trainer = trainer_on("cpu", SMALL, True)
+    plans = []
+    for fraction in (0.6, 0.6, 0.601, 0.601 + 2 * HELD, 0.601 + 2 * HELD):
+        trainer.advance(fraction)
+        plans.append(trainer.replay.plan.fraction)
+    assert plans == [0.6, 0.6, 0.6, 0.601 + 2 * HELD, 0.601 + 2 * HELD]
+
+
+def test_batches_that_are_not_yet_settled_are_not_replayed(on_the_processor):
+    trainer = trainer_on("cpu", SETTINGS["paper"], True)
+    trainer.batching.recent = []
+    for _ in range(RETRACED_MEMORY + 2):
+        settled = trainer.batching.settled
+        trainer.advance(0.01)
+        assert trainer.replay.replays == settled
+    assert settled and Batching(SETTINGS["draft"].fit, 512).settled
 
 
 def test_a_fit_that_is_replayed_tells_of_the_step_before_and_ends_without_graphs(on_the_processor):
@@ -203,3 +293,40 @@ def test_on_the_processor_nothing_is_replayed():
 def test_what_waits_is_refused_within_a_graph(wait):
     with NoWaiting(), pytest.raises(RuntimeError, match="waits"):
         wait(VALUES)
+
+
+@WITHOUT_CARD
+@pytest.mark.parametrize("wait", [False, True])
+def test_a_recording_that_fails_on_a_card_leaves_it_as_it_was(wait):
+    device = torch.device("cuda", 0)
+    replay, values = Replay(device), torch.arange(3.0, device=device)
+
+    def compute(values, counts):
+        offsets_of(counts)
+        if replay.plan is PLAN and is_reserved():
+            if wait:
+                float(values.sum())
+            else:
+                offsets_of(counts)
+        return [2 * values.sum()]
+
+    with replay.stream():
+        for plan in (StepPlan([4], 1, [0], 0.4), PLAN, StepPlan([4], 1, [0], 0.6)):
+            replay.begin(plan)
+            for factor in (1, 2, 3):
+                found, _ = replay.run(compute, nothing, factor * values, COUNTS.to(device))
+                assert float(found[0]) == 6 * factor
+            assert replay.replays == (plan is not PLAN and not (wait and plan.fraction == 0.6))
+        assert (replay.failed is not None) == wait
+    graph = torch.cuda.CUDAGraph()
+    with torch.cuda.graph(graph):
+        again = values + 1
+    graph.replay()
+    assert again.tolist() == [1, 2, 3]
+
+
+@WITHOUT_CARD
+def test_on_a_card_numbers_are_told_a_step_late():
+    card = Card(torch.device("cuda", 0))
+    values = torch.tensor([3.0, 5.0, 7.0, 9.0], device="cuda")
+    assert [card.told_before(value) for value in values] == [3, 3, 5, 7]
