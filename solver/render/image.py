@@ -78,7 +78,7 @@ def render_view(
     columns, rows = column.reshape(-1, 1) + places[:, 0], row.reshape(-1, 1) + places[:, 1]
     pixels, each = columns.shape
     if rays_per_chunk is None:
-        rays_per_chunk = RAYS_PER_CHUNK if device.type == "cpu" else ON_A_CARD
+        rays_per_chunk = ON_A_CARD if device.type == "cuda" else RAYS_PER_CHUNK
     pixels_per_chunk = max(1, rays_per_chunk // each)
     parts, around = [], []
     for first in range(0, pixels, pixels_per_chunk):
