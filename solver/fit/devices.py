@@ -9,6 +9,9 @@ import torch
 
 from .errors import SettingsError
 
+_NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)
+"""Windows opens one for a moment where a program without any starts one that writes"""
+
 
 def choose_device(name: str) -> str:
     """The torch device for 'auto', 'cpu', 'cuda' or 'mps'.
@@ -72,7 +75,7 @@ def _name_of_card() -> str | None:
     try:
         told = subprocess.run(
             words, stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", errors="replace",
-            timeout=10, check=True,
+            timeout=10, check=True, creationflags=_NO_WINDOW,
         )  # fmt: skip
     except (OSError, subprocess.SubprocessError):
         return None

@@ -65,6 +65,8 @@ def share_out(keys, mass, rays, seed, counts, share):
         count = int(math.floor(expected + unit_number(keys[s], seed)))
         counts[s] = count
         share[s] = one / (min(max(expected, least), one) * np.float32(max(count, 1)))
+        if mass[s] <= 0:
+            share[s] = 0
 
 
 @numba.njit(cache=True, nogil=True)

@@ -39,7 +39,7 @@ def plan_rays(keys, mass, rays, points, streams, keys_per_sample):
     sample = torch.repeat_interleave(torch.arange(len(counts), device=counts.device), counts)
     index = torch.arange(len(sample), device=counts.device) - offsets[sample]
     # A sample that was lucky to get its one ray stands for the others like it.
-    share = 1 / (expected.clamp(1e-6, 1) * counts.clamp(min=1))
+    share = (mass > 0) / (expected.clamp(1e-6, 1) * counts.clamp(min=1))
     ray_keys = keys[sample] * keys_per_sample + index % keys_per_sample
     return counts, offsets, sample, ray_keys, share, turned(points, keys, streams[1], sample, index)
 
