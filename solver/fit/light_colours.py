@@ -6,14 +6,23 @@ of its own: red and cyan specks, the first thing to be seen of a light that stan
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import torch
 
 from ..light.environment import coarsely_coloured
+from ..render.scene import Scene, SharedTables
+from .chunk import Chunk, ChunkLoss
+from .workers import Workers
 
 SQUARES = (16, 8, 4, 2)
 """edges, in texels, of the squares that may have one colour, the coarsest first"""
+LEAST_RADIANCE = 1e-30
+"""as dark as a light gets, so that its logarithm stays a number"""
+
+Step = tuple[list[Chunk], Sequence[torch.Tensor | None]]
+"""chunks of a step and the turns of the light that they are under"""
 
 
 def coarsest_colours(
@@ -31,3 +40,27 @@ def coarsest_colours(
             if error(coarse) <= most:
                 return coarse
     return radiance
+
+
+@torch.no_grad()
+def colour_coarsely(
+    scene: Scene, loss: ChunkLoss, workers: Workers, steps: list[Step], tolerance: float
+) -> None:
+    """Give a scene's light the coarsest colours that pixels of steps allow (see `coarsest_colours`)."""
+
+    def take(radiance: torch.Tensor) -> None:
+        scene.environment.log_radiance.copy_(radiance.clamp(min=LEAST_RADIANCE).log())
+
+    def error(radiance: torch.Tensor) -> float:
+        take(radiance)
+        found = 0.0
+        for chunks, turns in steps:
+            tables = SharedTables.of(scene, turns, workers.together)
+            calls = [
+                partial(loss.image_error, scene, tables.under(chunk.turn), chunk)
+                for chunk in chunks
+            ]
+            found += sum(workers.together(calls)) / len(steps)
+        return found
+
+    take(coarsest_colours(scene.environment.radiance(), error, tolerance))

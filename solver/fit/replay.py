@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import partial
-from typing import NamedTuple
 
 import torch
 
@@ -19,30 +18,12 @@ from ..kernels.backend import on_warp
 from ..kernels.flat_form import UnlikeObserved, observed, reserved
 from .card import Card, CudaGraph
 from .chunk import Taken
+from .step import StepPlan
 
 MARGIN = 1.2
 """reserved lengths, by the most that was seen in the period before or its own first step"""
 SPARE = 256
 """items of a flat form beyond that"""
-
-
-class StepPlan(NamedTuple):
-    """What the steps of a period have in common."""
-
-    sizes: list[int]  # pixels of each chunk
-    grid: int  # rays across a pixel
-    retraced: list[int]  # secondary rays of each chunk that are traced through the field
-    fraction: float  # of the fit done
-
-    @property
-    def rays(self) -> list[int]:
-        """Primary rays of each chunk."""
-        return [size * self.grid**2 for size in self.sizes]
-
-    @property
-    def shares(self) -> list[float]:
-        """Of the step's pixels, that each chunk has."""
-        return [size / sum(self.sizes) for size in self.sizes]
 
 
 Inputs = tuple[torch.Tensor | None, ...]

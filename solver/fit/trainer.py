@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from contextlib import nullcontext
-from functools import partial
-from typing import NamedTuple
 
 import torch
 
@@ -16,40 +13,29 @@ from ..kernels.sending import sent
 from ..light.environment import EnvironmentMap
 from ..render.probing import refresh_probes
 from ..render.random_numbers import RandomNumbers
-from ..render.scene import Scene, SharedTables
+from ..render.scene import Scene
 from .adam import Adam
 from .batching import Batching, room_on
-from .chunk import SURROUNDED, Chunk, ChunkLoss, Taken
+from .chunk import SURROUNDED, ChunkLoss, Taken
 from .exposure import exposures_for
 from .far_light import FarLight
-from .light_colours import coarsest_colours
+from .light_colours import colour_coarsely
 from .light_start import light_from_room
 from .ray_bank import RayBank
-from .replay import StepPlan, replay_for
+from .replay import replay_for
 from .schedule import pixel_grid, probe_turn, smoothing_width, step_width
 from .settings import Settings
+from .step import Drawn, StepPixels, StepPlan
 from .workers import Workers, worker_count
 
 THIN_FOG_SHARE = 0.02
 """of the opacity from which a cell counts as occupied, while the fog is thin still"""
 STEPS_OF_PIXELS = 4
 """as many pixels as steps have tell, at the end, how fine the colours of the light have to be"""
-LEAST_RADIANCE = 1e-30
-"""as dark as a light gets, so that its logarithm stays a number"""
 TURNS_A_STEP = 4
 """photos of which a step has pixels, at least, where the light turned with them"""
-
-
 HELD = 0.02
 """of the fit, for which what steps do may stay the same where they are replayed"""
-
-
-class Drawn(NamedTuple):
-    """The random pixels of a step."""
-
-    pixels: torch.Tensor  # [P] long, of the bank
-    colours: torch.Tensor | None  # [P, 3] sRGB behind the object, where it is random
-    turns: Sequence[torch.Tensor | None]  # [3, 3] of the light, those that `Chunk.turn` counts
 
 
 class Trainer:
@@ -86,6 +72,7 @@ class Trainer:
         self.random = RandomNumbers(seed, scene.device)
         self.loss = ChunkLoss(settings, use_masks, background, fog, far)
         self.generator = torch.Generator().manual_seed(seed)
+        self.pixels = StepPixels(bank, background, turns, self.generator)
         fit = settings.fit
         if scene.device.type != "cpu":
             # A graphics card is busy only with many rays at once.
@@ -196,28 +183,13 @@ class Trainer:
             grid = pixel_grid(self.settings, self.fraction)
             # Each step under turned lights has tables of them all.
             steps = STEPS_OF_PIXELS if self.turns is None else 1
-            plan, random = self._plan(grid), self.random.at(self.step)
-            drawn = [self._draw(plan.sizes) for _ in range(steps)]
-            pixels = [(self._chunks(plan, some, random), some.turns) for some in drawn]
-            own = self.scene.environment.radiance()
-            self._set_light(coarsest_colours(own, partial(self._error_under, pixels), tolerance))
+            plan, random, log_gain = self._plan(grid), self.random.at(self.step), self._log_gain()
+            drawn = [self.pixels.draw(plan.sizes) for _ in range(steps)]
+            pixels = [
+                (self.pixels.chunks(plan, some, random, log_gain), some.turns) for some in drawn
+            ]
+            colour_coarsely(self.scene, self.loss, self.workers, pixels, tolerance)
             self.refresh_probes()
-
-    def _error_under(
-        self, steps: list[tuple[list[Chunk], Sequence[torch.Tensor | None]]], radiance: torch.Tensor
-    ) -> float:
-        """Image loss of steps' chunks under a light of `radiance` [3, H, 2H], which the scene then has."""
-        self._set_light(radiance)
-        error = 0.0
-        for chunks, turns in steps:
-            tables = SharedTables.of(self.scene, turns, self.workers.together)
-            of_chunk = partial(self.loss.image_error, self.scene)
-            calls = [partial(of_chunk, tables.under(chunk.turn), chunk) for chunk in chunks]
-            error += sum(self.workers.together(calls)) / len(steps)
-        return error
-
-    def _set_light(self, radiance: torch.Tensor) -> None:
-        self.scene.environment.log_radiance.copy_(radiance.clamp(min=LEAST_RADIANCE).log())
 
     def _learning_rate_factor(self, fraction: float) -> float:
         fit = self.settings.fit
@@ -296,51 +268,25 @@ class Trainer:
     def _gradients(self, plan: StepPlan) -> tuple[list[Taken], bool]:
         """Add a step's gradients to those of the scene; returns what chunks found, and whether their counts
         are those of the step."""
-        drawn = self._draw(plan.sizes)
+        drawn = self.pixels.draw(plan.sizes)
+        log_gain = self._log_gain()
         if self.replay is None:
-            chunks = self._chunks(plan, drawn, self.random.at(self.step))
+            chunks = self.pixels.chunks(plan, drawn, self.random.at(self.step), log_gain)
             return self.workers.gradients(chunks, drawn.turns), True
 
         def compute(pixels, colours, streams):
             # A light that turns is not replayed.
-            again = Drawn(pixels, colours, (None,))
-            return self.workers.gradients(self._chunks(plan, again, self.random.of(streams)))
+            again, random = Drawn(pixels, colours, (None,)), self.random.of(streams)
+            return self.workers.gradients(self.pixels.chunks(plan, again, random, log_gain))
 
         streams = sent(torch.tensor(self.random.streams_at(self.step)), self.scene.device)
         return self.replay.run(
             compute, self.optimiser.clear, drawn.pixels, drawn.colours, streams
         )  # fmt: skip
 
-    def _draw(self, sizes: list[int]) -> Drawn:
-        """The random pixels of a step's chunks."""
-        pixels, colours, turns, photos = [], [], [None], [None] * len(sizes)
-        if self.turns is not None:
-            # A chunk has one light, and so the pixels of one photo.
-            photos = [self.bank.draw_photo(self.generator) for _ in sizes]
-            turns = [self.turns[photo] for photo in photos]
-        for size, photo in zip(sizes, photos, strict=True):
-            pixels.append(self.bank.draw(size, self.generator, photo))
-            if self.background == "random":
-                colours.append(torch.rand(size, 3, generator=self.generator))
-        colours = sent(torch.cat(colours), self.scene.device) if colours else None
-        return Drawn(torch.cat(pixels), colours, turns)
-
-    def _chunks(self, plan: StepPlan, drawn: Drawn, random: RandomNumbers) -> list[Chunk]:
-        """Chunks of the pixels drawn, with grid × grid rays each."""
-        sizes = plan.sizes
-        # All rays at once, which is faster, and then cut.
-        batches = self.bank.batch(drawn.pixels, plan.grid).split(sizes)
-        keys = torch.arange(len(drawn.pixels), device=self.scene.device).split(sizes)
-        colours = [None] * len(sizes) if drawn.colours is None else drawn.colours.split(sizes)
-        log_gain = None if self.exposures is None else self.exposures.log_gain.detach()
-        rows = zip(batches, keys, colours, plan.shares, plan.retraced, strict=True)
-        return [
-            Chunk(
-                batch, own, colour, log_gain, share, retraced, random, plan.fraction,
-                min(index, len(drawn.turns) - 1),
-            )
-            for index, (batch, own, colour, share, retraced) in enumerate(rows)
-        ]  # fmt: skip
+    def _log_gain(self) -> torch.Tensor | None:
+        """[photos, C] of the photos' exposures, where those are found."""
+        return None if self.exposures is None else self.exposures.log_gain.detach()
 
     def _coarse_to_fine(self, fraction: float) -> None:
         starts = self.settings.field.size_starts

@@ -9,8 +9,9 @@ from solver.fit import replay
 from solver.fit.batching import RETRACED_MEMORY, Batching
 from solver.fit.card import Card
 from solver.fit.presets import settings_for
-from solver.fit.replay import SPARE, Replay, StepPlan, replay_for
+from solver.fit.replay import SPARE, Replay, replay_for
 from solver.fit.start import new_trainer
+from solver.fit.step import StepPlan
 from solver.fit.trainer import HELD
 from solver.kernels.backend import forced_path
 from solver.kernels.flat_form import is_reserved, offsets_of

@@ -62,6 +62,13 @@ def started(capture, photos, settings):
     return new_trainer(capture, photos, settings, 0, None, "cpu", lambda fraction: None)
 
 
+def drawn(trainer):
+    """Chunks of a step, and the turns of the light that they are under."""
+    plan = trainer._plan(1)
+    found = trainer.pixels.draw(plan.sizes)
+    return trainer.pixels.chunks(plan, found, trainer.random, None), found.turns
+
+
 def test_a_light_that_turns_explains_what_a_still_one_cannot(turned_ball):
     last = []
     for settings in (TURNED, STILL):
@@ -73,7 +80,7 @@ def test_a_light_that_turns_explains_what_a_still_one_cannot(turned_ball):
 
 def test_a_chunk_has_pixels_of_one_photo_and_the_light_of_that(turned_ball):
     trainer = started(*turned_ball, TURNED)
-    chunks, turns = trainer._draw(trainer.batching.chunks(), 1)
+    chunks, turns = drawn(trainer)
     assert len(chunks) == len(turns) == 4
     assert len({int(chunk.batch.photo[0]) for chunk in chunks}) > 2
     for chunk in chunks:
@@ -86,7 +93,7 @@ def test_a_chunk_has_pixels_of_one_photo_and_the_light_of_that(turned_ball):
 
 def test_a_still_light_has_no_turns(turned_ball):
     trainer = started(*turned_ball, STILL)
-    chunks, turns = trainer._draw(trainer.batching.chunks(), 1)
+    chunks, turns = drawn(trainer)
     assert trainer.scene.turntable is None and turns == [None]
     assert len(chunks[0].batch.photo.unique()) > 2
 

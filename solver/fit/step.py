@@ -1,0 +1,89 @@
+"""What a step is made of: random pixels, cut into chunks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch
+
+from ..kernels.sending import sent
+from ..render.random_numbers import RandomNumbers
+from .chunk import Chunk
+from .ray_bank import RayBank
+
+
+class StepPlan(NamedTuple):
+    """All of a step but its random numbers; steps that are replayed have it in common."""
+
+    sizes: list[int]  # pixels of each chunk
+    grid: int  # rays across a pixel
+    retraced: list[int]  # secondary rays of each chunk that are traced through the field
+    fraction: float  # of the fit done
+
+    @property
+    def rays(self) -> list[int]:
+        """Primary rays of each chunk."""
+        return [size * self.grid**2 for size in self.sizes]
+
+    @property
+    def shares(self) -> list[float]:
+        """Of the step's pixels, that each chunk has."""
+        return [size / sum(self.sizes) for size in self.sizes]
+
+
+class Drawn(NamedTuple):
+    """The random pixels of a step."""
+
+    pixels: torch.Tensor  # [P] long, of the bank
+    colours: torch.Tensor | None  # [P, 3] sRGB behind the object, where it is random
+    turns: Sequence[torch.Tensor | None]  # [3, 3] of the light, those that `Chunk.turn` counts
+
+
+class StepPixels:
+    """Draws the pixels of steps and makes chunks of them.
+
+    Args: see `Trainer`.
+    """
+
+    def __init__(
+        self, bank: RayBank, background: str, turns: torch.Tensor | None, generator: torch.Generator
+    ):
+        self._bank, self._background, self._turns = bank, background, turns
+        self._generator = generator
+
+    def draw(self, sizes: list[int]) -> Drawn:
+        """Random pixels of chunks of so many each."""
+        pixels, colours, turns, photos = [], [], [None], [None] * len(sizes)
+        if self._turns is not None:
+            # A chunk has one light, and so the pixels of one photo.
+            photos = [self._bank.draw_photo(self._generator) for _ in sizes]
+            turns = [self._turns[photo] for photo in photos]
+        for size, photo in zip(sizes, photos, strict=True):
+            pixels.append(self._bank.draw(size, self._generator, photo))
+            if self._background == "random":
+                colours.append(torch.rand(size, 3, generator=self._generator))
+        colours = sent(torch.cat(colours), self._bank.device) if colours else None
+        return Drawn(torch.cat(pixels), colours, turns)
+
+    def chunks(
+        self, plan: StepPlan, drawn: Drawn, random: RandomNumbers, log_gain: torch.Tensor | None
+    ) -> list[Chunk]:
+        """Chunks of the pixels drawn, with grid × grid rays each.
+
+        Args:
+            random: of the step. log_gain: [photos, C] of the photos' exposures, where those are found.
+        """
+        sizes = plan.sizes
+        # All rays at once, which is faster, and then cut.
+        batches = self._bank.batch(drawn.pixels, plan.grid).split(sizes)
+        keys = torch.arange(len(drawn.pixels), device=drawn.pixels.device).split(sizes)
+        colours = [None] * len(sizes) if drawn.colours is None else drawn.colours.split(sizes)
+        rows = zip(batches, keys, colours, plan.shares, plan.retraced, strict=True)
+        return [
+            Chunk(
+                batch, own, colour, log_gain, share, retraced, random, plan.fraction,
+                min(index, len(drawn.turns) - 1),
+            )
+            for index, (batch, own, colour, share, retraced) in enumerate(rows)
+        ]  # fmt: skip
