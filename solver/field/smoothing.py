@@ -29,10 +29,11 @@ def gaussian_taps(sigma: float) -> torch.Tensor:
     """A Gaussian of standard deviation `sigma` voxels, up to three of them; at least `PAPER_TAPS`."""
     if sigma <= PAPER_SIGMA:
         return PAPER_TAPS
-    return _gaussian(sigma)
+    return gaussian(sigma)
 
 
-def _gaussian(sigma: float) -> torch.Tensor:
+def gaussian(sigma: float) -> torch.Tensor:
+    """Taps of a Gaussian of standard deviation `sigma`, up to three of them; their sum is 1."""
     reach = math.ceil(3 * sigma)
     taps = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / sigma) ** 2)
     return taps / taps.sum()
@@ -55,7 +56,7 @@ def step_smoothing(sigma: float) -> Callable[[torch.Tensor], torch.Tensor] | Non
     """
     if sigma < LEAST_STEP_SIGMA:
         return None
-    taps = _gaussian(sigma)
+    taps = gaussian(sigma)
     return lambda change: (
         smooth_planes(change, taps) if change.dim() == 4 else smooth_lines(change, taps)
     )

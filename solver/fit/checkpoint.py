@@ -26,12 +26,15 @@ from .settings import Settings
 from .trainer import Trainer
 
 BEFORE = {
-    "light": {"turntable": "no", "from_room": False, "floor": False, "colour_tolerance": 0.0},
+    "light": {
+        "turntable": "no", "from_room": False, "floor": False, "colour_tolerance": 0.0,
+        "step_smoothing": 0.0,
+    },
     "render": {"diffuse_visibility": False},
     "fit": {
         "palette_weight": 0.0, "dielectric_weight": 0.0, "grey_f0_weight": 0.0,
-        "metal_weight": 0.0, "metal_albedo_weight": 0.0, "light_floor_without_room": 0.0, "cut_out": False,
-        "cut_out_before_far": False, "cut_out_standing": False,
+        "metal_weight": 0.0, "metal_albedo_weight": 0.0, "light_floor_without_room": 0.0,
+        "cut_out": False, "cut_out_before_far": False, "cut_out_standing": False,
     },
 }  # fmt: skip
 """settings as they were, in effect, before there was such a setting"""

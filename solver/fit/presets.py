@@ -29,7 +29,9 @@ PAPER = Settings(
         initial_albedo=0.91, initial_roughness=0.6, initial_f0=0.5,
         occupancy_min_alpha=0.001, step_smoothing=(0.0, 0.0),
     ),
-    light=LightSettings(heights=(512,), turntable="no", colour_tolerance=0.0, floor=False),
+    light=LightSettings(
+        heights=(512,), turntable="no", colour_tolerance=0.0, step_smoothing=0.0, floor=False
+    ),
     render=RenderSettings(
         secondary_step=0.5, secondary_rays=128, min_weight=0.0, min_transmittance=1e-4,
         retraced_rays=1000, retrace_choice="noisy", secondary_bounce_rays=8, visibility=False,

@@ -7,12 +7,14 @@ import math
 
 from ..render.image import image_settings
 from ..render.scene import RenderSettings
-from .settings import FieldSettings, FitSettings, Settings
+from .settings import FieldSettings, FitSettings, LightSettings, Settings
 
 PROBE_TURNS = 20
 """how often in a fit probes look around anew"""
 EARLY_TURNS = 10.0
 """how much more often in its beginning, when the surface still moves"""
+LEAST_ROWS = 8
+"""rows of a map of the light, in widths of what its steps are blurred by"""
 
 
 def probe_turn(fraction: float) -> int:
@@ -31,6 +33,15 @@ def smoothing_width(field: FieldSettings, fraction: float) -> float:
 def step_width(field: FieldSettings, fraction: float) -> float:
     """The smoothing of the density's steps at a fraction of the fit, as a share of the box's edge."""
     return _between(field.step_smoothing, fraction)
+
+
+def light_step_width(light: LightSettings, height: int, fraction: float) -> float:
+    """The smoothing of the steps of a light of `height` rows at a fraction of the fit, texels; at its end
+    it is a tenth of the first."""
+    if fraction >= light.step_smoothing_end:
+        return 0.0
+    widest = min(light.step_smoothing, height / LEAST_ROWS)
+    return widest * 0.1 ** (fraction / light.step_smoothing_end)
 
 
 def _between(ends: tuple[float, float], fraction: float) -> float:

@@ -83,6 +83,10 @@ class LightSettings:
     colour_tolerance: float = 0.0015
     """share by which the error of photos may grow at the end, where colours of the light are made coarser,
     those of up to 16 × 16 texels one (0: they stay): what photos do not tell of them is noise"""
+    step_smoothing: float = 3.0
+    """texels by which each step of the light is blurred at the start, and ever less until
+    `step_smoothing_end` of the fit; 0: not at all"""
+    step_smoothing_end: float = 0.6
     floor: bool = True
     """what the object stands on, where photos say what that is, lights it from close by; else all is far"""
 

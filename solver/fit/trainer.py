@@ -11,6 +11,7 @@ import torch
 from ..field.smoothing import step_smoothing
 from ..kernels.sending import sent
 from ..light.environment import EnvironmentMap
+from ..light.step_smoothing import map_step_smoothing
 from ..render.probing import refresh_probes
 from ..render.random_numbers import RandomNumbers
 from ..render.scene import Scene
@@ -23,11 +24,13 @@ from .light_colours import colour_coarsely
 from .light_start import light_from_room
 from .ray_bank import RayBank
 from .replay import replay_for
-from .schedule import pixel_grid, probe_turn, smoothing_width, step_width
+from .schedule import light_step_width, pixel_grid, probe_turn, smoothing_width, step_width
 from .settings import Settings
 from .step import Drawn, StepPixels, StepPlan
 from .workers import Workers, worker_count
 
+DENSITY, LIGHT = 0, 3
+"""their groups of parameters"""
 THIN_FOG_SHARE = 0.02
 """of the opacity from which a cell counts as occupied, while the fog is thin still"""
 STEPS_OF_PIXELS = 4
@@ -219,7 +222,10 @@ class Trainer:
         for group in self.optimiser.param_groups:
             group["lr"] = group["base"] * factor
         width = step_width(self.settings.field, fraction) * (self.scene.field.size - 1)
-        self.optimiser.param_groups[0]["smooth"] = step_smoothing(width)
+        self.optimiser.param_groups[DENSITY]["smooth"] = step_smoothing(width)
+        height = self.scene.environment.height
+        width = light_step_width(self.settings.light, height, fraction)
+        self.optimiser.param_groups[LIGHT]["smooth"] = map_step_smoothing(width)
         if self.opened is not None and self.emission(fraction) < 1:
             self.scene.occupancy.allow_only(self.opened, 0)
             self.opened = None

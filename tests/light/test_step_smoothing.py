@@ -1,0 +1,64 @@
+"""Steps of the light that are blurred on its map."""
+
+import numpy as np
+import pytest
+import torch
+
+from solver.fit.presets import settings_for
+from solver.fit.schedule import light_step_width
+from solver.fit.start import new_trainer
+from solver.light.step_smoothing import map_step_smoothing
+from tests.fit.test_fit import ball_capture
+
+
+def test_a_blur_is_a_gaussian_of_its_width_and_keeps_the_sum():
+    change = torch.zeros(3, 64, 128)
+    change[1, 30, 60] = 1
+    blurred = map_step_smoothing(2.5)(change)
+    assert blurred.sum() == pytest.approx(1, abs=1e-5) and (blurred[[0, 2]] == 0).all()
+    row, column = torch.meshgrid(torch.arange(64.0), torch.arange(128.0), indexing="ij")
+    for axis, middle in ((row, 30), (column, 60)):
+        assert (blurred[1] * (axis - middle) ** 2).sum() == pytest.approx(2.5**2, rel=0.05)
+
+
+def test_it_goes_around_the_seam_and_ends_at_the_poles():
+    change = torch.zeros(3, 32, 64)
+    change[:, 16, 0] = 1
+    blurred = map_step_smoothing(2.0)(change)
+    torch.testing.assert_close(blurred[:, :, 1:4], blurred[:, :, -3:].flip(-1))
+    even = torch.ones(3, 32, 64)
+    torch.testing.assert_close(map_step_smoothing(4.0)(even), even)
+
+
+def test_a_blur_below_a_third_of_a_texel_is_none():
+    assert map_step_smoothing(0.33) is None and map_step_smoothing(0.0) is None
+
+
+def test_steps_are_blurred_ever_less_until_a_share_of_the_fit_and_never_in_the_papers():
+    light = settings_for("draft").light
+    widths = [light_step_width(light, 64, i / 20) for i in range(21)]
+    assert widths[0] == 3.0 and widths[12:] == [0.0] * 9
+    assert all(later < earlier for earlier, later in zip(widths[:12], widths[1:13], strict=True))
+    assert light_step_width(settings_for("paper").light, 512, 0.0) == 0
+    assert light_step_width(light, 4, 0.0) == 0.5, "a small map is not blurred around itself"
+
+
+def test_the_first_steps_of_a_light_have_no_pattern_finer_than_the_blur():
+    def fine(texels):
+        settings = settings_for("draft", {**FINE, "light.step_smoothing": str(texels)})
+        capture, photos = ball_capture()
+        trainer = new_trainer(capture, photos, settings, 0, None, "cpu", lambda fraction: None)
+        for step in range(8):
+            trainer.advance(step / 100)
+        light = trainer.scene.environment.log_radiance.detach().numpy()
+        steps = np.diff(light, n=2, axis=1)[:, 8:-8]
+        return np.abs(steps).mean() / light.std()
+
+    assert fine(3.0) < 0.5 * fine(0.0)
+
+
+FINE = {
+    "field.sizes": "24", "field.size_starts": "0", "light.heights": "64", "fit.rays": "64",
+    "field.hull_cells": "48", "field.occupancy_cells": "32", "render.secondary_rays": "4",
+    "field.initial_roughness": "0.15",
+}  # fmt: skip
