@@ -20,6 +20,7 @@ from .process import JobProcess, start_job, take_in
 INTERVAL = 0.2  # seconds
 LOOK_AGAIN = 3.0  # seconds between looks at a job that another process works on
 SILENCE = 60.0  # seconds without news before the panel says so
+NOT_NOW = "can't modify blend data in this state"  # what Blender says of an operator while it draws
 _log = logging.getLogger(BASE_PACKAGE)
 
 
@@ -127,13 +128,14 @@ class Monitor:
     def _install(self) -> None:
         """Install the result by its operator, so that one Undo takes it back."""
         self.waits_to_install = False
-        windows = bpy.context.window_manager.windows
         try:
-            with bpy.context.temp_override(window=windows[0] if windows else None):
-                # True: an operator called from Python makes no undo step of its own accord.
-                bpy.ops.nmf.install_result("EXEC_DEFAULT", True, job=str(self.job.root))
+            _install_result(self.job)
             self.model.text = "Done"
         except RuntimeError as error:
+            if NOT_NOW in str(error):
+                # It draws, or a render has just begun, which a timer is not told.
+                self.waits_to_install = True
+                return
             _log.error("installing %s failed: %s", self.job.root, error)
             self.model.state, self.model.text = "failed", "The result could not be installed"
             self.model.error = str(error).removeprefix("Error: ").strip()
@@ -169,6 +171,13 @@ class Monitor:
 
 
 monitor = Monitor()
+
+
+def _install_result(job: JobFolder) -> None:
+    windows = bpy.context.window_manager.windows
+    with bpy.context.temp_override(window=windows[0] if windows else None):
+        # True: an operator called from Python makes no undo step of its own accord.
+        bpy.ops.nmf.install_result("EXEC_DEFAULT", True, job=str(job.root))
 
 
 def _is_moving_something(window: bpy.types.Window) -> bool:

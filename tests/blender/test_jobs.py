@@ -283,6 +283,29 @@ def test_a_result_does_not_go_into_another_file(capture, monitor, fake_solver, t
     assert not bpy.data.meshes
 
 
+def test_a_result_waits_while_blender_lets_nothing_be_changed(
+    capture, monitor, fake_solver, tick, part, monkeypatch
+):
+    """As when a render has just begun, which nothing that can be asked tells."""
+    module = part("jobs.monitor")
+    real, refused = module._install_result, []
+
+    def install(job):
+        if len(refused) < 3:
+            refused.append(job)
+            raise RuntimeError(
+                'Error: Calling operator "bpy.ops.nmf.install_result" error, can\'t modify blend data in '
+                "this state (drawing/rendering)"
+            )
+        real(job)
+
+    monkeypatch.setattr(module, "_install_result", install)
+    bpy.ops.nmf.reconstruct()
+    tick()
+    assert len(refused) == 3 and monitor.model.text == "Done"
+    assert [i for i in bpy.data.objects if i.get("nmf_job")]
+
+
 def test_a_result_waits_for_object_mode(capture, monitor, fake_solver, tick):
     mesh = bpy.data.meshes.new("mine")
     item = bpy.data.objects.new("mine", mesh)
