@@ -100,7 +100,12 @@ def specular(
 
     Gradients of the radiance flow to normals, alphas, f0s and the table, those of what rays carried to
     the first three.
+
+    Raises:
+        ValueError: `first` is of other samples; kernels would read beyond their arrays.
     """
+    if len(first) != len(normals) + 1:
+        raise ValueError(f"first: {len(normals) + 1} numbers wanted, {len(first)} given")
     spread = normals.new_zeros(len(normals), 2, 3) if spread is None else spread
     near = Near(normals.new_empty(0, 3), (0.0, 0.0, 0.0)) if near is None else near
     radiance, *carried = _Specular.apply(

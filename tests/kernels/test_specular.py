@@ -7,6 +7,7 @@ import torch
 
 from solver.kernels.backend import forced_path
 from solver.kernels.skipping import blocking_grid
+from solver.kernels.specular import specular
 from solver.light.environment import EnvironmentMap, equirect_directions
 from solver.light.floor import Floor
 from solver.render.random_numbers import RandomNumbers
@@ -112,3 +113,14 @@ def test_gradients_of_what_is_traced_further_come_through_directions_and_weights
         torch.testing.assert_close(
             a, b, rtol=5e-3, atol=5e-3 * scale, msg=lambda m, n=name: f"{n}: {m}"
         )
+
+
+def test_rays_of_other_samples_are_refused():
+    normals, view, mass, alpha, f0, points, _ = inputs("cpu")
+    blockers = lumpy().blockers(0.1)
+    with pytest.raises(ValueError, match="61 numbers wanted, 60 given"):
+        specular(
+            normals, alpha, f0, torch.zeros(3, 5, 3, dtype=torch.float64), view, points,
+            torch.ones(COUNT, dtype=torch.long), mass, torch.rand(COUNT, 2), torch.zeros(3), True, True,
+            blockers,
+        )  # fmt: skip
