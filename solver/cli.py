@@ -185,11 +185,13 @@ def _reconstruct(options: argparse.Namespace) -> int:
         return _run_job(job, options.began)
     preset, overrides = options.preset or "draft", overrides_of(options.sets)
     settings_for(preset, overrides)
+    device = options.device or "auto"
     # Bad input is refused, and a package that is missing told, before a folder is made.
     read_capture(options.capture, photos=options.photos, masks=options.masks)
     importlib.import_module(".fit.reconstruct", __package__)
+    importlib.import_module(".fit.devices", __package__).choose_device(device)
     request = JobRequest(
-        capture=str(options.capture.absolute()), preset=preset, device=options.device or "auto",
+        capture=str(options.capture.absolute()), preset=preset, device=device,
         seed=options.seed or 0, time_limit=options.time_limit, overrides=overrides,
         photos=_absolute(options.photos), masks=_absolute(options.masks), code_version=__version__,
     )  # fmt: skip

@@ -99,6 +99,13 @@ def test_doctor_names_packages_that_do_not_load(monkeypatch, capsys):
     assert last.startswith("a-missing-package DOES NOT LOAD: ModuleNotFoundError")
 
 
+def test_a_device_that_is_not_there_is_told_before_a_folder_is_made(tmp_path):
+    missing = "cuda" if sys.platform == "darwin" else "mps"
+    result = solver("reconstruct", DUCK, "--out", tmp_path / "job", "--device", missing)
+    assert result.returncode == 2 and not (tmp_path / "job").exists()
+    assert result.stderr.startswith(f"--device {missing}: this machine has no such device; choose ")
+
+
 def test_a_package_that_is_missing_is_told_before_a_folder_is_made(tmp_path):
     """A fixed bug: what was left asked for --resume."""
     code = (
