@@ -172,6 +172,7 @@ def _number(text: str) -> float:
 
 def _reconstruct(options: argparse.Namespace) -> int:
     from .capture.read import read_capture
+    from .fit.devices import choose_device
     from .fit.presets import settings_for
 
     if options.resume and (options.out / "job.json").exists():
@@ -189,7 +190,7 @@ def _reconstruct(options: argparse.Namespace) -> int:
     # Bad input is refused, and a package that is missing told, before a folder is made.
     read_capture(options.capture, photos=options.photos, masks=options.masks)
     importlib.import_module(".fit.reconstruct", __package__)
-    importlib.import_module(".fit.devices", __package__).choose_device(device)
+    choose_device(device)
     request = JobRequest(
         capture=str(options.capture.absolute()), preset=preset, device=device,
         seed=options.seed or 0, time_limit=options.time_limit, overrides=overrides,

@@ -51,9 +51,9 @@ def card_of(device: str) -> str | None:
 
 
 def idle_card() -> str | None:
-    """What to do about an NVIDIA card that is there, but that this torch cannot use, a sentence; None if
-    there is none."""
-    name = None if choose_device("auto") == "cuda" else _name_of_card()
+    """What to do about an NVIDIA card that is there where `choose_device` finds none to use, a sentence;
+    None if there is none."""
+    name = _name_of_card()
     if name is None:
         return None
     if torch.version.cuda is None:

@@ -9,7 +9,6 @@ from contextlib import nullcontext
 import torch
 
 from ..field.smoothing import step_smoothing
-from ..kernels.sending import sent
 from ..light.environment import EnvironmentMap
 from ..light.step_smoothing import map_step_smoothing
 from ..render.probing import refresh_probes
@@ -285,7 +284,7 @@ class Trainer:
             again, random = Drawn(pixels, colours, (None,)), self.random.of(streams)
             return self.workers.gradients(self.pixels.chunks(plan, again, random, log_gain))
 
-        streams = sent(torch.tensor(self.random.streams_at(self.step)), self.scene.device)
+        streams = self.random.streams_at(self.step)
         return self.replay.run(
             compute, self.optimiser.clear, drawn.pixels, drawn.colours, streams
         )  # fmt: skip

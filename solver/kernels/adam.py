@@ -11,7 +11,6 @@ from typing import NamedTuple
 import torch
 
 from .backend import fast, kernels, on_warp
-from .sending import constant_on
 
 
 class Moments(NamedTuple):
@@ -42,11 +41,7 @@ def adam_step(
         scale = 1 / (1 - rates.square_decay**rates.count)
         rows = parameter.shape[-1]
         tensors = [t.view(-1, rows) for t in (parameter, gradient, *moments)]
-        epsilon = rates.epsilon
-        if not on_warp(parameter.device):
-            epsilon = float(epsilon)
-        elif not isinstance(epsilon, torch.Tensor):
-            epsilon = constant_on(parameter.device, (epsilon,))
+        epsilon = rates.epsilon if on_warp(parameter.device) else float(rates.epsilon)
         factors = (size, scale, rates.mean_decay, rates.square_decay, epsilon)
         if fast(parameter):
             kernels("adam", parameter.device).step(*tensors, *factors)

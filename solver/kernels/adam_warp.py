@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 import warp as wp
 
+from .sending import constant_on
 from .warp_device import launch
 
 wp.set_module_options({"enable_backward": False})
@@ -67,13 +68,17 @@ def _step(
         )  # fmt: skip
 
 
-def step(parameter, gradient, mean, square, *factors) -> None:
-    """Change all tensors [N, C] in place by factors; see the twin."""
+def step(
+    parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon
+) -> None:  # fmt: skip
+    """Change all tensors [N, C] in place; see the twin."""
+    if not isinstance(epsilon, torch.Tensor):
+        epsilon = constant_on(parameter.device, (epsilon,))
     rows, columns = parameter.shape
-    tensors = parameter, gradient, mean, square
+    arguments = parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon
     if columns < LONG_ROW:
-        launch(_step_rows, rows, *tensors, *factors)
+        launch(_step_rows, rows, *arguments)
         return
     touched = torch.zeros(rows, dtype=torch.uint8, device=parameter.device)
     launch(_touch, (rows, columns), gradient, touched)
-    launch(_step, (rows, columns), *tensors, *factors, touched)
+    launch(_step, (rows, columns), *arguments, touched)

@@ -8,6 +8,7 @@ import torch
 import torch.nn.functional as F
 
 from ..field.smoothing import LEAST_STEP_SIGMA, gaussian
+from ..kernels.sending import sent
 
 
 def map_step_smoothing(sigma: float) -> Callable[[torch.Tensor], torch.Tensor] | None:
@@ -23,7 +24,7 @@ def map_step_smoothing(sigma: float) -> Callable[[torch.Tensor], torch.Tensor] |
     reach = len(taps) // 2
 
     def smooth(change: torch.Tensor) -> torch.Tensor:
-        kernel = taps.to(change)
+        kernel = sent(taps, change.device)
         values = F.pad(change[:, None], (reach, reach, 0, 0), mode="circular")
         values = F.pad(
             F.conv2d(values, kernel.view(1, 1, 1, -1)), (0, 0, reach, reach), mode="replicate"

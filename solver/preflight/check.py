@@ -61,7 +61,7 @@ def check(
         CaptureError: a photo cannot be decoded. SettingsError: there is no such preset, setting or device.
     """
     card = card_of(choose_device(device))
-    idle = idle_card() if device == "auto" else None
+    idle = idle_card() if device == "auto" and card is None else None
     settings = settings_for(preset, overrides)
     asked = capture if region is None else replace(capture, region=region)
     reduced = ReducedPhotos()
@@ -74,7 +74,9 @@ def check(
         _stands(capture, settings, region),
         all(look.coverage is not None for look in looks),
     )
-    told = estimate(asked, preset, masked, None, turned, stands, settings, card)
+    told = estimate(
+        asked, preset, masked, turned=turned, standing=stands, settings=settings, card=card
+    )  # fmt: skip
     found = [note(text) for text in (*capture.warnings, idle) if text]
     found += (
         photos.blur(looks)

@@ -10,8 +10,9 @@ import copy
 
 import torch
 
-from ..kernels.hashing import Stream, uniform
+from ..kernels.hashing import uniform
 from ..kernels.march import MOST_SAMPLES
+from ..kernels.sending import sent
 
 OFFSET, ALLOCATION, ROTATION, NEIGHBOUR, SECONDARY_OFFSET, CHOICE = range(6)
 DEPTH, SECONDARY_DEPTH, ROOM_OFFSET, ROOM_DIRECTION = range(6, 10)
@@ -25,7 +26,7 @@ class RandomNumbers:
         engine = torch.quasirandom.SobolEngine(2, scramble=True, seed=seed)
         self.points = engine.draw(points).to(device)
         self.seed = seed
-        self._streams = self._kept(self.streams_at(0))
+        self._streams = self.streams_at(0)
 
     def uniform(self, purpose: int, keys: torch.Tensor, columns: int = 1) -> torch.Tensor:
         """Independent uniform numbers in [0, 1) of keys [N]: [N], or [N, columns]."""
@@ -34,31 +35,24 @@ class RandomNumbers:
 
     def at(self, step: int) -> RandomNumbers:
         """Those of a step."""
-        return self.of(self._kept(self.streams_at(step)))
+        return self.of(self.streams_at(step))
 
-    def of(self, streams: list[int] | torch.Tensor) -> RandomNumbers:
-        """Those of streams for all purposes; a tensor [PURPOSES] may get another step's before they are
-        drawn."""
+    def of(self, streams: torch.Tensor) -> RandomNumbers:
+        """Those of streams for all purposes [PURPOSES], which may be another step's when they are drawn."""
         other = copy.copy(self)
         other._streams = streams
         return other
 
-    def streams_at(self, step: int) -> list[int]:
-        """The hash's seeds for all purposes at a step."""
+    def streams_at(self, step: int) -> torch.Tensor:
+        """The hash's seeds for all purposes at a step [PURPOSES] long, where its kernels look for them."""
         # Odd multipliers keep seeds, steps and purposes apart before they are hashed.
         mixed = self.seed * 0x9E3779B1 + step * 0x85EBCA77
-        return [(mixed + purpose * 0xC2B2AE3D) & 0xFFFFFFFF for purpose in range(PURPOSES)]
+        seeds = [(mixed + purpose * 0xC2B2AE3D) & 0xFFFFFFFF for purpose in range(PURPOSES)]
+        return sent(torch.tensor(seeds), self.points.device)
 
-    def stream(self, purpose: int) -> Stream:
+    def stream(self, purpose: int) -> torch.Tensor:
         """The hash's seed for the numbers of a purpose."""
-        if isinstance(self._streams, torch.Tensor):
-            return self._streams[purpose : purpose + 1]
-        return self._streams[purpose]
-
-    def _kept(self, streams: list[int]) -> list[int] | torch.Tensor:
-        """Streams where they are needed: in the memory of the device."""
-        device = self.points.device
-        return streams if device.type == "cpu" else torch.tensor(streams, device=device)
+        return self._streams[purpose : purpose + 1]
 
 
 def sample_keys(
