@@ -2,7 +2,7 @@
 
 Two outputs. For Cycles: Diffuse(ρ(1 − F0)(1 − s(n·v))) + Metallic BSDF(F0, GGX), which is the
 solver's model to 0.2 % under an environment (s, the hemispherical mean of (1 − v·h)^5, is fitted).
-For EEVEE, glTF and everything else: Principled with F0 as specular tint.
+For EEVEE and what Blender exports to: Principled with metals as metals, and F0 as specular tint beside.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ GROUP_INPUTS = {
     "Normal": "NodeSocketVector",
 }  # fmt: skip
 GROUP_OUTPUT = "Surface"
+SHOWN = ("base_colour", "metallic", "albedo", "roughness", "f0", "normal")
+"""textures from top to bottom"""
 PRINCIPLED_F0 = 0.04  # of Principled's index of refraction 1.5
 MODEL_SCALE, MODEL_POWER, MODEL_OFFSET = 0.0271, 2.65, 0.0005
 
@@ -27,7 +29,8 @@ def build_material(name: str, pictures: dict[str, Path], textures: dict) -> bpy.
     """A material of a result's textures.
 
     Args:
-        pictures: files of "albedo", "roughness", "f0" and "normal".
+        pictures: files of "albedo", "roughness", "f0" and "normal"; of "base_colour" and "metallic", if the
+            result has those.
         textures: what they are (`manifest["textures"]`).
 
     Raises:
@@ -39,9 +42,9 @@ def build_material(name: str, pictures: dict[str, Path], textures: dict) -> bpy.
     tree = material.node_tree
     tree.nodes.clear()
     images = {}
-    for row, key in enumerate(("albedo", "roughness", "f0", "normal")):
+    for row, key in enumerate(name for name in SHOWN if name in pictures):
         images[key] = _texture_node(tree, key, pictures[key], textures[key]["colour_space"])
-        images[key].location = (-900, 300 - 280 * row)
+        images[key].location = (-900, 580 - 280 * row)
 
     f0 = _mix_multiply(tree, images["f0"].outputs["Color"], float(textures["f0"]["scale"]))
     f0.location = (-560, -220)
@@ -65,23 +68,6 @@ def build_material(name: str, pictures: dict[str, Path], textures: dict) -> bpy.
     _output(tree, "CYCLES", exact.outputs[GROUP_OUTPUT], (420, -120))
     portable_output.is_active_output = True
     return material
-
-
-def f0_of(material: bpy.types.Material) -> tuple[bpy.types.Image, float] | None:
-    """The picture and the factor whose product is a material's F0; None if the material is not ours."""
-    nodes = material.node_tree.nodes if material.node_tree is not None else ()
-    for node in nodes:
-        if node.type != "GROUP" or node.node_tree is None or not _has_sockets(node.node_tree):
-            continue
-        links = node.inputs["F0"].links
-        mix = links[0].from_node if links else None
-        if mix is None or mix.type != "MIX" or mix.blend_type != "MULTIPLY":
-            continue
-        colour, factor = (socket for socket in mix.inputs if socket.type == "RGBA")
-        image = getattr(colour.links[0].from_node, "image", None) if colour.links else None
-        if image is not None:
-            return image, factor.default_value[0]
-    return None
 
 
 def surface_group() -> bpy.types.NodeTree:
@@ -180,29 +166,25 @@ def _multiply(tree, a, b):
 
 
 def _principled(tree, images, normal, f0_scale: float):
-    """Principled with F0 as Specular Tint, through a Mix node.
+    """Principled with base colour, metalness, and F0 as Specular Tint, through a Mix node.
 
-    The glTF exporter turns that into specularColorFactor × texture without loss.
+    The glTF exporter turns that into specularColorFactor × texture without loss; USD, FBX and OBJ know no
+    tint. Of a metal the tint is that of its rim, where more than white is white.
     """
     node = tree.nodes.new("ShaderNodeBsdfPrincipled")
     node.location = (-40, 420)
     node.distribution = "GGX"
     node.inputs["IOR"].default_value = 1.5
-    tree.links.new(images["albedo"].outputs["Color"], node.inputs["Base Color"])
+    base = images.get("base_colour", images["albedo"])
+    tree.links.new(base.outputs["Color"], node.inputs["Base Color"])
+    if "metallic" in images:
+        tree.links.new(images["metallic"].outputs["Color"], node.inputs["Metallic"])
     tree.links.new(images["roughness"].outputs["Color"], node.inputs["Roughness"])
     tree.links.new(normal.outputs["Normal"], node.inputs["Normal"])
-    tint_with_f0(node, images["f0"].outputs["Color"], f0_scale).location = (-300, 420)
+    tint = _mix_multiply(tree, images["f0"].outputs["Color"], f0_scale / PRINCIPLED_F0)
+    tint.location = (-300, 420)
+    tree.links.new(_colour_result(tint), node.inputs["Specular Tint"])
     return node
-
-
-def tint_with_f0(
-    principled: bpy.types.Node, colour: bpy.types.NodeSocket, scale: float
-) -> bpy.types.Node:
-    """Make `scale` × a colour the F0 of a Principled BSDF; returns the node that multiplies."""
-    tree = principled.id_data
-    tint = _mix_multiply(tree, colour, scale / PRINCIPLED_F0)
-    tree.links.new(_colour_result(tint), principled.inputs["Specular Tint"])
-    return tint
 
 
 def _mix_multiply(tree, colour, factor: float) -> bpy.types.Node:

@@ -14,7 +14,7 @@ from pathlib import Path
 import bpy
 
 from ...solver.job.folder import JobFolder
-from .result import TEXTURES
+from .result import textures_of
 
 
 def named_pictures(job: JobFolder, manifest: dict) -> dict[str, Path]:
@@ -23,7 +23,7 @@ def named_pictures(job: JobFolder, manifest: dict) -> dict[str, Path]:
     They are hard links where the file system has them, else copies, and the result's own files where
     nothing can be written.
     """
-    entries = {key: manifest["textures"][key] for key in TEXTURES}
+    entries = {key: manifest["textures"][key] for key in textures_of(manifest)}
     entries["environment"] = manifest["environment"]
     files = {key: job.result_dir / entry["file"] for key, entry in entries.items()}
     folder = job.root / "textures"

@@ -10,6 +10,8 @@ import numpy as np
 from ...solver.job.folder import JobError, JobFolder, is_similarity
 
 TEXTURES = ("albedo", "f0", "roughness", "normal")
+PORTABLE_TEXTURES = ("base_colour", "metallic")
+"""for what knows F0 as a metal's colour alone; results of before have none"""
 
 
 def job_of_result(folder: Path) -> JobFolder:
@@ -34,8 +36,9 @@ def read_manifest(job: JobFolder) -> dict:
     manifest = job.manifest()
     try:
         files = [manifest["mesh"], manifest["environment"]["file"]]
-        files += [manifest["textures"][name]["file"] for name in TEXTURES]
-        spaces = [manifest["textures"][name]["colour_space"] for name in TEXTURES]
+        textures = [manifest["textures"][name] for name in textures_of(manifest)]
+        files += [texture["file"] for texture in textures]
+        spaces = [texture["colour_space"] for texture in textures]
         scale = float(manifest["textures"]["f0"]["scale"])
         origin = [float(value) for value in manifest.get("origin", (0, 0, 0))]
         if not is_similarity(manifest.get("placement", np.eye(4).tolist())):
@@ -52,6 +55,12 @@ def read_manifest(job: JobFolder) -> dict:
     if missing:
         raise JobError(f"{job.result_dir}: {missing[0]} is missing; copy the whole job folder.")
     return manifest
+
+
+def textures_of(manifest: dict) -> tuple[str, ...]:
+    """Names of the textures that a result has or has to have."""
+    portable = all(name in manifest["textures"] for name in PORTABLE_TEXTURES)
+    return TEXTURES + PORTABLE_TEXTURES if portable else TEXTURES
 
 
 def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -14,6 +14,7 @@ from ..light.turned import turned
 from .bake import fill_texture, gather
 from .files import write_exr, write_fine_png, write_ply, write_png
 from .gltf import write_glb
+from .metallic import metallic_workflow
 from .settings import AssetSettings
 from .surface import SurfaceField, extract_surface
 from .tangent import encode_normals, texel_frames
@@ -76,8 +77,11 @@ def build_asset(
     albedo, f0 = texture(samples.albedo), texture(samples.f0 / f0_scale)
     roughness = texture(np.sqrt(samples.alpha)[:, None])
     normal = texture(encode_normals(samples.normals, texel_frames(unwrapped, texels)))
+    base_colour, metalness = metallic_workflow(albedo, f0 * f0_scale)
     write_ply(folder / "mesh.ply", unwrapped)
     write_png(folder / "albedo.png", linear_to_srgb(albedo))
+    write_png(folder / "base_colour.png", linear_to_srgb(base_colour))
+    write_png(folder / "metallic.png", metalness)
     write_png(folder / "f0.png", linear_to_srgb(f0))
     write_png(folder / "roughness.png", roughness)
     # In 8 bits a slow tilt is a staircase, each step of which a mirror shows.
@@ -85,8 +89,8 @@ def build_asset(
     write_exr(folder / "environment.exr", {"RGB": environment})
     progress(0.95, "writing files")
     write_glb(
-        folder / "asset.glb", unwrapped.placed(placement), albedo, roughness, f0, f0_scale, normal,
-        name, mesh.is_watertight,
+        folder / "asset.glb", unwrapped.placed(placement), base_colour, metalness, roughness, f0,
+        f0_scale, normal, name, mesh.is_watertight,
     )  # fmt: skip
     parts = {
         "mesh": "mesh.ply",
@@ -95,6 +99,8 @@ def build_asset(
             "f0": {"file": "f0.png", "colour_space": "sRGB", "scale": f0_scale},
             "roughness": {"file": "roughness.png", "colour_space": "Non-Color"},
             "normal": {"file": "normal.png", "colour_space": "Non-Color", "space": "tangent"},
+            "base_colour": {"file": "base_colour.png", "colour_space": "sRGB"},
+            "metallic": {"file": "metallic.png", "colour_space": "Non-Color"},
         },
         "environment": {"file": "environment.exr", "colour_space": "Linear Rec.709"},
         "glb": "asset.glb",

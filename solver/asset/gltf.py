@@ -1,7 +1,6 @@
-"""asset.glb: the mesh with textures as glTF 2.0, F0 through KHR_materials_specular.
+"""asset.glb: the mesh with textures as glTF 2.0; F0 of what is no metal by KHR_materials_specular.
 
-glTF has Y up; the export turns the object by −90° about X. The base colour is pre-multiplied by
-(1 − F0)/(1 − max F0), since glTF attenuates diffuse light by the largest channel of F0 alone.
+glTF has Y up; the export turns the object by −90° about X.
 """
 
 from __future__ import annotations
@@ -27,19 +26,14 @@ _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
 _CLAMP_TO_EDGE = 33071
 
 
-def portable_base_colour(albedo: np.ndarray, f0: np.ndarray) -> np.ndarray:
-    """Albedo [..., 3] that makes up for attenuation by the largest channel of F0; at most 1."""
-    largest = f0.max(-1, keepdims=True)
-    return np.minimum(albedo * (1 - f0) / np.maximum(1 - largest, 1e-3), 1.0)
-
-
 def write_glb(
-    path: Path, mesh: UnwrappedMesh, albedo: np.ndarray, roughness: np.ndarray, f0: np.ndarray,
-    f0_scale: float, normal: np.ndarray, name: str, closed: bool,
+    path: Path, mesh: UnwrappedMesh, base_colour: np.ndarray, metalness: np.ndarray,
+    roughness: np.ndarray, f0: np.ndarray, f0_scale: float, normal: np.ndarray, name: str, closed: bool,
 ) -> None:  # fmt: skip
     """Write the mesh with textures [S, S, C] (linear; `f0` divided by `f0_scale`; normals coded).
 
     Args:
+        base_colour, metalness: see `metallic.metallic_workflow`.
         name: of object, mesh and material; textures are called after it.
         closed: its insides are never seen; else both sides are drawn.
     """
@@ -77,9 +71,9 @@ def write_glb(
          "count": len(indices), "type": "SCALAR"}
     )  # fmt: skip
     zeros = np.zeros_like(roughness)
-    base = linear_to_srgb(portable_base_colour(albedo, f0 * f0_scale))
     images = {
-        "base_colour": base, "roughness": np.concatenate([zeros, roughness, zeros], -1),
+        "base_colour": linear_to_srgb(base_colour),
+        "metallic_roughness": np.concatenate([zeros, roughness, metalness], -1),
         "normal": normal, "f0": linear_to_srgb(f0),
     }  # fmt: skip
     image_entries = [
@@ -92,7 +86,7 @@ def write_glb(
         "name": name, "doubleSided": not closed,
         "pbrMetallicRoughness": {
             "baseColorTexture": {"index": 0}, "metallicRoughnessTexture": {"index": 1},
-            "metallicFactor": 0.0, "roughnessFactor": 1.0,
+            "metallicFactor": 1.0, "roughnessFactor": 1.0,
         },
         "normalTexture": {"index": 2},
         "extensions": {

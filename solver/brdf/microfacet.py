@@ -13,6 +13,8 @@ import torch
 
 DIELECTRIC_F0 = 0.04
 """reflectance at normal incidence of an index of refraction of 1.5, glTF's and Principled's default"""
+SURE_DIELECTRIC_F0 = 0.2
+"""below which a surface is surely no metal; diamond, among the highest, has 0.17"""
 
 
 def tangent_frame(normals: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

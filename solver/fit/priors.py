@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import torch
 
-from ..brdf.microfacet import DIELECTRIC_F0
+from ..brdf.microfacet import DIELECTRIC_F0, SURE_DIELECTRIC_F0
 from ..kernels.pointwise import at_hand, rowwise
 from ..render.radiance import RayBuffers
 from ..render.smoothness import saturating
@@ -15,8 +15,6 @@ from .settings import FitSettings
 
 DIELECTRIC_SPREAD = 0.02
 """of F0 among what is no metal"""
-SURE_DIELECTRIC_F0 = 0.2
-"""below which it is surely no metal; diamond, among the highest, has 0.17"""
 METAL_F0 = 0.9
 """of the brightest channel of metals that people photograph: silver, gold, copper, aluminium, brass"""
 LEAST_METAL_F0, SURE_METAL_F0, METAL_SPREAD = 0.3, 0.6, 0.05

@@ -11,7 +11,6 @@ from solver.asset.bake import fill_texture, gather
 from solver.asset.build import build_asset
 from solver.asset.errors import EmptySurfaceError
 from solver.asset.files import write_exr, write_fine_png
-from solver.asset.gltf import portable_base_colour
 from solver.asset.settings import AssetSettings
 from solver.asset.surface import (
     cut_unseen,
@@ -311,7 +310,9 @@ def test_two_assets_in_one_scene_have_names_of_their_own(built):
     named = [document[kind][0]["name"] for kind in ("nodes", "meshes", "materials")]
     assert named == ["tea pot"] * 3
     images = [image["name"] for image in document["images"]]
-    assert images == [f"tea pot_{kind}" for kind in ("base_colour", "roughness", "normal", "f0")]
+    assert images == [
+        f"tea pot_{kind}" for kind in ("base_colour", "metallic_roughness", "normal", "f0")
+    ]
 
 
 def test_glb_has_the_tangents_its_normal_map_was_made_for(built):
@@ -362,12 +363,6 @@ def test_glb_is_valid_and_keeps_f0(built):
     low, high = scene.bounds  # Y up
     np.testing.assert_allclose(low, (-0.55, -0.6, -0.5), atol=0.02)
     np.testing.assert_allclose(high, (0.65, 0.6, 0.7), atol=0.02)
-
-
-def test_portable_base_colour_makes_up_for_scalar_attenuation():
-    albedo, f0 = np.array([[0.5, 0.4, 0.3]]), np.array([[0.2, 0.1, 0.0]])
-    colour = portable_base_colour(albedo, f0)
-    np.testing.assert_allclose(colour * (1 - 0.2), albedo * (1 - f0))
 
 
 def test_exr_names_its_channels(tmp_path):

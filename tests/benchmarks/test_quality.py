@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -97,8 +98,13 @@ def test_stages_of_a_resumed_job_are_added_up(tmp_path):
 
 
 def test_rows_are_measured_once_and_the_run_can_be_taken_up_again(tmp_path):
+    scene = shutil.copytree(DUCK, tmp_path / "duck", ignore=shutil.ignore_patterns("*studio*"))
+    cameras = json.loads((scene / "transforms_test.json").read_text())
+    some = {**cameras, "frames": cameras["frames"][:2]}
+    (scene / "transforms_test.json").write_text(json.dumps(some))
+
     def run(*settings):
-        command = [sys.executable, "benchmarks/quality.py", "--scenes", str(DUCK), *TINY]
+        command = [sys.executable, "benchmarks/quality.py", "--scenes", str(scene), *TINY]
         command += ["--settings", *settings, "--work", str(tmp_path / "work")]
         command += ["--out", str(tmp_path / "page")]
         result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=900)

@@ -80,6 +80,7 @@ def write_result(root: Path) -> None:
     write_ply(result / "mesh.ply")
     for name, colour in {
         "albedo": (188, 100, 60), "f0": (255, 255, 255), "roughness": (128, 128, 128), "normal": (128, 128, 255),
+        "base_colour": (188, 100, 60), "metallic": (0, 0, 0),
     }.items():  # fmt: skip
         write_png(result / f"{name}.png", colour)
     write_exr(result / "environment.exr")
@@ -88,6 +89,8 @@ def write_result(root: Path) -> None:
         "f0": {"file": "f0.png", "colour_space": "sRGB", "scale": 0.08},
         "roughness": {"file": "roughness.png", "colour_space": "Non-Color"},
         "normal": {"file": "normal.png", "colour_space": "Non-Color", "space": "tangent"},
+        "base_colour": {"file": "base_colour.png", "colour_space": "sRGB"},
+        "metallic": {"file": "metallic.png", "colour_space": "Non-Color"},
     }
     manifest = {
         "schema_version": 1, "mesh": "mesh.ply", "textures": textures, "bounces": 2,

@@ -93,9 +93,10 @@ def install_and_match(names, job, tmp_path):
 @pytest.mark.parametrize("names", [ACES, UNKNOWN], ids=["ACES", "unknown"])
 def test_pictures_have_their_colour_space_in_another_configuration(names, result_job, tmp_path):
     spaces, *_ = install_and_match(names, result_job, tmp_path)
-    assert {file.split("_")[-1]: space for file, space in spaces.items()} == {
+    assert {file.split("_", 1)[-1]: space for file, space in spaces.items()} == {
         "albedo.png": names["srgb"], "f0.png": names["srgb"], "roughness.png": names["raw"],
-        "normal.png": names["raw"], "environment.exr": names["linear"],
+        "normal.png": names["raw"], "base_colour.png": names["srgb"], "metallic.png": names["raw"],
+        "environment.exr": names["linear"],
     }  # fmt: skip
 
 

@@ -17,7 +17,8 @@ def two_jobs(tmp_path):
     for folder, colour in (("a", RED), ("b", GREEN)):
         jobs.append(tmp_path / folder / "job")
         fake_result.write_result(jobs[-1])
-        fake_result.write_png(jobs[-1] / "result" / "albedo.png", colour)
+        for name in ("albedo.png", "base_colour.png"):
+            fake_result.write_png(jobs[-1] / "result" / name, colour)
         assert bpy.ops.nmf.install_result(directory=str(jobs[-1])) == {"FINISHED"}
     (tmp_path / "blend").mkdir()
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "blend" / "x.blend"))
@@ -36,28 +37,31 @@ def test_pictures_that_are_unpacked_stay_those_of_their_object(two_jobs, tmp_pat
     for image in bpy.data.images:
         image.reload()
     assert sorted(albedos().values()) == [(0, 1), (1, 0)]
-    assert len(list((tmp_path / "blend" / "textures").iterdir())) == 10
+    assert len(list((tmp_path / "blend" / "textures").iterdir())) == 14
 
 
-def exported_albedos(folder):
-    return {path.read_bytes() for path in folder.rglob("*albedo.png")}
+def exported_colours(folder):
+    return {path.read_bytes() for path in folder.rglob("*base_colour.png")}
 
 
 def test_exported_pictures_stay_those_of_their_object(two_jobs, tmp_path):
-    expected = {(job / "result" / "albedo.png").read_bytes() for job in two_jobs}
+    expected = {(job / "result" / "base_colour.png").read_bytes() for job in two_jobs}
     for name in ("usd", "obj"):
         (tmp_path / name).mkdir()
     bpy.ops.wm.usd_export(filepath=str(tmp_path / "usd" / "x.usda"))
     bpy.ops.wm.obj_export(filepath=str(tmp_path / "obj" / "x.obj"), path_mode="COPY")
-    assert exported_albedos(tmp_path / "usd") == expected
-    assert exported_albedos(tmp_path / "obj") == expected
+    assert exported_colours(tmp_path / "usd") == expected
+    assert exported_colours(tmp_path / "obj") == expected
 
 
 def test_pictures_have_names_of_their_own_and_take_no_room(two_jobs):
     for number, job in enumerate(two_jobs):
         names = {path.name for path in (job / "textures").iterdir()}
         stem = ("job", "job_2")[number]
-        files = ("albedo.png", "f0.png", "roughness.png", "normal.png", "environment.exr")
+        files = (
+            "albedo.png", "f0.png", "roughness.png", "normal.png", "base_colour.png", "metallic.png",
+            "environment.exr",
+        )  # fmt: skip
         assert names == {f"{stem}_{file}" for file in files}
         same = job / "textures" / f"{stem}_albedo.png", job / "result" / "albedo.png"
         assert os.path.samefile(*same)
@@ -67,7 +71,7 @@ def test_a_job_installed_again_keeps_the_names_of_its_pictures(two_jobs):
     for job in two_jobs:
         bpy.ops.nmf.install_result(directory=str(job / ".." / "job"))
     assert set(albedos()) == {"job_albedo.png", "job_2_albedo.png"}
-    assert all(len(list((job / "textures").iterdir())) == 5 for job in two_jobs)
+    assert all(len(list((job / "textures").iterdir())) == 7 for job in two_jobs)
 
 
 @pytest.mark.parametrize("fails", ["links", "everything"])

@@ -1,5 +1,7 @@
 """Captures, installation, material and World in Blender."""
 
+import json
+
 import bpy
 import numpy as np
 import pytest
@@ -250,7 +252,27 @@ def test_the_material_has_an_exact_output_for_cycles_and_a_portable_one(extensio
         "f0": "sRGB",
         "roughness": "Non-Color",
         "normal": "Non-Color",
+        "base_colour": "sRGB",
+        "metallic": "Non-Color",
     }
+
+
+def test_a_result_of_before_metals_had_textures_is_a_plastic_with_its_f0(extension, result_job):
+    path = result_job / "result" / "manifest.json"
+    manifest = json.loads(path.read_text())
+    for name in ("base_colour", "metallic"):
+        (result_job / "result" / manifest["textures"].pop(name)["file"]).unlink()
+    path.write_text(json.dumps(manifest))
+    tree = extension("scene.install").install_result(bpy.context, result_job).material.node_tree
+    principled = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
+    assert principled.inputs["Base Color"].links[0].from_node.label == "albedo"
+    assert not principled.inputs["Metallic"].links and principled.inputs["Specular Tint"].links
+
+
+def test_a_result_lacks_a_file_of_what_its_manifest_names(extension, result_job):
+    (result_job / "result" / "metallic.png").unlink()
+    with pytest.raises(Exception, match=r"metallic\.png is missing"):
+        extension("scene.install").install_result(bpy.context, result_job)
 
 
 def render_pixels(path, size=32, samples=64):
@@ -346,9 +368,7 @@ def test_relighting_by_the_same_hdri_uses_its_world_again(extension, result_job,
     assert studio.node_tree.nodes["Background"].inputs["Strength"].default_value == 2
 
 
-def test_gltf_export_keeps_f0(extension, result_job, tmp_path):
-    import json
-
+def test_gltf_export_keeps_f0_and_metalness(extension, result_job, tmp_path):
     extension("scene.install").install_result(bpy.context, result_job)
     bpy.ops.preferences.addon_enable(module="io_scene_gltf2")
     bpy.ops.export_scene.gltf(filepath=str(tmp_path / "x.gltf"), export_format="GLTF_SEPARATE")
@@ -356,6 +376,8 @@ def test_gltf_export_keeps_f0(extension, result_job, tmp_path):
     specular = material["extensions"]["KHR_materials_specular"]
     assert specular["specularColorFactor"] == pytest.approx([0.08 / 0.04] * 3)
     assert "specularColorTexture" in specular and "normalTexture" in material
+    assert "metallicRoughnessTexture" in material["pbrMetallicRoughness"]
+    assert material["pbrMetallicRoughness"].get("metallicFactor", 1) == 1
 
 
 @pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])
