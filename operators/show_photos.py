@@ -18,7 +18,7 @@ from ..solver.job.folder import JobError
 
 
 class NMF_OT_show_photos(bpy.types.Operator):
-    """Put copies of HEIC and AVIF photos, which Blender cannot show, behind their cameras"""
+    """Put copies of HEIC, AVIF and raw photos, which Blender cannot show, behind their cameras"""
 
     bl_idname = "nmf.show_photos"
     bl_label = "Show Photos"

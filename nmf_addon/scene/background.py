@@ -31,10 +31,15 @@ def turn_of(camera: Camera) -> int:
     return turn_for(size, tag, camera.width, camera.height) or 1
 
 
-def undistorted_copy(camera: Camera, photo: bpy.types.Image) -> bpy.types.Image:
+def undistorted_copy(
+    camera: Camera, photo: bpy.types.Image, turn: int | None = None
+) -> bpy.types.Image:
     """A packed image of at most `WIDEST` pixels that shows `photo` through a pinhole.
 
     What the lens does not reach is transparent.
+
+    Args:
+        turn: the orientation by which `photo` becomes what the camera saw; None: it is the photo's file.
     """
     width, height = photo.size
     name = f"{camera.name} undistorted"
@@ -48,7 +53,8 @@ def undistorted_copy(camera: Camera, photo: bpy.types.Image) -> bpy.types.Image:
         source = np.empty(width * height * photo.channels, dtype=np.float32)
         photo.pixels.foreach_get(source)
         source = source.reshape(height, width, photo.channels)[::-1]
-        pixels = undistorted(camera, oriented(source, turn_of(camera)), size)
+        turned = oriented(source, turn_of(camera) if turn is None else turn)
+        pixels = undistorted(camera, turned, size)
         small.pixels.foreach_set(np.ascontiguousarray(pixels[::-1]).ravel())
         small.update()
         if not was_loaded:

@@ -12,7 +12,7 @@ from mathutils import Matrix
 
 from ...solver.capture.camera import Camera
 from ...solver.capture.errors import CaptureError
-from ...solver.capture.image_header import image_size
+from ...solver.capture.image_header import UnknownSize, image_size
 
 SENSOR_WIDTH = 36.0  # mm; only its ratio to the focal length matters
 LENS, DISTORTION, ASPECT, MASK = "nmf_lens", "nmf_distortion", "nmf_fy_over_fx", "nmf_mask"
@@ -116,16 +116,23 @@ def photo_of(item: bpy.types.Object) -> bpy.types.Image | None:
 def size_of(item: bpy.types.Object) -> tuple[int, int]:
     """Width and height in pixels of a camera object with a photo.
 
-    What our import left, if the photo is still of that size, upright or on its side; else the photo's own,
-    for which Blender has to decode it.
+    What our import left, if the photo is still of that size, upright or on its side, as far as can be read
+    here; else the photo's own, for which Blender has to decode it.
+
+    Raises:
+        UnknownSize: it is a camera raw photo, and our import did not make the camera.
     """
     photo = photo_of(item)
-    with suppress(CaptureError):
+    left = tuple(int(side) for side in item.data.get(SIZE, ()))
+    try:
         lies = image_size(photo_path(photo))
-        left = tuple(int(side) for side in item.data.get(SIZE, ()))
-        if left in (lies, lies[::-1]):
+    except UnknownSize:
+        if left:
             return left
-    return tuple(photo.size)
+        raise
+    except CaptureError:
+        return tuple(photo.size)
+    return left if left in (lies, lies[::-1]) else tuple(photo.size)
 
 
 def photo_path(photo: bpy.types.Image | bpy.types.MovieClip) -> Path:

@@ -1,4 +1,4 @@
-"""Photos that Blender cannot show (HEIC, AVIF): small copies stand behind the scene in their place."""
+"""Photos that Blender cannot show (HEIC, AVIF, raw): small copies stand behind the scene in their place."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def show_pictures(collection: bpy.types.Collection, pictures: dict[str, str]) ->
     """Put copies of photos behind the cameras, without their lenses' distortion; returns how many.
 
     Args:
-        pictures: the copies' files by those of the photos.
+        pictures: the copies' files by those of the photos; as their cameras saw them.
 
     Raises:
         RuntimeError: Blender cannot read one.
@@ -37,7 +37,8 @@ def show_pictures(collection: bpy.types.Collection, pictures: dict[str, str]) ->
             continue
         picture = load_picture(Path(file))
         try:
-            show_behind(item, undistorted_copy(to_solver(item, matrix), picture))
+            # The solver has turned the copy already.
+            show_behind(item, undistorted_copy(to_solver(item, matrix), picture, turn=1))
         finally:
             bpy.data.images.remove(picture)
         shown += 1

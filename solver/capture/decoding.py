@@ -17,8 +17,9 @@ from .decoded import Decoded
 from .errors import CaptureError, shown
 from .heif import decode_heif
 from .icc import profile_unless_srgb
-from .image_header import image_orientation, image_size, is_heif
+from .image_header import image_orientation, image_size, is_heif, is_raw
 from .orientation import oriented
+from .raw import decode_raw
 
 _MOST_CHANNELS = 64
 _TYPES = {
@@ -27,14 +28,20 @@ _TYPES = {
 }  # fmt: skip
 
 
-def decode(path: Path) -> Decoded:
-    """Decode a PNG, JPEG, WebP, HEIC, AVIF, TIFF, OpenEXR or Radiance HDR file.
+def decode(path: Path, least: int = 0) -> Decoded:
+    """Decode a PNG, JPEG, WebP, HEIC, AVIF, TIFF, OpenEXR, Radiance HDR or camera raw file.
+
+    Args:
+        least: pixels of the longer side that suffice, to look at it; a raw photo may be smaller then
+            (`decode_raw`). 0: it has to be whole.
 
     Raises:
         CaptureError: it is none of these, damaged, cut off, or claims to be larger than any photo.
     """
     image_size(path)
     try:
+        if is_raw(path):
+            return decode_raw(path, least)
         return decode_heif(path) if is_heif(path) else _decode(path)
     except CaptureError:
         raise

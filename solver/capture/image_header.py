@@ -1,6 +1,7 @@
 """Size, orientation and alpha of an image file, by its header and the standard library alone.
 
-Only headers are read, a part at a time, so a file that claims to be huge costs nothing.
+Only headers are read, a part at a time, so a file that claims to be huge costs nothing. Sizes of camera
+raw photos take LibRaw, which Blender's Python does not have (`UnknownSize`).
 """
 
 from __future__ import annotations
@@ -8,27 +9,34 @@ from __future__ import annotations
 import os
 import re
 import struct
-from collections.abc import Iterator
+import sys
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
 from .errors import CaptureError
 from .heif_header import has_heif_brand, read_heif_header
+from .jpeg_header import jpeg_exif, jpeg_size
+from .raw_header import RAW, is_raw_photo, raw_exif, raw_focal_35mm, raw_orientation
+from .tiff_header import HEIGHT, ORIENTATION, WIDTH, is_tiff, tiff_values
 from .webp_header import has_webp_mark, webp_exif, webp_has_alpha, webp_size
 
 HEIF = (".heic", ".heif", ".hif", ".avif")
-"""extensions, in lower case, of photos that Blender cannot show"""
-EXTENSIONS = (".png", ".jpg", ".jpeg", ".jfif", ".webp", *HEIF, ".tif", ".tiff", ".exr", ".hdr")
+EXTENSIONS = (
+    ".png", ".jpg", ".jpeg", ".jfif", ".webp", *HEIF, ".tif", ".tiff", ".exr", ".hdr", *RAW,
+)  # fmt: skip
 """of photos and masks, in lower case"""
-FORMATS = "PNG, JPEG, WebP, HEIC, AVIF, TIFF, OpenEXR or Radiance HDR"
+FORMATS = "PNG, JPEG, WebP, HEIC, AVIF, TIFF, OpenEXR, Radiance HDR or camera raw"
 MOST_PIXELS = 1 << 28
 """of a photo; a header that states more is damaged or made to exhaust the memory"""
 
 _LFS_POINTER = b"version https://git-lfs.github.com/spec/v1"
 """how a small text begins that stands for a file in Git"""
-_WIDTH, _HEIGHT, _ORIENTATION = 256, 257, 274  # TIFF's tags
-_MOST_PARTS = 4096  # JPEG segments, EXR attributes or TIFF entries before the size
+_MOST_PARTS = 4096  # EXR attributes or HDR lines before the size
+
+
+class UnknownSize(CaptureError):
+    """A size that cannot be read in Blender's Python: that of a camera raw photo."""
 
 
 def image_size(path: Path) -> tuple[int, int]:
@@ -36,16 +44,20 @@ def image_size(path: Path) -> tuple[int, int]:
 
     It is the size of the pixels as they lie in the file: an orientation tag does not count. Of OpenEXR it
     is the picture's, the display window, of which a file may hold a part, or more; of HEIC and AVIF that
-    of the picture as it is to be shown, which there is more than a remark.
+    of the picture as it is to be shown, which there is more than a remark; of camera raw photos that of
+    the picture within the sensor's border.
 
     Raises:
         CaptureError: the file is none of these, cut off, or of a size that no photo has.
+        UnknownSize: it is a camera raw photo, and this is Blender.
     """
     try:
         with path.open("rb") as file:
-            size = _size(file)
+            size = _raw_size(path) if is_raw_photo(file, path.suffix) else _size(file)
             file.seek(0)
             pointer = size is None and file.read(len(_LFS_POINTER)) == _LFS_POINTER
+    except CaptureError:
+        raise
     except (OSError, struct.error, ValueError) as error:
         problem = "it is cut off" if isinstance(error, struct.error) else _reason(error)
         raise CaptureError(
@@ -71,24 +83,38 @@ def image_size(path: Path) -> tuple[int, int]:
 
 
 def image_orientation(path: Path) -> int:
-    """EXIF's orientation of a JPEG, WebP or TIFF, 1 to 8; 1, as it lies, where the header states none."""
+    """EXIF's orientation of a JPEG, WebP, TIFF or raw photo, 1 to 8; 1, as it lies, where its header states
+    none."""
     try:
         with path.open("rb") as file:
             head = file.read(24)
             file.seek(0)
             if head[:2] == b"\xff\xd8":
-                found = _tiff_orientation(_jpeg_exif(file))
+                found = _tiff_orientation(jpeg_exif(file))
             elif has_webp_mark(head):
                 found = _tiff_orientation(webp_exif(file))
+            elif is_raw_photo(file, path.suffix):
+                exif = raw_exif(file)
+                found = 1 if exif is None else raw_orientation(exif)
             else:
-                found = _tiff_values(file).get(_ORIENTATION, 1) if _is_tiff(head) else 1
+                found = tiff_values(file).get(ORIENTATION, 1) if is_tiff(head) else 1
     except (OSError, struct.error, ValueError):
         return 1
     return found if 1 <= found <= 8 else 1
 
 
+def focal_of_raw(path: Path) -> int:
+    """The focal length, mm, that EXIF of a raw photo states for full-frame cameras; 0 if it does not."""
+    try:
+        with path.open("rb") as file:
+            exif = raw_exif(file)
+            return 0 if exif is None else raw_focal_35mm(exif)
+    except (OSError, struct.error, ValueError):
+        return 0
+
+
 def may_have_alpha(path: Path) -> bool:
-    """False for a file that certainly has no alpha channel: JPEG, HDR, what says so in its header."""
+    """False for a file that certainly has no alpha channel: JPEG, HDR, raw, what says so in its header."""
     try:
         with path.open("rb") as file:
             head = file.read(26)
@@ -97,6 +123,8 @@ def may_have_alpha(path: Path) -> bool:
                 return webp_has_alpha(file)
             if has_heif_brand(head):
                 return read_heif_header(file).has_alpha
+            if is_raw_photo(file, path.suffix):
+                return False
     except (OSError, struct.error, ValueError):
         return True
     if head[:8] == b"\x89PNG\r\n\x1a\n" and len(head) == 26:
@@ -106,7 +134,14 @@ def may_have_alpha(path: Path) -> bool:
 
 def blender_shows(path: Path) -> bool:
     """False for a photo that Blender cannot decode, by its name alone."""
-    return path.suffix.lower() not in HEIF
+    return developed(path) == 2
+
+
+def developed(path: Path) -> int:
+    """How far a photo is on its way to one that every program reads, by its name: 0 is raw, 1 HEIC or AVIF,
+    2 any other. Of photos of one name in one folder the furthest counts."""
+    extension = path.suffix.lower()
+    return 0 if extension in RAW else 1 if extension in HEIF else 2
 
 
 def is_heif(path: Path) -> bool:
@@ -116,6 +151,26 @@ def is_heif(path: Path) -> bool:
             return has_heif_brand(file.read(24))
     except OSError:
         return False
+
+
+def is_raw(path: Path) -> bool:
+    """True for a camera raw photo, by its content."""
+    try:
+        with path.open("rb") as file:
+            return is_raw_photo(file, path.suffix)
+    except OSError:
+        return False
+
+
+def _raw_size(path: Path) -> tuple[int, int]:
+    if "bpy" in sys.modules:
+        raise UnknownSize(
+            path, "", "the size of a raw photo cannot be read in Blender",
+            "let Solve Cameras find the cameras, or develop the photos to TIFF or JPEG",
+        )  # fmt: skip
+    from .raw import raw_size
+
+    return raw_size(path)
 
 
 def _reason(error: Exception) -> str:
@@ -128,8 +183,8 @@ def _size(file: BinaryIO) -> tuple[int, int] | None:
     if head[:8] == b"\x89PNG\r\n\x1a\n":
         return struct.unpack(">II", head[16:24])
     if head[:2] == b"\xff\xd8":
-        return _jpeg_size(file)
-    if _is_tiff(head):
+        return jpeg_size(file)
+    if is_tiff(head):
         return _tiff_size(file)
     if head[:4] == b"\x76\x2f\x31\x01":
         return _exr_size(file)
@@ -143,84 +198,18 @@ def _size(file: BinaryIO) -> tuple[int, int] | None:
     return None
 
 
-def _jpeg_segments(file: BinaryIO) -> Iterator[tuple[int, int]]:
-    """Markers of a JPEG and their contents' lengths, with the file at the contents."""
-    file.seek(2)
-    for _ in range(_MOST_PARTS):
-        start, marker = struct.unpack("BB", file.read(2))
-        if start != 0xFF:
-            raise ValueError("its JPEG is damaged")
-        if marker == 0xFF:  # markers may be padded
-            file.seek(-1, os.SEEK_CUR)
-            continue
-        length = max(struct.unpack(">H", file.read(2))[0], 2) - 2
-        at = file.tell()
-        yield marker, length
-        file.seek(at + length)
-    raise ValueError("its JPEG is damaged")
-
-
-def _is_frame(marker: int) -> bool:
-    """True for the JPEG segment that states the size."""
-    return 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC)
-
-
-def _jpeg_size(file: BinaryIO) -> tuple[int, int]:
-    next(length for marker, length in _jpeg_segments(file) if _is_frame(marker))
-    _, height, width = struct.unpack(">BHH", file.read(5))
-    return width, height
-
-
-def _jpeg_exif(file: BinaryIO) -> bytes | None:
-    """EXIF, a TIFF, of a JPEG; None if it has none."""
-    for marker, length in _jpeg_segments(file):
-        if _is_frame(marker):
-            break
-        if marker == 0xE1:
-            name, _, tiff = file.read(length).partition(b"\0\0")
-            if name == b"Exif" and _is_tiff(tiff):
-                return tiff
-    return None
-
-
 def _tiff_orientation(tiff: bytes | None) -> int:
     """The orientation that EXIF states; 1 where it does not."""
-    if tiff is None or not _is_tiff(tiff):
+    if tiff is None or not is_tiff(tiff):
         return 1
-    return _tiff_values(BytesIO(tiff)).get(_ORIENTATION, 1)
-
-
-def _is_tiff(head: bytes) -> bool:
-    return head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+    return tiff_values(BytesIO(tiff)).get(ORIENTATION, 1)
 
 
 def _tiff_size(file: BinaryIO) -> tuple[int, int]:
-    found = _tiff_values(file)
-    if _WIDTH not in found or _HEIGHT not in found:
+    found = tiff_values(file)
+    if WIDTH not in found or HEIGHT not in found:
         raise ValueError("its TIFF states no size")
-    return found[_WIDTH], found[_HEIGHT]
-
-
-def _tiff_values(file: BinaryIO) -> dict[int, int]:
-    """Width, height and orientation of the first picture, as far as stated; TIFF and BigTIFF, in both
-    byte orders."""
-    head = file.read(16)
-    order = "<" if head[:2] == b"II" else ">"
-    big = struct.unpack(order + "H", head[2:4])[0] == 43
-    (at,) = struct.unpack(order + ("Q" if big else "I"), head[8:16] if big else head[4:8])
-    file.seek(min(at, 1 << 62))
-    (count,) = struct.unpack(order + ("Q" if big else "H"), file.read(8 if big else 2))
-    found: dict[int, int] = {}
-    for _ in range(min(count, _MOST_PARTS)):
-        entry = file.read(20 if big else 12)
-        tag, kind = struct.unpack(order + "HH", entry[:4])
-        value = entry[12:] if big else entry[8:]
-        code = {1: "B", 3: "H", 4: "I", 16: "Q"}.get(kind)
-        if tag in (_WIDTH, _HEIGHT, _ORIENTATION) and code is not None:
-            found[tag] = struct.unpack(order + code, value[: struct.calcsize(code)])[0]
-        if len(found) == 3:
-            break
-    return found
+    return found[WIDTH], found[HEIGHT]
 
 
 def _exr_size(file: BinaryIO) -> tuple[int, int]:

@@ -13,11 +13,14 @@ from .capture import Capture, region_seen_by
 from .closed_lenses import is_usable
 from .errors import CaptureError, shown
 from .files import rigid_pose
-from .image_header import EXTENSIONS, image_orientation, image_size
+from .image_header import EXTENSIONS, UnknownSize, image_orientation, image_size, is_raw
 from .mask_finder import none_fits
 from .orientation import same_shape
 from .photo_finder import PhotoFinder
 from .picture_names import agreement, folders_of, parts_of
+
+_BORDER = 0.05
+"""share of a sensor's width that programs which develop raw photos may leave out or not"""
 
 
 @dataclass(frozen=True)
@@ -200,7 +203,10 @@ def _for_photo(source: Path, item: Found) -> tuple[Intrinsics, bool]:
         raise CaptureError(source, item.where, "the photo has no size", "export it again")
     if item.photo is None:
         return intrinsics, False
-    width, height = image_size(item.photo)
+    try:
+        width, height = image_size(item.photo)
+    except UnknownSize:
+        return intrinsics, False  # the solver, which can read it, looks once more
     told = (intrinsics.width, intrinsics.height)
     may_turn = image_orientation(item.photo) >= 5
     if told == (width, height) or (may_turn and told == (height, width)):
@@ -209,6 +215,9 @@ def _for_photo(source: Path, item: Found) -> tuple[Intrinsics, bool]:
     if may_turn and not fits and same_shape((height, width), told):
         # It was solved upright and lies on its side in its file.
         width, height, fits = height, width, True
+    # A raw photo of nearly its camera's size was developed with another border, not made smaller.
+    if fits and is_raw(item.photo) and abs(width / told[0] - 1) < _BORDER:
+        fits = False
     if not fits:
         raise CaptureError(
             item.photo, "", f"the photo is {width} × {height} pixels, but {source.name} says "

@@ -12,7 +12,7 @@ import re
 from pathlib import Path
 
 from .errors import CaptureError, shown
-from .image_header import EXTENSIONS, HEIF
+from .image_header import EXTENSIONS, developed
 from .mask_finder import MaskFinder, masks_among, photos_of
 from .picture_names import (
     UNREADABLE,
@@ -94,7 +94,7 @@ class PhotoFinder:
             return None
         for base in ([] if beside is None else [beside.parent]) + [self.folder]:
             if (found := self._at(base, stated)) is not None:
-                return found
+                return found if self.anywhere else self._developed(found)
         parts = parts_of(stated)
         if not parts:
             return None
@@ -169,19 +169,30 @@ class PhotoFinder:
             pass
         return None
 
+    def _developed(self, photo: Path) -> Path:
+        """The copy of a raw photo that lies beside it, if there is one: developed as its owner would have
+        it; else the photo itself."""
+        if developed(photo) > 0:
+            return photo
+        beside = (
+            p for p in self._pictures().get(stem_of(photo.name), []) if p.parent == photo.parent
+        )
+        return max(beside, key=developed, default=photo)
+
     def _pictures(self) -> dict[str, list[Path]]:
-        """Pictures that are no masks by the plain stem of their names; of a HEIC or AVIF and its copy in
-        the same folder, the copy."""
+        """Pictures that are no masks by the plain stem of their names; of a raw photo, a HEIC or AVIF and
+        its copy in the same folder, the copy."""
         if self._by_stem is None:
             self._by_stem = {}
             found = [p for p in pictures_below(self.folder) if not self._is_mask(p.parent)]
             masks = set(masks_among(found))
-            copies = {(p.parent, stem_of(p.name)) for p in found if p.suffix.lower() not in HEIF}
+            furthest: dict[tuple[Path, str], int] = {}
             for path in found:
-                converted = (
-                    path.suffix.lower() in HEIF and (path.parent, stem_of(path.name)) in copies
-                )
-                if path not in masks and not converted:
+                key = path.parent, stem_of(path.name)
+                furthest[key] = max(developed(path), furthest.get(key, 0))
+            for path in found:
+                has_copy = developed(path) < furthest[path.parent, stem_of(path.name)]
+                if path not in masks and not has_copy:
                     self._by_stem.setdefault(stem_of(path.name), []).append(path)
                     self._folders.add(tuple(folders_of(path.relative_to(self.folder).parts)))
         return self._by_stem
@@ -195,9 +206,8 @@ class PhotoFinder:
         return self._of_masks[folder]
 
     def _fit(self, path: Path, parts: list[str]) -> tuple[int, int, int]:
-        """How many of the last folders agree, whether the extension does, and whether it is no HEIC or
-        AVIF: cameras are mostly solved with copies of those."""
+        """How many of the last folders agree, whether the extension does, and how far it is developed:
+        cameras are mostly solved with copies of raw photos, HEIC and AVIF."""
         own = path.relative_to(self.folder).parts
         same_name = plain(own[-1]) == plain(parts[-1])
-        is_copy = path.suffix.lower() not in HEIF
-        return agreement(folders_of(own), folders_of(parts)), int(same_name), int(is_copy)
+        return agreement(folders_of(own), folders_of(parts)), int(same_name), developed(path)

@@ -11,9 +11,7 @@ from pathlib import Path, PurePosixPath
 from .errors import CaptureError
 from .image_header import EXTENSIONS, image_size
 
-UNREADABLE = (
-    ".bmp", ".gif", ".jxl", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2",
-)  # fmt: skip
+UNREADABLE = (".bmp", ".gif", ".jxl", ".x3f")
 """extensions of photos that cannot be read here, but may have been converted since"""
 VIDEOS = (
     ".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".3gp", ".mts", ".m2ts", ".mpg", ".mpeg", ".wmv",

@@ -12,12 +12,14 @@ from .colour import linear_to_srgb
 from .decoded import Decoded
 from .decoding import decode
 from .errors import CaptureError
-from .image_header import image_orientation, image_size, is_heif
+from .image_header import focal_of_raw, image_orientation, image_size, is_heif, is_raw
 from .masks import coverage, no_mask
 from .orientation import oriented, same_shape, turn_for
 
 _WITHOUT_EXIF = (".exr", ".hdr", ".tif", ".tiff")
 _CAMERA_FIELDS, _FOCAL_LENGTH_35MM = 0x8769, 0xA405
+_SHOWN = np.round(255 * linear_to_srgb(np.arange(1 << 16) / 65535)).astype(np.uint8)
+"""sRGB of linear light in 16 bits"""
 
 
 @dataclass(frozen=True)
@@ -41,14 +43,17 @@ def read_header(path: Path) -> PhotoHeader:
         CaptureError: it is no picture.
     """
     width, height = image_size(path)
-    if path.suffix.lower() in _WITHOUT_EXIF:
+    if is_raw(path):
+        across = float(focal_of_raw(path))
+    elif path.suffix.lower() in _WITHOUT_EXIF:
         return PhotoHeader(width, height, None)
-    try:
-        with Image.open(path) as picture:
-            fields = picture.getexif().get_ifd(_CAMERA_FIELDS)
-            across = float(fields.get(_FOCAL_LENGTH_35MM) or 0)
-    except Exception as error:  # every decoder has its own exceptions
-        raise _unreadable(path, error) from error
+    else:
+        try:
+            with Image.open(path) as picture:
+                fields = picture.getexif().get_ifd(_CAMERA_FIELDS)
+                across = float(fields.get(_FOCAL_LENGTH_35MM) or 0)
+        except Exception as error:  # every decoder has its own exceptions
+            raise _unreadable(path, error) from error
     # A full-frame picture is 36 mm wide; phones mean its longer side.
     focal = across / 36 * max(width, height) if across > 0 else None
     turned = image_orientation(path) >= 5
@@ -79,8 +84,8 @@ def load_reduced(
 
 def _as_it_lies(path: Path, longest: int) -> tuple[np.ndarray, np.ndarray | None]:
     """Colour and alpha of `load_reduced`, not turned."""
-    if path.suffix.lower() in _WITHOUT_EXIF or is_heif(path):
-        return _of_decoded(decode(path), longest)
+    if path.suffix.lower() in _WITHOUT_EXIF or is_heif(path) or is_raw(path):
+        return _of_decoded(decode(path, longest), longest)
     try:
         with Image.open(path) as picture:
             # A JPEG is decoded at a half, a quarter or an eighth at a fraction of the time.
@@ -132,7 +137,10 @@ def _of_decoded(decoded: Decoded, longest: int) -> tuple[np.ndarray, np.ndarray 
     alpha = None if decoded.alpha is None else pixels[..., decoded.alpha]
     if decoded.is_float:
         colour = linear_to_srgb(np.maximum(colour, 0))
-    small = smaller(_in_eight_bits(colour, decoded.largest), longest)
+    elif decoded.linear and colour.dtype == np.uint16:
+        colour = _SHOWN[colour]
+    largest = 255 if colour.dtype == np.uint8 else decoded.largest
+    small = smaller(_in_eight_bits(colour, largest), longest)
     return small, None if alpha is None else smaller(
         _in_eight_bits(alpha, decoded.largest), longest
     )

@@ -21,6 +21,7 @@ from .findings import Finding, note, warning
 from .looks import ReducedPhotos, look_at_photos
 from .poses import poses
 from .turning import turning
+from .white_balance import white_balance
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,8 @@ def check(
         + photos.exposure(looks, settings.fit.exposure == "fixed")
         + photos.duplicates(looks)
     )
+    if settings.fit.exposure != "white_balance":
+        found += white_balance(capture)
     found += (
         photos.masks(looks, stands)
         + photos.size(looks, asked, settings.photos.most_pixels)

@@ -32,7 +32,7 @@ def add_check(commands: argparse._SubParsersAction) -> None:
 
 def add_pictures(commands: argparse._SubParsersAction) -> None:
     """Add the command to the command line."""
-    pictures = commands.add_parser("pictures", help="small JPEGs of HEIC and AVIF photos")
+    pictures = commands.add_parser("pictures", help="small JPEGs of HEIC, AVIF and raw photos")
     _add_capture(pictures)
     pictures.add_argument("--out", type=Path, required=True, metavar="DIR", help="new, or empty")
     pictures.add_argument("--events", action="store_true", help="events on stdout, no bar")

@@ -24,7 +24,7 @@ LONGEST = 800
 def write_pictures(
     capture: Capture, folder: Path, tell: Callable[[int, int], None]
 ) -> dict[str, str]:
-    """Write a small copy of each HEIC and AVIF photo of a capture, as its camera saw it.
+    """Write a small copy of each HEIC, AVIF and raw photo of a capture, as its camera saw it.
 
     Args:
         folder: new or empty.

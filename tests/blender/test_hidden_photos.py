@@ -1,12 +1,16 @@
-"""HEIC photos, which Blender cannot decode: imported, shown by copies, handed to the solver as they are."""
+"""HEIC and raw photos, which Blender cannot decode: imported, shown by copies, handed to the solver as they are."""
 
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import bpy
 import fake_capture
+import numpy as np
 import pytest
+
+from tests.capture.raw_photos import write_dng
 
 HEIC = Path(__file__).resolve().parents[1] / "capture" / "data" / "heif" / "plain.heic"
 SIZE = 80, 48
@@ -122,3 +126,45 @@ def test_a_damaged_photo_through_a_distorted_lens_is_imported_with_nothing_to_se
     file.write_text(json.dumps({**content, "k1": 0.1}))
     capture = extension("scene.capture_collection").import_capture(bpy.context, file)
     assert len(cameras_of(capture)) == 3
+
+
+@pytest.fixture
+def raw_capture(extension, tmp_path):
+    """An imported capture of three raw photos that lie on their side, of cameras that stand upright."""
+    names = [f"IMG_{n}.dng" for n in range(3)]
+    for name in names:
+        write_dng(tmp_path / name, np.full((80, 48, 3), 0.5), orientation=6)
+    file = fake_capture.write_cameras(tmp_path / "transforms_train.json", names)
+    size = {"w": SIZE[0], "h": SIZE[1], "cx": SIZE[0] / 2, "cy": SIZE[1] / 2}
+    file.write_text(json.dumps({**json.loads(file.read_text()), **size}))
+    return extension("scene.capture_collection").import_capture(bpy.context, file)
+
+
+def test_raw_photos_whose_size_the_solver_alone_can_read_are_imported_shown_and_handed_on(
+    extension, task, raw_capture, fake_solver, tmp_path
+):
+    scene, cameras = extension("scene.capture_collection"), extension("scene.cameras")
+    assert [cameras.size_of(item) for item in cameras_of(raw_capture)] == [SIZE] * 3
+    assert bpy.ops.nmf.show_photos() == {"FINISHED"}
+    task.finish()
+    assert task.model.text == "3 photos are shown"
+    for item in cameras_of(raw_capture):
+        (picture,) = shown(item)
+        assert tuple(picture.size) == SIZE
+    written = json.loads(scene.write_capture(raw_capture, tmp_path / "job").read_text())
+    assert {Path(frame["file_path"]).suffix for frame in written["frames"]} == {".dng"}
+    assert {(frame["w"], frame["h"]) for frame in written["frames"]} == {SIZE}
+
+
+def test_a_raw_photo_behind_a_camera_of_another_origin_is_told_to_have_no_size_here(
+    extension, raw_capture
+):
+    scene = extension("scene.capture_collection")
+    del cameras_of(raw_capture)[0].data[extension("scene.cameras").SIZE]
+    with pytest.raises(ValueError, match="IMG_.*cannot be read in Blender; let Solve Cameras"):
+        scene.write_capture(raw_capture, Path("nowhere"))
+
+
+def test_no_photo_makes_blender_load_libraw(package, raw_capture):
+    assert f"{package.__name__}.solver.capture.image_header" in sys.modules
+    assert f"{package.__name__}.solver.capture.raw" not in sys.modules

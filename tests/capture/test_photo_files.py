@@ -139,7 +139,8 @@ def test_other_files_are_no_photos(tmp_path):
     Image.new("RGB", (4, 4)).save(tmp_path / "a.gif")
     (tmp_path / "a.gif").rename(tmp_path / "a.png")
     with pytest.raises(
-        CaptureError, match="no PNG, JPEG, WebP, HEIC, AVIF, TIFF, OpenEXR or Radiance HDR"
+        CaptureError,
+        match="no PNG, JPEG, WebP, HEIC, AVIF, TIFF, OpenEXR, Radiance HDR or camera raw",
     ):
         load_photo(camera_for(tmp_path / "a.png", 4, 4))
     (tmp_path / "b.png").mkdir()

@@ -244,7 +244,7 @@ def test_letters_with_marks_are_found_however_they_are_written(tmp_path):
     assert len(read_capture(write_cameras(tmp_path, names)).cameras) == 3
 
 
-@pytest.mark.parametrize("kind", ["NEF", "gif"])
+@pytest.mark.parametrize("kind", ["X3F", "gif"])
 def test_photos_of_a_kind_that_cannot_be_read_are_named_and_found_once_converted(tmp_path, kind):
     (tmp_path / "images").mkdir()
     names = [f"images/IMG_{i}.{kind}" for i in range(3)]
