@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -160,6 +161,28 @@ def small_photos(tmp_path_factory):
     other = Image.fromarray(noise).resize((288, 216), Image.Resampling.BICUBIC)
     other.save(folder / "IMG_900.jpg", quality=95)
     return folder
+
+
+PLAIN = """
+from solver.cameras import solve
+from solver.cli import main
+from tests.capture.code_page import plain_colmap
+
+solve.quiet_colmap = plain_colmap
+raise SystemExit(main())
+"""
+
+
+def test_colmap_is_told_plain_letters_wherever_photos_and_cameras_lie(small_photos, tmp_path):
+    folder = tmp_path / "写真 ł"
+    shutil.copytree(small_photos, folder, ignore=shutil.ignore_patterns("IMG_900.jpg"))
+    result = subprocess.run(
+        [sys.executable, "-c", PLAIN, "solve", str(folder)], cwd=ROOT, capture_output=True, text=True,
+        encoding="utf-8", stdin=subprocess.DEVNULL, timeout=300,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    assert len(read_capture(folder).cameras) == 12
+    assert (folder / "cameras" / "sparse" / "0" / "points3D.bin").is_file()
 
 
 def begin(folder, out, **options):
