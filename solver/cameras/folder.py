@@ -20,7 +20,7 @@ from ..capture.errors import CaptureError
 from ..capture.image_header import FORMATS
 from ..capture.photo_finder import PhotoFinder, capture_folder
 from ..capture.picture_names import VIDEOS, numbered
-from ..job.folder import write_json_atomic
+from ..job.folder import holds_nothing, write_json_atomic
 
 MATCHERS = ("auto", "exhaustive", "sequential")
 CAMERA_MODELS = (
@@ -112,7 +112,7 @@ class SolveFolder:
             shutil.rmtree(self.video_photos_dir, ignore_errors=True)
             write_json_atomic(self.request_path, asked)
             return False
-        if self.root.is_dir() and any(self.root.iterdir()):
+        if self.root.is_dir() and not holds_nothing(self.root):
             raise CaptureError(self.root, "", "the folder is not empty", "give a new folder")
         self.root.mkdir(parents=True, exist_ok=True)
         write_json_atomic(self.request_path, asked)

@@ -270,6 +270,11 @@ def test_a_folder_with_something_else_in_it_is_left_alone(tmp_path):
     assert [path.name for path in (tmp_path / "diary").iterdir()] == ["today.txt"]
 
 
+def test_a_folder_that_was_only_looked_at_is_an_empty_one(tmp_path):
+    (tmp_path / ".DS_Store").touch()
+    assert SolveFolder(tmp_path).take(SolveRequest("/photos", ("a.png", "b.png", "c.png"))) is False
+
+
 def test_an_unfinished_solve_begins_anew_when_photos_were_added(tmp_path):
     folder = SolveFolder(tmp_path / "cameras")
     assert folder.take(SolveRequest("/photos", ("a.png", "b.png", "c.png"))) is False
