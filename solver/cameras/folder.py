@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..capture.errors import CaptureError
+from ..capture.files import no_access
 from ..capture.image_header import FORMATS
 from ..capture.photo_finder import PhotoFinder, capture_folder
 from ..capture.picture_names import VIDEOS, numbered
@@ -138,7 +139,7 @@ def photos_below(
         besides: a folder whose pictures are left out, or None. masks: that of their masks, or None.
 
     Raises:
-        CaptureError: there is no such folder, or it holds too few.
+        CaptureError: there is no such folder, it cannot be read, or it holds too few.
     """
     if folder.is_file():
         raise CaptureError(
@@ -147,13 +148,17 @@ def photos_below(
         )  # fmt: skip
     if not folder.is_dir():
         raise CaptureError(folder, "", "there is no such folder", "give the folder of the photos")
+    try:
+        there = sorted(folder.iterdir())
+    except OSError as error:  # macOS asks people which programs may read their folders
+        raise no_access(folder, error) from error
     root = Path(os.path.normpath(folder.absolute()))
     found = PhotoFinder(folder, masks).pictures()
     if besides is not None:
         besides = Path(os.path.normpath(besides.absolute()))
         found = [path for path in found if not path.is_relative_to(besides)]
     if len(found) < FEWEST_PHOTOS:
-        video = next((path for path in sorted(folder.iterdir()) if is_video(path)), None)
+        video = next((path for path in there if is_video(path)), None)
         remedy = f"cameras need at least {FEWEST_PHOTOS} photos that overlap, better 50"
         raise CaptureError(
             folder, "photos", f"there are {len(found)} photos in it ({FORMATS})",

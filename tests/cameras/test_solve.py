@@ -329,6 +329,18 @@ def test_cameras_are_not_written_where_the_photos_lie(tmp_path):
         assert result.returncode == 2 and "the photos lie in this folder" in result.stderr
 
 
+def test_a_folder_that_may_not_be_read_is_told_as_that(tmp_path, monkeypatch):
+    """As macOS does with Documents and Downloads for a program that it has not allowed there."""
+
+    def denied(path="."):
+        raise PermissionError(1, "Operation not permitted", str(path))
+
+    monkeypatch.setattr(os, "listdir", denied)
+    monkeypatch.setattr(os, "scandir", denied)
+    with pytest.raises(CaptureError, match=r"cannot be read \(Operation not permitted\)"):
+        photos_below(tmp_path)
+
+
 def test_few_photos_are_all_compared_and_many_in_number_proportional_to_them():
     assert len(pairs_of(40, "auto")) == 40 * 39 / 2
     for count in (2, 3, 130, 1000):
