@@ -17,10 +17,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..capture.errors import CaptureError
+from ..capture.files import no_access
 from ..capture.image_header import FORMATS
 from ..capture.photo_finder import PhotoFinder, capture_folder
 from ..capture.picture_names import VIDEOS, numbered
-from ..job.folder import write_json_atomic
+from ..job.folder import holds_nothing, write_json_atomic
 
 MATCHERS = ("auto", "exhaustive", "sequential")
 CAMERA_MODELS = (
@@ -112,7 +113,7 @@ class SolveFolder:
             shutil.rmtree(self.video_photos_dir, ignore_errors=True)
             write_json_atomic(self.request_path, asked)
             return False
-        if self.root.is_dir() and any(self.root.iterdir()):
+        if self.root.is_dir() and not holds_nothing(self.root):
             raise CaptureError(self.root, "", "the folder is not empty", "give a new folder")
         self.root.mkdir(parents=True, exist_ok=True)
         write_json_atomic(self.request_path, asked)
@@ -138,7 +139,7 @@ def photos_below(
         besides: a folder whose pictures are left out, or None. masks: that of their masks, or None.
 
     Raises:
-        CaptureError: there is no such folder, or it holds too few.
+        CaptureError: there is no such folder, it cannot be read, or it holds too few.
     """
     if folder.is_file():
         raise CaptureError(
@@ -147,13 +148,17 @@ def photos_below(
         )  # fmt: skip
     if not folder.is_dir():
         raise CaptureError(folder, "", "there is no such folder", "give the folder of the photos")
+    try:
+        there = sorted(folder.iterdir())
+    except OSError as error:  # macOS asks people which programs may read their folders
+        raise no_access(folder, error) from error
     root = Path(os.path.normpath(folder.absolute()))
     found = PhotoFinder(folder, masks).pictures()
     if besides is not None:
         besides = Path(os.path.normpath(besides.absolute()))
         found = [path for path in found if not path.is_relative_to(besides)]
     if len(found) < FEWEST_PHOTOS:
-        video = next((path for path in sorted(folder.iterdir()) if is_video(path)), None)
+        video = next((path for path in there if is_video(path)), None)
         remedy = f"cameras need at least {FEWEST_PHOTOS} photos that overlap, better 50"
         raise CaptureError(
             folder, "photos", f"there are {len(found)} photos in it ({FORMATS})",

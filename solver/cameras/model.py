@@ -31,6 +31,7 @@ def finish_model(
 
     Args:
         colmap: the module. model: its `Reconstruction`, as the database names and sizes photos.
+        folder: the working directory.
     """
     by_file = {photo.file: photo for photo in photos}
     placed = sorted(
@@ -49,7 +50,7 @@ def finish_model(
         point.color = np.array(colours.get(number, (128, 128, 128)), dtype=np.uint8)
     target = folder.sparse_dir / "0"
     target.mkdir(parents=True, exist_ok=True)
-    model.write_binary(target)
+    model.write_binary(target.relative_to(folder.root))
     write_points(
         folder.points_path,
         np.array([point.xyz for point in points.values()]).reshape(-1, 3),

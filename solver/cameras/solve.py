@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -69,6 +69,10 @@ class Solver:
     ):
         self.colmap = quiet_colmap()
         self.folder, self.request = folder, request
+        # As COLMAP is told them, from within the folder: on Windows it opens no path with letters that the
+        # system's code page has not.
+        self.database = Path(folder.database_path.name)
+        self.work = Path(folder.work_dir.name)
         self.progress, self.control = progress, control
         self.token = self.colmap.CancellationToken()
         self.threads = usable_cores()
@@ -79,23 +83,27 @@ class Solver:
         Raises:
             Cancelled: asked to stop; the next run goes on. CaptureError: photos that make no cameras.
         """
+        with chdir(self.folder.root):
+            return self._run()
+
+    def _run(self) -> Solved:
         root = Path(self.request.photos)
         masks = None if self.request.masks is None else Path(self.request.masks)
         photos = look_at(root, self.request.names, masks, self.request.max_image_size)
         if masks is not None:
             self._tell_of_missing_masks(masks, photos)
-        shutil.rmtree(self.folder.work_dir, ignore_errors=True)
+        shutil.rmtree(self.work, ignore_errors=True)
         self.colmap.set_random_seed(self.request.seed)
         try:
             with self._stopping():
-                register(self.colmap, self.folder.database_path, photos, self.request)
+                register(self.colmap, self.database, photos, self.request)
                 self._features(photos)
                 self._match(photos)
                 model = self._map(photos)
                 model = self._unfolded(photos, model)
                 self._adjust(model)
         finally:
-            shutil.rmtree(self.folder.work_dir, ignore_errors=True)
+            shutil.rmtree(self.work, ignore_errors=True)
         return self._write(photos, model)
 
     def _tell_of_missing_masks(self, masks: Path, photos: list[Prepared]) -> None:
@@ -133,7 +141,7 @@ class Solver:
     def _features(self, photos: list[Prepared]) -> None:
         """SIFT features of all photos that have none yet."""
         self.progress.stage("features", "finding features")
-        with opened(self.colmap, self.folder.database_path) as database:
+        with opened(self.colmap, self.database) as database:
             number = numbers(database)
             left = [p for p in photos if not database.exists_descriptors(number[p.file])]
         options = self.colmap.FeatureExtractionOptions()
@@ -142,14 +150,14 @@ class Solver:
         block = max(4, 2 * self.threads)
         for first in range(0, len(left), block):
             now = left[first : first + block]
-            pictures, masks = self.folder.work_dir / "pictures", self.folder.work_dir / "masks"
+            pictures, masks = self.work / "pictures", self.work / "masks"
             for path in (pictures, masks):
                 path.mkdir(parents=True, exist_ok=True)
             with ThreadPoolExecutor(max_workers=min(self.threads, 8)) as pool:
                 list(pool.map(lambda photo, a=pictures, b=masks: write_prepared(photo, a, b), now))
             self._check()
             self._extract(now, pictures, masks, options)
-            shutil.rmtree(self.folder.work_dir, ignore_errors=True)
+            shutil.rmtree(self.work, ignore_errors=True)
             done = len(photos) - len(left) + first + len(now)
             self.progress.fraction(done / len(photos), f"features: photo {done}")
         evidence = self._evidence(photos)
@@ -163,7 +171,7 @@ class Solver:
             if group:
                 reader.mask_path = "" if path is None else path
                 self.colmap.extract_features(
-                    self.folder.database_path, pictures,
+                    self.database, pictures,
                     image_names=[photo.file for photo in group], reader_options=reader,
                     extraction_options=options, device=self.colmap.Device.cpu,
                     cancellation_token=self.token,
@@ -173,7 +181,7 @@ class Solver:
         """Matches of all pairs that were not compared yet, verified, in blocks of some seconds."""
         self.progress.stage("matching", "matching photos")
         pairs = pairs_of(len(photos), self.request.matcher)
-        with opened(self.colmap, self.folder.database_path) as database:
+        with opened(self.colmap, self.database) as database:
             number = numbers(database)
             ids = [number[photo.file] for photo in photos]
             left = [
@@ -184,8 +192,8 @@ class Solver:
         matching.num_threads, matching.use_gpu = self.threads, False
         verification = self.colmap.TwoViewGeometryOptions()
         verification.ransac.random_seed = self.request.seed
-        self.folder.work_dir.mkdir(parents=True, exist_ok=True)
-        listing = self.folder.work_dir / "pairs.txt"
+        self.work.mkdir(parents=True, exist_ok=True)
+        listing = self.work / "pairs.txt"
         block, at = 10 * self.threads, 0
         while at < len(left):
             self._check()
@@ -194,7 +202,7 @@ class Solver:
             lines = (f"{photos[i].file} {photos[j].file}\n" for i, j in now)
             listing.write_text("".join(lines), encoding="ascii")
             self.colmap.match_image_pairs(
-                self.folder.database_path, matching_options=matching,
+                self.database, matching_options=matching,
                 pairing_options=self.colmap.ImportedPairingOptions(match_list_path=listing),
                 verification_options=verification, device=self.colmap.Device.cpu,
                 cancellation_token=self.token,
@@ -221,7 +229,7 @@ class Solver:
             photo.file for photo, item in zip(photos, evidence, strict=True)
             if max(item.matches, default=0) >= 2 * FEWEST_SEEN_POINTS
         }  # fmt: skip
-        best = self._largest_model(self.folder.database_path, joined, told)
+        best = self._largest_model(self.database, joined, told)
         if best is None or best.num_reg_images() < FEWEST_PHOTOS:
             self._fail(evidence)
         return best
@@ -245,7 +253,7 @@ class Solver:
         self, database: Path, told: Callable[[int], None], fewest_seen_points: int | None
     ) -> Any:
         """The largest of the models from one go of COLMAP's; None for its own number of points."""
-        output = self.folder.work_dir / "models"
+        output = self.work / "models"
         output.mkdir(parents=True, exist_ok=True)
         options = self.colmap.IncrementalPipelineOptions()
         options.random_seed, options.num_threads = self.request.seed, self.threads
@@ -265,7 +273,7 @@ class Solver:
             told(placed)
 
         found = self.colmap.incremental_mapping(
-            database, self.folder.root, output, options=options,
+            database, Path(), output, options=options,
             initial_image_pair_callback=again, next_image_callback=one_more,
             cancellation_token=self.token,
         )  # fmt: skip
@@ -278,7 +286,7 @@ class Solver:
         """The model, or a better one where things that look alike have misled it."""
         number = {photo.file: photo.number for photo in photos}
         in_one_take = self.request.matcher == "sequential"
-        if not misled(self.colmap, self.folder.database_path, model, number, in_one_take):
+        if not misled(self.colmap, self.database, model, number, in_one_take):
             return model
 
         def told(placed: int) -> None:
@@ -286,8 +294,8 @@ class Solver:
                 1.0, f"photos contradict each other, placing cameras again: {placed} placed"
             )
 
-        copy = self.folder.work_dir / self.folder.database_path.name
-        shutil.copyfile(self.folder.database_path, copy)
+        copy = self.work / self.database
+        shutil.copyfile(self.database, copy)
         walked = walked_model(
             self.colmap, copy, model, number, in_one_take,
             lambda: self._largest_model(copy, _placed(model), told),
@@ -311,7 +319,7 @@ class Solver:
         self.progress.fraction(1.0, "cameras solved")
 
     def _evidence(self, photos: list[Prepared]) -> list[Evidence]:
-        return evidence_of(self.colmap, self.folder.database_path, photos)
+        return evidence_of(self.colmap, self.database, photos)
 
     def _fail(self, evidence: list[Evidence]) -> None:
         problem, remedy = unplaced(evidence, set())

@@ -59,7 +59,8 @@ def take_photos(
             if len(list(part.iterdir())) < FEWEST_PHOTOS:  # it is damaged
                 raise _too_short(video)
         except BaseException:
-            shutil.rmtree(part)
+            # On Windows a file that somebody looks at stays; what ended this is the news.
+            shutil.rmtree(part, ignore_errors=True)
             raise
         replace_file(part, folder)
     return photos_below(folder)

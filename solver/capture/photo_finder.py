@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import re
+from contextlib import suppress
 from pathlib import Path
 
 from .errors import CaptureError, shown
@@ -33,6 +34,11 @@ MODEL_FOLDERS = re.compile(
     re.I,
 )
 """folders that hold a solved model beside its photos, never photos alone"""
+
+CODE_PAGES = (
+    "cp1252", "cp1250", "cp1251", "cp1253", "cp1254", "cp932", "cp936", "cp949", "cp950",
+)  # fmt: skip
+"""encodings in which programs on Windows, COLMAP among them, write names of photos"""
 
 
 def capture_folder(file: Path) -> Path:
@@ -89,7 +95,7 @@ class PhotoFinder:
         Raises:
             CaptureError: several pictures fit equally well, and they are wanted.
         """
-        stated = stated.strip()
+        stated = self._readable(stated.strip())
         if not stated or "\0" in stated:
             return None
         for base in ([] if beside is None else [beside.parent]) + [self.folder]:
@@ -115,6 +121,25 @@ class PhotoFinder:
                 "leave one of them in the folder, or give the folder of the photos",
             )  # fmt: skip
         return best[0][1]
+
+    def _readable(self, stated: str) -> str:
+        """A name; one that is no UTF-8 in the encoding in which a picture's path fits it best."""
+        readings = [stated]
+        try:
+            stated.encode("utf-8")
+        except UnicodeEncodeError:
+            for page in CODE_PAGES:
+                with suppress(UnicodeError):
+                    readings.append(stated.encode("utf-8", "surrogateescape").decode(page))
+        return max(readings, key=self._folders_that_fit) if len(readings) > 1 else stated
+
+    def _folders_that_fit(self, stated: str) -> int:
+        """How many of the last folders a picture of that name has in common with it; -1: there is none."""
+        parts = parts_of(stated)
+        named = self._pictures().get(stem_of(parts[-1]), []) if parts else []
+        told = folders_of(parts)
+        own = (folders_of(path.relative_to(self.folder).parts) for path in named)
+        return max((agreement(folders, told) for folders in own), default=-1)
 
     def serves(self, photo: Path | None) -> bool:
         """True if a camera with this photo, or with none, is of use."""

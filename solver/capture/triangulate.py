@@ -9,8 +9,9 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import chdir
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -67,7 +68,16 @@ def triangulate(
         return Triangulated(NO_POINTS)
     with _temporary_folder("nmf-points-") as folder:
         # In one process, COLMAP's and torch's OpenMP runtimes end Python on macOS.
-        return run_apart(with_colmap, Path(folder), cameras, pictures, tolerated, progress=progress)
+        return run_apart(
+            _within, Path(folder), with_colmap, cameras, pictures, tolerated, progress=progress
+        )
+
+
+def _within(folder: Path, work: Callable[..., Triangulated], *args: Any) -> Triangulated:
+    """What `work(folder, *args)` returns, told a folder of plain letters: on Windows COLMAP opens no path
+    with letters that the system's code page has not."""
+    with chdir(folder):
+        return work(Path(), *args)
 
 
 def _temporary_folder(prefix: str) -> tempfile.TemporaryDirectory:
@@ -143,7 +153,13 @@ def compare(
     """
     with _temporary_folder("nmf-pairs-") as folder:
         return run_apart(
-            compare_with_colmap, Path(folder), cameras, pictures, pairs, progress=progress
+            _within,
+            Path(folder),
+            compare_with_colmap,
+            cameras,
+            pictures,
+            pairs,
+            progress=progress,
         )
 
 

@@ -93,8 +93,8 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     save_file({k: v.detach().contiguous().cpu() for k, v in tensors.items()}, part / TENSORS)
     write_json_atomic(part / STATE, state)
     old = set_aside(folder)
-    shutil.rmtree(old, ignore_errors=True)
-    if folder.exists():
+    if folder.exists():  # else the last one is still set aside
+        shutil.rmtree(old, ignore_errors=True)
         replace_file(folder, old)
     replace_file(part, folder)
     shutil.rmtree(old, ignore_errors=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -223,23 +224,31 @@ def fit(
             progress.checkpoint(trainer.step)
             raise Cancelled
         if now - last_preview > max(settings.fit.preview_every, PREVIEW_PAUSE * preview_took):
-            write_previews(trainer, job.preview_dir)
-            progress.preview("preview/render.png")
+            _show(trainer, job, progress)
             last_preview = time.monotonic()
             preview_took = last_preview - now
         if now - last_checkpoint > settings.fit.checkpoint_every:
-            checkpoint.save_checkpoint(
-                trainer, job.checkpoint_dir, seconds_before + elapsed, done=False
-            )
-            progress.checkpoint(trainer.step)
+            with suppress(
+                PermissionError
+            ):  # who has the last one open lets go of it before another
+                checkpoint.save_checkpoint(
+                    trainer, job.checkpoint_dir, seconds_before + elapsed, done=False
+                )
+                progress.checkpoint(trainer.step)
             last_checkpoint = time.monotonic()
     trainer.finish()
     seconds = seconds_before + timer.elapsed
     checkpoint.save_checkpoint(trainer, job.checkpoint_dir, seconds, done=True)
     progress.checkpoint(trainer.step)
-    write_previews(trainer, job.preview_dir)
-    progress.preview("preview/render.png")
+    _show(trainer, job, progress)
     write_figure(job.root / "snapshots")
+
+
+def _show(trainer: Trainer, job: JobFolder, progress: Progress) -> None:
+    """Write previews; on Windows, those that somebody looks at stay as they are."""
+    with suppress(PermissionError):
+        write_previews(trainer, job.preview_dir)
+        progress.preview("preview/render.png")
 
 
 def _stop_if_asked(control: Control) -> None:

@@ -23,6 +23,8 @@ SCHEMA_VERSION = 1
 MOST_SEED = (1 << 63) - 1
 DEVICES = ("auto", "cpu", "cuda", "mps")
 """that a job may ask for"""
+LEFT_BY_FILE_BROWSERS = (".ds_store", "._.ds_store", "desktop.ini", "thumbs.db")
+"""what Finder and Explorer put, hidden, into a folder that somebody has looked at"""
 EVEN = 1e-3
 """how far the axes of a similarity may be from square and even, as a share of their length"""
 
@@ -204,7 +206,7 @@ class JobFolder:
                 f"{job.root}: there is a{'n' if state[0] == 'u' else ''} {state} job in this folder; "
                 "continue it with --resume or give another folder."
             )
-        if job.root.is_dir() and any(entry.name not in may_hold for entry in job.root.iterdir()):
+        if job.root.is_dir() and not holds_nothing(job.root, may_hold):
             raise JobError(
                 f"{job.root}: the folder is not empty and holds no job; give a new folder."
             )
@@ -282,6 +284,16 @@ def overrides_of(texts: Iterable[str]) -> dict[str, str]:
             raise JobError(f"--set {text}: write it as section.field=value.")
         overrides[key] = value
     return overrides
+
+
+def holds_nothing(folder: Path, besides: Collection[str] = ()) -> bool:
+    """True for a folder that people call empty, whatever file browsers have left in it.
+
+    Args:
+        besides: names that do not count either.
+    """
+    names = (entry.name for entry in folder.iterdir() if entry.name not in besides)
+    return all(name.lower() in LEFT_BY_FILE_BROWSERS for name in names)
 
 
 def set_aside(folder: Path) -> Path:

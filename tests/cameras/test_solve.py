@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -162,6 +163,28 @@ def small_photos(tmp_path_factory):
     return folder
 
 
+PLAIN = """
+from solver.cameras import solve
+from solver.cli import main
+from tests.capture.code_page import plain_colmap
+
+solve.quiet_colmap = plain_colmap
+raise SystemExit(main())
+"""
+
+
+def test_colmap_is_told_plain_letters_wherever_photos_and_cameras_lie(small_photos, tmp_path):
+    folder = tmp_path / "写真 ł"
+    shutil.copytree(small_photos, folder, ignore=shutil.ignore_patterns("IMG_900.jpg"))
+    result = subprocess.run(
+        [sys.executable, "-c", PLAIN, "solve", str(folder)], cwd=ROOT, capture_output=True, text=True,
+        encoding="utf-8", stdin=subprocess.DEVNULL, timeout=300,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    assert len(read_capture(folder).cameras) == 12
+    assert (folder / "cameras" / "sparse" / "0" / "points3D.bin").is_file()
+
+
 def begin(folder, out, **options):
     process = subprocess.Popen(
         [*COMMAND, str(folder), "--out", str(out), "--events"], cwd=ROOT, text=True,
@@ -247,6 +270,11 @@ def test_a_folder_with_something_else_in_it_is_left_alone(tmp_path):
     assert [path.name for path in (tmp_path / "diary").iterdir()] == ["today.txt"]
 
 
+def test_a_folder_that_was_only_looked_at_is_an_empty_one(tmp_path):
+    (tmp_path / ".DS_Store").touch()
+    assert SolveFolder(tmp_path).take(SolveRequest("/photos", ("a.png", "b.png", "c.png"))) is False
+
+
 def test_an_unfinished_solve_begins_anew_when_photos_were_added(tmp_path):
     folder = SolveFolder(tmp_path / "cameras")
     assert folder.take(SolveRequest("/photos", ("a.png", "b.png", "c.png"))) is False
@@ -299,6 +327,18 @@ def test_cameras_are_not_written_where_the_photos_lie(tmp_path):
     for out in (photos, tmp_path):
         result = solve(photos, "--out", out)
         assert result.returncode == 2 and "the photos lie in this folder" in result.stderr
+
+
+def test_a_folder_that_may_not_be_read_is_told_as_that(tmp_path, monkeypatch):
+    """As macOS does with Documents and Downloads for a program that it has not allowed there."""
+
+    def denied(path="."):
+        raise PermissionError(1, "Operation not permitted", str(path))
+
+    monkeypatch.setattr(os, "listdir", denied)
+    monkeypatch.setattr(os, "scandir", denied)
+    with pytest.raises(CaptureError, match=r"cannot be read \(Operation not permitted\)"):
+        photos_below(tmp_path)
 
 
 def test_few_photos_are_all_compared_and_many_in_number_proportional_to_them():

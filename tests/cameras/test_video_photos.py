@@ -1,6 +1,7 @@
 """Photos of a video: the sharpest of each part, all or none; and cameras from them."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +16,7 @@ from solver.capture.decoding import read_exr
 from solver.capture.errors import CaptureError
 from solver.capture.read import read_capture
 from solver.capture.video import frames
+from solver.job.control import Cancelled
 from tests.cameras.box_scene import BoxScene, align, box_camera, orbit
 from tests.capture.videos import plain, write_video
 
@@ -133,6 +135,22 @@ def test_photos_are_there_all_or_not_at_all_and_are_not_taken_twice(walk, tmp_pa
     before = (folder / names[0]).stat().st_mtime_ns
     assert take_photos(video, folder, 14, stop) == names
     assert (folder / names[0]).stat().st_mtime_ns == before
+
+
+def test_who_cancels_is_told_so_even_if_a_photo_is_held_by_somebody(walk, tmp_path, monkeypatch):
+    video, _ = walk
+
+    def held(*args, **kwargs):
+        raise PermissionError(13, "Access is denied")
+
+    def cancelled(done, text):
+        monkeypatch.setattr(os, "unlink", held)
+        raise Cancelled
+
+    with pytest.raises(Cancelled):
+        take_photos(video, tmp_path / "photos", 14, cancelled)
+    monkeypatch.undo()
+    assert len(take_photos(video, tmp_path / "photos", 14, lambda *told: None)) == 14
 
 
 def test_an_hdr_video_gives_linear_photos_brighter_than_white(tmp_path):

@@ -104,6 +104,23 @@ def test_of_a_photo_and_its_smaller_copies_the_photo_counts(copies, tmp_path):
     assert [camera.image_path for camera in capture.cameras] == whole
 
 
+@pytest.mark.parametrize(
+    ("name", "page"), [("Küche", "cp1252"), ("Łazienka", "cp1250"), ("写真", "cp932")]
+)
+def test_names_in_the_encodings_of_windows_are_found(name, page, tmp_path):
+    for folder in (name, "other"):
+        save(tmp_path / folder / "1.png")
+    photos = [save(tmp_path / name / f"{i} {name}.png") for i in range(3)]
+    finder = PhotoFinder(tmp_path)
+    told = [
+        f"{name}/{path.name}".encode(page).decode("utf-8", "surrogateescape") for path in photos
+    ]
+    assert [finder.find(stated) for stated in told] == photos
+    stated = f"{name}/1.png".encode(page).decode("utf-8", "surrogateescape")
+    assert finder.find(stated) == tmp_path / name / "1.png"
+    assert finder.find("\ud83d.png") is None, "half a letter, as broken JSON has it"
+
+
 def test_other_photos_of_the_same_names_are_no_copies(tmp_path):
     for folder in ("left", "right"):
         for i in range(3):

@@ -2,12 +2,15 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from solver.capture import triangulate as module
 from solver.capture.photo_matches import NEIGHBOURS, Picture, neighbours
-from solver.capture.triangulate import triangulate
+from solver.capture.triangulate import compare_some, triangulate
+from tests.capture.code_page import plain_colmap
 from tests.capture.printed_table import HEIGHT, LENSES, WIDTH, camera_at, picture_at, printed
 
 
@@ -60,6 +63,20 @@ def test_who_is_told_of_progress_may_end_it(pattern):
 
     with pytest.raises(Enough):
         triangulate(cameras, [picture_at(c, pattern) for c in cameras], stop)
+
+
+def test_colmap_is_told_plain_letters_wherever_temporary_files_lie(pattern, tmp_path, monkeypatch):
+    folder = tmp_path / "写真 ł"
+    folder.mkdir()
+    monkeypatch.setattr(module.tempfile, "tempdir", str(folder))
+    monkeypatch.setattr(module, "quiet_colmap", plain_colmap)
+    monkeypatch.setattr(module, "run_apart", lambda work, *args, progress: work(*args, progress))
+    cameras = [camera_at(angle) for angle in np.linspace(0, 1.2, 6)]
+    pictures = {camera.name: picture_at(camera, pattern) for camera in cameras}
+    here = Path.cwd()
+    assert len(triangulate(cameras, list(pictures.values()), lambda done: None, 0.0).points) > 300
+    assert compare_some(cameras, lambda camera: pictures[camera.name]).beside < 1
+    assert Path.cwd() == here and list(folder.iterdir()) == []
 
 
 def test_cameras_are_compared_with_those_that_look_alike_from_nearby():

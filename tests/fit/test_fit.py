@@ -1,6 +1,7 @@
 """Settings, the visual hull, checkpoints, and that a fit learns."""
 
 import dataclasses
+import os
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from solver.capture.camera import Camera
 from solver.capture.capture import Capture
 from solver.capture.errors import CaptureError
 from solver.capture.photos import Photo
-from solver.fit import checkpoint
+from solver.fit import checkpoint, reconstruct
 from solver.fit.clock import FitClock
 from solver.fit.errors import SettingsError
 from solver.fit.losses import photometric, total_loss
@@ -21,7 +22,12 @@ from solver.fit.schedule import neural_share, smoothing_width
 from solver.fit.settings import Settings
 from solver.fit.start import background_of, masks_of, new_trainer, trainer_for
 from solver.fit.visual_hull import bounding_box, carve, signed_distance
-from solver.job.folder import JobError
+from solver.job import folder as job_folder
+from solver.job.control import Control
+from solver.job.events import EventStream
+from solver.job.folder import JobError, JobFolder, JobRequest
+from solver.job.progress import Progress
+from solver.job.status import Heartbeat
 from solver.render.radiance import RayBuffers
 from tests.capture.test_capture import pose
 
@@ -186,6 +192,37 @@ def test_a_checkpoint_interrupted_while_renaming_is_found(tmp_path):
     assert checkpoint.read_state(folder)["step"] == 1
     with pytest.raises(JobError, match="no checkpoint"):
         checkpoint.load_scene(tmp_path / "elsewhere")
+
+
+def test_a_fit_outlives_previews_and_checkpoints_that_somebody_has_open(tmp_path, monkeypatch):
+    """Windows lets nobody replace them then."""
+    often = dataclasses.replace(SMALL.fit, steps=7, preview_every=0.0, checkpoint_every=0.0)
+    capture, photos = ball_capture()
+    settings = dataclasses.replace(SMALL, fit=often)
+    trainer = new_trainer(capture, photos, settings, 0, None, "cpu", lambda fraction: None)
+    job = JobFolder.create(tmp_path / "job", JobRequest(capture="memory"))
+    progress = Progress(EventStream(job.events_path), Heartbeat(job.status_path), bar=False)
+    progress.stage("fit")
+    at_steps = {"render.png": (2, 3), "checkpoint.old": (3,), "checkpoint": (4, 5)}
+    replace, denied = os.replace, {}
+
+    def held(source, target):
+        name = Path(target).name
+        if trainer.step in at_steps.get(name, ()):
+            denied.setdefault(name, []).append(job.has_checkpoint())
+            raise PermissionError(13, "Access is denied", str(target))
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", held)
+    monkeypatch.setattr(job_folder, "_patiently", lambda work, seconds: work())
+    monkeypatch.setattr(reconstruct, "PREVIEW_PAUSE", 0.0)
+    reconstruct.fit(trainer, job, progress, Control(job.cancel_path, False), None, 0.0)
+    assert {name: len(there) for name, there in denied.items()} == {
+        name: len(steps) for name, steps in at_steps.items()
+    }
+    assert all(all(there) for there in denied.values()), "a checkpoint is there all the time"
+    state = checkpoint.read_state(job.checkpoint_dir)
+    assert state["done"] and state["step"] == trainer.step == 7
 
 
 def test_the_neural_term_fades_out_before_the_end():

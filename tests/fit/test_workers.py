@@ -1,12 +1,37 @@
 """Threads with scenes that share memory: the same gradients as one alone, and one optimiser for all."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import NamedTuple
 
+import numba
 import pytest
 import torch
 
 from solver.fit.workers import Workers, sharing
 from tests.render.scenes import ball
+
+FIT = """
+import dataclasses
+import numba
+from solver.kernels.warm_up import compile_kernels
+from tests.fit import test_fit
+
+compile_kernels("cpu")
+in_two = dataclasses.replace(test_fit.SMALL.fit, chunk_rays=128)
+test_fit.SMALL = dataclasses.replace(test_fit.SMALL, fit=in_two)
+trainer, losses, *_ = test_fit.trained(2)
+print(numba.threading_layer(), len(trainer.workers.scenes), len(losses))
+"""
+
+
+@pytest.fixture
+def threads_may_run_kernels():
+    ball().field.raw_density(torch.zeros(1, 3))  # until then numba has not chosen
+    if numba.threading_layer() == "workqueue":
+        pytest.skip("numba's workqueue ends a process in which two threads run kernels at once")
 
 
 class Point(NamedTuple):
@@ -35,6 +60,7 @@ def gradients_of(scene):
     return [p.grad for p in scene.parameters() if p.grad is not None and p.grad.any()]
 
 
+@pytest.mark.usefixtures("threads_may_run_kernels")
 def test_gradients_and_results_do_not_depend_on_the_number_of_workers():
     results, gradients = [], []
     for count in (1, 2, 3):
@@ -64,6 +90,7 @@ def test_a_sharing_scene_sees_every_change_but_has_its_own_gradients():
     assert other.environment is not scene.environment
 
 
+@pytest.mark.usefixtures("threads_may_run_kernels")
 def test_over_two_steps_each_gradient_counts_once():
     workers, alone = Workers(ball(), DensityThere(), 2), Workers(ball(), DensityThere(), 1)
     for _ in range(2):
@@ -90,3 +117,16 @@ def test_a_workers_error_reaches_the_caller():
     with pytest.raises(ValueError, match="chunk"):
         workers.gradients(points(2))
     workers.close()
+
+
+@pytest.mark.parametrize("layer", ["omp", "workqueue"])
+def test_a_fit_has_threads_of_its_own_only_where_numbas_may_be_shared(layer):
+    """macOS and Windows may have nothing but numba's workqueue, which would end the process."""
+    fit = subprocess.run(
+        [sys.executable, "-c", FIT], cwd=Path(__file__).parents[2], capture_output=True, text=True,
+        env={**os.environ, "NUMBA_THREADING_LAYER": layer, "NUMBA_NUM_THREADS": "2"}, timeout=300,
+    )  # fmt: skip
+    if layer == "omp" and "No threading layer" in fit.stderr:
+        pytest.skip("numba finds no OpenMP here")
+    assert fit.returncode == 0, fit.stderr
+    assert fit.stdout.split() == [layer, "1" if layer == "workqueue" else "2", "2"]

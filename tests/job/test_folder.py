@@ -89,6 +89,13 @@ def test_a_folder_with_other_things_is_refused_and_left_alone(tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["holiday.jpg"]
 
 
+@pytest.mark.parametrize("left", [".DS_Store", "desktop.ini", "Thumbs.db"])
+def test_a_folder_that_was_only_looked_at_is_an_empty_one(tmp_path, left):
+    (tmp_path / left).touch()
+    job = JobFolder.create(tmp_path, JobRequest(capture="/photos"))
+    assert job.request.capture == "/photos" and (tmp_path / left).exists()
+
+
 def test_a_file_in_the_folders_place_is_refused(tmp_path):
     (tmp_path / "job").write_text("mine")
     with pytest.raises(JobError, match="is a file"):
