@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import re
 import struct
-import sys
+from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
@@ -163,7 +163,7 @@ def is_raw(path: Path) -> bool:
 
 
 def _raw_size(path: Path) -> tuple[int, int]:
-    if "bpy" in sys.modules:
+    if find_spec("rawpy") is None:
         raise UnknownSize(
             path, "", "the size of a raw photo cannot be read in Blender",
             "let Solve Cameras find the cameras, or develop the photos to TIFF or JPEG",

@@ -228,9 +228,8 @@ def fit(
             last_preview = time.monotonic()
             preview_took = last_preview - now
         if now - last_checkpoint > settings.fit.checkpoint_every:
-            with suppress(
-                PermissionError
-            ):  # who has the last one open lets go of it before another
+            # On Windows somebody may have the last one open, and lets go of it before another.
+            with suppress(PermissionError):
                 checkpoint.save_checkpoint(
                     trainer, job.checkpoint_dir, seconds_before + elapsed, done=False
                 )

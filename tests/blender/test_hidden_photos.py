@@ -129,8 +129,11 @@ def test_a_damaged_photo_through_a_distorted_lens_is_imported_with_nothing_to_se
 
 
 @pytest.fixture
-def raw_capture(extension, tmp_path):
-    """An imported capture of three raw photos that lie on their side, of cameras that stand upright."""
+def raw_capture(extension, package, monkeypatch, tmp_path):
+    """An imported capture of three raw photos that lie on their side, of cameras that stand upright; in a
+    Python without LibRaw, as Blender's is."""
+    header = sys.modules[f"{package.__name__}.solver.capture.image_header"]
+    monkeypatch.setattr(header, "find_spec", lambda name: None)
     names = [f"IMG_{n}.dng" for n in range(3)]
     for name in names:
         write_dng(tmp_path / name, np.full((80, 48, 3), 0.5), orientation=6)

@@ -217,7 +217,7 @@ def test_cameras_of_photos_that_were_made_smaller_follow_but_not_those_of_anothe
 def test_blender_leaves_the_size_to_the_solver(tmp_path, monkeypatch):
     for number in range(3):
         write_dng(tmp_path / f"{number}.dng", patches(COLOURS))
-    monkeypatch.setitem(image_header.sys.modules, "bpy", None)
+    monkeypatch.setattr(image_header, "find_spec", lambda name: None)
     with pytest.raises(
         image_header.UnknownSize, match="0.dng: .*let Solve Cameras find the cameras"
     ):
