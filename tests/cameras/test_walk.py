@@ -116,10 +116,9 @@ def solve(photos, out, *options):
     return result.stderr, (out / "events.jsonl").read_text().splitlines()
 
 
-@pytest.mark.parametrize("matcher", ["sequential", "auto"])
-def test_photos_around_what_looks_alike_from_behind_are_not_folded(alike, matcher, tmp_path):
+def test_photos_around_what_looks_alike_from_behind_are_not_folded(alike, tmp_path):
     folder, truth = alike
-    _, events = solve(folder, tmp_path / "cameras", "--matcher", matcher)
+    _, events = solve(folder, tmp_path / "cameras")
     capture = read_capture(tmp_path / "cameras", photos=folder)
     assert len(capture.cameras) == len(truth)
     assert position_error(capture, truth) < 0.05
