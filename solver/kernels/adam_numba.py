@@ -5,8 +5,10 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from .compiling import kernel
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+
+@kernel
 def step(parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon):
     """Change all tensors [N, C] in place; see the twin."""
     one = np.float32(1)

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 
-import numba
+from .compiling import inlined
 
 TAN_EIGHTH = math.tan(math.pi / 8)
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def cosine_sine_of_turns(u):
     """cos 2πu and sin 2πu; Taylor series within an eighth of a turn, to 3e-8."""
     quarters = math.floor(4.0 * u + 0.5)
@@ -27,7 +27,7 @@ def cosine_sine_of_turns(u):
     return (-cosine, -sine) if quarter & 2 else (cosine, sine)
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def angle_of(x, y):
     """Angle of (x, y) from the x axis in (−π, π], not both 0; series within π/8, to 2e-8."""
     wide, high = abs(x), abs(y)

@@ -12,12 +12,13 @@ import math
 import numba
 import numpy as np
 
+from .compiling import function, inlined, kernel
 from .vectors_numba import minus, plus, times, triple
 
 BANDS = 8  # of rows; the tasks of a scatter, where several threads share it
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def column(x, width):
     """Whole turns, texel and fraction of a continuous column; columns wrap around."""
     turns = math.floor(x / width)
@@ -26,7 +27,7 @@ def column(x, width):
     return turns, i, x - i
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def corner(table, i, f, j, g):
     """Prefix sums [3] at column i + f and row j + g, and their slopes by column and row."""
     left, right = triple(table, j, i), triple(table, j, i + 1)
@@ -37,7 +38,7 @@ def corner(table, i, f, j, g):
     return plus(value, g, by_y), plus(step, g, minus(below_step, step)), by_y
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def slab(table, width, height, x0, x1, y):
     """Integrals [3] over columns x0..x1 and rows 0..y, y in [0, H]; their slopes by shift and by y."""
     turns0, i0, f0 = x0
@@ -55,7 +56,7 @@ def slab(table, width, height, x0, x1, y):
     return value, minus(right_x, left_x), by_y
 
 
-@numba.njit(fastmath=True)
+@function
 def slab_over_poles(table, width, height, x0, x1, far0, far1, y):
     """`slab` for y in [−H, 2H]: past a pole the map goes on half a turn away (`far`), mirrored."""
     zero = (0.0, 0.0, 0.0)
@@ -71,7 +72,7 @@ def slab_over_poles(table, width, height, x0, x1, far0, far1, y):
     return slab(table, width, height, x0, x1, y)
 
 
-@numba.njit(fastmath=True)
+@function
 def row_integral_over_poles(rows, y, height):
     """Solid angle of one texel column between row 0 and continuous row y; its slope by y."""
     folded = -y if y < 0.0 else (2.0 * height - y if y > height else y)
@@ -85,7 +86,7 @@ def row_integral_over_poles(rows, y, height):
     return value, slope
 
 
-@numba.njit(fastmath=True)
+@function
 def rectangle(table, rows, x, y, columns, lines, mean, slope, n):
     """Write the mean [n, 3] over a rectangle around (x, y), and its slopes [n, 3, 2] by x and y."""
     height, width = table.shape[0] - 1, table.shape[1] - 1
@@ -111,7 +112,7 @@ def rectangle(table, rows, x, y, columns, lines, mean, slope, n):
     slope[n, 2, 1] = by_y[2] - m2 * area_slope
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+@kernel
 def rectangle_mean(table, rows, centre, size, out, slope):
     """Solid-angle weighted means [N, 3] over rectangles, and their slopes [N, 3, 2] by centre.
 
@@ -122,7 +123,7 @@ def rectangle_mean(table, rows, centre, size, out, slope):
         rectangle(table, rows, x, y, float(size[n, 0]), float(size[n, 1]), out, slope, n)
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def add_triple(values, i, j, f, a):
     """values[i, j] += f·a."""
     values[i, j, 0] += f * a[0]
@@ -130,7 +131,7 @@ def add_triple(values, i, j, f, a):
     values[i, j, 2] += f * a[2]
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def scatter_row(grad, j, low, high, width, x0, x1, a):
     if j < low or j >= high:
         return
@@ -144,7 +145,7 @@ def scatter_row(grad, j, low, high, width, x0, x1, a):
         add_triple(grad, j, width, turns1 - turns0, a)
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def scatter_slab(grad, low, high, width, height, x0, x1, y, a):
     """Adjoint of a `slab` with cotangents a of its integrals."""
     j = min(int(y), height - 1)
@@ -153,7 +154,7 @@ def scatter_slab(grad, low, high, width, height, x0, x1, y, a):
     scatter_row(grad, j + 1, low, high, width, x0, x1, times(g, a))
 
 
-@numba.njit(fastmath=True)
+@function
 def scatter_over_poles(grad, low, high, width, height, left, right, y, a):
     """Adjoint of `slab_over_poles`."""
     x0, x1 = column(left, width), column(right, width)
@@ -170,7 +171,7 @@ def scatter_over_poles(grad, low, high, width, height, left, right, y, a):
         scatter_slab(grad, low, high, width, height, x0, x1, y, a)
 
 
-@numba.njit(fastmath=True, nogil=True)
+@function
 def scatter_band(rows, centre, size, cotangent, low, high, grad):
     """Adjoint of all rectangles, as far as it falls into table rows low ≤ j < high."""
     height, width = grad.shape[0] - 1, grad.shape[1] - 1
@@ -204,7 +205,7 @@ def rectangle_mean_backward(rows, centre, size, cotangent, grad):
     _scatter(rows, centre, size, cotangent, bands, grad)
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+@kernel
 def _scatter(rows, centre, size, cotangent, bands, grad):
     count = grad.shape[0]
     for band in numba.prange(bands):

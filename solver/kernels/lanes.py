@@ -6,12 +6,12 @@ know that the rows differ. Written out, nothing is in its way (docs/decisions/00
 
 from __future__ import annotations
 
-import numba
+from .compiling import inlined
 
 LANES = 8
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def load(row, at):
     """Eight numbers of a row."""
     return (
@@ -20,7 +20,7 @@ def load(row, at):
     )  # fmt: skip
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def add_to(row, at, a):
     """row += a."""
     row[at] += a[0]
@@ -33,7 +33,7 @@ def add_to(row, at, a):
     row[at + 7] += a[7]
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def scaled(w, a):
     """w · a, w a number."""
     return (
@@ -41,7 +41,7 @@ def scaled(w, a):
     )  # fmt: skip
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def blend(v, a, w, b):
     """v · a + w · b, v and w numbers."""
     return (
@@ -50,7 +50,7 @@ def blend(v, a, w, b):
     )  # fmt: skip
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def added(a, b):
     """a + b."""
     return (
@@ -59,7 +59,7 @@ def added(a, b):
     )  # fmt: skip
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def multiplied(a, b):
     """a · b, number by number."""
     return (

@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import math
 
-import numba
-
 from .angles_numba import cosine_sine_of_turns
+from .compiling import function
 from .vectors_numba import cross, dot, plus
 
 LEAST_VIEW = 1e-3  # cosine to the viewer, at least
 
 
-@numba.njit(fastmath=True)
+@function
 def across(g, unit, length):
     """Adjoint of normalising a vector of `length` to `unit`."""
     along = dot(unit, g)
@@ -26,7 +25,7 @@ def across(g, unit, length):
     )
 
 
-@numba.njit(fastmath=True)
+@function
 def frame(n):
     """Tangent and bitangent of a unit normal (Duff et al. 2017)."""
     sign = 1.0 if n[2] >= 0 else -1.0
@@ -39,7 +38,7 @@ def frame(n):
     )
 
 
-@numba.njit(fastmath=True)
+@function
 def frame_adjoint(n, g_t, g_b):
     sign = 1.0 if n[2] >= 0 else -1.0
     a = -1.0 / (sign + n[2])
@@ -52,7 +51,7 @@ def frame_adjoint(n, g_t, g_b):
     )  # fmt: skip
 
 
-@numba.njit(fastmath=True)
+@function
 def local_view(t, b, n, v):
     """Viewer in the frame, not below LEAST_VIEW, as a unit vector; and the length it had."""
     x, y, z = dot(t, v), dot(b, v), max(dot(n, v), LEAST_VIEW)
@@ -60,7 +59,7 @@ def local_view(t, b, n, v):
     return (x / length, y / length, z / length), length
 
 
-@numba.njit(fastmath=True)
+@function
 def seen_sample(normals, views, s):
     """Normal, viewer, tangent, bitangent, local viewer and its length, of sample s."""
     n = (float(normals[s, 0]), float(normals[s, 1]), float(normals[s, 2]))
@@ -70,14 +69,14 @@ def seen_sample(normals, views, s):
     return n, v, t, b, view, length
 
 
-@numba.njit(fastmath=True)
+@function
 def mirrored(view, half):
     """Cosine between viewer and half vector, and the viewer mirrored at it; all local."""
     view_half = dot(view, half)
     return view_half, plus((-view[0], -view[1], -view[2]), 2.0 * view_half, half)
 
 
-@numba.njit(fastmath=True)
+@function
 def stretched_frame(view, alpha):
     """Stretched viewer, its two tangents, and what its adjoint needs (Heitz 2018)."""
     x, y, z = alpha * view[0], alpha * view[1], view[2]
@@ -89,14 +88,14 @@ def stretched_frame(view, alpha):
     return s, t1, cross(s, t1), length, square, inverse
 
 
-@numba.njit(fastmath=True)
+@function
 def smith(cosine, alpha):
     """Smith's Λ."""
     c2 = min(max(cosine * cosine, 1e-8), 1.0)
     return 0.5 * (math.sqrt(1.0 + alpha * alpha * (1.0 - c2) / c2) - 1.0)
 
 
-@numba.njit(fastmath=True)
+@function
 def smith_slopes(cosine, alpha):
     """dΛ/dcosine, dΛ/dα."""
     c2 = min(max(cosine * cosine, 1e-8), 1.0)
@@ -106,7 +105,7 @@ def smith_slopes(cosine, alpha):
     return slope * by_cosine, slope * 2.0 * alpha * ratio
 
 
-@numba.njit(fastmath=True)
+@function
 def half_vector(s, t1, t2, alpha, u0, u1):
     """Half vector of a visible normal, and what its adjoint needs."""
     radius, (cosine, sine) = math.sqrt(u0), cosine_sine_of_turns(u1)
@@ -121,7 +120,7 @@ def half_vector(s, t1, t2, alpha, u0, u1):
     return (x / length, y / length, z / length), length, flat, p1, p2, p3, side - far
 
 
-@numba.njit(fastmath=True)
+@function
 def to_world(t, b, n, local):
     x = t[0] * local[0] + b[0] * local[1] + n[0] * local[2]
     y = t[1] * local[0] + b[1] * local[1] + n[1] * local[2]
@@ -130,6 +129,6 @@ def to_world(t, b, n, local):
     return (x / length, y / length, z / length), length
 
 
-@numba.njit(fastmath=True)
+@function
 def power5(x):
     return x * x * x * x * x

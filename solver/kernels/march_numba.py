@@ -11,20 +11,21 @@ import math
 import numba
 import numpy as np
 
+from .compiling import inlined, kernel
 from .vm_point_numba import ONE, raw_density
 from .walk_numba import box_span, walk
 
 BLOCK = 256  # rays of a task
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def extinction(raw, shift, scale):
     """σ = scale · softplus(raw + shift), per world unit; single precision, to end walks by."""
     x = raw + np.float32(shift)
     return scale * (x if x > np.float32(20.0) else math.log(ONE + math.exp(x)))
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+@kernel
 def march(
     origins, directions, start, jitter, step, cell, free, planes, lines, shift, scale,
     min_transmittance, distance, raw, counts,
@@ -84,7 +85,7 @@ def compact(
             ray[first + i] = r
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+@kernel
 def grid_transmittance(origins, directions, start, step, blocking, out):
     """Transmittance [R] of rays through a grid of extinctions, nearest cell, until nearly opaque."""
     rays, nobody = origins.shape[0], np.empty(0, np.float32)
@@ -96,7 +97,7 @@ def grid_transmittance(origins, directions, start, step, blocking, out):
         )  # fmt: skip
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+@kernel
 def composite(optical_depth, offsets, weights, transmittance):
     """Weights T_i (1 − exp(−τ_i)) of flat segments and the transmittance left behind each ray."""
     for r in numba.prange(offsets.shape[0] - 1):
@@ -108,7 +109,7 @@ def composite(optical_depth, offsets, weights, transmittance):
         transmittance[r] = passing
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+@kernel
 def composite_backward(offsets, weights, transmittance, g_weights, g_transmittance, out):
     """Adjoint of `composite`: dw_i/dτ_i = T_{i+1}, dw_j/dτ_i = −w_j for j > i, dT/dτ_i = −T."""
     for r in numba.prange(offsets.shape[0] - 1):

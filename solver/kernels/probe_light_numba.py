@@ -8,8 +8,10 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from .compiling import inlined, kernel, serial_kernel
 
-@numba.njit(inline="always", fastmath=True)
+
+@inlined
 def basis_of(normal, form, homogeneous, basis):
     """Harmonics [9] at a unit normal: its quadratic monomials times `form` [16, 9]."""
     homogeneous[0], homogeneous[1], homogeneous[2] = normal[0], normal[1], normal[2]
@@ -22,7 +24,7 @@ def basis_of(normal, form, homogeneous, basis):
                 basis[degree] += monomial * form[4 * i + j, degree]
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+@kernel
 def irradiance_between(
     points, row, clear, per_spacing, table, normals, form, out, rows, shares, blended
 ):
@@ -61,7 +63,7 @@ def irradiance_between(
             out[s, channel] = max(value, np.float32(0.0))
 
 
-@numba.njit(fastmath=True, cache=True, nogil=True)
+@serial_kernel
 def irradiance_between_backward(
     normals, form, out, rows, shares, blended, cotangent, g_table, g_normals
 ):

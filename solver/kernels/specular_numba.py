@@ -13,6 +13,7 @@ import numba
 import numpy as np
 
 from .angles_numba import angle_of
+from .compiling import function, inlined, kernel
 from .integral_numba import rectangle
 from .lobe_numba import (
     LEAST_VIEW,
@@ -28,31 +29,40 @@ from .lobe_numba import (
     to_world,
 )
 from .skipping import SELF_SHADOW_COSINE
-from .vectors_numba import cross, dot, plus
+from .vectors_numba import cross, dot, plus, times
 from .walk_numba import walk
 
 ABOVE = 1e-4  # cosine from which a reflected direction counts as above the surface
 BLOCK = 64  # samples of a task
+LANES, FEW = 16, 6  # rays that the adjoint does at once; samples of fewer go one by one
+AT_A_POLE = 2e-7  # squared sine of a polar angle below which the map's row has no slope
 NEVER = 1e30  # distance from which a ray that is not looked at can be blocked
 
 
-@numba.njit(inline="always", fastmath=True)
-def from_centre(d, shifts, up, s):
-    """Direction in which a floor's centre sees what ray d of sample s meets, its length before it was made
-    unit, and the sample's shift, which is 0 for rays that do not go down (see `light.floor`)."""
-    zero = (0.0, 0.0, 0.0)
-    if shifts.shape[0] == 0:
-        return d, 1.0, zero
-    down = -dot(d, up)
-    if down <= 0.0:
-        return d, 1.0, zero
-    shift = (float(shifts[s, 0]), float(shifts[s, 1]), float(shifts[s, 2]))
+@function
+def row_of(values, s):
+    """values[s] of an array [..., 3]."""
+    return float(values[s, 0]), float(values[s, 1]), float(values[s, 2])
+
+
+@function
+def shift_of(shifts, s):
+    """A sample's shift to a floor's centre; 0 without a floor (see `light.floor`)."""
+    return (0.0, 0.0, 0.0) if shifts.shape[0] == 0 else row_of(shifts, s)
+
+
+@function
+def from_centre(d, shift, up):
+    """Direction in which a floor's centre sees what ray d meets, its length before it was made unit, and
+    the shift of this ray, which is 0 if it does not go down."""
+    down = max(-dot(d, up), 0.0)
+    shift = times(1.0 if down > 0.0 else 0.0, shift)
     moved = plus(d, down, shift)
     length = math.sqrt(dot(moved, moved))
     return (moved[0] / length, moved[1] / length, moved[2] / length), length, shift
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def along_ray(axis, d, length, shift, up):
     """See `SeenFromCentre.along_rays`."""
     moved = plus(axis, -dot(axis, shift), up)
@@ -60,7 +70,7 @@ def along_ray(axis, d, length, shift, up):
     return moved[0] / length, moved[1] / length, moved[2] / length
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def leave(
     s, normals, views, alphas, f0s, first, shares, u, masking, averaged, spread, shifts, up, width,
     height, reach, directions, weights, start, centre, size,
@@ -70,6 +80,7 @@ def leave(
     n, _, t, b, view, _ = seen_sample(normals, views, s)
     st, t1, t2, _, _, _ = stretched_frame(view, alpha)
     view_lambda = smith(view[2], alpha)
+    floor_shift = shift_of(shifts, s)
     count = first[s + 1] - first[s]
     for k in range(first[s], first[s + 1]):
         half, _, _, _, _, _, _ = half_vector(st, t1, t2, alpha, float(u[k, 0]), float(u[k, 1]))
@@ -92,7 +103,7 @@ def leave(
         density = alpha * alpha / max(math.pi * denominator * denominator, 1e-20)
         density /= (1.0 + view_lambda) * 4.0 * view[2]
         solid_angle = min(1.0 / max(count * density, 1e-6), 4.0 * math.pi) if averaged else 0.0
-        e, length, shift = from_centre(d, shifts, up, s)
+        e, length, shift = from_centre(d, floor_shift, up)
         sine = max(math.sqrt(e[0] * e[0] + e[1] * e[1]), 1e-4)
         wide, high = solid_angle, solid_angle
         if averaged:
@@ -116,7 +127,7 @@ def leave(
         start[k] = min(reach * (1.0 / max(out[2], SELF_SHADOW_COSINE) - 1.0), 4.0 * reach)
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def gather(s, first, weights, passing, table, rows, centre, size, radiance, light, slope):
     """What the rays of one sample bring back."""
     r0, r1, r2 = 0.0, 0.0, 0.0
@@ -133,7 +144,7 @@ def gather(s, first, weights, passing, table, rows, centre, size, radiance, ligh
     radiance[s, 0], radiance[s, 1], radiance[s, 2] = r0, r1, r2
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+@kernel
 def specular(
     normals, views, alphas, f0s, first, shares, u, masking, averaged, spread, shifts, up,
     points, reach, box_low, box_scale, cell, blocking, table, rows,
@@ -170,28 +181,35 @@ def specular(
             gather(s, first, weights, passing, table, rows, centre, size, radiance, light, slope)
 
 
-@numba.njit(fastmath=True, nogil=True)
+@function
 def specular_backward_of_sample(
     s, normals, views, alphas, f0s, first, shares, u, masking, shifts, up, directions, light, slope,
     width, height, cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
 ):  # fmt: skip
-    """One sample of `specular_backward`."""
+    """One sample of `specular_backward`.
+
+    Its rays go through one loop without branches, LANES at once: the compiler makes that of loops which
+    nothing leaves, not even a division by zero. Those missing from the last LANES count for nothing.
+    """
     alpha = float(alphas[s])
     n, v, t, b, view, view_length = seen_sample(normals, views, s)
     st, t1, t2, st_length, square, inverse = stretched_frame(view, alpha)
     view_lambda = smith(view[2], alpha)
+    floor_shift = shift_of(shifts, s)
     zero = (0.0, 0.0, 0.0)
     g_t, g_b, g_n, g_view, g_t1, g_t2, g_st = zero, zero, zero, zero, zero, zero, zero
-    g_alpha = 0.0
-    g_view_lambda = 0.0
-    g_f0 = zero
-    for k in range(first[s], first[s + 1]):
+    g_f0, g_alpha, g_view_lambda = zero, 0.0, 0.0
+    f0, cotangents = row_of(f0s, s), row_of(cotangent, s)
+    begin, count = np.uint64(first[s]), first[s + 1] - first[s]
+    last = begin + np.uint64(max(count - 1, 0))
+    lanes = (count + LANES - 1) // LANES * LANES if count >= FEW else count
+    for lane in range(lanes):
+        k = min(begin + np.uint64(lane), last)
         half, length, flat, p1, p2, p3, by_share = half_vector(
             st, t1, t2, alpha, float(u[k, 0]), float(u[k, 1])
         )
         view_half, out = mirrored(view, half)
-        if out[2] <= ABOVE:
-            continue
+        counts = 1.0 if lane < count and out[2] > ABOVE else 0.0
         bend = shares[s]
         out_lambda = 0.0
         if masking:
@@ -199,23 +217,23 @@ def specular_backward_of_sample(
             bend *= (1.0 + view_lambda) / (1.0 + view_lambda + out_lambda)
         m = min(max(1.0 - view_half, 0.0), 1.0)
         m5 = power5(m)
-        g_column, g_row, g_m5, g_bend = 0.0, 0.0, 0.0, 0.0
-        for c in range(3):
-            f0 = float(f0s[s, c])
-            fresnel = f0 + (1.0 - f0) * m5
-            g = float(cotangent[s, c])
-            g_column += g * fresnel * bend * slope[k, c, 0]
-            g_row += g * fresnel * bend * slope[k, c, 1]
-            g_weight = g * light[k, c] + g_weights[k, c]
-            g_fresnel = g_weight * bend
-            g_bend += g_weight * fresnel
-            g_m5 += g_fresnel * (1.0 - f0)
-            by_f0 = g_fresnel * (1.0 - m5)
-            g_f0 = (
-                g_f0[0] + (by_f0 if c == 0 else 0.0),
-                g_f0[1] + (by_f0 if c == 1 else 0.0),
-                g_f0[2] + (by_f0 if c == 2 else 0.0),
-            )
+        fresnel = (
+            f0[0] + (1.0 - f0[0]) * m5, f0[1] + (1.0 - f0[1]) * m5, f0[2] + (1.0 - f0[2]) * m5
+        )  # fmt: skip
+        g = times(counts, cotangents)
+        lit = (g[0] * fresnel[0], g[1] * fresnel[1], g[2] * fresnel[2])
+        g_column = bend * dot(lit, (slope[k, 0, 0], slope[k, 1, 0], slope[k, 2, 0]))
+        g_row = bend * dot(lit, (slope[k, 0, 1], slope[k, 1, 1], slope[k, 2, 1]))
+        g_weight = (
+            g[0] * light[k, 0] + counts * g_weights[k, 0],
+            g[1] * light[k, 1] + counts * g_weights[k, 1],
+            g[2] * light[k, 2] + counts * g_weights[k, 2],
+        )
+        g_bend = dot(g_weight, fresnel)
+        g_m5 = bend * (
+            g_weight[0] * (1.0 - f0[0]) + g_weight[1] * (1.0 - f0[1]) + g_weight[2] * (1.0 - f0[2])
+        )
+        g_f0 = plus(g_f0, bend * (1.0 - m5), g_weight)
         g_out_z = 0.0
         if masking:
             total = 1.0 + view_lambda + out_lambda
@@ -226,29 +244,25 @@ def specular_backward_of_sample(
             g_out_z += g_out_lambda * by_cosine
             g_alpha += g_out_lambda * by_alpha
         d = (float(directions[k, 0]), float(directions[k, 1]), float(directions[k, 2]))
-        e, e_length, shift = from_centre(d, shifts, up, s)
+        e, e_length, shift = from_centre(d, floor_shift, up)
         square_xy = max(e[0] * e[0] + e[1] * e[1], 1e-14)
         turn = g_column * width / (2.0 * math.pi * square_xy)
-        fall = 0.0
-        if abs(e[2]) < 1.0 - 1e-7:
-            fall = -g_row * height / (math.pi * math.sqrt(1.0 - e[2] * e[2]))
+        fall = -g_row * height / (math.pi * math.sqrt(square_xy)) if square_xy > AT_A_POLE else 0.0
         g_d = across((turn * e[1], -turn * e[0], fall), e, e_length)
         g_d = plus(g_d, -dot(g_d, shift), up)
         _, d_length = to_world(t, b, n, out)
-        g_d = plus(g_d, 1.0, (g_directions[k, 0], g_directions[k, 1], g_directions[k, 2]))
+        g_d = plus(g_d, counts, (g_directions[k, 0], g_directions[k, 1], g_directions[k, 2]))
         g_d = across(g_d, d, d_length)
         g_t, g_b, g_n = plus(g_t, out[0], g_d), plus(g_b, out[1], g_d), plus(g_n, out[2], g_d)
         g_out = (dot(t, g_d), dot(b, g_d), dot(n, g_d) + g_out_z)
         g_view_half = 2.0 * dot(half, g_out) - 5.0 * m * m * m * m * g_m5
-        g_half = plus((2 * view_half * g_out[0], 2 * view_half * g_out[1], 2 * view_half * g_out[2]),
-                      g_view_half, view)  # fmt: skip
+        g_half = plus(times(2.0 * view_half, g_out), g_view_half, view)
         g_view = plus(plus(g_view, -1.0, g_out), g_view_half, half)
         g_long = across(g_half, half, length)
         g_alpha += g_long[0] * flat[0] + g_long[1] * flat[1]
         g_flat = (alpha * g_long[0], alpha * g_long[1], g_long[2] if flat[2] > 1e-7 else 0.0)
         g_p2 = dot(g_flat, t2)
-        if 1.0 - p1 * p1 - p2 * p2 > 1e-12:
-            g_p2 -= dot(g_flat, st) * p2 / p3
+        g_p2 -= dot(g_flat, st) * p2 / p3 if 1.0 - p1 * p1 - p2 * p2 > 1e-12 else 0.0
         g_t1, g_t2, g_st = (
             plus(g_t1, p1, g_flat),
             plus(g_t2, p2, g_flat),
@@ -284,7 +298,7 @@ def specular_backward_of_sample(
         g_f0s[s, c] = g_f0[c]
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+@kernel
 def specular_backward(
     normals, views, alphas, f0s, first, shares, u, masking, shifts, up, directions, weights, passing,
     light, slope, width, height, cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,

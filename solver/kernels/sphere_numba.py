@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 
-import numba
+from .compiling import inlined, serial_kernel
 
 
-@numba.njit(inline="always")
+@inlined
 def wrapped(column, width):
     """A column that is at most once around the map, on it: a modulo takes longer than all else here."""
     if column < 0:
@@ -19,7 +19,7 @@ def wrapped(column, width):
     return column - width if column >= width else column
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def corners(place, height, width):
     """Rows and columns of the four texels around a place, and how far it is between them."""
     x, y = place[0] - 0.5, place[1] - 0.5
@@ -35,7 +35,7 @@ def corners(place, height, width):
     return j0, i0, i1, j1, i2, i3, f, g
 
 
-@numba.njit(fastmath=True, cache=True, nogil=True)
+@serial_kernel
 def look_up(values, places, out):
     """Values [3, H, W] at places, into out [3, H', W']."""
     height, width = values.shape[1:]
@@ -48,7 +48,7 @@ def look_up(values, places, out):
                 out[c, row, column] = above + g * (below - above)
 
 
-@numba.njit(fastmath=True, cache=True, nogil=True)
+@serial_kernel
 def look_up_backward(places, cotangent, grad):
     """Add to grad [3, H, W] what the cotangent [3, H', W'] of `look_up` says of the values."""
     height, width = grad.shape[1:]

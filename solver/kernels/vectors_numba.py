@@ -3,37 +3,37 @@ registers."""
 
 from __future__ import annotations
 
-import numba
+from .compiling import function, inlined
 
 
-@numba.njit(inline="always")
+@inlined
 def triple(values, i, j):
     """values[i, j] of an array [..., ..., 3]."""
     return values[i, j, 0], values[i, j, 1], values[i, j, 2]
 
 
-@numba.njit(fastmath=True)
+@function
 def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@numba.njit(fastmath=True)
+@function
 def cross(a, b):
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-@numba.njit(fastmath=True)
+@function
 def minus(a, b):
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
-@numba.njit(fastmath=True)
+@function
 def times(f, a):
     """f·a."""
     return (f * a[0], f * a[1], f * a[2])
 
 
-@numba.njit(fastmath=True)
+@function
 def plus(a, f, b):
     """a + f·b."""
     return (a[0] + f * b[0], a[1] + f * b[1], a[2] + f * b[2])

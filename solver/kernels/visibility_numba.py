@@ -5,10 +5,11 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from .compiling import kernel
 from .walk_numba import walk
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+@kernel
 def look_around(points, directions, start, step, blocking, passing, distance):
     """See `visibility.look_around`."""
     count = directions.shape[0]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from .compiling import inlined, kernel
 from .lanes import LANES, load
 from .vm_point_numba import (
     ONE,
@@ -29,13 +30,13 @@ _axis_b = np.array([1, 2, 2])
 _axis_c = np.array([2, 1, 0])
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+@kernel
 def vm_sum(points, planes, lines, out):
     for n in numba.prange(points.shape[0]):
         out[n] = raw_density(points[n, 0], points[n, 1], points[n, 2], planes, lines)
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+@kernel
 def vm_products(points, planes, lines, out):
     size = planes.shape[1]
     channels = planes.shape[3]
@@ -55,7 +56,7 @@ def channels_per_task(planes):
     return planes.shape[3] if numba.get_num_threads() == 1 else LANES
 
 
-@numba.njit(inline="always")
+@inlined
 def task_of(task, channels, width):
     """Pair and range of channels of a task."""
     tasks_per_pair = (channels + width - 1) // width
@@ -63,7 +64,7 @@ def task_of(task, channels, width):
     return task // tasks_per_pair, first, min(first + width, channels)
 
 
-@numba.njit(inline="always")
+@inlined
 def task_count(channels, width):
     return 3 * ((channels + width - 1) // width)
 
@@ -74,7 +75,7 @@ def vm_products_backward(points, planes, lines, cotangent, grad_planes, grad_lin
     _products_backward(points, planes, lines, cotangent, width, grad_planes, grad_lines)
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+@kernel
 def _products_backward(points, planes, lines, cotangent, width, grad_planes, grad_lines):
     size, channels = planes.shape[1], planes.shape[3]
     for task in numba.prange(task_count(channels, width)):
@@ -98,7 +99,7 @@ def vm_sum_backward(points, planes, lines, cotangent, least, grad_planes, grad_l
     _sum_backward(points, planes, lines, cotangent, least, width, grad_planes, grad_lines)
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+@kernel
 def _sum_backward(points, planes, lines, cotangent, least, width, grad_planes, grad_lines):
     size, channels = planes.shape[1], planes.shape[3]
     for task in numba.prange(task_count(channels, width)):
@@ -118,7 +119,7 @@ def _sum_backward(points, planes, lines, cotangent, least, width, grad_planes, g
                 spread(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g)
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+@kernel
 def vm_gradient(points, planes, lines, out):
     size = planes.shape[1]
     channels = planes.shape[3]
@@ -149,7 +150,7 @@ def vm_gradient_backward(points, planes, lines, cotangent, grad_planes, grad_lin
     _gradient_backward(points, planes, lines, cotangent, width, grad_planes, grad_lines)
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+@kernel
 def _gradient_backward(points, planes, lines, cotangent, width, grad_planes, grad_lines):
     size = planes.shape[1]
     channels = planes.shape[3]
@@ -194,14 +195,14 @@ def _gradient_backward(points, planes, lines, cotangent, width, grad_planes, gra
                 grad_lines[k, m3, ch] += w * to_dc
 
 
-@numba.njit(inline="always")
+@inlined
 def mirrored(index, size):
     """An index beyond an axis' ends, reflected there: … b a | a b c …"""
     index = index % (2 * size)
     return 2 * size - 1 - index if index >= size else index
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, nogil=True)
+@kernel
 def smooth_planes(planes, taps, out):
     """Odd, symmetric taps along both axes of planes [3, G, G, C], borders mirrored.
 

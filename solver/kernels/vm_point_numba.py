@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from .compiling import inlined
 from .lanes import add_to, added, blend, load, multiplied, scaled
 
 ONE = np.float32(1)  # an integer one would make its line double precision, at half the speed
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def cell(x, size):
     """Lower node and fraction of a linear interpolation on `size` nodes, clamped to the grid."""
     x = min(max(x, np.float32(0.0)), np.float32(size - 1))
@@ -18,13 +18,13 @@ def cell(x, size):
     return lower, np.float32(x - lower)
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def corner_weights(u, v):
     """Weights of a plane's nodes (0, 0), (0, 1), (1, 0), (1, 1) around fractions u, v."""
     return (ONE - u) * (ONE - v), (ONE - u) * v, u * (ONE - v), u * v
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def plane_and_line(planes, lines, k, i, j, m, weights, w, ch):
     """Both factors of the product of pair k, channel ch, interpolated."""
     plane = (
@@ -36,7 +36,7 @@ def plane_and_line(planes, lines, k, i, j, m, weights, w, ch):
     return plane, (ONE - w) * lines[k, m, ch] + w * lines[k, m + 1, ch]
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def raw_density(px, py, pz, planes, lines):
     """The VM sum at one point in grid units."""
     size = planes.shape[1]
@@ -56,7 +56,7 @@ def raw_density(px, py, pz, planes, lines):
     return total
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def spread(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g):
     """Add the adjoint of one product of pair k, channel ch, with cotangent g."""
     w00, w01, w10, w11 = weights = corner_weights(u, v)
@@ -71,7 +71,7 @@ def spread(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g):
     grad_lines[k, m + 1, ch] += w * to_line
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def spread_lanes(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g):
     """`spread` for eight channels from ch on, with their cotangents g."""
     w00, w01, w10, w11 = corner_weights(u, v)
@@ -90,14 +90,14 @@ def spread_lanes(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch
     add_to(grad_lines[k, m + 1], ch, scaled(w, to_line))
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def difference_cell(x, size):
     """`cell` with the nodes before and after it, clamped to the grid."""
     lower, fraction = cell(x, size)
     return max(lower - 1, 0), lower, min(lower + 2, size - 1), fraction
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def neighbourhood(planes, lines, k, i0, i, i3, j0, j, j3, m0, m, m3):
     """Channels of the twelve plane nodes and the four line nodes that differences look at."""
     return (
@@ -108,7 +108,7 @@ def neighbourhood(planes, lines, k, i0, i, i3, j0, j, j3, m0, m, m3):
     )  # fmt: skip
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def differences(near, u, v, w, ch):
     """Plane, its differences along both axes, line and its difference, in one channel.
 

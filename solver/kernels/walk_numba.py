@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
+from .compiling import function, inlined
 from .skipping import DEPTHS_PER_UNIT, EMPTY
 
 LANES = 6
@@ -24,7 +24,7 @@ LEAST_SLOPE = np.float32(1e-12)
 DISTANCE, FAR, DEPTH, ORIGIN, DIRECTION, COLUMNS = 0, 1, 2, 3, 6, 9  # of a lane's state; in cells
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def axis_span(o, d):
     inverse = np.float32(1.0) / (d if abs(d) > LEAST_SLOPE else LEAST_SLOPE)
     at_low = -o * inverse
@@ -32,7 +32,7 @@ def axis_span(o, d):
     return min(at_low, at_high), max(at_low, at_high)
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def box_span(ox, oy, oz, dx, dy, dz):
     """Entry and exit distance of a ray through [0, 1]^3 (slab test); entry > exit if it misses."""
     near_x, far_x = axis_span(ox, dx)
@@ -41,7 +41,7 @@ def box_span(ox, oy, oz, dx, dy, dz):
     return max(near_x, max(near_y, near_z)), min(far_x, min(far_y, far_z))
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def enter(state, lane, origin, direction, scale, start, cells):
     """Put a ray on a lane."""
     dx, dy, dz = direction[0] * scale, direction[1] * scale, direction[2] * scale
@@ -51,14 +51,14 @@ def enter(state, lane, origin, direction, scale, start, cells):
         state[lane, ORIGIN + axis], state[lane, DIRECTION + axis] = origin[axis] * cells, d * cells
 
 
-@numba.njit(inline="always", fastmath=True)
+@inlined
 def cell_of(state, lane, axis, t, cells):
     return min(
         max(int(state[lane, ORIGIN + axis] + t * state[lane, DIRECTION + axis]), 0), cells - 1
     )
 
 
-@numba.njit(fastmath=True, nogil=True)
+@function
 def walk(origins, owners, directions, scale, start, step, blocking, passing, half):
     """Transmittances [R] of rays through a grid made by `skipping.blocking_grid`, a cell a step, and the
     distances at which half of their light is stopped, or infinity.

@@ -106,10 +106,10 @@ def position_error(capture, truth):
     return np.linalg.norm(scale * found @ rotation.T + shift - positions, axis=1).max() / size
 
 
-def solve(photos, out, *options):
+def solve(photos, out):
     """Solve on the command line; returns stderr and the lines of events."""
     result = subprocess.run(
-        [sys.executable, "-m", "solver", "solve", str(photos), "--out", str(out), *options],
+        [sys.executable, "-m", "solver", "solve", str(photos), "--out", str(out)],
         cwd=ROOT, text=True, capture_output=True, stdin=subprocess.DEVNULL, timeout=600,
     )  # fmt: skip
     assert result.returncode == 0, result.stderr

@@ -22,6 +22,8 @@ ASSET = (
     "f0.png",
     "roughness.png",
     "normal.png",
+    "base_colour.png",
+    "metallic.png",
     "environment.exr",
     "asset.glb",
 )
