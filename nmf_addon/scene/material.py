@@ -42,9 +42,10 @@ def build_material(name: str, pictures: dict[str, Path], textures: dict) -> bpy.
     tree = material.node_tree
     tree.nodes.clear()
     images = {}
-    for row, key in enumerate(name for name in SHOWN if name in pictures):
-        images[key] = _texture_node(tree, key, pictures[key], textures[key]["colour_space"])
-        images[key].location = (-900, 580 - 280 * row)
+    for row, key in enumerate(SHOWN):
+        if key in pictures:
+            images[key] = _texture_node(tree, key, pictures[key], textures[key]["colour_space"])
+            images[key].location = (-900, 860 - 280 * row)
 
     f0 = _mix_multiply(tree, images["f0"].outputs["Color"], float(textures["f0"]["scale"]))
     f0.location = (-560, -220)

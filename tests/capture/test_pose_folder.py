@@ -51,6 +51,21 @@ def make_scannet(folder, stems=SCANNET):
     return write_poses(folder, stems, poses(len(stems)), LENS, COLOUR_LENS)
 
 
+def make_nerf_plus_plus(folder, lenses, sides=4):
+    """Returns the folder of the scene; photos are held out in `test`, and of a camera path there are none."""
+    for split, count in (("train", COUNT), ("test", 3)):
+        stems = [f"{index:03d}" for index in range(count)]
+        save_photos(folder / split / "rgb", stems)
+        for stem, pose, (fx, fy, cx, cy) in zip(stems, poses(count), lenses, strict=False):
+            lens = np.eye(sides)
+            lens[:2, :3] = [[fx, 0, cx], [0, fy, cy]]
+            for kind, matrix in (("intrinsics", lens), ("pose", pose)):
+                line = " ".join(map(repr, matrix.ravel().tolist())) + "\n"
+                write(folder / split / kind / f"{stem}.txt", line)
+    write(folder / "camera_path" / "pose" / "000.txt", rows(np.eye(4)))
+    return folder
+
+
 def pinhole(fx, fy, cx, cy):
     def project(index, point):
         x, y, z = poses()[index, :3, :3].T @ (point - poses()[index, :3, 3])
@@ -70,6 +85,29 @@ def test_scannets_points_project_where_its_matrices_have_them(tmp_path):
     assert capture.format == "ScanNet" and not capture.warnings and capture.metric
     assert {camera.image_path.parent.name for camera in capture.cameras} == {"color"}
     check_projection(capture, pinhole(*LENS), poses())
+
+
+@pytest.mark.parametrize("given", ["scene", "train", "pose", "lens"])
+@pytest.mark.parametrize("sides", [3, 4])
+def test_nerf_plus_pluss_photos_have_a_lens_each(tmp_path, given, sides):
+    lenses = [(80.0 + index, 82.0 - index, 50.5, 30.25 + index) for index in range(COUNT)]
+    scene = make_nerf_plus_plus(tmp_path, lenses, sides)
+    train = scene / "train"
+    places = {
+        "scene": scene, "train": train, "pose": train / "pose" / "002.txt",
+        "lens": train / "intrinsics" / "002.txt",
+    }  # fmt: skip
+    capture = read_capture(places[given])
+    assert capture.format == "NeRF++" and not capture.warnings and len(capture.cameras) == COUNT
+    assert {camera.image_path.parent for camera in capture.cameras} == {train / "rgb"}
+    check_projection(capture, lambda index, point: pinhole(*lenses[index])(index, point), poses())
+
+
+def test_a_photos_lens_that_is_missing_is_named(tmp_path):
+    scene = make_nerf_plus_plus(tmp_path, [LENS] * COUNT)
+    (scene / "train" / "intrinsics" / "003.txt").unlink()
+    with pytest.raises(CaptureError, match=r"intrinsics.003\.txt"):
+        read_capture(scene)
 
 
 @pytest.mark.parametrize("layout", ["NSVF", "ScanNet"])

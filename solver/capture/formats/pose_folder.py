@@ -1,15 +1,18 @@
-"""Folders of poses: NSVF's, which svox2 and scene representation networks share, and ScanNet's.
+"""Folders of poses: NSVF's, which svox2 and scene representation networks share, ScanNet's and NeRF++'s.
 
     NSVF:    intrinsics.txt, pose/0_train_0000.txt …, rgb/0_train_0000.png …, bbox.txt
     ScanNet: intrinsic/intrinsic_color.txt, pose/0.txt …, color/0.jpg …
+    NeRF++:  train/intrinsics/000.txt …, train/pose/000.txt …, train/rgb/000.png …
 
 A pose is a matrix from the camera to the world, with OpenCV's axes; ScanNet's are in metres, and −inf where
 the camera was lost. The lens is a matrix of 3 × 3 or 4 × 4 numbers, or `f cx cy` in the first line, in
-pixels counted from the picture's corner; for photos of which size is not stated.
+pixels counted from the picture's corner; for photos of which size is not stated. NeRF++ has a lens for each
+photo, and all numbers of a matrix in one line.
 Where names begin with 0_, 1_ or 2_, photos are for training, validation and tests: only the first are read.
 `bbox.txt` has the lowest and the highest x y z of what is to be reconstructed, and a voxel's size.
 https://github.com/facebookresearch/NSVF#dataset (`load_intrinsics` of data_utils.py) and its issue 64;
-https://github.com/sxyu/svox2 (nsvf_dataset.py); https://github.com/ScanNet/ScanNet (SensorData.py)
+https://github.com/sxyu/svox2 (nsvf_dataset.py); https://github.com/ScanNet/ScanNet (SensorData.py);
+https://github.com/Kai-46/nerfplusplus#data
 """
 
 from __future__ import annotations
@@ -31,9 +34,11 @@ from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
 from ..pinhole import pinhole_of, size_meant
 
-NAME = "NSVF, ScanNet"
+NAME = "NSVF, ScanNet, NeRF++"
 EXTENSIONS = (".txt",)
-PATTERNS = ("intrinsics.txt", "intrinsic.txt", "intrinsic/intrinsic_color.txt")
+_OF_ALL = ("intrinsics.txt", "intrinsic.txt", "intrinsic/intrinsic_color.txt")
+_OF_EACH = "intrinsics"
+PATTERNS = (*_OF_ALL, f"{_OF_EACH}/*.txt", f"train/{_OF_EACH}/*.txt")
 
 _POSE_FOLDERS = ("pose", "poses")
 _PHOTO_FOLDERS = ("rgb", "color", "images", "image")
@@ -52,14 +57,14 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the lens and all poses that are not of photos held out; the box becomes the region.
+    """Read lenses and all poses that are not of photos held out; the box becomes the region.
 
     Raises:
         CaptureError: anything that cannot be used, with file, field and remedy.
     """
     lens_file = _lens_file(path)
     place = next(folder for folder in lens_file.parents if _pose_folder(folder) is not None)
-    is_scannet = lens_file.parent != place
+    has_each, is_scannet = lens_file.parent.name == _OF_EACH, lens_file.parent.name == "intrinsic"
     lens = _lens(lens_file)
     files = files_in(_pose_folder(place), ".txt")
     used = _of_training(files)
@@ -72,6 +77,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             lost.append(stated)
             continue
         intrinsics = None
+        if has_each:
+            lens = _lens(lens_file.with_name(file.name))
         if photo is not None:
             intrinsics = Intrinsics(*size_meant(image_size(photo), *lens[2:]), *lens)
         where = f"{file.parent.name}/{file.name}"
@@ -82,9 +89,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     if len(used) < len(files):
         held_out = f"{len(files) - len(used)} photos for validation and tests (1_…, 2_…)"
         warnings += (f"{place.name}: {held_out} are left out",)
+    name = "NeRF++" if has_each else "ScanNet" if is_scannet else "NSVF"
     capture = assemble(
-        lens_file, "ScanNet" if is_scannet else "NSVF", found, photos, metric=is_scannet,
-        warnings=warnings,
+        lens_file, name, found, photos, metric=is_scannet, warnings=warnings,
     )  # fmt: skip
     return _within_box(capture, place / _BOX)
 
@@ -95,11 +102,14 @@ def _pose_folder(place: Path) -> Path | None:
 
 def _lens_file(file: Path) -> Path | None:
     """The file of the lens, if `file` is that or one of the poses; else None."""
-    for place in list(file.absolute().parents)[:2]:
+    file = file.absolute()
+    for place in list(file.parents)[:2]:
         poses = _pose_folder(place)
-        lens_files = [place / name for name in PATTERNS]
-        if poses is not None and (file.absolute() in lens_files or file.absolute().parent == poses):
-            return next((lens_file for lens_file in lens_files if lens_file.is_file()), None)
+        lens_files = [place / name for name in _OF_ALL]
+        if poses is None or not (file in lens_files or file.parent in (poses, place / _OF_EACH)):
+            continue
+        lens_files.append(place / _OF_EACH / f"{file.stem}.txt")
+        return next((lens_file for lens_file in lens_files if lens_file.is_file()), None)
     return None
 
 
@@ -107,6 +117,10 @@ def _lens(path: Path) -> tuple[float, float, float, float]:
     """fx fy cx cy of a lens's file, in pixels."""
     rows = words_of(path)
     lengths = [len(row) for row in rows]
+    if lengths in ([9], [16]):  # a matrix in one line
+        side = 3 if lengths == [9] else 4
+        rows = [rows[0][at : at + side] for at in range(0, len(rows[0]), side)]
+        lengths = [side] * side
     if lengths in ([3] * 3, [4] * 3, [4] * 4):
         words = [word for row in rows[:3] for word in row[:3]]
     elif lengths and lengths[0] in (3, 4):
