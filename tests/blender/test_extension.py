@@ -152,7 +152,7 @@ def test_headless_writes_a_blend_with_everything_in_it(extension, duck, tmp_path
     item = next(i for i in bpy.data.objects if i.get("nmf_job"))
     assert item.active_material.node_tree.get_output_node("CYCLES") is not None
     textures = [n.image for n in item.active_material.node_tree.nodes if n.type == "TEX_IMAGE"]
-    assert len(textures) == 4 and all(image.packed_file for image in textures)
+    assert len(textures) == 6 and all(image.packed_file for image in textures)
     light = next(n.image for n in scene.world.node_tree.nodes if n.type == "TEX_ENVIRONMENT")
     assert light.packed_file
     cameras = [i for i in bpy.data.objects if i.type == "CAMERA"]

@@ -131,7 +131,7 @@ def test_textures_light_and_photos_are_found_after_the_project_has_moved(
     bpy.ops.wm.open_mainfile(filepath=str(moved / "scene.blend"))
     sizes = {image.name: tuple(image.size) for image in bpy.data.images if image.filepath}
     moved.rename(project)
-    assert len(sizes) == 8 and (0, 0) not in sizes.values(), sizes
+    assert len(sizes) == 10 and (0, 0) not in sizes.values(), sizes
 
 
 def test_cameras_in_no_collection_are_reconstructed(
