@@ -90,7 +90,7 @@ def alike(tmp_path_factory):
         scene.tints[other] = scene.tints[one]
     cameras = []
     for index, pose in enumerate(orbit(36, 350.0)):
-        camera = box_camera(pose, f"IMG_{index:03d}", scale=0.7)
+        camera = box_camera(pose, f"IMG_{index:03d}", scale=0.5)
         Image.fromarray(scene.photo(camera)[0]).save(folder / f"{camera.name}.jpg", quality=95)
         cameras.append(camera)
     return folder, cameras
