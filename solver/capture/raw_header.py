@@ -11,7 +11,16 @@ from io import BytesIO
 from typing import BinaryIO
 
 from .jpeg_header import jpeg_exif
-from .tiff_header import ORIENTATION, PARTS, PHOTOMETRIC, directory, is_makers_tiff, is_tiff
+from .tiff_header import (
+    CAMERA_FIELDS,
+    FOCAL_LENGTH_35MM,
+    ORIENTATION,
+    PARTS,
+    PHOTOMETRIC,
+    directory,
+    is_makers_tiff,
+    is_tiff,
+)
 
 RAW = (
     ".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".sr2", ".srf", ".raf", ".orf", ".rw2", ".rwl",
@@ -22,7 +31,7 @@ RAW = (
 _FUJIFILM, _CANON, _OLD_CANON, _MINOLTA = b"FUJIFILMCCD-RAW", b"ftypcrx ", b"HEAPCCDR", b"\0MRM"
 _OF_A_SENSOR = (32803, 34892)
 """values of TIFF's PHOTOMETRIC: a mosaic of colours, a camera's own colours"""
-_DNG_VERSION, _CAMERA_FIELDS, _FOCAL_LENGTH_35MM = 50706, 0x8769, 0xA405
+_DNG_VERSION = 50706
 _CANON_FIELDS = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")
 _MOST_BOXES, _MOST_EXIF = 64, 1 << 18
 
@@ -78,8 +87,8 @@ def raw_focal_35mm(tiff: BinaryIO) -> int:
     Raises:
         struct.error: it is cut off.
     """
-    fields = directory(tiff).get(_CAMERA_FIELDS)
-    return 0 if fields is None else directory(tiff, fields[0]).get(_FOCAL_LENGTH_35MM, (0,))[0]
+    fields = directory(tiff).get(CAMERA_FIELDS)
+    return 0 if fields is None else directory(tiff, fields[0]).get(FOCAL_LENGTH_35MM, (0,))[0]
 
 
 def _head(file: BinaryIO) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,9 @@ from .errors import CaptureError
 from .image_header import focal_of_raw, image_orientation, image_size, is_heif, is_raw
 from .masks import coverage, no_mask
 from .orientation import oriented, same_shape, turn_for
+from .tiff_header import CAMERA_FIELDS, FOCAL_LENGTH_35MM
 
 _WITHOUT_EXIF = (".exr", ".hdr", ".tif", ".tiff")
-_CAMERA_FIELDS, _FOCAL_LENGTH_35MM = 0x8769, 0xA405
-_SHOWN = np.round(255 * linear_to_srgb(np.arange(1 << 16) / 65535)).astype(np.uint8)
-"""sRGB of linear light in 16 bits"""
 
 
 @dataclass(frozen=True)
@@ -50,8 +49,8 @@ def read_header(path: Path) -> PhotoHeader:
     else:
         try:
             with Image.open(path) as picture:
-                fields = picture.getexif().get_ifd(_CAMERA_FIELDS)
-                across = float(fields.get(_FOCAL_LENGTH_35MM) or 0)
+                fields = picture.getexif().get_ifd(CAMERA_FIELDS)
+                across = float(fields.get(FOCAL_LENGTH_35MM) or 0)
         except Exception as error:  # every decoder has its own exceptions
             raise _unreadable(path, error) from error
     # A full-frame picture is 36 mm wide; phones mean its longer side.
@@ -127,6 +126,12 @@ def load_reduced_mask(path: Path, shape: tuple[int, int], orientation: int = 1) 
     return np.asarray(resized)
 
 
+@cache
+def _shown() -> np.ndarray:
+    """sRGB of linear light in 16 bits."""
+    return np.round(255 * linear_to_srgb(np.arange(1 << 16) / 65535)).astype(np.uint8)
+
+
 def _of_decoded(decoded: Decoded, longest: int) -> tuple[np.ndarray, np.ndarray | None]:
     pixels = decoded.pixels
     if decoded.is_float:
@@ -138,7 +143,7 @@ def _of_decoded(decoded: Decoded, longest: int) -> tuple[np.ndarray, np.ndarray 
     if decoded.is_float:
         colour = linear_to_srgb(np.maximum(colour, 0))
     elif decoded.linear and colour.dtype == np.uint16:
-        colour = _SHOWN[colour]
+        colour = _shown()[colour]
     largest = 255 if colour.dtype == np.uint8 else decoded.largest
     small = smaller(_in_eight_bits(colour, largest), longest)
     return small, None if alpha is None else smaller(

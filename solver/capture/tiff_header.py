@@ -10,6 +10,8 @@ from typing import BinaryIO
 
 WIDTH, HEIGHT, PHOTOMETRIC, ORIENTATION, PARTS = 256, 257, 262, 274, 330
 """tags; the last has the places of further directories"""
+CAMERA_FIELDS, FOCAL_LENGTH_35MM = 0x8769, 0xA405
+"""EXIF's tags: the place of its directory of the camera's, and one of those"""
 _MOST_ENTRIES, _MOST_VALUES = 4096, 16
 _CODES = {1: "B", 3: "H", 4: "I", 13: "I", 16: "Q"}
 _MARKS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")

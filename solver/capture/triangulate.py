@@ -153,14 +153,8 @@ def compare(
     """
     with _temporary_folder("nmf-pairs-") as folder:
         return run_apart(
-            _within,
-            Path(folder),
-            compare_with_colmap,
-            cameras,
-            pictures,
-            pairs,
-            progress=progress,
-        )
+            _within, Path(folder), compare_with_colmap, cameras, pictures, pairs, progress=progress
+        )  # fmt: skip
 
 
 def compare_with_colmap(

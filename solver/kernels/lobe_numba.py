@@ -9,7 +9,7 @@ import math
 
 from .angles_numba import cosine_sine_of_turns
 from .compiling import function
-from .vectors_numba import cross, dot, plus
+from .vectors_numba import cross, dot, plus, row
 
 LEAST_VIEW = 1e-3  # cosine to the viewer, at least
 
@@ -62,8 +62,7 @@ def local_view(t, b, n, v):
 @function
 def seen_sample(normals, views, s):
     """Normal, viewer, tangent, bitangent, local viewer and its length, of sample s."""
-    n = (float(normals[s, 0]), float(normals[s, 1]), float(normals[s, 2]))
-    v = (float(views[s, 0]), float(views[s, 1]), float(views[s, 2]))
+    n, v = row(normals, s), row(views, s)
     t, b = frame(n)
     view, length = local_view(t, b, n, v)
     return n, v, t, b, view, length

@@ -29,26 +29,20 @@ from .lobe_numba import (
     to_world,
 )
 from .skipping import SELF_SHADOW_COSINE
-from .vectors_numba import cross, dot, plus, times
+from .vectors_numba import cross, dot, plus, row, times
 from .walk_numba import walk
 
 ABOVE = 1e-4  # cosine from which a reflected direction counts as above the surface
 BLOCK = 64  # samples of a task
-LANES, FEW = 16, 6  # rays that the adjoint does at once; samples of fewer go one by one
+AT_ONCE, FEW = 16, 6  # rays that the adjoint does at once; samples of fewer go one by one
 AT_A_POLE = 2e-7  # squared sine of a polar angle below which the map's row has no slope
 NEVER = 1e30  # distance from which a ray that is not looked at can be blocked
 
 
 @function
-def row_of(values, s):
-    """values[s] of an array [..., 3]."""
-    return float(values[s, 0]), float(values[s, 1]), float(values[s, 2])
-
-
-@function
 def shift_of(shifts, s):
     """A sample's shift to a floor's centre; 0 without a floor (see `light.floor`)."""
-    return (0.0, 0.0, 0.0) if shifts.shape[0] == 0 else row_of(shifts, s)
+    return (0.0, 0.0, 0.0) if shifts.shape[0] == 0 else row(shifts, s)
 
 
 @function
@@ -188,8 +182,9 @@ def specular_backward_of_sample(
 ):  # fmt: skip
     """One sample of `specular_backward`.
 
-    Its rays go through one loop without branches, LANES at once: the compiler makes that of loops which
-    nothing leaves, not even a division by zero. Those missing from the last LANES count for nothing.
+    Its rays go through one loop without branches, AT_ONCE at a time: the compiler makes that of loops which
+    nothing leaves, not even a division by zero. In the last turn, those that a sample does not have count
+    for nothing.
     """
     alpha = float(alphas[s])
     n, v, t, b, view, view_length = seen_sample(normals, views, s)
@@ -199,10 +194,10 @@ def specular_backward_of_sample(
     zero = (0.0, 0.0, 0.0)
     g_t, g_b, g_n, g_view, g_t1, g_t2, g_st = zero, zero, zero, zero, zero, zero, zero
     g_f0, g_alpha, g_view_lambda = zero, 0.0, 0.0
-    f0, cotangents = row_of(f0s, s), row_of(cotangent, s)
+    f0, cotangents = row(f0s, s), row(cotangent, s)
     begin, count = np.uint64(first[s]), first[s + 1] - first[s]
     last = begin + np.uint64(max(count - 1, 0))
-    lanes = (count + LANES - 1) // LANES * LANES if count >= FEW else count
+    lanes = (count + AT_ONCE - 1) // AT_ONCE * AT_ONCE if count >= FEW else count
     for lane in range(lanes):
         k = min(begin + np.uint64(lane), last)
         half, length, flat, p1, p2, p3, by_share = half_vector(
@@ -243,7 +238,7 @@ def specular_backward_of_sample(
             by_cosine, by_alpha = smith_slopes(out[2], alpha)
             g_out_z += g_out_lambda * by_cosine
             g_alpha += g_out_lambda * by_alpha
-        d = (float(directions[k, 0]), float(directions[k, 1]), float(directions[k, 2]))
+        d = row(directions, k)
         e, e_length, shift = from_centre(d, floor_shift, up)
         square_xy = max(e[0] * e[0] + e[1] * e[1], 1e-14)
         turn = g_column * width / (2.0 * math.pi * square_xy)
@@ -251,7 +246,7 @@ def specular_backward_of_sample(
         g_d = across((turn * e[1], -turn * e[0], fall), e, e_length)
         g_d = plus(g_d, -dot(g_d, shift), up)
         _, d_length = to_world(t, b, n, out)
-        g_d = plus(g_d, counts, (g_directions[k, 0], g_directions[k, 1], g_directions[k, 2]))
+        g_d = plus(g_d, counts, row(g_directions, k))
         g_d = across(g_d, d, d_length)
         g_t, g_b, g_n = plus(g_t, out[0], g_d), plus(g_b, out[1], g_d), plus(g_n, out[2], g_d)
         g_out = (dot(t, g_d), dot(b, g_d), dot(n, g_d) + g_out_z)

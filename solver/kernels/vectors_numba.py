@@ -12,6 +12,12 @@ def triple(values, i, j):
     return values[i, j, 0], values[i, j, 1], values[i, j, 2]
 
 
+@inlined
+def row(values, i):
+    """values[i] of an array [..., 3], in double precision."""
+    return float(values[i, 0]), float(values[i, 1]), float(values[i, 2])
+
+
 @function
 def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

@@ -6,7 +6,8 @@ import OpenImageIO
 
 from solver.capture import frames
 from solver.capture.camera import Camera
-from solver.capture.image_header import image_size
+from solver.capture.errors import CaptureError
+from solver.capture.image_header import image_orientation, image_size, may_have_alpha
 from solver.capture.photo_settings import PhotoSettings
 from solver.capture.photos import (
     load_photo,
@@ -20,6 +21,17 @@ def camera_for(path, width, height, mask=None):
         name="c", image_path=path, camera_to_world=frames.invert_pose(np.eye(4)), width=width,
         height=height, fx=50.0, fy=50.0, cx=width / 2, cy=height / 2, mask_path=mask,
     )  # fmt: skip
+
+
+def check_photo_or_error(path):
+    """A file, whatever was done to it, is a photo, or an error of one line that names it."""
+    assert 1 <= image_orientation(path) <= 8 and may_have_alpha(path) in (True, False)
+    try:
+        width, height = image_size(path)
+        if width * height < 1 << 16:
+            assert load_photo(camera_for(path, width, height)).pixels.shape == (height, width, 4)
+    except CaptureError as error:
+        assert path.name in str(error) and "\n" not in str(error)
 
 
 def write(path, pixels, **attributes):

@@ -17,6 +17,7 @@ https://github.com/Kai-46/nerfplusplus#data
 
 from __future__ import annotations
 
+import math
 import re
 from contextlib import suppress
 from dataclasses import replace
@@ -65,7 +66,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     lens_file = _lens_file(path)
     place = next(folder for folder in lens_file.parents if _pose_folder(folder) is not None)
     has_each, is_scannet = lens_file.parent.name == _OF_EACH, lens_file.parent.name == "intrinsic"
-    lens = _lens(lens_file)
+    of_all = None if has_each else _lens(lens_file)
     files = files_in(_pose_folder(place), ".txt")
     used = _of_training(files)
     folder = photo_folder(place, _PHOTO_FOLDERS)
@@ -77,8 +78,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             lost.append(stated)
             continue
         intrinsics = None
-        if has_each:
-            lens = _lens(lens_file.with_name(file.name))
+        lens = _lens(lens_file.with_name(file.name)) if has_each else of_all
         if photo is not None:
             intrinsics = Intrinsics(*size_meant(image_size(photo), *lens[2:]), *lens)
         where = f"{file.parent.name}/{file.name}"
@@ -90,9 +90,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         held_out = f"{len(files) - len(used)} photos for validation and tests (1_…, 2_…)"
         warnings += (f"{place.name}: {held_out} are left out",)
     name = "NeRF++" if has_each else "ScanNet" if is_scannet else "NSVF"
-    capture = assemble(
-        lens_file, name, found, photos, metric=is_scannet, warnings=warnings,
-    )  # fmt: skip
+    capture = assemble(lens_file, name, found, photos, metric=is_scannet, warnings=warnings)
     return _within_box(capture, place / _BOX)
 
 
@@ -118,7 +116,7 @@ def _lens(path: Path) -> tuple[float, float, float, float]:
     rows = words_of(path)
     lengths = [len(row) for row in rows]
     if lengths in ([9], [16]):  # a matrix in one line
-        side = 3 if lengths == [9] else 4
+        side = math.isqrt(lengths[0])
         rows = [rows[0][at : at + side] for at in range(0, len(rows[0]), side)]
         lengths = [side] * side
     if lengths in ([3] * 3, [4] * 3, [4] * 4):
