@@ -45,7 +45,7 @@ class NeuralTerm(nn.Module):
     ) -> torch.Tensor:
         """features [N, F], local unit half and light [N, 3], alpha [N] → g [N, 3]."""
         half, light, alpha = half.detach(), light.detach(), alpha.detach()
-        if at_hand(half):
+        if at_hand("directions_encoded", half):
             encoded = rowwise("directions_encoded", (half, light, alpha), (), ((56,),))[0]
             return torch.sigmoid(self.layers(torch.cat([features, encoded], dim=-1)))
         attenuation = torch.exp(-0.5 * self.degrees * (self.degrees + 1) * alpha[:, None])

@@ -120,7 +120,7 @@ class MicrofacetField(nn.Module):
         """Unit outward normals [N, 3]: minus the (smoothed) gradient of the raw density."""
         gradient_of = vm_gradient if self.smoothed_normals else vm_interpolation_gradient
         gradient = gradient_of(box_points * (self.size - 1), *factors)
-        if at_hand(gradient):
+        if at_hand("outward", gradient):
             return rowwise("outward", (gradient,), (LEAST_SLOPE,), ((3,),))[0]
         return -F.normalize(gradient, dim=-1, eps=LEAST_SLOPE)
 

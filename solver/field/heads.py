@@ -8,6 +8,8 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+from ..kernels.pointwise import at_hand, rowwise
+
 MIN_ALPHA = 0.001
 
 
@@ -50,6 +52,9 @@ class MaterialHeads(nn.Module):
         layers = self.albedo, self.f0, self.roughness
         weight = torch.cat([layer.weight for layer in layers])
         bias = torch.cat([layer.bias for layer in layers])
-        albedo, f0, roughness = torch.sigmoid(F.linear(features, weight, bias)).split([3, 3, 1], 1)
+        logits = F.linear(features, weight, bias)
+        if at_hand("materials", logits):
+            return Materials(*rowwise("materials", (logits,), (MIN_ALPHA,), ((3,), (), (3,))))
+        albedo, f0, roughness = torch.sigmoid(logits).split([3, 3, 1], 1)
         roughness = roughness[:, 0]
         return Materials(albedo, (roughness * roughness).clamp(min=MIN_ALPHA), f0)

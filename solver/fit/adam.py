@@ -10,7 +10,7 @@ from functools import partial
 
 import torch
 
-from ..kernels.adam import Moments, Rates, adam_step
+from ..kernels.adam import Moments, Rates, adam_step, mean_root_square
 
 
 class Adam:
@@ -66,10 +66,10 @@ class Adam:
     ) -> float | torch.Tensor:
         if floor <= 0:
             return self.EPSILON
-        decay = self.DECAYS[1]
-        square = decay * moments.square + (1 - decay) * gradient * gradient
-        scale = 1 / (1 - decay**self.count)
-        return (floor * (scale * square).sqrt().mean()).clamp(min=self.EPSILON).view(1)
+        epsilon = floor * mean_root_square(gradient, moments, self.DECAYS[1], self.count)
+        if isinstance(epsilon, float):
+            return max(epsilon, self.EPSILON)
+        return epsilon.clamp(min=self.EPSILON).view(1)
 
     def clear(self) -> None:
         """Forget the gradients of a step that came to nothing."""

@@ -62,7 +62,7 @@ def total_loss(
         gain: see `photometric`.
     """
     before_colour = isinstance(behind, torch.Tensor) and gain is None
-    if before_colour and buffers.bending is not None and at_hand(buffers.radiance):
+    if before_colour and buffers.bending is not None and at_hand("pixel_loss", buffers.radiance):
         image, shape = _at_once(buffers, batch, settings, use_masks, fraction, behind)
         return image + shape, {"image": image.detach()}
     image = photometric(buffers, batch, behind, gain)

@@ -39,7 +39,7 @@ def of_materials(buffers: RayBuffers, settings: FitSettings, fraction: float) ->
     if fraction < settings.f0_start:
         return loss
     grey = settings.grey_f0_weight if fraction >= settings.grey_f0_start else 0.0
-    if at_hand(buffers.f0):
+    if at_hand("material_priors", buffers.f0):
         return loss + _of_materials_at_once(buffers, settings, grey)
     if settings.dielectric_weight > 0:
         loss = loss + settings.dielectric_weight * unlike_dielectric(buffers)
@@ -116,9 +116,9 @@ def off_palette(buffers: RayBuffers) -> torch.Tensor:
     albedo = _straight(buffers.albedo, buffers.opacity)
     mean = (opacity[:, None] * albedo).mean() / opacity.mean().clamp(min=LEAST_OPACITY)
     half = len(opacity) // 2
-    if at_hand(albedo):
+    if at_hand("off_palette", albedo):
         inputs, numbers = (
-            (buffers.albedo, opacity, mean.view(1)),
+            (buffers.albedo, mean.view(1), opacity),
             (LEAST_OPACITY, COLOUR_SPREAD, half),
         )
         return rowwise("off_palette", inputs, numbers, ((),))[0].mean()

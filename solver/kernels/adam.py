@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import torch
 
-from .backend import fast, kernels, on_warp
+from .backend import fast, kernels, on_numba, on_warp
 
 
 class Moments(NamedTuple):
@@ -62,3 +62,17 @@ def adam_step_torch(
     square.copy_(torch.where(touched, new_square, square))
     parameter.sub_(torch.where(touched, change, torch.zeros_like(change)))
     gradient.zero_()
+
+
+def mean_root_square(
+    gradient: torch.Tensor, moments: Moments, square_decay: float, count: int
+) -> float | torch.Tensor:
+    """Mean of the roots of the running square that a contiguous tensor will have after the step with this
+    gradient, what it started from undone; in memory where nothing is to wait for it."""
+    scale = 1 / (1 - square_decay**count)
+    if fast(gradient) and on_numba(gradient.device):
+        rows = gradient.shape[-1]
+        tensors = moments.square.view(-1, rows), gradient.view(-1, rows)
+        return kernels("adam", gradient.device).mean_root(*tensors, square_decay, scale)
+    square = square_decay * moments.square + (1 - square_decay) * gradient * gradient
+    return (scale * square).sqrt().mean()

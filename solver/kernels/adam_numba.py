@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from .compiling import kernel
+from .compiling import kernel, serial_kernel
 
 
 @kernel
@@ -28,3 +28,17 @@ def step(parameter, gradient, mean, square, size, scale, mean_decay, square_deca
             square[n, c] = s
             parameter[n, c] -= size * m / (np.sqrt(scale * s) + epsilon)
             gradient[n, c] = 0
+
+
+@serial_kernel
+def mean_root(square, gradient, decay, scale):
+    """Mean of the roots of the running square that tensors [N, C] are about to have."""
+    decay, scale, rest = np.float32(decay), np.float32(scale), np.float32(1 - decay)
+    total = 0.0
+    for n in range(square.shape[0]):
+        part = np.float32(0)
+        for c in range(square.shape[1]):
+            g = gradient[n, c]
+            part += np.sqrt(scale * (decay * square[n, c] + rest * g * g))
+        total += part
+    return total / square.size

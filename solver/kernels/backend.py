@@ -12,6 +12,7 @@ import importlib.util
 from collections.abc import Callable, Iterator
 from functools import cache
 
+import numpy as np
 import torch
 
 _state = {"path": "auto", "in_place": False}
@@ -62,7 +63,7 @@ class Kernels:
         self._module = importlib.import_module(f"{__package__}.{family}_{path}")
         self._of_arrays = path == "numba"
 
-    def __getattr__(self, name: str) -> Callable[..., None]:
+    def __getattr__(self, name: str) -> Callable[..., object]:
         kernel = getattr(self._module, name)
         if self._of_arrays:
             kernel = _taking_tensors(kernel)
@@ -70,11 +71,16 @@ class Kernels:
         return kernel
 
 
-def _taking_tensors(kernel: Callable[..., None]) -> Callable[..., None]:
-    def run(*arguments) -> None:
-        kernel(*(a.detach().numpy() if isinstance(a, torch.Tensor) else a for a in arguments))
+def _taking_tensors(kernel: Callable[..., object]) -> Callable[..., object]:
+    def run(*arguments) -> object:
+        return kernel(*(array_of(a) if isinstance(a, torch.Tensor) else a for a in arguments))
 
     return run
+
+
+def array_of(tensor: torch.Tensor) -> np.ndarray:
+    """The same memory; without `detach` where that is not needed, which takes as long as a small kernel."""
+    return tensor.detach().numpy() if tensor.requires_grad else tensor.numpy()
 
 
 @cache

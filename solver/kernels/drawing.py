@@ -15,6 +15,8 @@ from .hashing import Stream, stream_for
 
 RAYS_PER_SAMPLE = 1024
 """room for the secondary rays of a sample in a key"""
+LEAST_SCORE = 1e-30
+"""of all rays together, so that none is divided by nothing"""
 
 
 class Plan(NamedTuple):
@@ -77,3 +79,23 @@ def plan_rays(
     ray_keys, u = room_for(keys, total), room_for(mass, total, 2, fill=0.5)
     run.leave(keys, offsets, streams[1], points, RAYS_PER_SAMPLE, sample, ray_keys, u)
     return Plan(counts, offsets, sample, ray_keys, share, u)
+
+
+def choose_blocked(
+    weights: torch.Tensor, passing: torch.Tensor, mass: torch.Tensor, sample: torch.Tensor, clear: float,
+    budget: int, u: torch.Tensor,
+) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
+    """About `budget` rays by what their blockers may send, and their probabilities, in one kernel for the
+    CPU; `render.reflection` has the plain twin.
+
+    Args:
+        weights: [K, 3]. passing: [K] what gets past blockers; rays with at least `clear` have none.
+        mass: [S] of samples. sample: [K] long. u: [1] uniform in [0, 1).
+    """
+    weights = weights.detach().contiguous()
+    indices, scores = torch.empty_like(sample), torch.empty_like(passing)
+    probability = torch.empty_like(passing)
+    count = kernels("drawing", weights.device).choose(
+        weights, passing, mass, sample, clear, LEAST_SCORE, budget, float(u), scores, indices, probability
+    )
+    return indices[:count], probability[:count]

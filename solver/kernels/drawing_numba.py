@@ -83,3 +83,32 @@ def leave(keys, offsets, seed, points, keys_per_sample, sample, ray_keys, u):
             ray_keys[k] = keys[s] * keys_per_sample + i % keys_per_sample
             x, y = points[i % len(points), 0] + shift0, points[i % len(points), 1] + shift1
             u[k, 0], u[k, 1] = x - np.floor(x), y - np.floor(y)
+
+
+@numba.njit(cache=True, nogil=True)
+def choose(weights, passing, mass, sample, clear, least_total, budget, u, scores, indices, probability):
+    """Systematic sampling of about `budget` of K rays by what blockers may send along them.
+
+    Args:
+        scores, indices, probability: [K], out; of the last two the first entries, as many as is returned.
+    """
+    total, candidates = 0.0, 0
+    for k in range(weights.shape[0]):
+        scores[k] = 0
+        if passing[k] < clear:
+            largest = max(weights[k, 0], weights[k, 1], weights[k, 2])
+            scores[k] = (np.float32(1) - passing[k]) * largest * mass[sample[k]]
+        total += scores[k]
+        candidates += scores[k] > 0
+    each = np.float32(budget / max(total, least_total))
+    count, running, before = 0, 0.0, 0.0
+    for k in range(weights.shape[0]):
+        if scores[k] <= 0:
+            continue
+        share = min(scores[k] * each, np.float32(1)) if candidates > budget else np.float32(1)
+        running += share
+        if candidates <= budget or np.floor(running + u) > np.floor(before + u):
+            indices[count], probability[count] = k, share
+            count += 1
+        before = running
+    return count

@@ -47,7 +47,7 @@ def pixel_loss(
 
 @wp.kernel
 def off_palette(
-    albedo: Vectors, opacity: Numbers, mean: Numbers, least_opacity: float, spread: float,
+    albedo: Vectors, mean: Numbers, opacity: Numbers, least_opacity: float, spread: float,
     half: int, loss: Numbers,
 ):  # fmt: skip
     """How unlike a pixel's albedo is to that of another half a batch away; see `fit.priors`."""

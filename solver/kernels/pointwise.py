@@ -1,7 +1,7 @@
-"""Shading of samples and priors of pixels in one kernel each, on cards that Warp runs on.
+"""Shading of samples and priors of pixels in one kernel each, on the CPU and on cards that Warp runs on.
 
-Where each is called stands its plain torch twin: in `field.field`, `brdf.neural`, `render.shade`,
-`render.reflection`, `render.footprint`, `render.smoothness`, `fit.losses` and `fit.priors`.
+Where each is called stands its plain torch twin: in `field.field`, `field.heads`, `brdf.neural`,
+`render.shade`, `render.reflection`, `render.footprint`, `render.smoothness`, `fit.losses` and `fit.priors`.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from collections.abc import Sequence
 import torch
 from torch.autograd.function import once_differentiable
 
-from .backend import kernels, on_warp
+from .backend import fast, kernels, on_warp
 
 Shape = tuple[int, ...]
 
 
-def at_hand(tensor: torch.Tensor) -> bool:
-    """True where `rowwise` applies; on the CPU torch does well what is done for each number."""
-    return tensor.dtype == torch.float32 and on_warp(tensor.device)
+def at_hand(name: str, tensor: torch.Tensor) -> bool:
+    """True where `rowwise` has a kernel of this name for a tensor's device and type."""
+    return fast(tensor) and kernels("pointwise", tensor.device).has(name)
 
 
 class _Rowwise(torch.autograd.Function):
@@ -34,11 +34,22 @@ class _Rowwise(torch.autograd.Function):
     @once_differentiable
     def backward(ctx, *cotangents):
         inputs, outputs = ctx.saved_tensors[: ctx.count], ctx.saved_tensors[ctx.count :]
-        gradients = _zeros(inputs, ctx.needs_input_grad[4:])
+        begun = _zeros if on_warp(inputs[0].device) else _unwritten
+        gradients = begun(inputs, ctx.needs_input_grad[4:])
         kernels("pointwise", inputs[0].device).run_adjoint(
             ctx.name, inputs, ctx.numbers, outputs, gradients, [c.contiguous() for c in cotangents]
         )
         return None, None, None, None, *gradients
+
+
+def _unwritten(
+    inputs: Sequence[torch.Tensor], needed: Sequence[bool]
+) -> list[torch.Tensor | None]:
+    """Gradients of the inputs that need one, for adjoints that write all of them."""
+    return [
+        value.new_empty(value.shape) if wanted else None
+        for value, wanted in zip(inputs, needed, strict=True)
+    ]
 
 
 def _zeros(inputs: Sequence[torch.Tensor], needed: Sequence[bool]) -> list[torch.Tensor | None]:

@@ -10,6 +10,11 @@ from . import loss_warp, shading_warp
 from .warp_device import launch, launch_adjoint
 
 
+def has(name: str) -> bool:
+    """True if there is a kernel of this name."""
+    return hasattr(shading_warp, name) or hasattr(loss_warp, name)
+
+
 def _kernel(name: str):
     return getattr(shading_warp, name, None) or getattr(loss_warp, name)
 

@@ -20,6 +20,24 @@ from .vectors_warp import (
 )
 
 
+@wp.func
+def sigmoid(x: float):
+    return 1.0 / (1.0 + wp.exp(-x))
+
+
+@wp.kernel
+def materials(
+    logits: Vectors, least_alpha: float, albedo: Vectors, alpha: Numbers, f0: Vectors
+):  # fmt: skip
+    """Albedo, α and F0 of the heads' numbers [N, 7], before their sigmoid; see `field.heads`."""
+    n = wp.tid()
+    for c in range(3):
+        albedo[n, c] = sigmoid(logits[n, c])
+        f0[n, c] = sigmoid(logits[n, 3 + c])
+    roughness = sigmoid(logits[n, 6])
+    alpha[n] = wp.max(roughness * roughness, least_alpha)
+
+
 @wp.kernel
 def smoothness(
     normals: Vectors, near: Vectors, beyond: Vectors, alpha: Numbers, near_alpha: Numbers,

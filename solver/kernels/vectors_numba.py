@@ -14,8 +14,8 @@ def triple(values, i, j):
 
 @inlined
 def row(values, i):
-    """values[i] of an array [..., 3], in double precision."""
-    return float(values[i, 0]), float(values[i, 1]), float(values[i, 2])
+    """values[i] of an array [..., 3]."""
+    return values[i, 0], values[i, 1], values[i, 2]
 
 
 @function

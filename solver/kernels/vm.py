@@ -8,7 +8,7 @@ from __future__ import annotations
 import torch
 
 from . import vm_torch
-from .backend import fast, gradient_buffer, kernels, on_numba, on_warp
+from .backend import fast, gradient_buffer, kernels, on_warp
 from .sending import constant_on
 
 NEGLIGIBLE = 1e-3
@@ -134,7 +134,7 @@ def smooth_planes(planes: torch.Tensor, taps: torch.Tensor) -> torch.Tensor:
 
 def smooth_lines(lines: torch.Tensor, taps: torch.Tensor) -> torch.Tensor:
     """Odd, symmetric taps [2r + 1] along lines [3, G, C]; borders are mirrored."""
-    if fast(lines) and not on_numba(lines.device):  # on the CPU torch does that well
+    if fast(lines):
         taps = constant_on(lines.device, tuple(taps.tolist()))
         return _Smooth.apply(lines.contiguous(), taps, "smooth_lines")
     return vm_torch.smooth(lines, taps, 1)

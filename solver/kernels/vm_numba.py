@@ -10,7 +10,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from .compiling import inlined, kernel
+from .compiling import inlined, kernel, serial_kernel
 from .lanes import LANES, load
 from .vm_point_numba import (
     ONE,
@@ -237,3 +237,18 @@ def smooth_planes(planes, taps, out):
             low, high = line[(reach - away) * channels :], line[(reach + away) * channels :]
             for c in range(row):
                 into[c] += weight * (low[c] + high[c])
+
+
+@serial_kernel
+def smooth_lines(lines, taps, out):
+    """Odd, symmetric taps along lines [3, G, C], borders mirrored."""
+    size, channels, reach = lines.shape[1], lines.shape[2], len(taps) // 2
+    for k in range(3):
+        for i in range(size):
+            for c in range(channels):
+                out[k, i, c] = taps[reach] * lines[k, i, c]
+            for away in range(1, reach + 1):
+                weight = taps[reach + away]
+                before, after = mirrored(i - away, size), mirrored(i + away, size)
+                for c in range(channels):
+                    out[k, i, c] += weight * (lines[k, before, c] + lines[k, after, c])

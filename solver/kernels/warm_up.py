@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import torch
 
-from .adam import Moments, Rates, adam_step
-from .backend import has_kernels, on_warp
-from .drawing import draw_depths, plan_rays
+from .adam import Moments, Rates, adam_step, mean_root_square
+from .backend import has_kernels, on_numba, on_warp
+from .drawing import choose_blocked, draw_depths, plan_rays
 from .hashing import uniform
 from .integral import prefix_sums, rectangle_mean
 from .march import composite, grid_transmittance, march
+from .pointwise import rowwise
 from .probe_light import irradiance_between
+from .seen import seen
 from .skipping import blocking_grid
 from .specular import Blockers, specular
 from .sphere import look_up
 from .visibility import look_around
-from .vm import smooth_planes, vm_gradient, vm_products, vm_sum
+from .vm import smooth_lines, smooth_planes, vm_gradient, vm_products, vm_sum
 
 WARP_FAMILIES = (
     "adam", "drawing", "hashing", "integral", "loss", "march", "probe_light", "shading", "specular",
@@ -34,6 +38,9 @@ def compile_kernels(device: torch.device | str = "cpu") -> None:
         _run_lookups()
         if has_kernels(device):
             _run_shading()
+        if on_numba(device):
+            _run_pointwise()
+            _run_choices()
 
 
 def _leaf(*shape: int) -> torch.Tensor:
@@ -53,6 +60,7 @@ def _run_lookups() -> None:
     vm_gradient(
         points, smooth_planes(planes, torch.tensor([0.25, 0.5, 0.25])), lines
     ).sum().backward()
+    smooth_lines(lines, torch.tensor([0.25, 0.5, 0.25])).sum().backward()
     segments = march(
         points, directions, torch.zeros(4), torch.zeros(4), 0.1, 0.25, torch.zeros(4, 4, 4).byte(),
         planes, lines, -4.0, 25.0,
@@ -89,3 +97,36 @@ def _run_shading() -> None:
     ).sum().backward()  # fmt: skip
     moments = Moments(torch.zeros(4, 3), torch.zeros(4, 3))
     adam_step(torch.zeros(4, 3), torch.ones(4, 3), moments, Rates(0.1, 0.9, 0.99, 1e-15, 1))
+
+
+def _run_pointwise() -> None:
+    """What Warp has in modules, which are compiled whole."""
+    vectors, (points, view) = partial(_leaf, 4, 3), _rays()
+    numbers, known = partial(_leaf, 4), torch.ones(4, dtype=torch.bool)
+    calls = [
+        ("materials", (_leaf(4, 7),), 1, ((3,), (), (3,))),
+        ("outward", (vectors(),), 1, ((3,),)),
+        ("diffuse", (vectors(), vectors(), vectors(), vectors(), view), 0, ((3,), (3,))),
+        ("smoothness", (vectors(), vectors(), vectors(), numbers(), numbers(), vectors(), vectors(),
+                        vectors(), vectors()), 4, ((), ())),
+        ("pixel_loss", (vectors(), numbers(), numbers(), numbers(), numbers(), points, numbers().detach(),
+                        known, known[:, None].expand(4, 3).contiguous(), points), 5, ((), ())),
+        ("material_priors", (vectors(), vectors(), numbers().detach()), 13, ((),)),
+    ]  # fmt: skip
+    for name, inputs, count, widths in calls:
+        sum(out.sum() for out in rowwise(name, inputs, (0.5,) * count, widths)).backward()
+    palette = vectors(), _leaf(1), numbers().detach()
+    rowwise("off_palette", palette, (0.1, 0.2, 2), ((),))[0].sum().backward()
+    with torch.no_grad():
+        edges = points, view, points, torch.ones(4), torch.ones(4)
+        (other,) = rowwise("pixel_edges", edges, (0.1,), ((2, 3),))
+        rowwise("mirrored_edges", (points, view, other, torch.ones(4)), (), ((2, 3),))
+        rays = points, points, torch.ones(4), torch.arange(4), view
+        rowwise("lifted", rays, (0.1, 4.0), ((3,), ()), 4)
+
+
+def _run_choices() -> None:
+    rays, ones = torch.arange(4), torch.ones(4)
+    choose_blocked(torch.rand(4, 3), torch.zeros(4), ones, rays, 0.9, 2, torch.rand(1))
+    seen(_leaf(4, 3), _leaf(4), _leaf(4), rays, rays, ones, 1e-12, 2.0).sum().backward()
+    mean_root_square(ones[:, None], Moments(ones[:, None], ones[:, None]), 0.99, 1)

@@ -6,11 +6,15 @@ from dataclasses import dataclass
 
 import torch
 
+from ..kernels.backend import fast, on_numba
 from ..kernels.drawing import draw_depths
 from ..kernels.flat_form import indices_of
+from ..kernels.seen import seen
 
 LEAST_OPACITY = 1e-3
 """rays that are more transparent than this are not shaded"""
+LEAST_WEIGHT = 1e-12
+"""of what was drawn, for its gradient"""
 
 
 @dataclass(frozen=True)
@@ -22,10 +26,16 @@ class Depths:
     share: torch.Tensor  # [K] of the ray's opacity; sums to 1 over a ray
     mass: torch.Tensor  # [K] of the pixel that the sample stands for, no gradient
     opacity: torch.Tensor  # [R]
-    slope: torch.Tensor | None = None  # [K] zero, with the gradient of the share's logarithm
+    weights: torch.Tensor | None = None  # [S] by which they were drawn; None: shares have a gradient
+    others: float = 0.0  # by how much the gradient counts that a share has of them (see `random_depths`)
 
     def gather(self, values: torch.Tensor) -> torch.Tensor:
         """What the rays see [R, C], premultiplied, of what the samples show [K, C]."""
+        if self.weights is not None and fast(values) and on_numba(values.device):
+            return seen(
+                values, self.weights.contiguous(), self.opacity, self.index, self.ray, self.share,
+                LEAST_WEIGHT, self.others,
+            )  # fmt: skip
         rays = len(self.opacity)
 
         def over_rays(values):
@@ -33,12 +43,14 @@ class Depths:
 
         share = self.share[:, None]
         shown = values * share
-        seen = over_rays(shown)
-        if self.slope is not None:
+        mean = over_rays(shown)
+        if self.weights is not None and self.others > 0:
+            logarithm = _log_of(self.weights, self.index) - _log_of(self.opacity, self.ray)
+            slope = (logarithm - logarithm.detach()) * self.others
             with torch.no_grad():
-                difference = shown - seen[self.ray] * share
-            seen = seen + over_rays(difference * self.slope[:, None])
-        return seen * self.opacity[:, None]
+                difference = shown - mean[self.ray] * share
+            mean = mean + over_rays(difference * slope[:, None])
+        return mean * self.opacity[:, None]
 
 
 def all_depths(
@@ -77,14 +89,11 @@ def random_depths(
         index, chosen, times = draw_depths(weights, offsets, opacity, u, LEAST_OPACITY)
         share = times / depths
         mass = share * opacity.detach()[chosen]
-    slope = None
-    if depths > 1:
-        logarithm = _log_of(weights, index) - _log_of(opacity, chosen)
-        slope = (logarithm - logarithm.detach()) * (depths / (depths - 1))
-    return Depths(index, chosen, share, mass, opacity, slope)
+    others = depths / (depths - 1) if depths > 1 else 0.0
+    return Depths(index, chosen, share, mass, opacity, weights, others)
 
 
 def _log_of(values: torch.Tensor, index: torch.Tensor) -> torch.Tensor:
     """Logarithms of values [N] at `index` [K]."""
     # Not values[index], whose gradient is slow on a card where an index comes often.
-    return values.index_select(0, index).clamp(min=1e-12).log()
+    return values.index_select(0, index).clamp(min=LEAST_WEIGHT).log()

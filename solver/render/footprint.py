@@ -31,7 +31,7 @@ def reflected_spread(
         pixel_angle: [R] angular width of each ray's pixel, rad.
     """
     angle = pixel_angle[samples.ray][:, None]
-    if at_hand(normals):
+    if at_hand("pixel_edges", normals):
         return _spread_at_once(scene, tables, samples, normals, view, angle[:, 0])
     facing = (normals * view).sum(-1, keepdim=True)
     sign = torch.where(facing < 0, -1.0, 1.0)

@@ -15,8 +15,8 @@ from ..brdf.microfacet import (
 )
 from ..field.heads import Materials
 from ..kernels import drawing
-from ..kernels.backend import fast, precise
-from ..kernels.drawing import Plan
+from ..kernels.backend import fast, on_numba, precise
+from ..kernels.drawing import LEAST_SCORE, Plan
 from ..kernels.flat_form import has_no_order, indices_of, nothing_follows
 from ..kernels.pointwise import at_hand, rowwise
 from ..kernels.skipping import SELF_SHADOW_COSINE
@@ -27,8 +27,8 @@ from .scene import RenderSettings, Samples, Scene, StepTables, Surface
 
 CLEAR = 0.95
 """transmittance of the grid above which a secondary ray counts as free"""
-LEAST_SCORE = 1e-30
-"""of all rays together, so that none is divided by nothing"""
+FARTHEST_START = 4.0
+"""of a ray along its surface, in units of its origin's height"""
 
 
 class SecondaryRays(NamedTuple):
@@ -58,7 +58,7 @@ def scatter(
         spread: [S, 2, 3] see `footprint.reflected_spread`.
     """
     sample = plan.sample
-    leave = _leave_at_once if at_hand(normals) else _leave
+    leave = _leave_at_once if at_hand("scattered", normals) else _leave
     half, light, direction, weight, solid_angle = leave(
         surface.materials, normals, view, plan, settings
     )
@@ -131,13 +131,17 @@ def secondary_origins(
     Args:
         normals: [S, 3]. sample: [K] long, where each ray leaves from. direction: [K, 3] unit.
     """
-    normal = normals[sample]
     if not isinstance(reach, torch.Tensor):
         reach = normals.new_full((len(normals),), reach)
-    reach = reach[sample]
+    if at_hand("lifted", normals):
+        inputs = normals, samples.points, reach, sample, direction
+        return rowwise(
+            "lifted", inputs, (SELF_SHADOW_COSINE, FARTHEST_START), ((3,), ()), len(sample)
+        )  # fmt: skip
+    normal, reach = normals[sample], reach[sample]
     origins = samples.points[sample] + reach[:, None] * normal
     cosine = (normal * direction).sum(-1).clamp(min=SELF_SHADOW_COSINE)
-    return origins, reach * (1 / cosine - 1).clamp(max=4.0)
+    return origins, reach * (1 / cosine - 1).clamp(max=FARTHEST_START)
 
 
 def choose_noisy_largest(scores: torch.Tensor, budget: int, noise: torch.Tensor) -> torch.Tensor:
@@ -213,17 +217,7 @@ def reflected(
     if trace is None or settings.retraced_rays <= 0 or nothing_follows(sample):
         return radiance
 
-    importance = weight.detach().amax(-1) * mass[sample]
-    if settings.visibility:
-        importance = torch.where(passing < CLEAR, (1 - passing) * importance, 0.0)
-    if settings.retrace_choice == "noisy":
-        noise = torch.where(mass[sample] > 0, random.uniform(CHOICE, plan.keys), -1.0)
-        chosen = choose_noisy_largest(importance, settings.retraced_rays, noise)
-        probability = torch.ones_like(importance[chosen])
-    else:
-        # One number for the batch; with a budget for all rays it decides nothing.
-        u = random.uniform(CHOICE, plan.keys[:1])
-        chosen, probability = choose_systematic(importance, settings.retraced_rays, u)
+    chosen, probability = _choose(settings, random, plan, weight.detach(), passing, mass)
     if nothing_follows(chosen):
         return radiance
     sample = sample[chosen]
@@ -233,6 +227,27 @@ def reflected(
     if not settings.visibility:
         bounced = bounced - (1 - transmittance)[:, None] * light.index_select(0, chosen)
     return radiance.index_add(0, sample, weight * bounced / probability[:, None])
+
+
+def _choose(
+    settings: RenderSettings, random: RandomNumbers, plan: Plan, weight: torch.Tensor,
+    passing: torch.Tensor, mass: torch.Tensor,
+) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
+    """Which secondary rays are traced once more, and the probabilities with which these were chosen."""
+    sample, budget = plan.sample, settings.retraced_rays
+    systematic = settings.retrace_choice != "noisy"
+    # One number for the batch; with a budget for all rays it decides nothing.
+    u = random.uniform(CHOICE, plan.keys[:1] if systematic else plan.keys)
+    if settings.visibility and systematic and fast(weight) and on_numba(weight.device):
+        return drawing.choose_blocked(weight, passing, mass, sample, CLEAR, budget, u)
+    importance = weight.amax(-1) * mass[sample]
+    if settings.visibility:
+        importance = torch.where(passing < CLEAR, (1 - passing) * importance, 0.0)
+    if systematic:
+        return choose_systematic(importance, budget, u)
+    noise = torch.where(mass[sample] > 0, u, -1.0)
+    chosen = choose_noisy_largest(importance, budget, noise)
+    return chosen, torch.ones_like(importance[chosen])
 
 
 def _near(floor: Floor | None, points: torch.Tensor) -> Near | None:

@@ -39,7 +39,7 @@ def diffuse_radiance(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Radiance [S, 3] that samples scatter of irradiance `light` [S, 3] along unit `view` [S, 3], and their
     normals on the viewer's side."""
-    if at_hand(normals):
+    if at_hand("diffuse", normals):
         inputs = normals, materials.f0, materials.albedo, light, view
         return rowwise("diffuse", inputs, (), ((3,), (3,)))
     facing = (normals * view).sum(-1, keepdim=True)

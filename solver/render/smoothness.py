@@ -42,7 +42,7 @@ def smoothness(
     offset = (random.uniform(NEIGHBOUR, samples.keys, 3) - 0.5) * (2 * 3**0.5 * spread)
     near = scene.surface(samples.points + offset, samples.part, tables.normals)
     beyond = scene.surface_normals(samples.points - offset, samples.part, tables.normals)
-    if at_hand(shading.normals):
+    if at_hand("smoothness", shading.normals):
         here, there = shading.materials, near.materials
         return rowwise(
             "smoothness",

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from solver.kernels.adam import Moments, Rates, adam_step
+from solver.kernels.adam import Moments, Rates, adam_step, mean_root_square
 from solver.kernels.backend import forced_path, gradients_in_place, plain_torch
 from solver.kernels.vm import vm_gradient, vm_products, vm_sum
 from tests.kernels.paths import PATHS, to_device
@@ -74,3 +74,17 @@ def test_gradients_added_in_place_are_those_that_autograd_adds(lookup):
         total().backward()
     torch.testing.assert_close(planes.grad, expected[0], rtol=1e-4, atol=1e-3)
     torch.testing.assert_close(lines.grad, expected[1], rtol=1e-4, atol=1e-3)
+
+
+@pytest.mark.parametrize("count", [1, 300])
+def test_the_mean_of_running_squares_is_the_twins_and_that_after_the_step(count):
+    torch.manual_seed(2)
+    gradient = torch.randn(3, 40, 80)
+    moments = Moments(torch.zeros(3, 40, 80), torch.rand(3, 40, 80) ** 4)
+    found = mean_root_square(gradient, moments, 0.99, count)
+    with plain_torch():
+        twin = mean_root_square(gradient, moments, 0.99, count)
+    adam_step(torch.zeros(3, 40, 80), gradient, moments, Rates(0.1, 0.9, 0.99, 1e-15, count))
+    after = (moments.square / (1 - 0.99**count)).sqrt().mean()
+    assert found == pytest.approx(float(twin), rel=1e-5)
+    assert found == pytest.approx(float(after), rel=1e-5)

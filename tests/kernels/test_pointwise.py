@@ -1,4 +1,4 @@
-"""What is done for each sample or pixel at once on a card: against the plain torch that it stands for."""
+"""What is done for each sample or pixel at once: against the plain torch that it stands for."""
 
 import dataclasses
 from types import SimpleNamespace
@@ -8,15 +8,14 @@ import torch
 
 from solver.brdf.neural import NeuralTerm
 from solver.field.field import MicrofacetField
-from solver.field.heads import Materials
+from solver.field.heads import MIN_ALPHA, MaterialHeads, Materials
 from solver.fit import priors
 from solver.fit.losses import total_loss
 from solver.fit.settings import FitSettings
-from solver.kernels import pointwise_warp
 from solver.kernels.backend import forced_path, kernels
 from solver.render.footprint import reflected_spread
 from solver.render.random_numbers import RandomNumbers
-from solver.render.reflection import plan_rays, scatter
+from solver.render.reflection import plan_rays, scatter, secondary_origins
 from solver.render.scene import RenderSettings, Samples, StepTables, Surface
 from solver.render.shade import Shading, diffuse_radiance
 from solver.render.smoothness import smoothness
@@ -66,30 +65,52 @@ def seeded():
 @pytest.fixture(autouse=True)
 def kernels_run(monkeypatch):
     """A test in which no kernel ran has compared the twin with itself."""
-    names, run = [], pointwise_warp.run
-    with forced_path("warp"):
-        family = kernels("pointwise", torch.device("cpu"))
+    names = []
 
-    def told(name, *arguments):
-        names.append(name)
-        run(name, *arguments)
+    def telling(run):
+        def told(name, *arguments):
+            names.append(name)
+            run(name, *arguments)
 
-    monkeypatch.setattr(family, "run", told)
+        return told
+
+    for path in ("numba", "warp"):
+        with forced_path(path):
+            family = kernels("pointwise", torch.device("cpu"))
+        monkeypatch.setattr(family, "run", telling(family.run))
     yield
     assert names
 
 
-@pytest.mark.parametrize("path, device", CARDS)
+@pytest.mark.parametrize("path, device", PATHS)
 def test_diffuse_light_is_the_same(path, device):
     def function(normals, albedo, f0, light, view):
         return diffuse_radiance(normals, Materials(albedo, None, f0), light, view)
 
     albedo, _, f0 = materials()
     leaves = [unit().requires_grad_(), albedo, f0, rand(COUNT, 3).requires_grad_()]
-    compare(path, device, leaves, function, [unit()])
+    compare(path, device, [*leaves, unit().requires_grad_()], function)
 
 
-@pytest.mark.parametrize("path, device", CARDS)
+@pytest.mark.parametrize("path, device", PATHS)
+def test_materials_are_the_same_also_where_roughness_is_at_its_least(path, device):
+    torch.manual_seed(0)
+    heads = MaterialHeads(6, 0.5, 0.4, 0.1).to(device)
+    features = 4 * (rand(COUNT, 6) - 0.5)
+    features[::3, 0] = -40
+    with torch.no_grad():
+        heads.roughness.weight[0, 0] = 0.2
+
+    def function(features):
+        return heads(features)
+
+    compare(path, device, [features.requires_grad_()], function)
+    with forced_path(path):
+        alpha = heads(features.to(device)).alpha
+    assert 0.2 < (alpha == MIN_ALPHA).float().mean() < 0.5
+
+
+@pytest.mark.parametrize("path, device", PATHS)
 def test_gradients_that_are_not_wanted_are_written_nowhere(path, device):
     """A fixed bug: a launch went on to write where the one before it had wanted a gradient."""
     normals, light, view = to_device([unit(), rand(COUNT, 3), unit()], device)
@@ -107,7 +128,7 @@ def test_gradients_that_are_not_wanted_are_written_nowhere(path, device):
     assert len(before) == 2 and torch.equal(*before)
 
 
-@pytest.mark.parametrize("path, device", CARDS)
+@pytest.mark.parametrize("path, device", PATHS)
 def test_smoothness_is_the_same(path, device):
     normals = unit()
     close = [torch.nn.functional.normalize(normals + 0.05 * unit(), dim=-1) for _ in range(2)]
@@ -133,7 +154,7 @@ def test_smoothness_is_the_same(path, device):
     compare(path, device, leaves, function)
 
 
-@pytest.mark.parametrize("path, device", CARDS)
+@pytest.mark.parametrize("path, device", PATHS)
 def test_normals_are_the_same_also_where_there_is_hardly_any_slope(path, device):
     planes, lines = rand(3, 8, 8, 4), rand(3, 8, 4)
     planes[:, :3] = 1e-4 * planes[:, :3]
@@ -146,7 +167,7 @@ def test_normals_are_the_same_also_where_there_is_hardly_any_slope(path, device)
     compare(path, device, [planes.requires_grad_(), lines.requires_grad_()], function, scale=1e-3)
 
 
-@pytest.mark.parametrize("path, device", CARDS)
+@pytest.mark.parametrize("path, device", PATHS)
 def test_a_pixels_spread_in_a_mirror_is_the_same(path, device):
     scene = lumpy().to(device)
     points, view, normals = 0.5 * unit(), unit(), unit()
@@ -158,6 +179,19 @@ def test_a_pixels_spread_in_a_mirror_is_the_same(path, device):
             tables = StepTables.of(scene)
             found.append(reflected_spread(scene, tables, Samples(*samples), normals, view, angle))
     torch.testing.assert_close(*found, rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize("reach", [0.02, None])
+def test_rays_begin_at_the_same_height(reach):
+    samples = Samples(unit(), None, None, None)
+    sample, direction = torch.arange(3 * COUNT) % COUNT, unit(3 * COUNT)
+    reach = rand(COUNT) if reach is None else reach
+    found = []
+    for path in ("numba", "torch"):
+        with forced_path(path):
+            found.append(secondary_origins(samples, samples.points, sample, direction, reach))
+    for a, b in zip(*found, strict=True):
+        torch.testing.assert_close(a, b)
 
 
 @pytest.mark.parametrize("masking, averaged", [(True, True), (False, False)])
@@ -183,7 +217,7 @@ def test_scattered_rays_are_the_same_with_the_neural_term(path, device, masking,
 
 
 @pytest.mark.parametrize("use_masks", [True, False])
-@pytest.mark.parametrize("path, device", CARDS)
+@pytest.mark.parametrize("path, device", PATHS)
 def test_losses_of_pixels_are_the_same(path, device, use_masks):
     opacity, alpha = rand(COUNT), (2 * rand(COUNT) - 0.5).clamp(0, 1)
     opacity[:3] = torch.tensor([1.001, 0.0, 1.0])
@@ -208,7 +242,7 @@ def test_losses_of_pixels_are_the_same(path, device, use_masks):
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.5, 0.9])
-@pytest.mark.parametrize("path, device", CARDS)
+@pytest.mark.parametrize("path, device", PATHS)
 def test_priors_of_materials_are_the_same(path, device, fraction):
     opacity = rand(COUNT)
     opacity[0], opacity[1] = 0.0, 1.0

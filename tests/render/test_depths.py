@@ -1,7 +1,9 @@
 """Shading few of a ray's samples: right in the mean, in value and in gradient, and with little noise."""
 
+import pytest
 import torch
 
+from solver.kernels.backend import forced_path
 from solver.kernels.march import composite
 from solver.render.depths import all_depths, random_depths
 
@@ -68,3 +70,24 @@ def test_all_heavy_samples_make_up_for_the_faint_ones():
     assert 0 < len(found.index) < COUNT
     gathered = found.gather(torch.ones(len(found.index), 1))
     torch.testing.assert_close(gathered[:, 0], 1 - transmittance)
+
+
+@pytest.mark.parametrize("depths", [1, 3])
+def test_the_kernel_agrees_with_its_twin_in_values_and_gradients(depths):
+    torch.manual_seed(2)
+    rays, each = 40, 7
+    offsets = torch.arange(rays + 1) * each
+    leaves = [torch.rand(rays * each) ** 3, torch.rand(rays * each, 5)]
+    leaves[0][3 * each : 4 * each] = 0.0
+    u, cotangent = torch.rand(rays, depths), torch.rand(rays, 5)
+    results = []
+    for path in ("numba", "torch"):
+        depth, values = (leaf.clone().requires_grad_() for leaf in leaves)
+        with forced_path(path):
+            weights, transmittance = composite(depth, offsets)
+            found = random_depths(weights, offsets, 1 - transmittance, u)
+            seen = found.gather(values[found.index])
+            results.append((seen, *torch.autograd.grad(seen, (depth, values), cotangent)))
+    for a, b in zip(*results, strict=True):
+        assert (a != 0).any()
+        torch.testing.assert_close(a, b, rtol=1e-4, atol=1e-6)

@@ -1,16 +1,17 @@
 """The fused kernel of glossy reflection against its plain twin, in values and in gradients."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import pytest
 import torch
 
 from solver.field.heads import Materials
-from solver.kernels.backend import plain_torch
+from solver.kernels.backend import forced_path, plain_torch
 from solver.light.environment import EnvironmentMap, equirect_directions
 from solver.light.floor import Floor
 from solver.render.random_numbers import RandomNumbers
-from solver.render.reflection import choose_noisy_largest, reflected
+from solver.render.reflection import CLEAR, _choose, choose_noisy_largest, reflected
 from solver.render.scene import RenderSettings, Samples, StepTables, Surface
 from tests.render.scenes import ball
 
@@ -152,3 +153,23 @@ def compare(arguments, settings, spread, trace=None):
     ):
         error = float((a - b).norm() / b.norm())
         assert error < 5e-3, f"{name}: {error}"
+
+
+@pytest.mark.parametrize("budget", [0, 7, 60, 4000])
+def test_blocked_rays_are_chosen_as_by_the_plain_twin(budget):
+    torch.manual_seed(5)
+    samples, rays = 50, 600
+    sample = torch.arange(rays) // (rays // samples)
+    plan = SimpleNamespace(sample=sample, keys=torch.arange(rays))
+    weight, mass, passing = torch.rand(rays, 3), torch.rand(samples), 1.3 * torch.rand(rays)
+    mass[:10] = 0.0
+    found = []
+    for path in ("numba", "torch"):
+        with forced_path(path):
+            settings = RenderSettings(retraced_rays=budget)
+            found.append(_choose(settings, RandomNumbers(1), plan, weight, passing, mass))
+    (chosen, probability), (same, same_probability) = found
+    assert torch.equal(chosen, same)
+    torch.testing.assert_close(probability, same_probability)
+    blocked = int(((passing < CLEAR) & (mass[sample] > 0)).sum())
+    assert abs(len(chosen) - min(budget, blocked)) <= 1

@@ -1,0 +1,51 @@
+"""What rays see of a few samples drawn by weight, in one kernel, for the CPU.
+
+`render.depths` chooses between this and its plain torch twin.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch.autograd.function import once_differentiable
+
+from .backend import kernels
+
+
+class _Seen(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, values, weights, opacity, index, ray, share, least, others):
+        values, mean = values.contiguous(), values.new_empty(len(opacity), values.shape[1])
+        out = torch.empty_like(mean)
+        chosen = values, index, ray, share, opacity.contiguous(), mean
+        kernels("seen", values.device).seen(*chosen, out)
+        ctx.save_for_backward(*chosen, weights)
+        ctx.numbers = least, others
+        return out
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, cotangent):
+        *chosen, weights = ctx.saved_tensors
+        values, opacity = chosen[0], chosen[4]
+        gradients = torch.empty_like(values), torch.empty_like(opacity), torch.zeros_like(weights)
+        kernels("seen", values.device).seen_backward(
+            *chosen, weights, *ctx.numbers, cotangent.contiguous(), *gradients
+        )
+        to_values, to_opacity, to_weights = gradients
+        return to_values, to_weights, to_opacity, *[None] * 5
+
+
+def seen(
+    values: torch.Tensor, weights: torch.Tensor, opacity: torch.Tensor, index: torch.Tensor,
+    ray: torch.Tensor, share: torch.Tensor, least: float, others: float,
+) -> torch.Tensor:  # fmt: skip
+    """What rays see [R, C] of what samples show [K, C].
+
+    Args:
+        weights: [S] contiguous, of all samples; the chosen ones are at `index` [K] long.
+        opacity: [R]. ray: [K] long. share: [K] of the ray's opacity; sums to one over a ray.
+        least: weight of samples whose gradient counts. others: how much their share's gradient counts.
+
+    Gradients flow to values, weights and opacity.
+    """
+    return _Seen.apply(values, weights, opacity, index, ray, share, least, others)
