@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+import torch.nn.functional as F
 
 from . import integral_torch
 from .backend import fast, gradient_buffer, kernels, on_numba
@@ -47,6 +48,31 @@ class _PrefixSums(torch.autograd.Function):
         run = kernels("integral", cotangent.device)
         run.prefix_sums_backward(cotangent.contiguous(), row_weights, out)
         return out, None
+
+
+class _CornerSums(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, rows, at, share):
+        out = rows.new_empty(len(at), rows.shape[1])
+        kernels("integral", rows.device).corner_sums(rows, at, share, out)
+        ctx.save_for_backward(rows, at, share)
+        return out
+
+    @staticmethod
+    def backward(ctx, cotangent):
+        rows, at, share = ctx.saved_tensors
+        gradient = torch.zeros_like(rows)
+        kernels("integral", gradient.device).corner_sums_backward(
+            at, share, cotangent.contiguous(), gradient
+        )
+        return gradient, None, None
+
+
+def corner_sums(rows: torch.Tensor, at: torch.Tensor, share: torch.Tensor) -> torch.Tensor:
+    """Sums [J, C] of rows [N, C] double at places [J, K] long, each by its share [J, K] double."""
+    if on_numba(rows.device) and rows.dtype == torch.float64:
+        return _CornerSums.apply(rows.contiguous(), at, share)
+    return F.embedding_bag(at, rows, per_sample_weights=share, mode="sum")
 
 
 def prefix_sums(values: torch.Tensor, row_weights: torch.Tensor) -> torch.Tensor:

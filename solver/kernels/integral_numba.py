@@ -12,7 +12,7 @@ import math
 import numba
 import numpy as np
 
-from .compiling import function, inlined, kernel
+from .compiling import function, inlined, kernel, serial_kernel
 from .vectors_numba import minus, plus, times, triple
 
 BANDS = 8  # of rows; the tasks of a scatter, where several threads share it
@@ -247,3 +247,23 @@ def prefix_sums_backward(cotangent, row_weights, out):
             out[0, i, j] = below[j, 0] * row_weights[i]
             out[1, i, j] = below[j, 1] * row_weights[i]
             out[2, i, j] = below[j, 2] * row_weights[i]
+
+
+@serial_kernel
+def corner_sums(rows, at, share, out):
+    """Sums [J, C] of rows [N, C] at places [J, K], each by its share."""
+    for j in range(at.shape[0]):
+        for c in range(out.shape[1]):
+            out[j, c] = 0.0
+        for k in range(at.shape[1]):
+            for c in range(out.shape[1]):
+                out[j, c] += share[j, k] * rows[at[j, k], c]
+
+
+@serial_kernel
+def corner_sums_backward(at, share, cotangent, g_rows):
+    """Adjoint of `corner_sums`, added."""
+    for j in range(at.shape[0]):
+        for k in range(at.shape[1]):
+            for c in range(cotangent.shape[1]):
+                g_rows[at[j, k], c] += share[j, k] * cotangent[j, c]

@@ -10,7 +10,7 @@ from .adam import Moments, Rates, adam_step, mean_root_square
 from .backend import has_kernels, on_numba, on_warp
 from .drawing import choose_blocked, draw_depths, plan_rays
 from .hashing import uniform
-from .integral import prefix_sums, rectangle_mean
+from .integral import corner_sums, prefix_sums, rectangle_mean
 from .march import composite, grid_transmittance, march
 from .pointwise import rowwise
 from .probe_light import irradiance_between
@@ -129,4 +129,5 @@ def _run_choices() -> None:
     rays, ones = torch.arange(4), torch.ones(4)
     choose_blocked(torch.rand(4, 3), torch.zeros(4), ones, rays, 0.9, 2, torch.rand(1))
     seen(_leaf(4, 3), _leaf(4), _leaf(4), rays, rays, ones, 1e-12, 2.0).sum().backward()
+    corner_sums(_leaf(4, 3).double(), rays[:, None], ones[:, None].double()).sum().backward()
     mean_root_square(ones[:, None], Moments(ones[:, None], ones[:, None]), 0.99, 1)

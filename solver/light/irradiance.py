@@ -19,6 +19,7 @@ import torch
 import torch.nn.functional as F
 
 from ..kernels.backend import precise
+from ..kernels.integral import corner_sums
 from ..kernels.integral_torch import prefix_sums
 from .spherical_harmonics import quadratic, quadratic_form, sh_basis
 
@@ -115,7 +116,7 @@ def power(table: torch.Tensor) -> torch.Tensor:
     """∫ L dω [J, 3] over every patch, of a light's prefix sums [H+1, W+1, 3] (`LightTables.table`)."""
     corners = _corners(len(table) - 1, table.device)
     rows = table.flatten(0, 1)
-    return F.embedding_bag(corners.at, rows, per_sample_weights=corners.share, mode="sum").float()
+    return corner_sums(rows, corners.at, corners.share).float()
 
 
 def bright_lobes(harmonics: torch.Tensor, radiance: torch.Tensor) -> torch.Tensor:

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from solver.kernels.backend import forced_path, plain_torch
-from solver.kernels.integral import prefix_sums, rectangle_mean
+from solver.kernels.integral import corner_sums, prefix_sums, rectangle_mean
 from solver.light.environment import EnvironmentMap
 from tests.kernels.paths import PATHS, to_device
 
@@ -116,3 +116,19 @@ def test_a_sun_leaves_no_negative_radiance_elsewhere():
         environment.tables().table, environment.row_prefix, centre, torch.ones(5000, 2)
     )
     assert (mean > 0.9e-3).all()
+
+
+@pytest.mark.parametrize("columns", [3, 9])
+def test_corner_sums_agree_with_their_twin_in_values_and_gradients(columns):
+    torch.manual_seed(1)
+    rows = torch.rand(50, columns, dtype=torch.float64, requires_grad=True)
+    at, share = torch.randint(50, (20, 6)), torch.rand(20, 6, dtype=torch.float64) - 0.5
+    cotangent = torch.rand(20, columns, dtype=torch.float64)
+    results = []
+    for path in ("numba", "torch"):
+        with forced_path(path):
+            sums = corner_sums(rows, at, share)
+            results.append((sums, *torch.autograd.grad(sums, rows, cotangent)))
+    assert type(sums.grad_fn) is not type(corner_sums(rows, at, share).grad_fn)
+    for a, b in zip(*results, strict=True):
+        torch.testing.assert_close(a, b)

@@ -189,3 +189,14 @@ def test_gradients_of_a_turned_light_are_its_finite_differences():
         return torch.func.functional_call(Turned(), {"light.log_radiance": log_radiance}, ())
 
     assert torch.autograd.gradcheck(turned_radiance, (start.requires_grad_(),))
+
+
+def test_light_is_the_exponential_of_its_map_and_one_that_is_too_bright_may_come_down():
+    environment = EnvironmentMap(4)
+    with torch.no_grad():
+        environment.log_radiance.copy_(torch.linspace(-3, 25, 3 * 4 * 8).view(3, 4, 8))
+    radiance = environment.radiance()
+    expected = environment.log_radiance.detach().clamp(max=EnvironmentMap.MAX_LOG_RADIANCE).exp()
+    torch.testing.assert_close(radiance, expected)
+    (gradient,) = torch.autograd.grad(radiance.sum(), environment.log_radiance)
+    torch.testing.assert_close(gradient, expected)
