@@ -91,6 +91,7 @@ def build(options: argparse.Namespace, new: Path) -> None:
         # The new environment must start the solver, in the new process's own words.
         command = [str(python_of(new)), "-I", "-X", "utf8", str(options.check), "doctor"]
         run(command, "The packages were installed, but the solver does not start with them.")
+        compile_loops(options, new)
     write_record(options, new)
     put_in_place(new, options.folder / "environment", options.folder / "previous")
 
@@ -151,6 +152,23 @@ def install(options: argparse.Namespace, new: Path) -> None:
 
     failure = f"pip could not install the packages; see above. {why_without_packages()}".strip()
     run(command, failure, listen)
+
+
+def compile_loops(options: argparse.Namespace, new: Path) -> None:
+    """Have the solver compile its loops, so that the first reconstruction need not; one that can't now does
+    then, or says why.
+
+    Raises:
+        StepFailed: the set-up was cancelled.
+    """
+    say(0.95, "Compiling the solver's loops, about a minute")
+    command = [str(python_of(new)), "-I", "-X", "utf8", str(options.check), "compile"]
+    try:
+        run(command, "The solver's loops could not be compiled; the first reconstruction tries again.")
+    except StepFailed as failure:
+        if _cancelled.is_set():
+            raise
+        print(failure, flush=True)
 
 
 def why_without_packages() -> str:

@@ -105,6 +105,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_settings(export, "asset.field=value", "bake anew with another mesh or other textures")
     export.set_defaults(run=_export)
 
+    loops = commands.add_parser("compile", help="what the first fit would have to wait for")
+    loops.set_defaults(run=_compile)
+
     doctor = commands.add_parser("doctor", help="what this machine can do")
     doctor.set_defaults(run=_doctor)
     return parser
@@ -274,6 +277,18 @@ def _export(options: argparse.Namespace) -> int:
     else:
         export_result(job, out)
     print(out)
+    return DONE
+
+
+def _compile(options: argparse.Namespace) -> int:
+    from .fit.devices import choose_device
+    from .job.progress import plain_bar
+    from .kernels.compile_ahead import compile_ahead
+
+    with plain_bar() as told:
+        for device in {"cpu": None, choose_device("auto"): None}:
+            compile_ahead(device, lambda done: told(done, "compiling"))
+    print("The solver's loops are compiled.")
     return DONE
 
 

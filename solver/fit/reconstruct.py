@@ -21,7 +21,7 @@ from ..job.folder import JobFolder, JobRequest
 from ..job.inputs import capture_of, placement_of, region_of
 from ..job.progress import Progress
 from ..kernels.backend import fast
-from ..kernels.warm_up import compile_kernels
+from ..kernels.compile_ahead import compile_ahead
 from . import checkpoint
 from .clock import FitClock
 from .devices import choose_device, device_at_hand
@@ -78,7 +78,7 @@ def run_job(
 
     progress.stage("compile", "compiling kernels (once on this machine)")
     if fast(torch.empty(0, device=device)):
-        compile_kernels(device)
+        compile_ahead(device, lambda done: (progress.fraction(done), _stop_if_asked(control)))
     elif device == "cuda":
         progress.warning(
             "NVIDIA Warp does not run on this card, so the fit is slower; update the card's driver"

@@ -56,20 +56,24 @@ def slab(table, width, height, x0, x1, y):
     return value, minus(right_x, left_x), by_y
 
 
+called_slab = function(slab.py_func)
+"""`slab` for where rectangles hardly ever are: each place it is put into takes seconds to compile"""
+
+
 @function
 def slab_over_poles(table, width, height, x0, x1, far0, far1, y):
     """`slab` for y in [−H, 2H]: past a pole the map goes on half a turn away (`far`), mirrored."""
     zero = (0.0, 0.0, 0.0)
     if y < 0.0:
-        value, by_x, by_y = slab(table, width, height, far0, far1, -y)
+        value, by_x, by_y = called_slab(table, width, height, far0, far1, -y)
         return minus(zero, value), minus(zero, by_x), by_y
     if y > height:
         bottom = float(height)
-        a, a_x, _ = slab(table, width, height, x0, x1, bottom)
-        b, b_x, _ = slab(table, width, height, far0, far1, bottom)
-        d, d_x, by_y = slab(table, width, height, far0, far1, 2.0 * height - y)
+        a, a_x, _ = called_slab(table, width, height, x0, x1, bottom)
+        b, b_x, _ = called_slab(table, width, height, far0, far1, bottom)
+        d, d_x, by_y = called_slab(table, width, height, far0, far1, 2.0 * height - y)
         return minus(plus(a, 1.0, b), d), minus(plus(a_x, 1.0, b_x), d_x), by_y
-    return slab(table, width, height, x0, x1, y)
+    return called_slab(table, width, height, x0, x1, y)
 
 
 @function
@@ -154,6 +158,10 @@ def scatter_slab(grad, low, high, width, height, x0, x1, y, a):
     scatter_row(grad, j + 1, low, high, width, x0, x1, times(g, a))
 
 
+called_scatter_slab = function(scatter_slab.py_func)
+"""see `called_slab`"""
+
+
 @function
 def scatter_over_poles(grad, low, high, width, height, left, right, y, a):
     """Adjoint of `slab_over_poles`."""
@@ -161,14 +169,14 @@ def scatter_over_poles(grad, low, high, width, height, left, right, y, a):
     far0, far1 = column(left + 0.5 * width, width), column(right + 0.5 * width, width)
     away = (-a[0], -a[1], -a[2])
     if y < 0.0:
-        scatter_slab(grad, low, high, width, height, far0, far1, -y, away)
+        called_scatter_slab(grad, low, high, width, height, far0, far1, -y, away)
     elif y > height:
         bottom = float(height)
-        scatter_slab(grad, low, high, width, height, x0, x1, bottom, a)
-        scatter_slab(grad, low, high, width, height, far0, far1, bottom, a)
-        scatter_slab(grad, low, high, width, height, far0, far1, 2.0 * height - y, away)
+        called_scatter_slab(grad, low, high, width, height, x0, x1, bottom, a)
+        called_scatter_slab(grad, low, high, width, height, far0, far1, bottom, a)
+        called_scatter_slab(grad, low, high, width, height, far0, far1, 2.0 * height - y, away)
     else:
-        scatter_slab(grad, low, high, width, height, x0, x1, y, a)
+        called_scatter_slab(grad, low, high, width, height, x0, x1, y, a)
 
 
 @function

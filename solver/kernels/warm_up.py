@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
+from typing import NamedTuple
 
 import torch
 
@@ -35,12 +37,16 @@ def compile_kernels(device: torch.device | str = "cpu") -> None:
 
         warp_device.load(WARP_FAMILIES, device)
     with device:
-        _run_lookups()
-        if has_kernels(device):
-            _run_shading()
-        if on_numba(device):
-            _run_pointwise()
-            _run_choices()
+        for group in GROUPS.values():
+            if on_numba(device) or (has_kernels(device) and not group.cpu_only):
+                group.run()
+
+
+def run_groups(names: list[str], progress: Callable[[float], None]) -> None:
+    """Compile some of the `GROUPS` for the CPU; `progress` is told the share done."""
+    for done, name in enumerate(names, 1):
+        GROUPS[name].run()
+        progress(done / len(names))
 
 
 def _leaf(*shape: int) -> torch.Tensor:
@@ -53,47 +59,59 @@ def _rays() -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def _run_lookups() -> None:
-    points, directions = _rays()
+    points, _ = _rays()
     planes, lines = _leaf(3, 4, 4, 8), _leaf(3, 4, 8)
+    taps = torch.tensor([0.25, 0.5, 0.25])
     vm_sum(points, planes, lines).sum().backward()
     vm_products(points, planes, lines).sum().backward()
-    vm_gradient(
-        points, smooth_planes(planes, torch.tensor([0.25, 0.5, 0.25])), lines
-    ).sum().backward()
-    smooth_lines(lines, torch.tensor([0.25, 0.5, 0.25])).sum().backward()
+    vm_gradient(points, smooth_planes(planes, taps), smooth_lines(lines, taps)).sum().backward()
+
+
+def _run_walks() -> None:
+    points, directions = _rays()
     segments = march(
         points, directions, torch.zeros(4), torch.zeros(4), 0.1, 0.25, torch.zeros(4, 4, 4).byte(),
-        planes, lines, -4.0, 25.0,
+        torch.rand(3, 4, 4, 8), torch.rand(3, 4, 8), -4.0, 25.0,
     )  # fmt: skip
-    depth = _leaf(len(segments.ray))
-    weights, transmittance = composite(depth, segments.offsets)
+    weights, transmittance = composite(_leaf(len(segments.ray)), segments.offsets)
     (weights.sum() + transmittance.sum()).backward()
     blocking = blocking_grid(torch.rand(4, 4, 4))
     grid_transmittance(points, directions, torch.zeros(4), 0.25, blocking)
     look_around(points, directions, 0.1, 0.25, blocking)
+
+
+def _light() -> tuple[torch.Tensor, torch.Tensor]:
+    """Prefix sums of a light and of its rows' solid angles."""
     rows = torch.linspace(0, 1, 5, dtype=torch.float64)
+    return prefix_sums(_leaf(3, 4, 8), rows[1:]), rows
+
+
+def _run_light() -> None:
+    table, rows = _light()
     look_up(_leaf(3, 4, 8), torch.rand(4, 8, 2)).sum().backward()
-    table, centre = prefix_sums(_leaf(3, 4, 8), rows[1:]), _leaf(4, 2)
-    rectangle_mean(table, rows, centre, torch.ones(4, 2)).sum().backward()
+    rectangle_mean(table, rows, _leaf(4, 2), torch.ones(4, 2)).sum().backward()
 
 
-def _run_shading() -> None:
+def _run_reflection() -> None:
+    points, directions = _rays()
+    blockers = Blockers(torch.zeros(3), 1.0, 0.25, blocking_grid(torch.rand(4, 4, 4)), 0.1)
+    table, rows = _light()
+    radiance, _ = specular(
+        directions.clone().requires_grad_(), _leaf(4), _leaf(4, 3), table, directions, points,
+        torch.arange(5), torch.ones(4), torch.rand(4, 2), rows, True, True, blockers,
+    )  # fmt: skip
+    radiance.sum().backward()
+
+
+def _run_rest() -> None:
     points, directions = _rays()
     keys, ones = torch.arange(4), torch.ones(4)
     uniform(keys, 0, 2)
     draw_depths(ones, torch.arange(5), ones, torch.rand(4, 2), 0.0)
     plan_rays(keys, ones, 1, torch.rand(4, 2), (0, 0))
-    blockers = Blockers(torch.zeros(3), 1.0, 0.25, blocking_grid(torch.rand(4, 4, 4)), 0.1)
-    rows = torch.linspace(0, 1, 5, dtype=torch.float64)
-    table, normals = prefix_sums(_leaf(3, 4, 8), rows[1:]), directions.clone().requires_grad_()
-    radiance, _ = specular(
-        normals, _leaf(4), _leaf(4, 3), table, directions, points, torch.arange(5), torch.ones(4),
-        torch.rand(4, 2), rows, True, True, blockers,
-    )  # fmt: skip
-    radiance.sum().backward()
     irradiance_between(
-        _leaf(3, 9, 3), normals, points, torch.ones(2, 2, 2).long(), torch.rand(2, 2, 2), 1.0,
-        torch.rand(16, 9),
+        _leaf(3, 9, 3), directions.clone().requires_grad_(), points, torch.ones(2, 2, 2).long(),
+        torch.rand(2, 2, 2), 1.0, torch.rand(16, 9),
     ).sum().backward()  # fmt: skip
     moments = Moments(torch.zeros(4, 3), torch.zeros(4, 3))
     adam_step(torch.zeros(4, 3), torch.ones(4, 3), moments, Rates(0.1, 0.9, 0.99, 1e-15, 1))
@@ -131,3 +149,23 @@ def _run_choices() -> None:
     seen(_leaf(4, 3), _leaf(4), _leaf(4), rays, rays, ones, 1e-12, 2.0).sum().backward()
     corner_sums(_leaf(4, 3).double(), rays[:, None], ones[:, None].double()).sum().backward()
     mean_root_square(ones[:, None], Moments(ones[:, None], ones[:, None]), 0.99, 1)
+
+
+class Group(NamedTuple):
+    """Kernels that are compiled by being run."""
+
+    run: Callable[[], None]
+    seconds: float  # that numba takes, about
+    cpu_only: bool = False
+
+
+GROUPS = {
+    "reflection": Group(_run_reflection, 22.0),
+    "lookups": Group(_run_lookups, 18.0),
+    "light": Group(_run_light, 13.0),
+    "walks": Group(_run_walks, 9.0),
+    "rest": Group(_run_rest, 6.0),
+    "pointwise": Group(_run_pointwise, 10.0, cpu_only=True),
+    "choices": Group(_run_choices, 2.0, cpu_only=True),
+}
+"""independent of each other"""

@@ -43,7 +43,8 @@ def check(tmp_path):
     """A script that starts only where the package is, in place of the solver's bootstrap."""
     path = tmp_path / "check.py"
     path.write_text(
-        "import sys, tiny_solver\nassert sys.argv[1] == 'doctor'\nprint(tiny_solver.ANSWER)\n"
+        "import sys, tiny_solver\nassert sys.argv[1] in ('doctor', 'compile')\n"
+        "print(sys.argv[1], tiny_solver.ANSWER)\n"
     )
     return path
 
@@ -77,13 +78,24 @@ def test_the_environment_is_built_checked_and_found(build, part, monkeypatch):
     folder, state = build(lambda state: fractions.append(state.fraction))
     assert state.error == "" and state.text == "Done" and state.fraction == 1.0
     assert fractions == sorted(fractions) and len(set(fractions)) > 3
-    assert "42" in state.log, "the check ran in the new environment"
+    assert "doctor 42" in state.log, "the check ran in the new environment"
+    assert "compile 42" in state.log, "and the first reconstruction need not compile"
     runtime = part("runtime")
     monkeypatch.delenv("NMF_SOLVER_PYTHON")
     python = runtime.solver_python(runtime_folder=str(folder))
     assert folder in python.parents
     subprocess.run([python, "-I", "-c", "import tiny_solver"], check=True)
     assert runtime.runtime_record(str(folder))["python"].startswith(("3.11", "3.12", "3.13"))
+    assert sorted(os.listdir(folder)) == ["environment"]
+
+
+def test_a_solver_that_cannot_compile_yet_is_set_up_all_the_same(build, tmp_path):
+    check = tmp_path / "no_compiler.py"
+    check.write_text("import sys\nif sys.argv[1] == 'compile': sys.exit('the disk is full')\n")
+    folder, state = build(check=check)
+    assert state.error == "" and state.text == "Done"
+    assert "the disk is full" in state.log
+    assert "the first reconstruction tries again" in state.log[-1]
     assert sorted(os.listdir(folder)) == ["environment"]
 
 

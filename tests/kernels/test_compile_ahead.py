@@ -1,0 +1,73 @@
+"""Compiling in several processes: all is found again, and nothing of kernels that were other ones."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from solver.kernels.compile_ahead import shared_out
+from solver.kernels.warm_up import GROUPS
+
+ROOT = Path(__file__).resolve().parents[2]
+SCRIPT = """
+import sys
+from pathlib import Path
+from solver.kernels import compile_ahead, warm_up
+
+class Enough(Exception):
+    pass
+
+def kept():
+    return {file.name for file in compile_ahead._folder().glob("*_numba.*.nbi")}
+
+def stop(done):
+    raise Enough
+
+if __name__ == "__main__":
+    compile_ahead.GROUPS = {name: warm_up.GROUPS[name] for name in ("choices", "rest")}
+    compile_ahead.compile_kernels = lambda device: None  # which would compile all
+    told = []
+    assert not compile_ahead.is_compiled() and not kept()
+    try:
+        compile_ahead.compile_ahead("cpu", stop)
+        raise SystemExit("nobody was asked whether to go on")
+    except Enough:
+        assert not compile_ahead.is_compiled()
+    compile_ahead.compile_ahead("cpu", told.append)
+    first, names = kept(), " ".join(kept())
+    assert "drawing_numba.choose" in names and "hashing_numba.uniform" in names, names
+    assert compile_ahead.is_compiled() and told[-1] == 1.0
+    compile_ahead.compile_ahead("cpu", stop)  # there is nothing to do
+    was = compile_ahead._fingerprint()
+    compile_ahead._fingerprint = lambda: "what a kernel calls is another now"
+    assert not compile_ahead.is_compiled()
+    compile_ahead._compile_side_by_side = lambda progress: None
+    compile_ahead.compile_ahead("cpu", told.append)
+    assert not kept() and compile_ahead.is_compiled()
+    print("all is well")
+"""
+
+
+def test_kernels_are_compiled_side_by_side_once_and_anew_when_they_have_changed(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    environment = {
+        **os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "NUMBA_NUM_THREADS": "2",
+        "PYTHONPATH": str(ROOT),
+    }  # fmt: skip
+    result = subprocess.run(
+        [sys.executable, script], env=environment, capture_output=True, text=True, timeout=600
+    )
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.strip() == "all is well"
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 20])
+def test_processes_end_at_about_the_same_time(count):
+    seconds = {name: group.seconds for name, group in GROUPS.items()}
+    shares = shared_out(seconds, count)
+    assert sorted(sum(shares, [])) == sorted(GROUPS) and len(shares) <= count
+    longest = max(sum(seconds[name] for name in share) for share in shares)
+    assert longest <= max(sum(seconds.values()) / count * 4 / 3, max(seconds.values()))
