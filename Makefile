@@ -8,6 +8,7 @@
 #
 # PYTHON=…           the Python to build .venv with, 3.11 or 3.13: make demo PYTHON=python3.13
 # PIP_ARGUMENTS=…    more for pip install, such as --extra-index-url with PyTorch's index for CPUs
+# WORKERS=…          processes that run the solver's tests, 2 unless said; each takes up to 2 GB
 # NMF_REAL_BLENDER=… a program that starts a real Blender; with it, `make test` tests there too
 
 SUPPORTED = import sys, venv; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 13)))
@@ -15,6 +16,7 @@ PYTHON ?= $(shell for p in python3.11 python3.13 python3; do \
 	"$$p" -c '$(SUPPORTED)' 2>/dev/null && echo "$$p" && break; done)
 PIP_ARGUMENTS ?=
 NMF_REAL_BLENDER ?=
+WORKERS ?= 2
 BIN := .venv/bin
 STAMP := .venv/.complete
 REQUIREMENTS := solver/requirements.txt requirements/development.txt requirements/constraints.txt
@@ -43,8 +45,8 @@ demo: $(STAMP)
 clean-demo:
 	rm -rf demo
 
-# Two processes: bpy and torch bring threading libraries of their own. Blender's run beside the solver's, which
-# leave a third of two cores idle, and speak after them. All run; any may fail the target.
+# Blender's and the solver's are apart: bpy and torch bring threading libraries of their own. Blender's run beside
+# the others and speak after them. All run; any may fail the target.
 test: $(STAMP)
 	@status=0; said=$$(mktemp); \
 	$(MAKE) --no-print-directory test-blender >"$$said" 2>&1 & beside=$$!; \
@@ -53,7 +55,8 @@ test: $(STAMP)
 	$(MAKE) --no-print-directory test-window || status=1; exit $$status
 
 test-solver: $(STAMP)
-	$(BIN)/python -m pytest -q tests --ignore=tests/blender --ignore=tests/gui
+	$(BIN)/python -m solver compile
+	$(BIN)/python -m pytest -q tests --ignore=tests/blender --ignore=tests/gui -n $(WORKERS) --dist loadfile
 
 test-blender: $(STAMP)
 	$(BIN)/python -m pytest -q tests/blender

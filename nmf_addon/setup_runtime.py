@@ -164,7 +164,10 @@ def compile_loops(options: argparse.Namespace, new: Path) -> None:
     say(0.95, "Compiling the solver's loops, about a minute")
     command = [str(python_of(new)), "-I", "-X", "utf8", str(options.check), "compile"]
     try:
-        run(command, "The solver's loops could not be compiled; the first reconstruction tries again.")
+        run(
+            command,
+            "The solver's loops could not be compiled; the first reconstruction tries again.",
+        )
     except StepFailed as failure:
         if _cancelled.is_set():
             raise

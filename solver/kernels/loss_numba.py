@@ -97,7 +97,12 @@ def _step_of_albedo(albedo, opacity, least_opacity, half, n):
     """The other pixel of a pair, by which both albedos are divided, and how they then differ."""
     other = (n - half) % albedo.shape[0]
     own, others = max(opacity[n], least_opacity), max(opacity[other], least_opacity)
-    return other, own, others, minus(times(1 / own, row(albedo, n)), times(1 / others, row(albedo, other)))
+    return (
+        other,
+        own,
+        others,
+        minus(times(1 / own, row(albedo, n)), times(1 / others, row(albedo, other))),
+    )
 
 
 @serial_kernel

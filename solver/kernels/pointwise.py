@@ -42,9 +42,7 @@ class _Rowwise(torch.autograd.Function):
         return None, None, None, None, *gradients
 
 
-def _unwritten(
-    inputs: Sequence[torch.Tensor], needed: Sequence[bool]
-) -> list[torch.Tensor | None]:
+def _unwritten(inputs: Sequence[torch.Tensor], needed: Sequence[bool]) -> list[torch.Tensor | None]:
     """Gradients of the inputs that need one, for adjoints that write all of them."""
     return [
         value.new_empty(value.shape) if wanted else None

@@ -1,4 +1,4 @@
-"""What rays see of a few chosen samples, on the CPU, and the adjoint; `render.depths` has the plain twin."""
+"""What rays see of a few chosen samples, on the CPU; `render.depths` has the plain twin."""
 
 from __future__ import annotations
 

@@ -105,8 +105,8 @@ def _places_before(height: int, turn: tuple[float, ...], device: torch.device) -
 
 
 class _Exponential(torch.autograd.Function):
-    """exp(min(x, most)). What is above most has a gradient, too, so that it may come down; and the adjoint is
-    one product, where torch's looks at the map three times more."""
+    """exp(min(x, most)). What is above that has a gradient, too, so that it may come down; and the adjoint
+    is one product, where torch's looks at the map three times more."""
 
     @staticmethod
     def forward(ctx, logarithm, most):

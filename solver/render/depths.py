@@ -26,8 +26,12 @@ class Depths:
     share: torch.Tensor  # [K] of the ray's opacity; sums to 1 over a ray
     mass: torch.Tensor  # [K] of the pixel that the sample stands for, no gradient
     opacity: torch.Tensor  # [R]
-    weights: torch.Tensor | None = None  # [S] by which they were drawn; None: shares have a gradient
-    others: float = 0.0  # by how much the gradient counts that a share has of them (see `random_depths`)
+    weights: torch.Tensor | None = (
+        None  # [S] by which they were drawn; None: shares have a gradient
+    )
+    others: float = (
+        0.0  # by how much the gradient counts that a share has of them (see `random_depths`)
+    )
 
     def gather(self, values: torch.Tensor) -> torch.Tensor:
         """What the rays see [R, C], premultiplied, of what the samples show [K, C]."""
