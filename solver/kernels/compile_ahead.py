@@ -1,7 +1,7 @@
 """Compile the CPU kernels in several processes, each of which does so with one thread, whatever it has.
 
-numba keeps what it compiled on disk, and finds it again as long as a kernel's own file is as it was. That what
-it calls in other files is so, too, is seen to here.
+numba keeps what it compiled on disk, and finds it again as long as a kernel's own file is as it was. That
+what it calls in other files is so, too, is seen to here.
 """
 
 from __future__ import annotations
