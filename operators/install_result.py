@@ -54,6 +54,9 @@ class NMF_OT_install_result(bpy.types.Operator):
             self.report(
                 {"INFO"}, f"{asset.moved_cameras} cameras were moved to where their photos fit"
             )
+        if asset.kept:
+            names = ", ".join(f"'{name}'" for name in asset.kept)
+            self.report({"WARNING"}, f"What you had changed stays in the file, not shown: {names}")
         return {"FINISHED"}
 
 

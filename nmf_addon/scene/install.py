@@ -13,6 +13,7 @@ from ...solver.job.folder import JobError, JobFolder
 from ..names import JOBS_OF_UNSAVED, user_folder
 from .adjusted_cameras import adjust_cameras
 from .capture_collection import root_of, scene_of
+from .edited import mark_as_made
 from .images import nothing_left_behind
 from .job_capture import file_placement
 from .material import build_material
@@ -25,13 +26,15 @@ from .world import build_world, turn_with
 
 @dataclass(frozen=True)
 class InstalledAsset:
-    """What an installation added, and how many cameras it moved to where their photos fit."""
+    """What an installation added, how many cameras it moved to where their photos fit, and names of what a
+    person had edited and is no longer shown."""
 
     object: bpy.types.Object
     material: bpy.types.Material
     world: bpy.types.World
     manifest: dict
     moved_cameras: int = 0
+    kept: tuple[str, ...] = ()
 
 
 def install_result(
@@ -39,7 +42,8 @@ def install_result(
 ) -> InstalledAsset:
     """Add the asset of a job to the scene and light it by the recovered World.
 
-    If it was installed before, the object stays as and where it is, and gets the new mesh and material.
+    If it was installed before, the object stays as and where it is, and gets the new mesh and material;
+    earlier ones that a person has edited stay in the file.
     Cameras that the job has adjusted to their photos move to where it has them.
 
     Args:
@@ -71,19 +75,20 @@ def install_result(
             for image in (*images_of(material), *images_of(world)):
                 image.pack()
         item = earlier or _place(context, scene, job, mesh, manifest, collection)
-    if earlier is not None:
-        replace_asset(earlier, mesh, material, world)
+    kept = [] if earlier is None else replace_asset(earlier, mesh, material, world)
     for block in (item, mesh, material, world):
         block[JOB] = str(job.root)
     moved = adjust_cameras(job, collection) if collection is not None else 0
     if item.parent is not None:
         turn_with(world, item.parent)
+    for block in (world, material, mesh):
+        mark_as_made(block)
     shown = context.scene if context.scene in item.users_scene else item.users_scene[0]
     if shown.world not in (None, world):
         shown.world.use_fake_user = True
     shown.world = world
     make_active(item, _view_layer(context, shown))
-    return InstalledAsset(item, material, world, manifest, moved)
+    return InstalledAsset(item, material, world, manifest, moved, tuple(kept))
 
 
 def _place(

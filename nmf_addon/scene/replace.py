@@ -7,6 +7,7 @@ from pathlib import Path
 import bpy
 
 from ...solver.job.folder import JobFolder
+from .edited import is_edited
 
 JOB = "nmf_job"
 """path of the job's folder, on all that was installed from it"""
@@ -34,10 +35,12 @@ def replace_asset(
     mesh: bpy.types.Mesh,
     material: bpy.types.Material,
     world: bpy.types.World,
-) -> None:
+) -> list[str]:
     """Put a new mesh, material and World in the place of those that an object was installed with.
 
     Whatever else uses the earlier ones, such as linked duplicates, uses the new ones then.
+
+    Returns: names under which the file keeps those that a person has edited.
     """
     job, earlier_mesh = item[JOB], item.data
     materials = [m for m in earlier_mesh.materials if m is not None and _is_ours(m, job)]
@@ -49,16 +52,18 @@ def replace_asset(
     kept = {s.world for s in copies} - {s.world for s in here}
     worlds = [w for w in bpy.data.worlds if _is_ours(w, job) and w not in kept]
     images = {image for block in (*materials, *worlds) for image in images_of(block)}
-    _supersede(bpy.data.meshes, earlier_mesh, mesh)
-    for earlier in materials:
-        _supersede(bpy.data.materials, earlier, material)
-    for earlier in worlds:
-        _supersede(bpy.data.worlds, earlier, world)
+    pairs = [(bpy.data.worlds, earlier, world) for earlier in worlds]
+    pairs += [(bpy.data.materials, earlier, material) for earlier in materials]
+    pairs += [(bpy.data.meshes, earlier_mesh, mesh)]
+    edited = [earlier for _, earlier, _ in pairs if is_edited(earlier)]
+    for blocks, earlier, new in reversed(pairs):
+        _supersede(blocks, earlier, new, earlier in edited)
     for image in images:
         if image.users == 0:
             bpy.data.images.remove(image)
     for image in {*images_of(material), *images_of(world)}:
         image.name = Path(image.filepath).name
+    return [earlier.name for earlier in reversed(edited)]
 
 
 def _is_ours(block: bpy.types.ID, job: str) -> bool:
@@ -71,8 +76,12 @@ def images_of(block: bpy.types.Material | bpy.types.World) -> list[bpy.types.Ima
     return [n.image for n in nodes if n.type in ("TEX_IMAGE", "TEX_ENVIRONMENT") and n.image]
 
 
-def _supersede(blocks, earlier: bpy.types.ID, new: bpy.types.ID) -> None:
+def _supersede(blocks, earlier: bpy.types.ID, new: bpy.types.ID, keep: bool) -> None:
     name = earlier.name
     earlier.user_remap(new)
-    blocks.remove(earlier)
+    if keep:
+        earlier.name, earlier.use_fake_user = f"{name} before", True
+        del earlier[JOB]
+    else:
+        blocks.remove(earlier)
     new.name = name

@@ -127,3 +127,77 @@ def test_what_the_person_made_of_a_result_is_left_alone(install):
     assert copy.data.vertices[0].co.x == 77 and copy.data.materials[1] == mine
     assert copy.data.materials[0] == item.active_material
     assert bpy.data.worlds["my light"].use_fake_user
+
+
+def paint(item):
+    item.active_material.node_tree.nodes["Principled BSDF"].inputs[
+        "Coat Weight"
+    ].default_value = 0.5
+    return item.active_material
+
+
+def rewire(item):
+    tree = item.active_material.node_tree
+    roughness = next(link for link in tree.links if link.to_socket.name == "Roughness")
+    tree.links.remove(roughness)
+    return item.active_material
+
+
+def sculpt(item):
+    item.data.vertices[0].co.x += 0.1
+    return item.data
+
+
+def add_slot(item):
+    item.data.materials.append(bpy.data.materials.new("Sticker"))
+    return item.data
+
+
+def group_vertices(item):
+    item.vertex_groups.new(name="Lid").add([0, 1], 1.0, "REPLACE")
+    return item.data
+
+
+def brighten(item):
+    background = bpy.context.scene.world.node_tree.nodes["Background"]
+    background.inputs["Strength"].default_value = 2.0
+    return bpy.context.scene.world
+
+
+@pytest.mark.parametrize("edit", [paint, rewire, sculpt, add_slot, group_vertices, brighten])
+def test_what_a_person_has_edited_stays_in_the_file_when_it_is_renewed(install, edit):
+    block = edit(install())
+    name = block.name
+    item = install()
+    assert block.name == f"{name} before" and block.use_fake_user
+    now = {"Mesh": item.data, "Material": item.active_material, "World": bpy.context.scene.world}
+    assert now[type(block).__name__].name == name
+    before = counts()
+    install()
+    assert counts() == before, "only what was edited is kept"
+    assert block.name == f"{name} before"
+
+
+def test_a_file_that_was_saved_and_opened_has_nothing_edited(install, tmp_path):
+    install()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))
+    before = counts()
+    install()
+    assert counts() == before
+
+
+def test_a_light_that_follows_its_capture_is_not_edited_by_that(install, extension):
+    edited, world = extension("scene.edited"), extension("scene.world")
+    install()
+    light, frame = bpy.context.scene.world, bpy.data.objects.new("Frame", None)
+    bpy.context.scene.collection.objects.link(frame)
+    world.turn_with(light, frame)
+    edited.mark_as_made(light)
+    frame.rotation_euler = (0.1, 0.2, 0.3)
+    bpy.context.view_layer.update()
+    mapping = light.node_tree.nodes["Mapping"].inputs["Rotation"]
+    assert mapping.default_value[2] == pytest.approx(0.3)
+    assert not edited.is_edited(light)
+    mapping.driver_remove("default_value", 2)
+    assert edited.is_edited(light)

@@ -1,0 +1,66 @@
+"""Whether a person has changed what a result was installed as: each data-block has a mark of what it was."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+
+import bpy
+import numpy as np
+
+AS_MADE = "nmf_as_made"
+"""fingerprint of a mesh, material or World as it was installed"""
+
+
+def mark_as_made(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> None:
+    """Remember a data-block as it is now."""
+    block[AS_MADE] = fingerprint_of(block)
+
+
+def is_edited(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> bool:
+    """True if a data-block is another than when it was marked; False of one that never was."""
+    return AS_MADE in block and block[AS_MADE] != fingerprint_of(block)
+
+
+def fingerprint_of(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> str:
+    """What a person can change of a data-block and would miss; its name and its pictures' content are not."""
+    parts = _of_mesh(block) if isinstance(block, bpy.types.Mesh) else _of_nodes(block)
+    return hashlib.sha1("\n".join(parts).encode()).hexdigest()
+
+
+def _of_mesh(mesh: bpy.types.Mesh) -> Iterator[str]:
+    positions = np.empty(3 * len(mesh.vertices), dtype=np.float32)
+    mesh.vertices.foreach_get("co", positions)
+    yield hashlib.sha1(positions.tobytes()).hexdigest()
+    corners = np.empty(len(mesh.loops), dtype=np.int32)
+    mesh.loops.foreach_get("vertex_index", corners)
+    yield hashlib.sha1(corners.tobytes()).hexdigest()
+    yield f"{len(mesh.polygons)} faces, shape keys: {mesh.shape_keys is not None}"
+    yield f"materials: {[material and material.get(AS_MADE) for material in mesh.materials]}"
+    yield f"layers: {len(mesh.uv_layers)} {len(mesh.color_attributes)}"
+    yield f"groups: {any(vertex.groups for vertex in mesh.vertices)}"
+
+
+def _of_nodes(block: bpy.types.Material | bpy.types.World) -> Iterator[str]:
+    tree = block.node_tree
+    drivers = tree.animation_data.drivers if tree.animation_data else []
+    driven = {driver.data_path for driver in drivers}
+    yield f"drivers: {sorted((driver.data_path, driver.array_index) for driver in drivers)}"
+    for node in tree.nodes:
+        yield f"{node.bl_idname} {node.mute}"
+        for socket in node.inputs:
+            if (
+                hasattr(socket, "default_value")
+                and socket.path_from_id("default_value") not in driven
+            ):
+                yield f"{socket.identifier} {_plain(socket.default_value)}"
+    for link in tree.links:
+        ends = (link.from_node, link.from_socket, link.to_node, link.to_socket)
+        yield " ".join(end.bl_idname if hasattr(end, "mute") else end.identifier for end in ends)
+
+
+def _plain(value: object) -> str:
+    try:
+        return str([round(number, 6) for number in value])
+    except TypeError:
+        return str(value)
