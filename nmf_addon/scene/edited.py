@@ -1,4 +1,4 @@
-"""Whether a person has changed what a result was installed as: each data-block has a mark of what it was."""
+"""Whether a person has changed what a result was installed as; blocks have a mark of what they were."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def is_edited(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> b
 
 
 def fingerprint_of(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> str:
-    """What a person can change of a data-block and would miss; its name and its pictures' content are not."""
+    """Of what a person can change in a data-block and would miss; not its name, nor what pictures hold."""
     parts = _of_mesh(block) if isinstance(block, bpy.types.Mesh) else _of_nodes(block)
     return hashlib.sha1("\n".join(parts).encode()).hexdigest()
 
