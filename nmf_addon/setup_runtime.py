@@ -5,8 +5,8 @@
 
 Builds FOLDER/building and renames it to FOLDER/environment when complete, so an interrupted set-up
 leaves the old environment working. Prints lines `progress FRACTION TEXT`; the rest is log. With
---watch-stdin its end means that Blender is gone or the person cancelled: pip is ended and `building`
-removed.
+--watch-stdin its end means that Blender is gone or the person cancelled: the step under way is ended and
+`building` removed.
 """
 
 import argparse

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
+import threading
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
@@ -29,14 +31,19 @@ def run_apart(work: Callable[..., Any], *args: Any, progress: Callable[[float], 
             the process.
 
     Raises:
-        ApartError: `work` raised an error, or the process died.
+        ApartError: `work` raised an error, the process died, or none could be started.
     """
     # Not forked: a fork would have torch's threads' locks, without the threads.
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_work, args=(theirs,), daemon=True)
-    process.start()
-    theirs.close()
+    try:
+        process.start()
+    except OSError as error:
+        ours.close()
+        raise ApartError(f"no process could be started: {error}") from error
+    finally:
+        theirs.close()
     told = 0.0
     try:
         # Not as the process's arguments: if it died before it had read all of them, Python would wait
@@ -71,8 +78,15 @@ def _work(pipe: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     try:
         work, args = pipe.recv()
         pipe.send(("done", work(*args, lambda done: pipe.send(("progress", done)))))
     except Exception as error:
         pipe.send(("failed", f"{type(error).__name__}: {error}"))
+
+
+def _end_with_parent() -> None:
+    """A parent that was killed ends nobody: what it started would go on, and hold its pipes and files."""
+    multiprocessing.parent_process().join()
+    os._exit(1)

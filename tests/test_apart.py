@@ -1,5 +1,6 @@
 """Work in a process of its own."""
 
+import multiprocessing
 import os
 import subprocess
 import sys
@@ -92,3 +93,48 @@ def test_a_process_that_dies_before_it_has_read_its_work_is_told_of(tmp_path):
         env={**os.environ, "PYTHONPATH": str(root)},
     )  # fmt: skip
     assert done.stdout == "the process ended with code 7\n", done.stderr
+
+
+@pytest.mark.skipif(os.name == "nt", reason="asks for a process by its number")
+def test_a_process_ends_with_a_parent_that_is_killed(tmp_path):
+    """Or it would go on for nobody, and hold what the parent's own parent waits for."""
+    script = tmp_path / "parent.py"
+    script.write_text(
+        "from pathlib import Path\nfrom solver.apart import run_apart\n"
+        "from tests.test_apart import sleep\n"
+        "if __name__ == '__main__':\n"
+        f"    run_apart(sleep, Path({str(tmp_path / 'who')!r}), progress=lambda done: None)\n"
+    )
+    root = str(Path(__file__).resolve().parents[1])
+    parent = subprocess.Popen([sys.executable, script], env={**os.environ, "PYTHONPATH": root})
+    end = time.monotonic() + 60
+    while not (tmp_path / "who").exists() or not (tmp_path / "who").read_text():
+        assert time.monotonic() < end and parent.poll() is None
+        time.sleep(0.05)
+    child = int((tmp_path / "who").read_text())
+    parent.kill()
+    parent.wait()
+    end = time.monotonic() + 10
+    while is_running(child):
+        assert time.monotonic() < end, "it goes on"
+        time.sleep(0.05)
+
+
+def is_running(number):
+    """Not a process that has ended, of which nobody has taken note yet."""
+    try:
+        os.kill(number, 0)
+        return "\nState:\tZ" not in Path(f"/proc/{number}/status").read_text()
+    except ProcessLookupError:
+        return False
+    except FileNotFoundError:  # no Linux, or it ended between the two
+        return not Path("/proc").exists()
+
+
+def test_that_no_process_can_be_started_is_told_as_the_others_failures_are(monkeypatch):
+    def full(self):
+        raise OSError(12, "Cannot allocate memory")
+
+    monkeypatch.setattr(multiprocessing.context.SpawnProcess, "start", full)
+    with pytest.raises(ApartError, match="no process could be started: .*Cannot allocate memory"):
+        run_apart(sleep, Path("nowhere"), progress=lambda done: None)

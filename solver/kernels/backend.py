@@ -62,6 +62,8 @@ class Kernels:
     def __init__(self, family: str, path: str):
         self._module = importlib.import_module(f"{__package__}.{family}_{path}")
         self._of_arrays = path == "numba"
+        if self._of_arrays:
+            _forget_outdated()
 
     def __getattr__(self, name: str) -> Callable[..., object]:
         kernel = getattr(self._module, name)
@@ -69,6 +71,13 @@ class Kernels:
             kernel = _taking_tensors(kernel)
         setattr(self, name, kernel)
         return kernel
+
+
+@cache
+def _forget_outdated() -> None:
+    from .kept import forget_outdated
+
+    forget_outdated()
 
 
 def _taking_tensors(kernel: Callable[..., object]) -> Callable[..., object]:

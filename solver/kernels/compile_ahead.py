@@ -1,31 +1,23 @@
-"""Compile the CPU kernels in several processes, each of which does so with one thread, whatever it has.
-
-numba keeps what it compiled on disk, and finds it again as long as a kernel's own file is as it was. That
-what it calls in other files is so, too, is seen to here.
-"""
+"""Compile the CPU kernels in several processes, each of which does so with one thread, whatever it has."""
 
 from __future__ import annotations
 
-import hashlib
-import os
-import platform
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 
-import llvmlite.binding
 import numba
 import torch
 
 from ..apart import ApartError, run_apart
-from . import vm_numba
+from . import kept
 from .backend import on_numba
 from .warm_up import GROUPS, compile_kernels, run_groups
 
 MOST_PROCESSES = 4
 """at once; each takes half a gigabyte"""
-_MARK = f"kernels-{platform.python_implementation()}-{platform.python_version()}"
+TURN = 0.2
+"""seconds after which Ctrl-C is heard, where it does not interrupt a wait"""
 
 
 def compile_ahead(device: torch.device | str, progress: Callable[[float], None]) -> None:
@@ -34,19 +26,14 @@ def compile_ahead(device: torch.device | str, progress: Callable[[float], None])
     Args:
         progress: told the share of the CPU's kernels that is compiled; what it raises ends that.
     """
-    if on_numba(torch.empty(0, device=device).device) and not is_compiled():
-        _forget()
+    if not on_numba(torch.empty(0, device=device).device):
+        compile_kernels(device)
+        return
+    kept.forget_outdated()
+    if not kept.is_complete():
         _compile_side_by_side(progress)
     compile_kernels(device)
-    _note()
-
-
-def is_compiled() -> bool:
-    """True if numba has all kernels on disk as they are now; it compiles one that is not there."""
-    try:
-        return _mark().read_text(encoding="utf-8") == _fingerprint()
-    except OSError:
-        return False
+    kept.mark(kept.ALL)
 
 
 def shared_out(seconds: dict[str, float], count: int) -> list[list[str]]:
@@ -70,7 +57,7 @@ def _compile_side_by_side(progress: Callable[[float], None]) -> None:
     def compile_share(index: int) -> None:
         def told(part: float) -> None:
             if is_over.is_set():
-                raise ApartError("one of them is not to go on")
+                raise ApartError("another is not to go on")
             done[index] = part * len(shares[index])
             progress(sum(done) / len(GROUPS))
 
@@ -82,38 +69,11 @@ def _compile_side_by_side(progress: Callable[[float], None]) -> None:
     with ThreadPoolExecutor(len(shares)) as pool:
         futures = [pool.submit(compile_share, index) for index in range(len(shares))]
         try:
+            failed = False
+            while not failed and wait(futures, TURN, FIRST_EXCEPTION).not_done:
+                failed = any(f.done() and f.exception() for f in futures)
             for future in futures:
-                future.result()
+                if future.done():
+                    future.result()
         finally:
             is_over.set()
-
-
-def _folder() -> Path:
-    """Where numba keeps our kernels: beside them, or where they may not be written."""
-    return Path(vm_numba.vm_sum.stats.cache_path)
-
-
-def _mark() -> Path:
-    return _folder() / _MARK
-
-
-def _fingerprint() -> str:
-    """What the compiled kernels depend on."""
-    files = sorted(Path(__file__).parent.glob("*.py"))
-    parts = [f"{file} {file.stat().st_size} {file.stat().st_mtime_ns}" for file in files]
-    parts += [numba.__version__, llvmlite.__version__, llvmlite.binding.get_host_cpu_name()]
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
-
-
-def _forget() -> None:
-    """Leave numba nothing of kernels that may call what is another now."""
-    for file in _folder().glob("*_numba.*.nb[ci]"):
-        file.unlink(missing_ok=True)
-
-
-def _note() -> None:
-    try:
-        os.makedirs(_folder(), exist_ok=True)
-        _mark().write_text(_fingerprint(), encoding="utf-8")
-    except OSError:
-        pass  # a full disk, say: the next start looks once more

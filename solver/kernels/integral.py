@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 import torch.nn.functional as F
+from torch.autograd.function import once_differentiable
 
 from . import integral_torch
 from .backend import fast, gradient_buffer, kernels, on_numba
@@ -59,6 +60,7 @@ class _CornerSums(torch.autograd.Function):
         return out
 
     @staticmethod
+    @once_differentiable
     def backward(ctx, cotangent):
         rows, at, share = ctx.saved_tensors
         gradient = torch.zeros_like(rows)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from .compiling import function, serial_kernel
-from .shading_numba import put, saturating, saturating_slope
+from .shading_numba import put, saturating, saturating_slope, sigmoid
 from .vectors_numba import dot, minus, plus, row, times
 
 LINEAR_END, EXPONENT = 0.0031308, 1.0 / 2.4
@@ -17,6 +17,8 @@ OPAQUE = 0.999
 """a photo's alpha from which a saturated pixel may be any brighter"""
 LEAST_SHARE = 1e-3
 """opacity by which radiance is divided, at least; see `render.tonemap`"""
+LEAST_SQUARE = 1e-6
+"""of the mean albedo, by which differences are divided; see `fit.priors.off_palette`"""
 
 
 @function
@@ -88,10 +90,6 @@ def pixel_loss_backward(
         g_unevenness[n] = g_shape[n] * by_unevenness
 
 
-LEAST_SQUARE = 1e-6
-"""of the mean albedo, by which differences are divided"""
-
-
 @function
 def _step_of_albedo(albedo, opacity, least_opacity, half, n):
     """The other pixel of a pair, by which both albedos are divided, and how they then differ."""
@@ -134,7 +132,7 @@ def off_palette_backward(
 
 @function
 def _above(f0, least, spread):
-    return 1.0 / (1.0 + math.exp((least - f0) / spread))
+    return sigmoid((f0 - least) / spread)
 
 
 @function

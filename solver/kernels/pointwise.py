@@ -1,4 +1,5 @@
-"""Shading of samples and priors of pixels in one kernel each, on the CPU and on cards that Warp runs on.
+"""Shading of samples and priors of pixels in one kernel each, on the CPU and on cards that Warp runs on, a few
+on one of these only.
 
 Where each is called stands its plain torch twin: in `field.field`, `field.heads`, `brdf.neural`,
 `render.shade`, `render.reflection`, `render.footprint`, `render.smoothness`, `fit.losses` and `fit.priors`.
@@ -64,9 +65,10 @@ def rowwise(
     name: str, inputs: tuple[torch.Tensor, ...], numbers: tuple[float, ...], widths: tuple[Shape, ...],
     rows: int | None = None,
 ) -> tuple[torch.Tensor, ...]:  # fmt: skip
-    """What a kernel of `pointwise_warp` makes of inputs [N, ...] and numbers: [N, *width] each.
+    """What a kernel of this name makes of inputs [N, ...] and numbers: [N, *width] each.
 
-    Gradients flow to the inputs.
+    Gradients flow to the inputs, of which those that never have one come last; on the CPU a gradient that
+    one of them needs is a `TypeError`.
 
     Args:
         rows: N, if it is not that of the first input.

@@ -34,7 +34,7 @@ def put(values, n, vector):
 
 
 @function
-def _sigmoid(x):
+def sigmoid(x):
     return 1.0 / (1.0 + math.exp(-x))
 
 
@@ -43,9 +43,9 @@ def materials(logits, least_alpha, albedo, alpha, f0):
     """Albedo, α and F0 of the heads' numbers [N, 7], before their sigmoid; see `field.heads`."""
     for n in range(logits.shape[0]):
         for c in range(3):
-            albedo[n, c] = _sigmoid(logits[n, c])
-            f0[n, c] = _sigmoid(logits[n, 3 + c])
-        roughness = _sigmoid(logits[n, 6])
+            albedo[n, c] = sigmoid(logits[n, c])
+            f0[n, c] = sigmoid(logits[n, 3 + c])
+        roughness = sigmoid(logits[n, 6])
         alpha[n] = max(roughness * roughness, least_alpha)
 
 
@@ -57,9 +57,9 @@ def materials_backward(
         for c in range(3):
             g_logits[n, c] = g_albedo[n, c] * albedo[n, c] * (1.0 - albedo[n, c])
             g_logits[n, 3 + c] = g_f0[n, c] * f0[n, c] * (1.0 - f0[n, c])
-        roughness = _sigmoid(logits[n, 6])
+        roughness = sigmoid(logits[n, 6])
         slope = 2.0 * roughness * roughness * (1.0 - roughness)
-        g_logits[n, 6] = g_alpha[n] * slope if roughness * roughness >= least_alpha else 0.0
+        g_logits[n, 6] = 0.0 if roughness * roughness < least_alpha else g_alpha[n] * slope
 
 
 @function
@@ -156,7 +156,8 @@ def diffuse_backward(
             g_light[n, c] = g * reaching * passing * albedo[n, c]
             to_passing += g * reaching * albedo[n, c] * light[n, c]
         side = -1.0 if facing < 0.0 else 1.0
-        to_facing = side * to_passing / math.pi * BLOCKED_POWER * steep
+        # Not of |n·v| at 0, which has none: a normal without a slope would be given one.
+        to_facing = np.sign(facing) * to_passing / math.pi * BLOCKED_POWER * steep
         put(g_normals, n, plus(times(to_facing, viewer), side, row(g_toward, n)))
         put(g_view, n, times(to_facing, normal))
 

@@ -66,7 +66,7 @@ def diffuse(
     n = wp.tid()
     normal = vector(normals, n)
     facing = wp.dot(normal, vector(view, n))
-    away = wp.clamp(1.0 - wp.abs(facing), 1.0e-12, 1.0)
+    away = wp.clamp(1.0 - distance(facing, 0.0), 1.0e-12, 1.0)
     passing = 1.0 - (0.0271 * wp.pow(away, 2.65) + 0.0005)
     side = wp.where(facing < 0.0, -1.0, 1.0)
     for c in range(3):

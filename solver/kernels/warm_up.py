@@ -118,7 +118,7 @@ def _run_rest() -> None:
 
 
 def _run_pointwise() -> None:
-    """What Warp has in modules, which are compiled whole."""
+    """Those of `pointwise`, of which Warp has modules that are compiled whole."""
     vectors, (points, view) = partial(_leaf, 4, 3), _rays()
     numbers, known = partial(_leaf, 4), torch.ones(4, dtype=torch.bool)
     calls = [
@@ -168,4 +168,4 @@ GROUPS = {
     "pointwise": Group(_run_pointwise, 10.0, cpu_only=True),
     "choices": Group(_run_choices, 2.0, cpu_only=True),
 }
-"""independent of each other"""
+"""which may be compiled side by side; what two of them need, both compile"""

@@ -12,15 +12,13 @@ from solver.kernels.warm_up import GROUPS
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = """
-import sys
-from pathlib import Path
-from solver.kernels import compile_ahead, warm_up
+from solver.kernels import compile_ahead, kept, warm_up
 
 class Enough(Exception):
     pass
 
-def kept():
-    return {file.name for file in compile_ahead._folder().glob("*_numba.*.nbi")}
+def names():
+    return " ".join(file.name for file in kept.folder().glob("*_numba.*.nbi"))
 
 def stop(done):
     raise Enough
@@ -29,23 +27,25 @@ if __name__ == "__main__":
     compile_ahead.GROUPS = {name: warm_up.GROUPS[name] for name in ("choices", "rest")}
     compile_ahead.compile_kernels = lambda device: None  # which would compile all
     told = []
-    assert not compile_ahead.is_compiled() and not kept()
+    assert not kept.is_complete() and not names()
     try:
         compile_ahead.compile_ahead("cpu", stop)
         raise SystemExit("nobody was asked whether to go on")
     except Enough:
-        assert not compile_ahead.is_compiled()
+        assert not kept.is_complete()
     compile_ahead.compile_ahead("cpu", told.append)
-    first, names = kept(), " ".join(kept())
-    assert "drawing_numba.choose" in names and "hashing_numba.uniform" in names, names
-    assert compile_ahead.is_compiled() and told[-1] == 1.0
+    assert "drawing_numba.choose" in names() and "hashing_numba.uniform" in names(), names()
+    assert kept.is_complete() and told[-1] == 1.0
     compile_ahead.compile_ahead("cpu", stop)  # there is nothing to do
-    was = compile_ahead._fingerprint()
-    compile_ahead._fingerprint = lambda: "what a kernel calls is another now"
-    assert not compile_ahead.is_compiled()
-    compile_ahead._compile_side_by_side = lambda progress: None
-    compile_ahead.compile_ahead("cpu", told.append)
-    assert not kept() and compile_ahead.is_compiled()
+    kept.mark(kept.SOME)  # as a cancelled one leaves it
+    kept.forget_outdated()
+    assert names() and not kept.is_complete()
+    others = kept.folder() / "vm_numba.vm_sum-1.py27.nbi"
+    others.touch()
+    kept.sources = lambda: "what a kernel calls is another now"
+    assert not kept.is_complete()
+    kept.forget_outdated()
+    assert names() == others.name and not kept.is_complete()
     print("all is well")
 """
 
