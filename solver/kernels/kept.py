@@ -1,7 +1,7 @@
 """What numba keeps on disk of the CPU's kernels, and whether that is of their sources as they are now.
 
-numba compares a kernel's own file with what it was, not the files of what it calls. So a mark beside what it
-keeps says of which sources that is, and of others nothing is left to be found.
+numba compares a kernel's own file with what it was, not the files of what it calls. So a mark beside what
+it keeps says of which sources that is, and of others nothing is left to be found.
 """
 
 from __future__ import annotations

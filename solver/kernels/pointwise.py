@@ -1,5 +1,4 @@
-"""Shading of samples and priors of pixels in one kernel each, on the CPU and on cards that Warp runs on, a few
-on one of these only.
+"""Shading of samples and priors of pixels in one kernel each, on the CPU and on cards that Warp runs on.
 
 Where each is called stands its plain torch twin: in `field.field`, `field.heads`, `brdf.neural`,
 `render.shade`, `render.reflection`, `render.footprint`, `render.smoothness`, `fit.losses` and `fit.priors`.
