@@ -102,7 +102,10 @@ class Trainer:
         self.optimiser = self._new_optimiser()
         count = worker_count(self.scene.device)
         if self.settings.fit.samples <= 0:
-            count = min(count, len(self.batching.chunks()))
+            if self.turns is None:
+                self.batching.workers = count
+            most = self.batching.chunks(self.settings.render.pixel_grid**2)
+            count = min(count, len(most))
         self.workers = Workers(self.scene, self.loss, count)
         self.steps_at_level = 0
         if self.replay is not None:

@@ -161,7 +161,8 @@ def cores_in_use(settings: Settings, cores: int) -> int:
     fit = settings.fit
     if fit.samples > 0:
         return cores
-    return max(1, min(cores, round(fit.rays / fit.chunk_rays)))
+    most = fit.rays * settings.render.pixel_grid**2
+    return max(1, min(cores, round(most / fit.chunk_rays)))
 
 
 def memory_of_machine() -> int | None:
