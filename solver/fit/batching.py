@@ -40,8 +40,8 @@ class Batching:
         room: for how many chunks at once, of those that `samples` allows, the device has memory.
 
     Attributes:
-        workers: threads that share a step, where `samples` does not say: it has no more chunks than these, for
-            each costs as much as some hundred rays. None: all chunks are of `chunk_rays`.
+        workers: threads that share a step, where `samples` does not say: it has no more chunks than these,
+            for each costs as much as some hundred rays. None: all chunks are of `chunk_rays`.
         share: of the rays that the settings say, where `samples` does not; less where there is no time.
     """
 

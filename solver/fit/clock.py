@@ -14,7 +14,7 @@ _GRID_AT_EQUAL_COST = 194.0
 # A fog is seen at all its samples, so while points shine by themselves a step costs more (measured).
 _FOG_COST = 1.7
 # What each further ray through a pixel adds to a step's cost, its secondary rays being shared (measured).
-_RAY_COST = 0.45
+_RAY_COST = 0.18
 LEAST_STEPS_FROM_FOG = 200
 """steps, however short a limit is: with 120 the fog of a whole fit stayed thin, and there was no surface"""
 

@@ -19,7 +19,7 @@ from ..fit.presets import settings_for
 from ..fit.settings import FieldSettings, Settings
 from ..threads import usable_cores
 
-CORE_SECONDS = {"draft": 0.11, "standard": 0.33, "paper": 3.0}
+CORE_SECONDS = {"draft": 0.10, "standard": 0.20, "paper": 3.0}
 """processor seconds of a step; the paper's is not measured but follows its rays"""
 OVERHEAD = {"draft": 40.0, "standard": 100.0, "paper": 240.0}
 """seconds for kernels, hull, asset and report"""
@@ -157,12 +157,11 @@ def photo_bytes(capture: Capture, masked: bool) -> int:
 
 
 def cores_in_use(settings: Settings, cores: int) -> int:
-    """Cores that share a step: no more than it has chunks."""
+    """Cores that share a step, from the start on: no more than it has chunks while pixels have one ray."""
     fit = settings.fit
     if fit.samples > 0:
         return cores
-    most = fit.rays * settings.render.pixel_grid**2
-    return max(1, min(cores, round(most / fit.chunk_rays)))
+    return max(1, min(cores, round(fit.rays / fit.chunk_rays)))
 
 
 def memory_of_machine() -> int | None:

@@ -108,6 +108,13 @@ def test_a_step_has_as_many_pixels_whatever_rays_they_have_and_a_chunk_as_many_r
     batching = Batching(FitSettings(rays=2048, chunk_rays=512), 0)
     assert batching.chunks() == [512] * 4
     assert batching.chunks(4) == [128] * 16
+    batching.workers = 3
+    assert batching.chunks() == [682, 683, 683]
+    assert batching.chunks(4) == [682, 683, 683], "as large as need be, for each costs something"
+    batching.workers = 1
+    assert batching.chunks(8) == [1024] * 2, "though not larger than there is memory for"
+    batching.workers = 32
+    assert batching.chunks() == [512] * 4, "nor smaller than is worth a thread"
     full = Batching(FitSettings(rays=400, most_rays=8000, samples=10_000), 0)
     assert full.chunks(4) == [FIRST_RAYS // 4] * 16
 
