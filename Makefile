@@ -45,13 +45,12 @@ demo: $(STAMP)
 clean-demo:
 	rm -rf demo
 
-# Blender's and the solver's are apart: bpy and torch bring threading libraries of their own. Blender's run beside
-# the others and speak after them. All run; any may fail the target.
+# Blender's and the solver's are apart: bpy and torch bring threading libraries of their own. All run; any may
+# fail the target.
 test: $(STAMP)
-	@status=0; said=$$(mktemp); \
-	$(MAKE) --no-print-directory test-blender >"$$said" 2>&1 & beside=$$!; \
+	@status=0; \
 	$(MAKE) --no-print-directory test-solver || status=1; \
-	wait $$beside || status=1; cat "$$said"; rm -f "$$said"; \
+	$(MAKE) --no-print-directory test-blender || status=1; \
 	$(MAKE) --no-print-directory test-window || status=1; exit $$status
 
 test-solver: $(STAMP)

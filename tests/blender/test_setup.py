@@ -155,7 +155,7 @@ def test_the_set_up_ends_with_blender(part, wheelhouse, tmp_path):
     )  # fmt: skip
     assert process.stdout.readline().startswith("progress")
     process.stdin.close()
-    assert process.wait(10) == 3
+    assert process.wait(60) == 3
     process.stdout.close()
     assert os.listdir(tmp_path / "runtime") == []
 
