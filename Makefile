@@ -48,10 +48,8 @@ clean-demo:
 # Blender's and the solver's are apart: bpy and torch bring threading libraries of their own. All run; any may
 # fail the target.
 test: $(STAMP)
-	@status=0; \
-	$(MAKE) --no-print-directory test-solver || status=1; \
-	$(MAKE) --no-print-directory test-blender || status=1; \
-	$(MAKE) --no-print-directory test-window || status=1; exit $$status
+	@status=0; for part in test-solver test-blender test-window; do \
+		$(MAKE) --no-print-directory $$part || status=1; done; exit $$status
 
 test-solver: $(STAMP)
 	$(BIN)/python -m solver compile

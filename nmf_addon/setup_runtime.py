@@ -89,8 +89,8 @@ def build(options: argparse.Namespace, new: Path) -> None:
     say(0.92, "Checking")
     if options.check:
         # The new environment must start the solver, in the new process's own words.
-        command = [str(python_of(new)), "-I", "-X", "utf8", str(options.check), "doctor"]
-        run(command, "The packages were installed, but the solver does not start with them.")
+        failure = "The packages were installed, but the solver does not start with them."
+        run(solver_command(options, new, "doctor"), failure)
         compile_loops(options, new)
     write_record(options, new)
     put_in_place(new, options.folder / "environment", options.folder / "previous")
@@ -162,16 +162,18 @@ def compile_loops(options: argparse.Namespace, new: Path) -> None:
         StepFailed: the set-up was cancelled.
     """
     say(0.95, "Compiling the solver's loops, about a minute")
-    command = [str(python_of(new)), "-I", "-X", "utf8", str(options.check), "compile"]
+    failure = "The solver's loops could not be compiled; the first reconstruction tries again."
     try:
-        run(
-            command,
-            "The solver's loops could not be compiled; the first reconstruction tries again.",
-        )
-    except StepFailed as failure:
+        run(solver_command(options, new, "compile"), failure)
+    except StepFailed as error:
         if _cancelled.is_set():
             raise
-        print(failure, flush=True)
+        print(error, flush=True)
+
+
+def solver_command(options: argparse.Namespace, new: Path, word: str) -> list[str]:
+    """The solver's command `word`, by the new environment."""
+    return [str(python_of(new)), "-I", "-X", "utf8", str(options.check), word]
 
 
 def why_without_packages() -> str:

@@ -286,7 +286,7 @@ def _compile(options: argparse.Namespace) -> int:
     from .kernels.compile_ahead import compile_ahead
 
     with plain_bar() as told:
-        for device in {"cpu": None, choose_device("auto"): None}:
+        for device in dict.fromkeys(("cpu", choose_device("auto"))):
             compile_ahead(device, lambda done: told(done, "compiling"))
     print("The solver's loops are compiled.")
     return DONE

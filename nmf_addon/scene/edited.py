@@ -29,16 +29,17 @@ def fingerprint_of(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World)
 
 
 def _of_mesh(mesh: bpy.types.Mesh) -> Iterator[str]:
-    positions = np.empty(3 * len(mesh.vertices), dtype=np.float32)
-    mesh.vertices.foreach_get("co", positions)
-    yield hashlib.sha1(positions.tobytes()).hexdigest()
-    corners = np.empty(len(mesh.loops), dtype=np.int32)
-    mesh.loops.foreach_get("vertex_index", corners)
-    yield hashlib.sha1(corners.tobytes()).hexdigest()
+    yield _of_array(mesh.vertices, "co", np.empty(3 * len(mesh.vertices), dtype=np.float32))
+    yield _of_array(mesh.loops, "vertex_index", np.empty(len(mesh.loops), dtype=np.int32))
     yield f"{len(mesh.polygons)} faces, shape keys: {mesh.shape_keys is not None}"
     yield f"materials: {[material and material.get(AS_MADE) for material in mesh.materials]}"
     yield f"layers: {len(mesh.uv_layers)} {len(mesh.color_attributes)}"
     yield f"groups: {any(vertex.groups for vertex in mesh.vertices)}"
+
+
+def _of_array(items: bpy.types.bpy_prop_collection, name: str, values: np.ndarray) -> str:
+    items.foreach_get(name, values)
+    return hashlib.sha1(values.tobytes()).hexdigest()
 
 
 def _of_nodes(block: bpy.types.Material | bpy.types.World) -> Iterator[str]:

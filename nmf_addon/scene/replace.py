@@ -52,18 +52,19 @@ def replace_asset(
     kept = {s.world for s in copies} - {s.world for s in here}
     worlds = [w for w in bpy.data.worlds if _is_ours(w, job) and w not in kept]
     images = {image for block in (*materials, *worlds) for image in images_of(block)}
-    pairs = [(bpy.data.worlds, earlier, world) for earlier in worlds]
+    pairs = [(bpy.data.meshes, earlier_mesh, mesh)]
     pairs += [(bpy.data.materials, earlier, material) for earlier in materials]
-    pairs += [(bpy.data.meshes, earlier_mesh, mesh)]
+    pairs += [(bpy.data.worlds, earlier, world) for earlier in worlds]
+    # Before any is replaced, for a mesh knows which material it had.
     edited = [earlier for _, earlier, _ in pairs if is_edited(earlier)]
-    for blocks, earlier, new in reversed(pairs):
+    for blocks, earlier, new in pairs:
         _supersede(blocks, earlier, new, earlier in edited)
     for image in images:
         if image.users == 0:
             bpy.data.images.remove(image)
     for image in {*images_of(material), *images_of(world)}:
         image.name = Path(image.filepath).name
-    return [earlier.name for earlier in reversed(edited)]
+    return [earlier.name for earlier in edited]
 
 
 def _is_ours(block: bpy.types.ID, job: str) -> bool:

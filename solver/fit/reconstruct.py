@@ -76,9 +76,13 @@ def run_job(
     if settings.fit.use_masks:
         _tell_of_missing_masks(capture, photos, progress)
 
+    def told(done: float, text: str = "") -> None:
+        progress.fraction(done, text)
+        _stop_if_asked(control)
+
     progress.stage("compile", "compiling kernels (once on this machine)")
     if fast(torch.empty(0, device=device)):
-        compile_ahead(device, lambda done: (progress.fraction(done), _stop_if_asked(control)))
+        compile_ahead(device, told)
     elif device == "cuda":
         progress.warning(
             "NVIDIA Warp does not run on this card, so the fit is slower; update the card's driver"
@@ -90,11 +94,6 @@ def run_job(
     region = region_of(request)
     if state is not None:
         settings = checkpoint.settings_of(state)
-
-    def told(done: float, text: str = "") -> None:
-        progress.fraction(done, text)
-        _stop_if_asked(control)
-
     start = isolated(
         job, settings, capture, photos, state is not None, progress,
         lambda done: told(FINDING_SHARE * done),

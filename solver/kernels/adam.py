@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import torch
 
-from .backend import fast, kernels, on_numba, on_warp
+from .backend import fast, fast_on_numba, kernels, on_warp
 
 
 class Moments(NamedTuple):
@@ -70,7 +70,7 @@ def mean_root_square(
     """Mean of the roots of the running square that a contiguous tensor will have after the step with this
     gradient, what it started from undone; in memory where nothing is to wait for it."""
     scale = 1 / (1 - square_decay**count)
-    if fast(gradient) and on_numba(gradient.device):
+    if fast_on_numba(gradient):
         rows = gradient.shape[-1]
         tensors = moments.square.view(-1, rows), gradient.view(-1, rows)
         return kernels("adam", gradient.device).mean_root(*tensors, square_decay, scale)

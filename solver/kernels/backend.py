@@ -51,6 +51,11 @@ def on_numba(device: torch.device) -> bool:
     return path_of(device) == "numba"
 
 
+def fast_on_numba(tensor: torch.Tensor) -> bool:
+    """True where kernels that exist for the CPU only apply, and are for 32-bit tensors."""
+    return fast(tensor) and on_numba(tensor.device)
+
+
 def on_warp(device: torch.device) -> bool:
     """True where kernels that exist for cards only apply."""
     return path_of(device) == "warp"

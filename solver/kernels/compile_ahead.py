@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor, wait
 
 import numba
 import torch
@@ -65,15 +65,16 @@ def _compile_side_by_side(progress: Callable[[float], None]) -> None:
             run_apart(run_groups, shares[index], progress=told)
         except ApartError:
             pass  # as where memory is short; this process compiles what is missing
+        except Exception:
+            is_over.set()
+            raise
 
     with ThreadPoolExecutor(len(shares)) as pool:
         futures = [pool.submit(compile_share, index) for index in range(len(shares))]
         try:
-            failed = False
-            while not failed and wait(futures, TURN, FIRST_EXCEPTION).not_done:
-                failed = any(f.done() and f.exception() for f in futures)
-            for future in futures:
-                if future.done():
-                    future.result()
+            while wait(futures, TURN).not_done:
+                continue
         finally:
             is_over.set()
+        for future in futures:
+            future.result()

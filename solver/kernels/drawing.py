@@ -96,16 +96,6 @@ def choose_blocked(
     indices, scores = torch.empty_like(sample), torch.empty_like(passing)
     probability = torch.empty_like(passing)
     count = kernels("drawing", weights.device).choose(
-        weights,
-        passing,
-        mass,
-        sample,
-        clear,
-        LEAST_SCORE,
-        budget,
-        float(u),
-        scores,
-        indices,
-        probability,
-    )
+        weights, passing, mass, sample, clear, LEAST_SCORE, budget, float(u), scores, indices, probability,
+    )  # fmt: skip
     return indices[:count], probability[:count]

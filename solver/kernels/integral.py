@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from torch.autograd.function import once_differentiable
 
 from . import integral_torch
-from .backend import fast, gradient_buffer, kernels, on_numba
+from .backend import fast, fast_on_numba, gradient_buffer, kernels, on_numba
 
 
 class _RectangleMean(torch.autograd.Function):
@@ -83,7 +83,7 @@ def prefix_sums(values: torch.Tensor, row_weights: torch.Tensor) -> torch.Tensor
     In the precision of the row weights: with a sun in the map, differences of float sums turn
     negative far from the sun.
     """
-    if fast(values) and on_numba(values.device):  # torch scans well on a graphics card
+    if fast_on_numba(values):  # torch scans well on a graphics card
         return _PrefixSums.apply(values.contiguous(), row_weights)
     return integral_torch.prefix_sums(values, row_weights)
 

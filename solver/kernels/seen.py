@@ -16,21 +16,21 @@ class _Seen(torch.autograd.Function):
     def forward(ctx, values, weights, opacity, index, ray, share, least, others):
         values, mean = values.contiguous(), values.new_empty(len(opacity), values.shape[1])
         out = torch.empty_like(mean)
-        chosen = values, index, ray, share, opacity.contiguous(), mean
+        chosen = values, ray, share, opacity.contiguous(), mean
         kernels("seen", values.device).seen(*chosen, out)
-        ctx.save_for_backward(*chosen, weights)
+        ctx.save_for_backward(*chosen, weights, index)
         ctx.numbers = least, others
         return out
 
     @staticmethod
     @once_differentiable
     def backward(ctx, cotangent):
-        *chosen, weights = ctx.saved_tensors
-        values, opacity = chosen[0], chosen[4]
+        values, ray, share, opacity, mean, weights, index = ctx.saved_tensors
         gradients = torch.empty_like(values), torch.empty_like(opacity), torch.zeros_like(weights)
         kernels("seen", values.device).seen_backward(
-            *chosen, weights, *ctx.numbers, cotangent.contiguous(), *gradients
-        )
+            values, ray, share, opacity, mean, weights, index, *ctx.numbers, cotangent.contiguous(),
+            *gradients,
+        )  # fmt: skip
         to_values, to_opacity, to_weights = gradients
         return to_values, to_weights, to_opacity, *[None] * 5
 

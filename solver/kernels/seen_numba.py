@@ -6,7 +6,7 @@ from .compiling import serial_kernel
 
 
 @serial_kernel
-def seen(values, index, ray, share, opacity, mean, out):
+def seen(values, ray, share, opacity, mean, out):
     """The mean of what chosen samples show [K, C], ray by ray [R, C], and that by the rays' opacity."""
     mean[:] = 0.0
     for k in range(values.shape[0]):
@@ -19,7 +19,7 @@ def seen(values, index, ray, share, opacity, mean, out):
 
 @serial_kernel
 def seen_backward(
-    values, index, ray, share, opacity, mean, weights, least, others, cotangent, g_values, g_opacity,
+    values, ray, share, opacity, mean, weights, index, least, others, cotangent, g_values, g_opacity,
     g_weights,
 ):  # fmt: skip
     """Cotangents of values, opacity and of the weights [S] of all samples, by which `index` were drawn.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 
 from . import sphere_torch
-from .backend import fast, kernels, on_numba
+from .backend import fast_on_numba, kernels
 
 
 class _LookUp(torch.autograd.Function):
@@ -36,6 +36,6 @@ def look_up(values: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
     """
     if len(values) != 3:
         raise ValueError(f"a map has three channels, this one has {len(values)}")
-    if fast(values) and on_numba(values.device) and not places.requires_grad:
+    if fast_on_numba(values) and not places.requires_grad:
         return _LookUp.apply(values.contiguous(), places.contiguous())
     return sphere_torch.look_up(values, places)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import torch
 
-from ..kernels.backend import fast, on_numba
+from ..kernels.backend import fast_on_numba
 from ..kernels.drawing import draw_depths
 from ..kernels.flat_form import indices_of
 from ..kernels.seen import seen
@@ -26,16 +26,12 @@ class Depths:
     share: torch.Tensor  # [K] of the ray's opacity; sums to 1 over a ray
     mass: torch.Tensor  # [K] of the pixel that the sample stands for, no gradient
     opacity: torch.Tensor  # [R]
-    weights: torch.Tensor | None = (
-        None  # [S] by which they were drawn; None: shares have a gradient
-    )
-    others: float = (
-        0.0  # by how much the gradient counts that a share has of them (see `random_depths`)
-    )
+    weights: torch.Tensor | None = None  # [S] they were drawn by; None: shares have a gradient
+    others: float = 0.0  # how much a share's gradient of these counts (see `random_depths`)
 
     def gather(self, values: torch.Tensor) -> torch.Tensor:
         """What the rays see [R, C], premultiplied, of what the samples show [K, C]."""
-        if self.weights is not None and fast(values) and on_numba(values.device):
+        if self.weights is not None and fast_on_numba(values):
             return seen(
                 values, self.weights.contiguous(), self.opacity, self.index, self.ray, self.share,
                 LEAST_WEIGHT, self.others,

@@ -15,7 +15,7 @@ from ..brdf.microfacet import (
 )
 from ..field.heads import Materials
 from ..kernels import drawing
-from ..kernels.backend import fast, on_numba, precise
+from ..kernels.backend import fast, fast_on_numba, precise
 from ..kernels.drawing import LEAST_SCORE, Plan
 from ..kernels.flat_form import has_no_order, indices_of, nothing_follows
 from ..kernels.pointwise import at_hand, rowwise
@@ -238,7 +238,7 @@ def _choose(
     systematic = settings.retrace_choice != "noisy"
     # One number for the batch; with a budget for all rays it decides nothing.
     u = random.uniform(CHOICE, plan.keys[:1] if systematic else plan.keys)
-    if settings.visibility and systematic and fast(weight) and on_numba(weight.device):
+    if settings.visibility and systematic and fast_on_numba(weight):
         return drawing.choose_blocked(weight, passing, mass, sample, CLEAR, budget, u)
     importance = weight.amax(-1) * mass[sample]
     if settings.visibility:

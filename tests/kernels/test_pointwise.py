@@ -13,6 +13,7 @@ from solver.fit import priors
 from solver.fit.losses import total_loss
 from solver.fit.settings import FitSettings
 from solver.kernels.backend import forced_path, kernels
+from solver.kernels.pointwise import rowwise
 from solver.render.footprint import reflected_spread
 from solver.render.random_numbers import RandomNumbers
 from solver.render.reflection import plan_rays, scatter, secondary_origins
@@ -126,6 +127,20 @@ def test_gradients_that_are_not_wanted_are_written_nowhere(path, device):
             assert all(torch.equal(*pair) for pair in zip(before, kept, strict=True))
             before += [light.grad] if wanted else []
     assert len(before) == 2 and torch.equal(*before)
+
+
+def test_a_gradient_that_no_adjoint_writes_is_refused():
+    """A fixed bug: what lay in memory was taken for the gradient of the view along retraced rays."""
+    value, known = rand(COUNT).requires_grad_(), torch.ones(COUNT, dtype=torch.bool)
+    behind = rand(COUNT, 3).requires_grad_()
+    inputs = (
+        rand(COUNT, 3), value, value, value, value, rand(COUNT, 3), rand(COUNT), known,
+        known[:, None].expand(COUNT, 3), behind,
+    )  # fmt: skip
+    with forced_path("numba"):
+        image, _ = rowwise("pixel_loss", inputs, (0.5,) * 5, ((), ()))
+        with pytest.raises(TypeError, match="pixel_loss: gradients are for the first 5 inputs"):
+            image.sum().backward()
 
 
 @pytest.mark.parametrize("path, device", PATHS)
