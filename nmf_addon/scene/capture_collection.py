@@ -82,6 +82,8 @@ def _add_capture(
     root[FILE_TO_CAPTURE] = matrix.ravel().tolist()
     root.empty_display_type = "ARROWS"
     collection.objects.link(root)
+    above_cameras = _unseen_empty(f"{collection.name} Cameras", root)
+    collection.objects.link(above_cameras)
     frame, progress = frame_of(context.scene), context.window_manager
     progress.progress_begin(0, len(capture.cameras))
     for number, camera in enumerate(capture.cameras):
@@ -92,7 +94,7 @@ def _add_capture(
         )
         shown = undistorted_copy(camera, image) if differs else None
         item = add_camera(camera, image, shown, frame)
-        item.parent = root
+        item.parent = above_cameras
         collection.objects.link(item)
     progress.progress_end()
     if capture.points is not None:
@@ -102,6 +104,17 @@ def _add_capture(
     if context.scene.camera is None:
         context.scene.camera = first
     return collection
+
+
+def _unseen_empty(name: str, root: bpy.types.Object) -> bpy.types.Object:
+    """An empty under a capture's own for what is many.
+
+    The outliner folds them away below it, and viewports draw no dashed line from each of them to a
+    parent that they do not show.
+    """
+    item = bpy.data.objects.new(name, None)
+    item.parent, item.hide_viewport = root, True
+    return item
 
 
 def warnings_of(collection: bpy.types.Collection) -> list[str]:

@@ -81,6 +81,21 @@ def test_a_folder_is_imported_by_what_it_holds(extension, tmp_path):
     assert bpy.ops.nmf.import_capture(filepath=str(path.parent)) == {"FINISHED"}
 
 
+def test_cameras_follow_the_capture_under_an_empty_that_viewports_do_not_show(extension, capture):
+    """Where a parent is shown, a dashed line leads to it from each of its children."""
+    scene = extension("scene.capture_collection")
+    root = scene.root_of(capture)
+    (above,) = {item.parent for item in scene.photo_cameras(capture)}
+    assert above.parent == root and above.hide_viewport and not root.hide_viewport
+    assert set(root.children) == {above, extension("scene.region").region_box(capture)}
+    before = [np.array(item.matrix_world) for item in scene.photo_cameras(capture)]
+    move = Matrix.LocRotScale((1, 2, 3), Euler((0.1, 0.2, 0.3)), (2, 2, 2))
+    root.matrix_world = move @ root.matrix_world
+    bpy.context.view_layer.update()
+    for item, matrix in zip(scene.photo_cameras(capture), before, strict=True):
+        np.testing.assert_allclose(np.array(item.matrix_world), np.array(move) @ matrix, atol=1e-5)
+
+
 def test_the_recovered_light_turns_with_the_capture(extension, capture, result_job, tmp_path):
     """The world is seen along +X; turned a quarter about Z, what was seen along −Y is there."""
     scene = extension("scene.capture_collection")
