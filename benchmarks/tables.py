@@ -42,7 +42,8 @@ def write_page(rows: list[dict], path: Path) -> None:
         parts.append("\n# Earlier\n\n" + _EARLIER_NOTE + "\n")
         parts.append(glance_table(earlier))
     for group, mine in reversed(earlier.items()):
-        parts += _section(group, mine)
+        if _has_ablations(mine):
+            parts += _ablations(mine, f"## Preset {group}: against its default")
     path.write_text("\n".join(parts) + "\n", encoding="utf-8", newline="\n")
 
 
@@ -58,9 +59,17 @@ def _is_earlier(rows: list[dict]) -> bool:
 
 def _section(group: str, rows: list[dict]) -> list[str]:
     parts = [f"\n## Preset {group}\n", quality_table(rows)]
-    if any(row["setting"] != "default" for row in rows):
-        parts += ["\n### Against the default\n\n" + _ABLATION_NOTE + "\n", ablation_table(rows)]
+    if _has_ablations(rows):
+        parts += _ablations(rows, "### Against the default")
     return [*parts, "\n### Time and memory\n\n" + _TIME_NOTE + "\n", time_table(rows)]
+
+
+def _has_ablations(rows: list[dict]) -> bool:
+    return any(row["setting"] != "default" for row in rows)
+
+
+def _ablations(rows: list[dict], heading: str) -> list[str]:
+    return [f"\n{heading}\n\n{_ABLATION_NOTE}\n", ablation_table(rows)]
 
 
 def glance_table(groups: dict[str, list[dict]]) -> str:
@@ -208,8 +217,8 @@ More: [quality over time](curves.md), [kernels](kernels.md), [scaling](scaling.m
 """
 _GLANCE_NOTE = """Means over scenes, presets as they come. A time is that of one run, on a machine that may
 have had other work; the tables below say on which."""
-_EARLIER_NOTE = """What presets were like before a change: means below, oldest first; then scene by
-scene, the last change first."""
+_EARLIER_NOTE = """What presets were like before a change, oldest first, and the paper's ablations as far as
+they were made then. Scene by scene: in the JSON file."""
 _ABLATION_NOTE = """Mean over scenes of setting − default. The paper's are those of its own 14 scenes,
 at its own length of training: compare signs, not sizes. It relights none of its ablations."""
 _TIME_NOTE = """Wall minutes of `reconstruct`, asset and report included, on a machine that may have had

@@ -77,14 +77,19 @@ def test_means_of_albedo_are_of_the_scenes_that_are_not_all_metal(tmp_path):
     assert "of the scenes that have one" in (tmp_path / "page.md").read_text()
 
 
-def test_the_page_begins_with_what_holds_now_and_ends_with_what_was(tmp_path):
-    was = {**row(psnr=29.0), "preset": "draft 0.1, before light"}
-    write_page([was, row(psnr=30.0), row("a", "no neural", psnr=31.0)], tmp_path / "page.md")
+def test_the_page_begins_with_what_holds_now_and_ends_with_means_and_ablations_of_what_was(
+    tmp_path,
+):
+    before = {"preset": "draft 0.1, before light"}
+    was = [row(psnr=29.0) | before, row("ball", "no neural", psnr=28.0) | before]
+    write_page([*was, row(psnr=30.0), row("a", "no neural", psnr=31.0)], tmp_path / "page.md")
     text = (tmp_path / "page.md").read_text()
     glance = text.index("| `draft` | 1 | 30.00 |")
     assert glance < text.index("## Preset `draft`\n") < text.index("# Earlier")
-    assert text.index("# Earlier") < text.index("## Preset `draft 0.1, before light`")
-    assert text.count("### Against the default") == 1
+    earlier = text[text.index("# Earlier") :]
+    assert "| `draft 0.1, before light` | 1 | 29.00 |" in earlier
+    assert "## Preset `draft 0.1, before light`: against its default" in earlier
+    assert "| no neural | 1 | -1.00 |" in earlier and "abc1234" not in earlier
 
 
 def test_stages_of_a_resumed_job_are_added_up(tmp_path):
