@@ -19,6 +19,7 @@ from .formats import (
     meshroom,
     metashape,
     mvsnet,
+    nero,
     neus,
     openmvg,
     opensfm,
@@ -41,7 +42,7 @@ from .picture_names import VIDEOS
 
 FORMATS: tuple[ModuleType, ...] = (
     transforms, colmap, metashape, realitycapture, meshroom, openmvg, opensfm, blocks_exchange,
-    polycam, record3d, bundler, visualsfm, neus, gaussians, llff, mvsnet, pose_folder,
+    polycam, record3d, bundler, visualsfm, neus, gaussians, llff, mvsnet, pose_folder, nero,
 )  # fmt: skip
 """readers, the likeliest first"""
 JOBS_FOLDER = "nmf_jobs"

@@ -1,0 +1,81 @@
+"""Cameras of NeRO's glossy synthetic objects, and of all that are rendered in their layout.
+
+    0-camera.pkl, 0.png, 0-depth.png, 1-camera.pkl, …
+
+A pickled list of two arrays: a 3 × 4 matrix from the world to the camera, with OpenCV's axes, and the 3 × 3
+matrix of the lens, in pixels of the photo of the same number. Any one of the files stands for all of its
+folder; depths are of no use here.
+https://github.com/liuyuan-pal/NeRO, `GlossySyntheticDatabase` of dataset/database.py
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from ..camera_folder import LARGEST_FILE, files_in
+from ..capture import Capture
+from ..errors import CaptureError
+from ..files import head_of, is_no_pose, rigid_pose
+from ..frames import invert_pose, pose_opengl_from_opencv
+from ..image_header import image_size
+from ..intake import Found, Intrinsics, assemble, without_pose
+from ..photo_finder import PhotoFinder
+from ..pickled import matrices_in
+from ..pinhole import pinhole_of, size_meant
+
+NAME = "NeRO"
+EXTENSIONS = (".pkl",)
+_ENDING = "-camera.pkl"
+PATTERNS = (f"[0-9]*{_ENDING}",)
+
+_FILE = re.compile(rf"(\d+){re.escape(_ENDING)}")
+_PICKLED = b"\x80"
+
+
+def recognises(file: Path) -> bool:
+    """True for a pickle that is called as such a camera."""
+    return _FILE.fullmatch(file.name) is not None and head_of(file, 1) == _PICKLED
+
+
+def read(path: Path, photos: PhotoFinder) -> Capture:
+    """Read all cameras of the folder that a camera's file lies in.
+
+    Raises:
+        CaptureError: anything that cannot be used, with file, field and remedy.
+    """
+    folder = path.absolute().parent
+    files = [file for file in files_in(folder, _ENDING) if _FILE.fullmatch(file.name)]
+    found, lost = [], []
+    for file in files:
+        camera = _camera(file, photos)
+        if camera.camera_to_world is None:
+            lost.append(camera.stated)
+        else:
+            found.append(camera)
+    warnings = without_pose(path, "pose", lost, len(files), "render or export the cameras again")
+    return assemble(path, NAME, found, photos, warnings=warnings)
+
+
+def _camera(file: Path, photos: PhotoFinder) -> Found:
+    """A camera from its file; without a pose if the file has none."""
+    matrices = matrices_in(file, LARGEST_FILE)
+    if (
+        len(matrices) != 2
+        or matrices[0].shape not in ((3, 4), (4, 4))
+        or matrices[1].shape != (3, 3)
+    ):
+        raise CaptureError(
+            file, "", "this is no pickled pair of a pose (3 × 4) and a lens (3 × 3)",
+            "export the cameras again",
+        )  # fmt: skip
+    number = _FILE.fullmatch(file.name)[1]
+    photo = photos.find_in(file.parent, number)
+    pose = intrinsics = None
+    if not is_no_pose(matrices[0]):
+        to_world = invert_pose(rigid_pose(file, "pose", matrices[0]))
+        pose = pose_opengl_from_opencv(to_world)
+        if photo is not None:
+            lens = pinhole_of(file, "lens", matrices[1])
+            intrinsics = Intrinsics(*size_meant(image_size(photo), *lens[2:]), *lens)
+    return Found(f"{file.name}, pose", number, photo, pose, intrinsics)
