@@ -42,6 +42,10 @@ class SetupState:
     log: list[str] = field(default_factory=list)
 
 
+_TEMPORARY = ("/AppTranslocation/", "/Volumes/Blender")
+"""in paths where macOS shows a Blender that nobody has moved to Applications, until it quits: an
+environment that was made with a Python from there would be gone"""
+
 _state = SetupState()
 _process: subprocess.Popen | None = None
 
@@ -70,6 +74,11 @@ def base_python(chosen: str = "") -> Path:
     candidates += [folder / name for folder in folders for name in names]
     for candidate in candidates:
         if candidate.stem.lower().startswith("python") and candidate.is_file():
+            if any(part in str(candidate) for part in _TEMPORARY):
+                raise runtime.RuntimeMissing(
+                    "Blender runs from its disk image or its download, where nothing lasts; quit it, "
+                    "move it to Applications with the Finder, and start it there."
+                )
             return candidate
     raise runtime.RuntimeMissing(
         "No Python was found to build with; install Python 3.11 or 3.13 and choose it in the "

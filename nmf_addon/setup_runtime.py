@@ -10,6 +10,7 @@ leaves the old environment working. Prints lines `progress FRACTION TEXT`; the r
 """
 
 import argparse
+import ctypes
 import errno
 import hashlib
 import json
@@ -22,6 +23,7 @@ import sys
 import sysconfig
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 CANCELLED = 3
@@ -79,6 +81,7 @@ def build(options: argparse.Namespace, new: Path) -> None:
     shutil.rmtree(new, ignore_errors=True)
     options.folder.mkdir(parents=True, exist_ok=True)
     check_room_for_paths(new)
+    check_system_libraries()
     say(0.01, "Creating the environment")
     command = [sys.executable, "-I", "-m", "venv", str(new)]
     failure = "The environment could not be created; choose another Python as Build With."
@@ -118,6 +121,27 @@ def check_room_for_paths(new: Path) -> None:
         ) from error
     finally:
         shutil.rmtree(new, ignore_errors=True)
+
+
+def check_system_libraries(load: Callable[[str], object] = ctypes.CDLL) -> None:
+    """Make sure that this Python, which the environment's starts, finds what compiled packages need.
+
+    Args:
+        load: loads a library by its file's name.
+
+    Raises:
+        StepFailed: Windows has none of it; packages would be downloaded, and not load.
+    """
+    if os.name != "nt":
+        return
+    try:
+        for name in ("msvcp140.dll", "vcruntime140_1.dll"):
+            load(name)
+    except OSError as error:
+        raise StepFailed(
+            "Windows lacks Microsoft's Visual C++ libraries, which the solver's packages need; install "
+            "https://aka.ms/vs/17/release/vc_redist.x64.exe, and press Set Up Solver again."
+        ) from error
 
 
 def install(options: argparse.Namespace, new: Path) -> None:

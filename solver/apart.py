@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 from collections.abc import Callable
@@ -15,6 +16,9 @@ TURN = 0.2
 
 PATIENCE = 5.0
 """seconds in which a process that has done its work may end by itself"""
+
+PIECE = 1 << 20
+"""bytes of a message; Windows does not take hundreds of megabytes, a capture's pictures, at once"""
 
 
 class ApartError(RuntimeError):
@@ -46,14 +50,16 @@ def run_apart(work: Callable[..., Any], *args: Any, progress: Callable[[float], 
         theirs.close()
     told = 0.0
     try:
-        # Not as the process's arguments: if it died before it had read all of them, Python would wait
-        # for ever (it keeps that pipe's other end open itself).
-        ours.send((work, args))
         while True:
             # Looked at first: what a process has sent before its end is still there.
             alive = process.is_alive()
             if ours.poll(TURN):
-                kind, value = ours.recv()
+                kind, value = _received(ours)
+                if kind == "ready":
+                    # Not as the process's arguments, nor before it has the pipe: if it died until then,
+                    # Python would wait for ever (it keeps the other end open itself).
+                    _send(ours, (work, args))
+                    continue
                 if kind == "done":
                     process.join(PATIENCE)
                     return value
@@ -74,16 +80,31 @@ def run_apart(work: Callable[..., Any], *args: Any, progress: Callable[[float], 
 
 
 def _work(pipe: Connection) -> None:
-    # Ctrl-C and a terminal's end reach all its processes; the parent decides what they mean.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(signal, "SIGHUP"):
-        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    # Ctrl-C, Ctrl-Break and a terminal's end reach all its processes; the parent decides what they mean.
+    for name in ("SIGINT", "SIGBREAK", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    _send(pipe, ("ready", None))
     try:
-        work, args = pipe.recv()
-        pipe.send(("done", work(*args, lambda done: pipe.send(("progress", done)))))
+        work, args = _received(pipe)
+        _send(pipe, ("done", work(*args, lambda done: _send(pipe, ("progress", done)))))
     except Exception as error:
-        pipe.send(("failed", f"{type(error).__name__}: {error}"))
+        _send(pipe, ("failed", f"{type(error).__name__}: {error}"))
+
+
+def _send(pipe: Connection, value: object) -> None:
+    content = pickle.dumps(value)
+    pipe.send_bytes(str(len(content)).encode())
+    for start in range(0, len(content), PIECE):
+        pipe.send_bytes(content[start : start + PIECE])
+
+
+def _received(pipe: Connection) -> Any:
+    length, content = int(pipe.recv_bytes()), bytearray()
+    while len(content) < length:
+        content += pipe.recv_bytes()
+    return pickle.loads(content)
 
 
 def _end_with_parent() -> None:

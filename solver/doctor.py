@@ -64,6 +64,8 @@ def report() -> str:
     import torch
 
     from .fit.devices import idle_card
+    from .kernels.backend import trouble_with_warp
+    from .kernels.warp_folder import first_aid
 
     lines = [
         f"Neural Microfacet Fields {__version__}",
@@ -84,6 +86,10 @@ def report() -> str:
             f"CUDA {torch.version.cuda}: {torch.cuda.get_device_name()}, "
             f"{free / 2**30:.1f} of {total / 2**30:.1f} GiB free"
         )
+        trouble = trouble_with_warp("cuda")
+        if trouble:
+            reasons = "; ".join(filter(None, (trouble, first_aid())))
+            lines.append(f"Its fast kernels DO NOT RUN, jobs take several times as long: {reasons}")
     else:
         lines.append("CUDA not available: the CPU is used")
         idle = idle_card()

@@ -9,13 +9,17 @@ from pathlib import Path
 
 import pytest
 
-from solver.apart import ApartError, run_apart
+from solver.apart import PIECE, ApartError, run_apart
 
 
 def double(value, progress):
     progress(0.5)
     time.sleep(0.5)
     return 2 * value, os.getpid()
+
+
+def echo(value, progress):
+    return value[::-1]
 
 
 def fail(progress):
@@ -43,6 +47,12 @@ def test_a_result_comes_from_another_process_and_progress_is_told():
     value, process = run_apart(double, 21, progress=told.append)
     assert value == 42 and process != os.getpid()
     assert told[-1] == 0.5
+
+
+@pytest.mark.parametrize("count", [0, PIECE - 1, 3 * PIECE + 1])
+def test_what_is_longer_than_a_piece_goes_both_ways(count):
+    content = bytes(range(256)) * (count // 256 + 1)
+    assert run_apart(echo, content[:count], progress=lambda done: None) == content[:count][::-1]
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import chdir, contextmanager
+from contextlib import chdir, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -157,7 +157,10 @@ class Solver:
                 list(pool.map(lambda photo, a=pictures, b=masks: write_prepared(photo, a, b), now))
             self._check()
             self._extract(now, pictures, masks, options)
-            shutil.rmtree(self.work, ignore_errors=True)
+            # Not the folders: on Windows one that is looked at cannot be made again at once.
+            for file in (*pictures.iterdir(), *masks.iterdir()):
+                with suppress(OSError):
+                    file.unlink()
             done = len(photos) - len(left) + first + len(now)
             self.progress.fraction(done / len(photos), f"features: photo {done}")
         evidence = self._evidence(photos)

@@ -51,7 +51,7 @@ def take_photos(
     if not folder.is_dir():
         part = folder.with_name(folder.name + ".part")
         shutil.rmtree(part, ignore_errors=True)
-        part.mkdir(parents=True)
+        part.mkdir(parents=True, exist_ok=True)
         try:
             for done, frame in sharpest(video, count, span):
                 write_photo(frame, part)

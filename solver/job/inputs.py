@@ -43,7 +43,9 @@ def moved_cameras(job: JobFolder) -> list[tuple[Camera, Camera]]:
 
 
 def _given(job: JobFolder) -> Capture:
-    trusted = Path(job.request.capture).is_relative_to(job.root / "capture")
+    # Drives and folders have several names, and a job may be resumed by another than it was begun by.
+    own = (job.root / "capture").resolve()
+    trusted = Path(job.request.capture).resolve().is_relative_to(own)
     return _read(job, job.request.capture, trusted=trusted)
 
 

@@ -24,16 +24,17 @@ def path_of(device: torch.device) -> str:
         return _state["path"]
     if device.type == "cpu":
         return "numba"
-    return "warp" if device.type == "cuda" and _warp_runs_on(str(device)) else "torch"
+    return "torch" if device.type != "cuda" or trouble_with_warp(str(device)) else "warp"
 
 
 @cache
-def _warp_runs_on(device: str) -> bool:
+def trouble_with_warp(device: str) -> str:
+    """Why its kernels do not run on a card, so that jobs take torch's path; empty if they do."""
     if importlib.util.find_spec("warp") is None:
-        return False
-    from .warp_device import runs_on
+        return "warp-lang is not installed"
+    from .warp_device import trouble_on
 
-    return runs_on(torch.device(device))
+    return trouble_on(torch.device(device))
 
 
 def has_kernels(device: torch.device) -> bool:

@@ -15,9 +15,12 @@ import torch
 import warp as wp
 
 from ..threads import usable_cores
+from .warp_folder import kernel_cache
 
 # Its greeting would stand among what programs read from our output.
 wp.config.log_level = wp.LOG_ERROR
+if kernel_cache() is not None:
+    wp.config.kernel_cache_dir = str(kernel_cache())
 wp.init()
 
 _Array = type(wp.from_torch(torch.zeros(1), return_ctype=True))
@@ -178,11 +181,11 @@ def _touch(values: wp.array(dtype=wp.float32)):
     values[wp.tid()] = 1.0
 
 
-def runs_on(device: torch.device) -> bool:
-    """True if Warp can use a device of torch's, which its driver or its age may forbid."""
+def trouble_on(device: torch.device) -> str:
+    """Why Warp cannot use a device of torch's, which its driver or its age may forbid; empty if it can."""
     values = torch.zeros(1, device=device)
     try:
         launch(_touch, 1, values)
-    except Exception:
-        return False
-    return bool(values[0] == 1)
+    except Exception as error:
+        return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+    return "" if values[0] == 1 else "a kernel did not do what it should"

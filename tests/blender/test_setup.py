@@ -11,6 +11,7 @@ import sys
 import time
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import pytest
@@ -255,6 +256,42 @@ def test_a_computer_that_there_are_no_packages_for_is_told(
     before, _, why = told[0].partition("; see above.")
     assert before == "pip could not install the packages"
     assert said in why and bool(why) == bool(said)
+
+
+@pytest.mark.parametrize("missing", ["", "msvcp140.dll", "vcruntime140_1.dll"])
+def test_a_windows_without_the_packages_libraries_is_told_what_to_install(
+    part, monkeypatch, missing
+):
+    script, loaded = part("setup_runtime"), []
+
+    def load(name):
+        loaded.append(name)
+        if name == missing:
+            raise OSError(126, "The specified module could not be found")
+
+    script.check_system_libraries(load)
+    assert not loaded, "it is a matter of Windows"
+    monkeypatch.setattr(script, "os", SimpleNamespace(name="nt"))
+    if not missing:
+        return script.check_system_libraries(load)
+    with pytest.raises(script.StepFailed, match=r"install https://\S+vc_redist.x64.exe"):
+        script.check_system_libraries(load)
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        "/private/var/folders/zz/T/AppTranslocation/8F3A/d/Blender.app/Contents/Resources/5.0/python",
+        "/Volumes/Blender/Blender.app/Contents/Resources/4.5/python",
+    ],
+)
+def test_a_blender_that_is_gone_when_it_quits_is_not_built_with(part, monkeypatch, place):
+    monitor, runtime = part("setup_monitor"), part("runtime")
+    monkeypatch.setattr(sys, "executable", f"{place}/bin/python3.11")
+    monkeypatch.setattr(monitor.Path, "is_file", lambda path: True)
+    with pytest.raises(runtime.RuntimeMissing, match="move it to Applications"):
+        monitor.base_python()
+    assert monitor.base_python("/usr/bin/python3.11") == Path("/usr/bin/python3.11")
 
 
 def test_a_python_that_is_too_new_for_some_packages_is_told(part, monkeypatch):

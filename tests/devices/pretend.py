@@ -309,7 +309,9 @@ def pretended(kind: str, with_warp: bool = True) -> Iterator[None]:
         stack.enter_context(patch.object(availability, "is_available", lambda: True))
         memory = patch.object(torch.cuda, "mem_get_info", lambda device: (MEMORY, MEMORY))
         stack.enter_context(memory)
-        stack.enter_context(patch.object(backend, "_warp_runs_on", lambda device: with_warp))
+        stack.enter_context(
+            patch.object(backend, "trouble_with_warp", lambda device: "" if with_warp else "none")
+        )
         stack.enter_context(patch.object(warp_device, "place_of", place))
         stack.enter_context(patch.object(warp_device.wp, "device_from_torch", of_warp))
         stack.enter_context(patch.object(warp_device, "_stream", lambda device: None))

@@ -1,12 +1,14 @@
 """What goes to Warp is what its kernels were written for."""
 
+from types import SimpleNamespace
+
 import pytest
 import torch
 
-from solver.kernels import hashing_warp
+from solver.kernels import hashing_warp, warp_folder
 from solver.kernels.hashing import uniform_torch
 from solver.kernels.warm_up import compile_kernels
-from solver.kernels.warp_device import launch, runs_on
+from solver.kernels.warp_device import launch, trouble_on
 from tests.kernels.paths import WITHOUT_CARD
 
 
@@ -23,7 +25,7 @@ def test_a_kernel_refuses_tensors_of_another_type():
 
 
 def test_warp_runs_on_the_processor():
-    assert runs_on(torch.device("cpu"))
+    assert not trouble_on(torch.device("cpu"))
 
 
 def test_launches_again_with_the_same_shape_laid_out_otherwise():
@@ -35,7 +37,7 @@ def test_launches_again_with_the_same_shape_laid_out_otherwise():
 
 @WITHOUT_CARD
 def test_warp_runs_on_the_card_and_finds_all_kernels_compiled():
-    assert runs_on(torch.device("cuda"))
+    assert not trouble_on(torch.device("cuda"))
     compile_kernels("cuda")
 
 
@@ -48,8 +50,31 @@ def test_launches_again_with_other_numbers_tensors_and_sizes():
 
 
 def test_a_device_that_warp_cannot_use_is_told(monkeypatch):
-    def no_such_device(*_, **__):
-        raise IndexError
+    for error, said in ((IndexError(), "IndexError"), (RuntimeError("too old\nby far"), "too old")):
 
-    monkeypatch.setattr("solver.kernels.warp_device.launch", no_such_device)
-    assert not runs_on(torch.device("cpu"))
+        def no_such_device(*_, error=error, **__):
+            raise error
+
+        monkeypatch.setattr("solver.kernels.warp_device.launch", no_such_device)
+        assert trouble_on(torch.device("cpu")) == said
+
+
+@pytest.mark.parametrize(
+    "system, own, environment, cache, is_told",
+    [
+        ("nt", "C:/Users/Jürgen/AppData/Local", "C:/nmf/environment", "C:/nmf/warp", False),
+        ("nt", "C:/Users/Jürgen/AppData/Local", "C:/Users/Jürgen/nmf/environment", None, True),
+        ("nt", "C:/Users/Ann/AppData/Local", "C:/Users/Ann/nmf/environment", None, False),
+        ("posix", "", "/home/jürgen/nmf/environment", None, False),
+    ],
+)
+def test_kernels_on_windows_are_kept_where_its_compilers_can_open_them(
+    monkeypatch, system, own, environment, cache, is_told
+):
+    monkeypatch.setattr(
+        warp_folder, "os", SimpleNamespace(name=system, environ={"LOCALAPPDATA": own})
+    )
+    monkeypatch.setattr(warp_folder.sys, "prefix", environment)
+    found = warp_folder.kernel_cache()
+    assert (None if found is None else found.as_posix()) == cache
+    assert ("choose a Folder" in warp_folder.first_aid()) == is_told
