@@ -7,7 +7,10 @@ from ..render.scene import RenderSettings
 from .errors import SettingsError
 from .settings import FieldSettings, FitSettings, LightSettings, Settings, checked, overridden
 
-DRAFT = Settings(render=RenderSettings(shaded_depths=2, secondary_depths=1, secondary_rays=16))
+DRAFT = Settings(
+    render=RenderSettings(shaded_depths=2, secondary_depths=1, secondary_rays=16, pixel_grid=2),
+    fit=FitSettings(pixel_grid_start=0.3),
+)
 
 STANDARD = Settings(
     photos=PhotoSettings(most_pixels=1_440_000),
