@@ -9,7 +9,7 @@ from .settings import FieldSettings, FitSettings, LightSettings, Settings, check
 
 DRAFT = Settings(
     render=RenderSettings(shaded_depths=2, secondary_depths=1, secondary_rays=16, pixel_grid=2),
-    fit=FitSettings(pixel_grid_start=0.3),
+    fit=FitSettings(steps=2400, pixel_grid_start=0.5),
 )
 
 STANDARD = Settings(
