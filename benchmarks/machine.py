@@ -7,6 +7,8 @@ import platform
 import subprocess
 from pathlib import Path
 
+from solver.threads import usable_cores
+
 ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -22,7 +24,7 @@ def machine() -> dict:
     gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else None
     return {
         "machine": name, "cores": os.cpu_count(), "gpu": gpu, "system": platform.system(),
-        "threads": int(os.environ.get("OMP_NUM_THREADS", os.cpu_count())),
+        "threads": int(os.environ.get("OMP_NUM_THREADS", usable_cores())),
         "python": platform.python_version(), "torch": torch.__version__,
     }  # fmt: skip
 
