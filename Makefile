@@ -51,9 +51,11 @@ test: $(STAMP)
 	@status=0; for part in test-solver test-blender test-window; do \
 		$(MAKE) --no-print-directory $$part || status=1; done; exit $$status
 
+# A process that crashed is not replaced: pytest-xdist would wait for the tests of its file for ever.
 test-solver: $(STAMP)
 	$(BIN)/python -m solver compile
-	$(BIN)/python -m pytest -q tests --ignore=tests/blender --ignore=tests/gui -n $(WORKERS) --dist loadfile
+	$(BIN)/python -m pytest -q tests --ignore=tests/blender --ignore=tests/gui \
+		-n $(WORKERS) --dist loadfile --max-worker-restart 0
 
 test-blender: $(STAMP)
 	$(BIN)/python -m pytest -q tests/blender
