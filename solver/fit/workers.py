@@ -17,7 +17,7 @@ import numba
 import torch
 from torch import nn
 
-from ..kernels.backend import gradients_in_place
+from ..kernels.backend import gradients_in_place, on_warp
 from ..render.scene import Scene, SharedTables
 from .chunk import Chunk, ChunkLoss, Taken
 
@@ -40,8 +40,12 @@ def sharing(scene: Scene) -> Scene:
 
 
 def worker_count(device: torch.device) -> int:
-    """Threads worth having: as many as numba uses, where its threading layer may be used by several."""
-    if device.type != "cpu":
+    """Threads worth having: as many as numba uses, where its threading layer may be used by several.
+
+    One where kernels are Warp's, also on the processor, where only tests have them: it compiles them when
+    they are first launched, and nothing says that two threads may do so at once.
+    """
+    if device.type != "cpu" or on_warp(device):
         return 1
     try:
         layer = numba.threading_layer()

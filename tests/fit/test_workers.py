@@ -10,7 +10,8 @@ import numba
 import pytest
 import torch
 
-from solver.fit.workers import Workers, sharing
+from solver.fit.workers import Workers, sharing, worker_count
+from solver.kernels.backend import forced_path
 from tests.render.scenes import ball
 
 FIT = """
@@ -32,6 +33,14 @@ def threads_may_run_kernels():
     ball().field.raw_density(torch.zeros(1, 3))  # until then numba has not chosen
     if numba.threading_layer() == "workqueue":
         pytest.skip("numba's workqueue ends a process in which two threads run kernels at once")
+
+
+def test_kernels_of_warp_are_run_by_one_thread_on_the_processor_too(threads_may_run_kernels):
+    """Nothing says that two may launch one for the first time at once."""
+    cpu = torch.device("cpu")
+    assert worker_count(cpu) == numba.get_num_threads()
+    with forced_path("warp"):
+        assert worker_count(cpu) == 1
 
 
 class Point(NamedTuple):
