@@ -60,15 +60,27 @@ def _array(path: Path, field: str, content: bytes) -> np.ndarray:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of files that Python 2 wrote
             shape, by_columns, kind = _HEADERS[np.lib.format.read_magic(stream)](stream)
-        count, start = math.prod(shape), stream.tell()
-        # Without this an array of any size is set aside before its numbers are missed.
-        if kind.kind not in "fiu" or min(shape, default=0) < 0:
-            raise ValueError(f"its values are {kind}")
-        if count * kind.itemsize > len(content) - start:
-            raise ValueError("numbers are missing")
-        array = np.frombuffer(content, kind, count, start).astype(np.float64)
+        array = array_of(content[stream.tell() :], kind, shape, by_columns)
     except (ValueError, KeyError, TypeError, OverflowError, SyntaxError) as error:
         raise CaptureError(path, field, "this is no array of numbers", _REMEDY) from error
     if not np.isfinite(array).all():
         raise CaptureError(path, field, "it holds a value that is not a number", _REMEDY)
-    return array.reshape(shape, order="F" if by_columns else "C")
+    return array
+
+
+def array_of(
+    content: bytes, kind: np.dtype, shape: tuple[int, ...], by_columns: bool
+) -> np.ndarray:
+    """The array, as double, whose numbers bytes begin with.
+
+    Raises:
+        ValueError, TypeError, OverflowError: they are no numbers, or fewer than its shape says.
+    """
+    count = math.prod(shape)
+    # Without this an array of any size is set aside before its numbers are missed.
+    if kind.kind not in "fiu" or min(shape, default=0) < 0:
+        raise ValueError(f"its values are {kind}")
+    if count * kind.itemsize > len(content):
+        raise ValueError("numbers are missing")
+    values = np.frombuffer(content, kind, count).astype(np.float64)
+    return values.reshape(shape, order="F" if by_columns else "C")

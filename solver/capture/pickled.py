@@ -1,18 +1,39 @@
-"""Matrices from Python's pickles, without doing what these say: they may name any function to be called."""
+"""Matrices from Python's pickles, which are taken apart and never followed: they may name any function.
+
+`pickletools`, made to print pickles, tells their steps. The few steps that lists of numpy's arrays have are
+understood, and nothing is imported, called or made by name.
+"""
 
 from __future__ import annotations
 
-import io
-import pickle
+import pickletools
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from .errors import CaptureError
 from .files import read_bytes
+from .npy_files import array_of
 
-_NUMBERS = re.compile(r"[fiu][248]")
+_VALUES = {
+    "NONE", "BININT", "BININT1", "BININT2", "BINUNICODE", "SHORT_BINUNICODE", "BINBYTES", "SHORT_BINBYTES",
+    "GLOBAL",
+}  # fmt: skip
+_TUPLES = {"EMPTY_TUPLE": 0, "TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
+_ARRAYS = {"numpy.core.multiarray _reconstruct", "numpy._core.multiarray _reconstruct"}
+"""by what numpy makes an array, before its version 2 and since"""
+_NUMBERS = re.compile(r"[<>|=][fiu][248]")
+
+
+@dataclass(eq=False)
+class _Made:
+    """What a pickle would have made: by the name of a function, from arguments, with a state."""
+
+    by: object
+    arguments: object
+    state: object = None
 
 
 def matrices_in(path: Path, largest: int) -> list[np.ndarray]:
@@ -26,70 +47,98 @@ def matrices_in(path: Path, largest: int) -> list[np.ndarray]:
     """
     content = read_bytes(path, largest)
     try:
-        values = _Numbers(io.BytesIO(content)).load()
+        values = _held(content)
         if not isinstance(values, (list, tuple)):
-            raise pickle.UnpicklingError("this is no list")
-        return [value.array().astype(np.float64) for value in values]
-    except Exception as error:  # what a damaged pickle raises has no common type
+            raise ValueError("this is no list")
+        return [_array(value) for value in values]
+    except (ValueError, TypeError, LookupError, AttributeError, OverflowError) as error:
         raise CaptureError(
             path, "", "this is no pickled list of matrices, or a damaged one",
             "export the cameras again",
         ) from error  # fmt: skip
 
 
-class _Numbers(pickle._Unpickler):
-    """Reads lists of arrays; lists in lists could be of any size by naming each other.
+def _held(content: bytes) -> object:
+    """What a pickle of protocol 2 to 4 holds. What it names is a text, what that would make a `_Made`.
 
-    Everything that a pickle may name is one of the classes below, which only keep what they are given. This
-    is the reader in Python, for that in C sets aside as much memory as a damaged file asks for.
+    Raises:
+        ValueError, TypeError, LookupError, AttributeError: it is damaged, or has other steps than such
+            lists have.
     """
+    stack, marks, memo = [], [], {}
 
-    dispatch = dict(pickle._Unpickler.dispatch)
-    del dispatch[pickle.BYTEARRAY8[0]]  # so does this
+    def taken(start: int) -> list:
+        if start < 0:
+            raise ValueError("a step takes more than there is")
+        items = stack[start:]
+        del stack[start:]
+        return items
 
-    def find_class(self, module: str, name: str) -> object:
-        module = module.replace("numpy._core", "numpy.core")  # its name since 2.0
-        try:
-            return _NAMED[module, name]
-        except KeyError:
-            raise pickle.UnpicklingError(f"{module}.{name} is no matrix") from None
+    for step, value, _ in pickletools.genops(content):
+        match step.name:
+            case "PROTO" | "FRAME" | "STOP":
+                pass
+            case name if name in _VALUES:
+                stack.append(value)
+            case "NEWTRUE" | "NEWFALSE":
+                stack.append(step.name == "NEWTRUE")
+            case "MEMOIZE" | "BINPUT" | "LONG_BINPUT":
+                memo[len(memo) if value is None else value] = stack[-1]
+            case "BINGET" | "LONG_BINGET":
+                stack.append(memo[value])
+            case "STACK_GLOBAL":
+                stack.append(" ".join(taken(len(stack) - 2)))
+            case "MARK":
+                marks.append(len(stack))
+            case "TUPLE":
+                stack.append(tuple(taken(marks.pop())))
+            case name if name in _TUPLES:
+                stack.append(tuple(taken(len(stack) - _TUPLES[name])))
+            case "EMPTY_LIST":
+                stack.append([])
+            case "APPEND":
+                (item,) = taken(len(stack) - 1)
+                stack[-1].append(item)
+            case "APPENDS":
+                items = taken(marks.pop())
+                stack[-1].extend(items)
+            case "REDUCE":
+                stack.append(_Made(*taken(len(stack) - 2)))
+            case "BUILD":
+                made, state = taken(len(stack) - 2)
+                made.state = state
+                stack.append(made)
+            case name:
+                raise ValueError(f"{name} is no step of a list of arrays")
+    return stack[-1]
 
 
-class _Type:
-    """Stands for `numpy.dtype`."""
+def _array(value: object) -> np.ndarray:
+    """The array, double, that a pickle would have made.
 
-    def __init__(self, name: str = "", *_: object):
-        self.name, self.byte_order = name, "|"
-
-    def __setstate__(self, state: tuple) -> None:
-        self.byte_order = state[1]
-
-
-class _Array:
-    """Stands for `numpy.ndarray`."""
-
-    state: tuple = ()
-
-    def __setstate__(self, state: tuple) -> None:
-        self.state = state
-
-    def array(self) -> np.ndarray:
-        """What it stands for, if it is of numbers and as long as its shape says."""
-        _, shape, type_, is_fortran, content = self.state
-        if not _NUMBERS.fullmatch(type_.name):
-            raise pickle.UnpicklingError(f"{type_.name} is no type of a matrix")
-        flat = np.frombuffer(content, np.dtype(type_.byte_order + type_.name))
-        return flat.reshape(shape, order="F" if is_fortran else "C")
+    Raises:
+        ValueError, TypeError: it would have made something else.
+    """
+    match value:
+        case _Made(by, _, (_, shape, kind, by_columns, content)) if by in _ARRAYS:
+            return array_of(_bytes(content), _type(kind), shape, by_columns)
+    raise ValueError("this is no array")
 
 
-def _encode(text: str, _: str) -> bytes:
-    """Stands for `codecs.encode`, by which old pickles hold bytes."""
-    return text.encode("latin-1")
+def _type(value: object) -> np.dtype:
+    match value:
+        case _Made("numpy dtype", (str(kind), *_), (_, str(order), *_)) if _NUMBERS.fullmatch(
+            order + kind
+        ):
+            return np.dtype(order + kind)
+    raise ValueError("this is no type of numbers")
 
 
-_NAMED = {
-    ("numpy", "ndarray"): _Array,
-    ("numpy", "dtype"): _Type,
-    ("numpy.core.multiarray", "_reconstruct"): lambda *_: _Array(),
-    ("_codecs", "encode"): _encode,
-}
+def _bytes(value: object) -> bytes:
+    """Bytes, which protocol 2 holds as a text."""
+    match value:
+        case bytes():
+            return value
+        case _Made("_codecs encode", (str(text), "latin1")):
+            return text.encode("latin-1")
+    raise ValueError("these are no bytes")

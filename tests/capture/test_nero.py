@@ -126,6 +126,7 @@ def laughing(depth=60):
         (pickle.dumps([np.eye(4)[:3], np.eye(3)])[:-40], "this is no pickled list of matrices"),
         (b"\x80\x04]r\xff\xff\xff\x7f.", "this is no pickled pair"),  # kept under a huge number
         (b"\x80\x05\x96\xff\xff\xff\xff\xff\xff\x00\x00.", "this is no pickled list"),  # huge bytes
+        (b"\x80\x04)" + b"\x85" * 900_000 + b".", "this is no pickled list"),  # tuples in tuples
         (b"\x80\x04" + b"(" * LARGEST_FILE, "it has more than 1 MB"),
     ],
 )  # fmt: skip
