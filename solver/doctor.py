@@ -65,7 +65,6 @@ def report() -> str:
 
     from .fit.devices import idle_card
     from .kernels.backend import trouble_with_warp
-    from .kernels.warp_folder import first_aid
 
     lines = [
         f"Neural Microfacet Fields {__version__}",
@@ -88,8 +87,7 @@ def report() -> str:
         )
         trouble = trouble_with_warp("cuda")
         if trouble:
-            reasons = "; ".join(filter(None, (trouble, first_aid())))
-            lines.append(f"Its fast kernels DO NOT RUN, jobs take several times as long: {reasons}")
+            lines.append(f"Its fast kernels DO NOT RUN, jobs take several times as long: {trouble}")
     else:
         lines.append("CUDA not available: the CPU is used")
         idle = idle_card()

@@ -20,7 +20,7 @@ from ..job.control import Cancelled, Control
 from ..job.folder import JobFolder, JobRequest
 from ..job.inputs import capture_of, placement_of, region_of
 from ..job.progress import Progress
-from ..kernels.backend import fast
+from ..kernels.backend import fast, trouble_with_warp
 from ..kernels.compile_ahead import compile_ahead
 from . import checkpoint
 from .clock import FitClock
@@ -85,7 +85,8 @@ def run_job(
         compile_ahead(device, told)
     elif device == "cuda":
         progress.warning(
-            "NVIDIA Warp does not run on this card, so the fit is slower; update the card's driver"
+            f"NVIDIA Warp does not run on this card ({trouble_with_warp(device)}), so the fit is slower; "
+            "update the card's driver"
         )
     _stop_if_asked(control)
 

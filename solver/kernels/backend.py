@@ -29,12 +29,15 @@ def path_of(device: torch.device) -> str:
 
 @cache
 def trouble_with_warp(device: str) -> str:
-    """Why its kernels do not run on a card, so that jobs take torch's path; empty if they do."""
+    """Why its kernels do not run on a card, so that jobs take torch's path, and what helps where that is
+    known; empty if they do."""
     if importlib.util.find_spec("warp") is None:
         return "warp-lang is not installed"
     from .warp_device import trouble_on
+    from .warp_folder import first_aid
 
-    return trouble_on(torch.device(device))
+    trouble = trouble_on(torch.device(device))
+    return "; ".join(filter(None, (trouble, first_aid()))) if trouble else ""
 
 
 def has_kernels(device: torch.device) -> bool:

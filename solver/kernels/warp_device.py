@@ -19,8 +19,8 @@ from .warp_folder import kernel_cache
 
 # Its greeting would stand among what programs read from our output.
 wp.config.log_level = wp.LOG_ERROR
-if kernel_cache() is not None:
-    wp.config.kernel_cache_dir = str(kernel_cache())
+if (folder := kernel_cache()) is not None:
+    wp.config.kernel_cache_dir = str(folder)
 wp.init()
 
 _Array = type(wp.from_torch(torch.zeros(1), return_ctype=True))
