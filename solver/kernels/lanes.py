@@ -1,68 +1,154 @@
-"""Eight channels at once: tuples of eight numbers, which LLVM keeps in one vector register.
+"""Eight channels at once: a type for numba that LLVM keeps in vector registers.
 
 A loop over channels that reads and writes rows of the same arrays stays scalar, since the compiler can't
-know that the rows differ. Written out, nothing is in its way (docs/decisions/0005).
+know that the rows differ; and one with a sum is unrolled further than there are channels. With this
+type nothing is left to it (docs/decisions/0005). Where a processor's registers are shorter, LLVM takes two.
+
+What works on `Lanes` works on a single number, too: `load` returns as many as `like` has.
 """
 
 from __future__ import annotations
 
-from .compiling import inlined
+import operator
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.errors import TypingError
+from numba.core.imputils import lower_builtin
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import intrinsic, models, register_model
 
 LANES = 8
 
 
-@inlined
-def load(row, at):
-    """Eight numbers of a row."""
-    return (
-        row[at], row[at + 1], row[at + 2], row[at + 3],
-        row[at + 4], row[at + 5], row[at + 6], row[at + 7],
-    )  # fmt: skip
+class Lanes(types.Type):
+    """The type of eight numbers in single precision."""
+
+    def __init__(self):
+        super().__init__(name=f"Lanes{LANES}")
 
 
-@inlined
-def add_to(row, at, a):
-    """row += a."""
-    row[at] += a[0]
-    row[at + 1] += a[1]
-    row[at + 2] += a[2]
-    row[at + 3] += a[3]
-    row[at + 4] += a[4]
-    row[at + 5] += a[5]
-    row[at + 6] += a[6]
-    row[at + 7] += a[7]
+eight = Lanes()
+_INDEX = ir.IntType(32)
+_VECTOR = ir.VectorType(ir.FloatType(), LANES)
 
 
-@inlined
-def scaled(w, a):
-    """w · a, w a number."""
-    return (
-        w * a[0], w * a[1], w * a[2], w * a[3], w * a[4], w * a[5], w * a[6], w * a[7],
-    )  # fmt: skip
+@register_model(Lanes)
+class _LanesModel(models.PrimitiveModel):
+    def __init__(self, manager, of):
+        super().__init__(manager, of, _VECTOR)
 
 
-@inlined
-def blend(v, a, w, b):
-    """v · a + w · b, v and w numbers."""
-    return (
-        v * a[0] + w * b[0], v * a[1] + w * b[1], v * a[2] + w * b[2], v * a[3] + w * b[3],
-        v * a[4] + w * b[4], v * a[5] + w * b[5], v * a[6] + w * b[6], v * a[7] + w * b[7],
-    )  # fmt: skip
+def _places(*places: int) -> ir.Constant:
+    return ir.Constant(ir.VectorType(_INDEX, len(places)), places)
 
 
-@inlined
-def added(a, b):
-    """a + b."""
-    return (
-        a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3],
-        a[4] + b[4], a[5] + b[5], a[6] + b[6], a[7] + b[7],
-    )  # fmt: skip
+def _spread(builder: ir.IRBuilder, number: ir.Value) -> ir.Value:
+    nothing = ir.Constant(_VECTOR, ir.Undefined)
+    first = builder.insert_element(nothing, number, _INDEX(0))
+    return builder.shuffle_vector(first, nothing, _places(*[0] * LANES))
 
 
-@inlined
-def multiplied(a, b):
-    """a · b, number by number."""
-    return (
-        a[0] * b[0], a[1] * b[1], a[2] * b[2], a[3] * b[3],
-        a[4] * b[4], a[5] * b[5], a[6] * b[6], a[7] * b[7],
-    )  # fmt: skip
+def _define(operation, instruction: str) -> None:
+    """`operation` of two `Lanes`, or of one and a number."""
+
+    @infer_global(operation)
+    class _Typing(AbstractTemplate):
+        def generic(self, of, _):
+            if len(of) == 2 and eight in of and set(of) <= {eight, types.float32}:
+                return signature(eight, *of)
+            return None
+
+    def lower(_, builder, signature, values):
+        pairs = zip(signature.args, values, strict=True)
+        both = [value if of is eight else _spread(builder, value) for of, value in pairs]
+        return getattr(builder, instruction)(*both)
+
+    for of in ((eight, eight), (eight, types.float32), (types.float32, eight)):
+        lower_builtin(operation, *of)(lower)
+
+
+_define(operator.add, "fadd")
+_define(operator.sub, "fsub")
+_define(operator.mul, "fmul")
+
+
+@intrinsic
+def eight_of(_, number):
+    """Eight times the same number (float32)."""
+
+    def generate(_, builder, signature, values):
+        return _spread(builder, values[0])
+
+    return eight(types.float32), generate
+
+
+@intrinsic
+def total(_, value):
+    """The sum of eight numbers, pair by pair; a single one as it is."""
+
+    def generate(_, builder, signature, values):
+        (summed,) = values
+        count = LANES if value is eight else 1
+        while count > 1:
+            count //= 2
+            halves = _places(*range(count)), _places(*range(count, 2 * count))
+            nothing = ir.Constant(summed.type, ir.Undefined)
+            summed = builder.fadd(*(builder.shuffle_vector(summed, nothing, h) for h in halves))
+        return builder.extract_element(summed, _INDEX(0)) if value is eight else summed
+
+    return types.float32(value), generate
+
+
+def _pointer(context, builder, array, value, index, places, of) -> ir.Value:
+    """To array[index], or to the numbers from there on; indices are not wrapped around."""
+    unpacked = cgutils.unpack_tuple(builder, places, len(index))
+    whole = [
+        context.cast(builder, place, kind, types.intp)
+        for place, kind in zip(unpacked, index, strict=True)
+    ]
+    found = context.make_array(array)(context, builder, value)
+    pointer = cgutils.get_item_pointer(context, builder, array, found, whole, wraparound=False)
+    return builder.bitcast(pointer, _VECTOR.as_pointer()) if of is eight else pointer
+
+
+def _check(array: types.Array, index: types.BaseTuple) -> None:
+    if array.dtype != types.float32 or array.layout != "C" or len(index) != array.ndim:
+        raise TypingError(f"lanes are of contiguous float32 arrays by all indices, not of {array}")
+
+
+@intrinsic
+def load(_, array, index, like):
+    """Numbers of an array from `index` on, which has one for each axis, along the last axis."""
+    _check(array, index)
+    of = eight if like is eight else types.float32
+
+    def generate(context, builder, signature, values):
+        pointer = _pointer(context, builder, array, values[0], index, values[1], of)
+        return builder.load(pointer, align=4)
+
+    return of(array, index, like), generate
+
+
+def _storing(added: bool):
+    def typed(_, array, index, value):
+        _check(array, index)
+        of = eight if value is eight else types.float32
+
+        def generate(context, builder, signature, values):
+            pointer = _pointer(context, builder, array, values[0], index, values[1], of)
+            there = values[2]
+            if added:
+                there = builder.fadd(builder.load(pointer, align=4), there)
+            builder.store(there, pointer, align=4)
+            return context.get_dummy_value()
+
+        return types.void(array, index, of), generate
+
+    return typed
+
+
+store = intrinsic(_storing(added=False))
+"""array[index…] = value"""
+add_to = intrinsic(_storing(added=True))
+"""array[index…] += value"""

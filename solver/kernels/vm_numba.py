@@ -11,18 +11,18 @@ import numba
 import numpy as np
 
 from .compiling import inlined, kernel, serial_kernel
-from .lanes import LANES, load
+from .lanes import LANES, eight_of, load, store, total
 from .vm_point_numba import (
-    ONE,
+    HALF,
+    ZERO,
     cell,
     corner_weights,
     difference_cell,
     differences,
-    neighbourhood,
     plane_and_line,
     raw_density,
     spread,
-    spread_lanes,
+    spread_differences,
 )
 
 _axis_a = np.array([0, 0, 1])
@@ -38,17 +38,21 @@ def vm_sum(points, planes, lines, out):
 
 @kernel
 def vm_products(points, planes, lines, out):
-    size = planes.shape[1]
-    channels = planes.shape[3]
+    size, channels = planes.shape[1], planes.shape[3]
+    whole = channels - channels % LANES
     for n in numba.prange(points.shape[0]):
+        many, one = eight_of(ZERO), ZERO
         for k in range(3):
             i, u = cell(points[n, _axis_a[k]], size)
             j, v = cell(points[n, _axis_b[k]], size)
             m, w = cell(points[n, _axis_c[k]], size)
             weights = corner_weights(u, v)
-            for ch in range(channels):
-                plane, line = plane_and_line(planes, lines, k, i, j, m, weights, w, ch)
-                out[n, k * channels + ch] = plane * line
+            for ch in range(0, whole, LANES):
+                plane, line = plane_and_line(planes, lines, k, i, j, m, weights, w, ch, many)
+                store(out, (n, k * channels + ch), plane * line)
+            for ch in range(whole, channels):
+                plane, line = plane_and_line(planes, lines, k, i, j, m, weights, w, ch, one)
+                store(out, (n, k * channels + ch), plane * line)
 
 
 def channels_per_task(planes):
@@ -81,16 +85,18 @@ def _products_backward(points, planes, lines, cotangent, width, grad_planes, gra
     for task in numba.prange(task_count(channels, width)):
         k, first, last = task_of(task, channels, width)
         whole = last - (last - first) % LANES
+        many, one = eight_of(ZERO), ZERO
         for n in range(points.shape[0]):
             i, u = cell(points[n, _axis_a[k]], size)
             j, v = cell(points[n, _axis_b[k]], size)
             m, w = cell(points[n, _axis_c[k]], size)
+            weights = corner_weights(u, v)
             for ch in range(first, whole, LANES):
-                g = load(cotangent[n], k * channels + ch)
-                spread_lanes(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g)
+                g = load(cotangent, (n, k * channels + ch), many)
+                spread(planes, lines, grad_planes, grad_lines, k, i, j, m, weights, w, ch, g)
             for ch in range(whole, last):
-                g = cotangent[n, k * channels + ch]
-                spread(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g)
+                g = load(cotangent, (n, k * channels + ch), one)
+                spread(planes, lines, grad_planes, grad_lines, k, i, j, m, weights, w, ch, g)
 
 
 def vm_sum_backward(points, planes, lines, cotangent, least, grad_planes, grad_lines):
@@ -112,87 +118,71 @@ def _sum_backward(points, planes, lines, cotangent, least, width, grad_planes, g
             i, u = cell(points[n, _axis_a[k]], size)
             j, v = cell(points[n, _axis_b[k]], size)
             m, w = cell(points[n, _axis_c[k]], size)
-            same = (g, g, g, g, g, g, g, g)
+            weights = corner_weights(u, v)
             for ch in range(first, whole, LANES):
-                spread_lanes(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, same)
+                same = eight_of(g)
+                spread(planes, lines, grad_planes, grad_lines, k, i, j, m, weights, w, ch, same)
             for ch in range(whole, last):
-                spread(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g)
+                spread(planes, lines, grad_planes, grad_lines, k, i, j, m, weights, w, ch, g)
 
 
 @kernel
 def vm_gradient(points, planes, lines, out):
-    size = planes.shape[1]
-    channels = planes.shape[3]
+    size, channels = planes.shape[1], planes.shape[3]
+    whole = channels - channels % LANES
     for n in numba.prange(points.shape[0]):
         out[n, 0] = 0.0
         out[n, 1] = 0.0
         out[n, 2] = 0.0
         for k in range(3):
-            i0, i, i3, u = difference_cell(points[n, _axis_a[k]], size)
-            j0, j, j3, v = difference_cell(points[n, _axis_b[k]], size)
-            m0, m, m3, w = difference_cell(points[n, _axis_c[k]], size)
-            near = neighbourhood(planes, lines, k, i0, i, i3, j0, j, j3, m0, m, m3)
-            along_a = np.float32(0.0)
-            along_b = np.float32(0.0)
-            along_c = np.float32(0.0)
-            for ch in range(channels):
-                value, da, db, line, dc = differences(near, u, v, w, ch)
-                along_a += da * line
-                along_b += db * line
-                along_c += value * dc
-            out[n, _axis_a[k]] += np.float32(0.5) * along_a
-            out[n, _axis_b[k]] += np.float32(0.5) * along_b
-            out[n, _axis_c[k]] += np.float32(0.5) * along_c
+            a = difference_cell(points[n, _axis_a[k]], size)
+            b = difference_cell(points[n, _axis_b[k]], size)
+            c = difference_cell(points[n, _axis_c[k]], size)
+            many, along_a, along_b, along_c = eight_of(ZERO), ZERO, ZERO, ZERO
+            sum_a, sum_b, sum_c = many, many, many
+            for ch in range(0, whole, LANES):
+                value, by_a, by_b, line, by_c = differences(planes, lines, k, a, b, c, ch, many)
+                sum_a = sum_a + by_a * line
+                sum_b = sum_b + by_b * line
+                sum_c = sum_c + value * by_c
+            for ch in range(whole, channels):
+                value, by_a, by_b, line, by_c = differences(planes, lines, k, a, b, c, ch, ZERO)
+                along_a += by_a * line
+                along_b += by_b * line
+                along_c += value * by_c
+            out[n, _axis_a[k]] += HALF * (total(sum_a) + along_a)
+            out[n, _axis_b[k]] += HALF * (total(sum_b) + along_b)
+            out[n, _axis_c[k]] += HALF * (total(sum_c) + along_c)
 
 
 def vm_gradient_backward(points, planes, lines, cotangent, grad_planes, grad_lines):
+    """Adjoint of `vm_gradient`, cotangent [N, 3]."""
     width = channels_per_task(planes)
     _gradient_backward(points, planes, lines, cotangent, width, grad_planes, grad_lines)
 
 
 @kernel
 def _gradient_backward(points, planes, lines, cotangent, width, grad_planes, grad_lines):
-    size = planes.shape[1]
-    channels = planes.shape[3]
+    size, channels = planes.shape[1], planes.shape[3]
     for task in numba.prange(task_count(channels, width)):
         k, first, last = task_of(task, channels, width)
+        whole = last - (last - first) % LANES
+        many = eight_of(ZERO)
         for n in range(points.shape[0]):
-            i0, i, i3, u = difference_cell(points[n, _axis_a[k]], size)
-            j0, j, j3, v = difference_cell(points[n, _axis_b[k]], size)
-            m0, m, m3, w = difference_cell(points[n, _axis_c[k]], size)
-            ga = np.float32(0.5) * cotangent[n, _axis_a[k]]
-            gb = np.float32(0.5) * cotangent[n, _axis_b[k]]
-            gc = np.float32(0.5) * cotangent[n, _axis_c[k]]
-            near = neighbourhood(planes, lines, k, i0, i, i3, j0, j, j3, m0, m, m3)
-            for ch in range(first, last):
-                value, da, db, line, dc = differences(near, u, v, w, ch)
-                to_value = gc * dc
-                to_a = ga * line
-                to_b = gb * line
-                to_line = ga * da + gb * db
-                to_dc = gc * value
-                to_near_a = (ONE - u) * to_a
-                to_far_a = u * to_a
-                to_near_b = (ONE - v) * to_b
-                to_far_b = v * to_b
-                low = (ONE - u) * to_value
-                high = u * to_value
-                grad_planes[k, i, j, ch] += (ONE - v) * (low - to_far_a) - (ONE - u) * to_far_b
-                grad_planes[k, i, j + 1, ch] += v * (low - to_far_a) + (ONE - u) * to_near_b
-                grad_planes[k, i + 1, j, ch] += (ONE - v) * (high + to_near_a) - u * to_far_b
-                grad_planes[k, i + 1, j + 1, ch] += v * (high + to_near_a) + u * to_near_b
-                grad_planes[k, i0, j, ch] -= (ONE - v) * to_near_a
-                grad_planes[k, i0, j + 1, ch] -= v * to_near_a
-                grad_planes[k, i3, j, ch] += (ONE - v) * to_far_a
-                grad_planes[k, i3, j + 1, ch] += v * to_far_a
-                grad_planes[k, i, j0, ch] -= (ONE - u) * to_near_b
-                grad_planes[k, i + 1, j0, ch] -= u * to_near_b
-                grad_planes[k, i, j3, ch] += (ONE - u) * to_far_b
-                grad_planes[k, i + 1, j3, ch] += u * to_far_b
-                grad_lines[k, m, ch] += (ONE - w) * to_line - w * to_dc
-                grad_lines[k, m + 1, ch] += w * to_line + (ONE - w) * to_dc
-                grad_lines[k, m0, ch] -= (ONE - w) * to_dc
-                grad_lines[k, m3, ch] += w * to_dc
+            a = difference_cell(points[n, _axis_a[k]], size)
+            b = difference_cell(points[n, _axis_b[k]], size)
+            c = difference_cell(points[n, _axis_c[k]], size)
+            ga = HALF * cotangent[n, _axis_a[k]]
+            gb = HALF * cotangent[n, _axis_b[k]]
+            gc = HALF * cotangent[n, _axis_c[k]]
+            for ch in range(first, whole, LANES):
+                spread_differences(
+                    planes, lines, grad_planes, grad_lines, k, a, b, c, ga, gb, gc, ch, many
+                )  # fmt: skip
+            for ch in range(whole, last):
+                spread_differences(
+                    planes, lines, grad_planes, grad_lines, k, a, b, c, ga, gb, gc, ch, ZERO
+                )  # fmt: skip
 
 
 @inlined

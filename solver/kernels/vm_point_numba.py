@@ -1,13 +1,19 @@
-"""A VM lookup at one point, and its adjoint: what the kernels of `vm_numba` do for every point."""
+"""A VM lookup at one point, and its adjoint: what the kernels of `vm_numba` do for every point.
+
+What works on channels does so for one, or for eight at once (`lanes`): for as many as `like` has, or a
+cotangent.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from .compiling import inlined
-from .lanes import add_to, added, blend, load, multiplied, scaled
+from .lanes import LANES, add_to, eight_of, load, total
 
+ZERO = np.float32(0)
 ONE = np.float32(1)  # an integer one would make its line double precision, at half the speed
+HALF = np.float32(0.5)
 
 
 @inlined
@@ -25,23 +31,24 @@ def corner_weights(u, v):
 
 
 @inlined
-def plane_and_line(planes, lines, k, i, j, m, weights, w, ch):
-    """Both factors of the product of pair k, channel ch, interpolated."""
+def plane_and_line(planes, lines, k, i, j, m, weights, w, ch, like):
+    """Both factors of the product of pair k from channel ch on, interpolated."""
     plane = (
-        weights[0] * planes[k, i, j, ch]
-        + weights[1] * planes[k, i, j + 1, ch]
-        + weights[2] * planes[k, i + 1, j, ch]
-        + weights[3] * planes[k, i + 1, j + 1, ch]
+        weights[0] * load(planes, (k, i, j, ch), like)
+        + weights[1] * load(planes, (k, i, j + 1, ch), like)
+        + weights[2] * load(planes, (k, i + 1, j, ch), like)
+        + weights[3] * load(planes, (k, i + 1, j + 1, ch), like)
     )
-    return plane, (ONE - w) * lines[k, m, ch] + w * lines[k, m + 1, ch]
+    line = (ONE - w) * load(lines, (k, m, ch), like) + w * load(lines, (k, m + 1, ch), like)
+    return plane, line
 
 
 @inlined
 def raw_density(px, py, pz, planes, lines):
     """The VM sum at one point in grid units."""
-    size = planes.shape[1]
-    channels = planes.shape[3]
-    total = np.float32(0.0)
+    size, channels = planes.shape[1], planes.shape[3]
+    whole = channels - channels % LANES
+    sums, rest = eight_of(ZERO), ZERO
     for k in range(3):
         a = px if k < 2 else py
         b = py if k == 0 else pz
@@ -50,83 +57,91 @@ def raw_density(px, py, pz, planes, lines):
         j, v = cell(b, size)
         m, w = cell(c, size)
         weights = corner_weights(u, v)
-        for ch in range(channels):
-            plane, line = plane_and_line(planes, lines, k, i, j, m, weights, w, ch)
-            total += plane * line
-    return total
+        for ch in range(0, whole, LANES):
+            plane, line = plane_and_line(planes, lines, k, i, j, m, weights, w, ch, sums)
+            sums = sums + plane * line
+        for ch in range(whole, channels):
+            plane, line = plane_and_line(planes, lines, k, i, j, m, weights, w, ch, rest)
+            rest = rest + plane * line
+    return total(sums) + rest
 
 
 @inlined
-def spread(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g):
-    """Add the adjoint of one product of pair k, channel ch, with cotangent g."""
-    w00, w01, w10, w11 = weights = corner_weights(u, v)
-    plane, line = plane_and_line(planes, lines, k, i, j, m, weights, w, ch)
-    to_plane = g * line
-    to_line = g * plane
-    grad_planes[k, i, j, ch] += w00 * to_plane
-    grad_planes[k, i, j + 1, ch] += w01 * to_plane
-    grad_planes[k, i + 1, j, ch] += w10 * to_plane
-    grad_planes[k, i + 1, j + 1, ch] += w11 * to_plane
-    grad_lines[k, m, ch] += (ONE - w) * to_line
-    grad_lines[k, m + 1, ch] += w * to_line
-
-
-@inlined
-def spread_lanes(planes, lines, grad_planes, grad_lines, k, i, j, m, u, v, w, ch, g):
-    """`spread` for eight channels from ch on, with their cotangents g."""
-    w00, w01, w10, w11 = corner_weights(u, v)
-    line = blend(ONE - w, load(lines[k, m], ch), w, load(lines[k, m + 1], ch))
-    plane = added(
-        blend(w00, load(planes[k, i, j], ch), w01, load(planes[k, i, j + 1], ch)),
-        blend(w10, load(planes[k, i + 1, j], ch), w11, load(planes[k, i + 1, j + 1], ch)),
-    )
-    to_plane = multiplied(g, line)
-    to_line = multiplied(g, plane)
-    add_to(grad_planes[k, i, j], ch, scaled(w00, to_plane))
-    add_to(grad_planes[k, i, j + 1], ch, scaled(w01, to_plane))
-    add_to(grad_planes[k, i + 1, j], ch, scaled(w10, to_plane))
-    add_to(grad_planes[k, i + 1, j + 1], ch, scaled(w11, to_plane))
-    add_to(grad_lines[k, m], ch, scaled(ONE - w, to_line))
-    add_to(grad_lines[k, m + 1], ch, scaled(w, to_line))
+def spread(planes, lines, grad_planes, grad_lines, k, i, j, m, weights, w, ch, g):
+    """Add the adjoint of the products of pair k from channel ch on, with their cotangents g."""
+    plane, line = plane_and_line(planes, lines, k, i, j, m, weights, w, ch, g)
+    to_plane, to_line = g * line, g * plane
+    add_to(grad_planes, (k, i, j, ch), weights[0] * to_plane)
+    add_to(grad_planes, (k, i, j + 1, ch), weights[1] * to_plane)
+    add_to(grad_planes, (k, i + 1, j, ch), weights[2] * to_plane)
+    add_to(grad_planes, (k, i + 1, j + 1, ch), weights[3] * to_plane)
+    add_to(grad_lines, (k, m, ch), (ONE - w) * to_line)
+    add_to(grad_lines, (k, m + 1, ch), w * to_line)
 
 
 @inlined
 def difference_cell(x, size):
-    """`cell` with the nodes before and after it, clamped to the grid."""
+    """`cell` as its two nodes between those before and after, clamped to the grid; and the fraction."""
     lower, fraction = cell(x, size)
-    return max(lower - 1, 0), lower, min(lower + 2, size - 1), fraction
+    return max(lower - 1, 0), lower, lower + 1, min(lower + 2, size - 1), fraction
 
 
 @inlined
-def neighbourhood(planes, lines, k, i0, i, i3, j0, j, j3, m0, m, m3):
-    """Channels of the twelve plane nodes and the four line nodes that differences look at."""
-    return (
-        planes[k, i, j], planes[k, i, j + 1], planes[k, i + 1, j], planes[k, i + 1, j + 1],
-        planes[k, i0, j], planes[k, i0, j + 1], planes[k, i3, j], planes[k, i3, j + 1],
-        planes[k, i, j0], planes[k, i + 1, j0], planes[k, i, j3], planes[k, i + 1, j3],
-        lines[k, m], lines[k, m + 1], lines[k, m0], lines[k, m3],
-    )  # fmt: skip
-
-
-@inlined
-def differences(near, u, v, w, ch):
-    """Plane, its differences along both axes, line and its difference, in one channel.
+def differences(planes, lines, k, a, b, c, ch, like):
+    """Plane, its differences along both axes, line and its difference, of pair k from channel ch on.
 
     The differences are central ones at the nodes, interpolated, and twice as large as they should be.
+    a, b, c: see `difference_cell`.
     """
-    (p00, p01, p10, p11, before_a0, before_a1, after_a0, after_a1,
-     before_b0, before_b1, after_b0, after_b1, l0, l1, before_c, after_c) = near  # fmt: skip
-    low_b = (ONE - u) * p00[ch] + u * p10[ch]
-    high_b = (ONE - u) * p01[ch] + u * p11[ch]
-    low_a = (ONE - v) * p00[ch] + v * p01[ch]
-    high_a = (ONE - v) * p10[ch] + v * p11[ch]
-    value = (ONE - v) * low_b + v * high_b
-    da = (ONE - u) * (high_a - ((ONE - v) * before_a0[ch] + v * before_a1[ch])) + u * (
-        (ONE - v) * after_a0[ch] + v * after_a1[ch] - low_a
-    )
-    db = (ONE - v) * (high_b - ((ONE - u) * before_b0[ch] + u * before_b1[ch])) + v * (
-        (ONE - u) * after_b0[ch] + u * after_b1[ch] - low_b
-    )
-    line = (ONE - w) * l0[ch] + w * l1[ch]
-    dc = (ONE - w) * (l1[ch] - before_c[ch]) + w * (after_c[ch] - l0[ch])
-    return value, da, db, line, dc
+    u, v, w = a[4], b[4], c[4]
+    near_u, near_v, near_w = ONE - u, ONE - v, ONE - w
+    p00, p01 = load(planes, (k, a[1], b[1], ch), like), load(planes, (k, a[1], b[2], ch), like)
+    p10, p11 = load(planes, (k, a[2], b[1], ch), like), load(planes, (k, a[2], b[2], ch), like)
+    low_b, high_b = near_u * p00 + u * p10, near_u * p01 + u * p11
+    low_a, high_a = near_v * p00 + v * p01, near_v * p10 + v * p11
+    before_a = near_v * load(planes, (k, a[0], b[1], ch), like)
+    before_a = before_a + v * load(planes, (k, a[0], b[2], ch), like)
+    after_a = near_v * load(planes, (k, a[3], b[1], ch), like)
+    after_a = after_a + v * load(planes, (k, a[3], b[2], ch), like)
+    before_b = near_u * load(planes, (k, a[1], b[0], ch), like)
+    before_b = before_b + u * load(planes, (k, a[2], b[0], ch), like)
+    after_b = near_u * load(planes, (k, a[1], b[3], ch), like)
+    after_b = after_b + u * load(planes, (k, a[2], b[3], ch), like)
+    value = near_v * low_b + v * high_b
+    by_a = near_u * (high_a - before_a) + u * (after_a - low_a)
+    by_b = near_v * (high_b - before_b) + v * (after_b - low_b)
+    l0, l1 = load(lines, (k, c[1], ch), like), load(lines, (k, c[2], ch), like)
+    line = near_w * l0 + w * l1
+    before_c, after_c = load(lines, (k, c[0], ch), like), load(lines, (k, c[3], ch), like)
+    by_c = near_w * (l1 - before_c) + w * (after_c - l0)
+    return value, by_a, by_b, line, by_c
+
+
+@inlined
+def spread_differences(planes, lines, grad_planes, grad_lines, k, a, b, c, ga, gb, gc, ch, like):
+    """Add the adjoint of value · by_c, by_a · line and by_b · line with cotangents gc, ga, gb."""
+    value, by_a, by_b, line, by_c = differences(planes, lines, k, a, b, c, ch, like)
+    u, v, w = a[4], b[4], c[4]
+    near_u, near_v, near_w = ONE - u, ONE - v, ONE - w
+    to_value, to_by_c = gc * by_c, gc * value
+    to_line = ga * by_a + gb * by_b
+    to_a, to_b = ga * line, gb * line
+    to_near_a, to_far_a = near_u * to_a, u * to_a
+    to_near_b, to_far_b = near_v * to_b, v * to_b
+    low, high = near_u * to_value - to_far_a, u * to_value + to_near_a
+    add_to(grad_planes, (k, a[1], b[1], ch), near_v * low - near_u * to_far_b)
+    add_to(grad_planes, (k, a[1], b[2], ch), v * low + near_u * to_near_b)
+    add_to(grad_planes, (k, a[2], b[1], ch), near_v * high - u * to_far_b)
+    add_to(grad_planes, (k, a[2], b[2], ch), v * high + u * to_near_b)
+    add_to(grad_planes, (k, a[0], b[1], ch), -near_v * to_near_a)
+    add_to(grad_planes, (k, a[0], b[2], ch), -v * to_near_a)
+    add_to(grad_planes, (k, a[3], b[1], ch), near_v * to_far_a)
+    add_to(grad_planes, (k, a[3], b[2], ch), v * to_far_a)
+    add_to(grad_planes, (k, a[1], b[0], ch), -near_u * to_near_b)
+    add_to(grad_planes, (k, a[2], b[0], ch), -u * to_near_b)
+    add_to(grad_planes, (k, a[1], b[3], ch), near_u * to_far_b)
+    add_to(grad_planes, (k, a[2], b[3], ch), u * to_far_b)
+    add_to(grad_lines, (k, c[1], ch), near_w * to_line - w * to_by_c)
+    add_to(grad_lines, (k, c[2], ch), w * to_line + near_w * to_by_c)
+    add_to(grad_lines, (k, c[0], ch), -near_w * to_by_c)
+    add_to(grad_lines, (k, c[3], ch), w * to_by_c)
