@@ -26,9 +26,9 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from solver.threads import let_idle_threads_sleep  # noqa: E402
+from solver.threads import prepare_runtimes  # noqa: E402
 
-let_idle_threads_sleep()
+prepare_runtimes()
 
 import numba  # noqa: E402
 import numpy as np  # noqa: E402

@@ -20,9 +20,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from solver.threads import let_idle_threads_sleep  # noqa: E402
+from solver.threads import prepare_runtimes  # noqa: E402
 
-let_idle_threads_sleep()
+prepare_runtimes()
 
 import numpy as np  # noqa: E402
 import torch  # noqa: E402
@@ -33,7 +33,6 @@ from solver.capture.photos import load_photos  # noqa: E402
 from solver.capture.read import read_capture  # noqa: E402
 from solver.fit.presets import settings_for  # noqa: E402
 from solver.fit.start import new_trainer  # noqa: E402
-from solver.fit.workers import Workers  # noqa: E402
 from solver.kernels.backend import forced_path  # noqa: E402
 from solver.kernels.warm_up import compile_kernels  # noqa: E402
 
@@ -85,7 +84,6 @@ def main() -> None:
         best = min(seconds[path])
         # A mode is a thread's own, and sees nothing of what is replayed.
         trainers[path].replay = None
-        trainers[path].workers = Workers(trainers[path].scene, trainers[path].loss)
         with on(path), Operations() as operations:
             take_steps(trainers[path], 1, options.device)
         ratio = min(seconds["torch"]) / best

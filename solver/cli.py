@@ -21,7 +21,7 @@ from .job.resume import take_up
 from .job.status import process_is_alive, read_status
 from .preflight.command import add_check, add_pictures
 from .session import KNOWN_FAILURES, explain, session
-from .threads import let_idle_threads_sleep
+from .threads import prepare_runtimes
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -32,7 +32,7 @@ def main(arguments: list[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")
     options = _parser().parse_args(arguments)
     options.began = time.monotonic()
-    let_idle_threads_sleep()
+    prepare_runtimes()
     try:
         return options.run(options)
     except Exception as error:

@@ -1,4 +1,4 @@
-"""How many threads there may be, and how they wait."""
+"""How many threads there may be, and how they wait; and in what pages memory comes."""
 
 from __future__ import annotations
 
@@ -13,17 +13,19 @@ Item, Result = TypeVar("Item"), TypeVar("Result")
 MOST_AHEAD = 8
 
 
-def let_idle_threads_sleep() -> None:
-    """Idle OpenMP threads sleep instead of spinning, unless the person set it otherwise.
+def prepare_runtimes() -> None:
+    """What torch and numba read once; call it before they are imported. What the person set stays.
 
-    Call before torch and numba are imported: their OpenMP runtimes read this once.
+    Idle OpenMP threads sleep instead of spinning. torch and numba bring an OpenMP runtime each. Threads of
+    one that spin while they wait take the cores from the other, and from Blender: with two fits at once
+    on two cores, a step took five times as long.
 
-    torch and numba bring an OpenMP runtime each. Threads of one that spin while they wait take the
-    cores from the other, and from Blender: with two fits at once on two cores, a step took five
-    times as long.
+    On Linux, torch asks for huge pages for large tensors. Steps look up grids all over; with common pages
+    a step takes 1.07 times as long.
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     os.environ.setdefault("GOMP_SPINCOUNT", "0")
+    os.environ.setdefault("THP_MEM_ALLOC_ENABLE", "1")
 
 
 def usable_cores() -> int:

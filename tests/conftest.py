@@ -5,9 +5,9 @@ import socket
 import pytest
 from hypothesis import settings
 
-from solver.threads import let_idle_threads_sleep
+from solver.threads import prepare_runtimes
 
-let_idle_threads_sleep()
+prepare_runtimes()
 
 settings.register_profile("project", deadline=None, derandomize=True)
 settings.load_profile("project")

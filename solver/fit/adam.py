@@ -5,9 +5,6 @@ torch's own would do, but takes two seconds to import its compiler, and goes ove
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
-
 import torch
 
 from ..kernels.adam import Moments, Rates, adam_step, mean_root_square
@@ -37,18 +34,10 @@ class Adam:
 
     def step(self) -> None:
         """Move all parameters that have a gradient, and set it to zero."""
-        for move in self.moves():
-            move()
-
-    def moves(self) -> list[Callable[[], None]]:
-        """A step as calls, one for each parameter, that may be made side by side."""
         self.count += 1
-        parameters = zip(self._parameters(), self._moments, strict=True)
-        return [
-            partial(self._move, group, parameter, moments)
-            for (group, parameter), moments in parameters
-            if parameter.grad is not None
-        ]
+        for (group, parameter), moments in zip(self._parameters(), self._moments, strict=True):
+            if parameter.grad is not None:
+                self._move(group, parameter, moments)
 
     def _move(self, group: dict, parameter: torch.Tensor, moments: Moments) -> None:
         epsilon = self._epsilon(parameter.grad, moments, group.get("floor", 0.0))

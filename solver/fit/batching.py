@@ -16,8 +16,6 @@ SMOOTHING = 0.1
 RETRACED_START, RETRACED_MEMORY = 1000, 20
 
 
-MOST_RAYS = 8192
-"""primary rays of a chunk for the processor, whatever it has memory for"""
 LEFT_FREE = 2e9
 """bytes of a card for others, Blender among them"""
 MEMORY_OF_A_CHUNK = 4e9
@@ -40,15 +38,12 @@ class Batching:
         room: for how many chunks at once, of those that `samples` allows, the device has memory.
 
     Attributes:
-        workers: threads that share a step, where `samples` does not say: it has no more chunks than these,
-            for each costs as much as some hundred rays. None: all chunks are of `chunk_rays`.
         share: of the rays that the settings say, where `samples` does not; less where there is no time.
     """
 
     def __init__(self, settings: FitSettings, retraced_rays: int, room: int = 1):
         self.settings, self.first_retraced, self.room = settings, retraced_rays, room
         self.share = 1.0
-        self.workers: int | None = None
         self.restart()
 
     def restart(self) -> None:
@@ -63,9 +58,7 @@ class Batching:
         settings = self.settings
         if settings.samples <= 0:
             wanted = settings.rays * each
-            count = max(1, round(wanted / settings.chunk_rays))
-            if self.workers is not None:
-                count = min(count, max(self.workers, math.ceil(wanted / MOST_RAYS)))
+            count = max(1, math.ceil(wanted / settings.rays_at_once))
             rays = max(count, round(settings.rays * self.share))
             edges = [rays * i // count for i in range(count + 1)]
             return [last - first for first, last in zip(edges, edges[1:], strict=False)]

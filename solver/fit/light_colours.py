@@ -7,14 +7,12 @@ of its own: red and cyan specks, the first thing to be seen of a light that stan
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 
 import torch
 
 from ..light.environment import coarsely_coloured
 from ..render.scene import Scene, SharedTables
 from .chunk import Chunk, ChunkLoss
-from .workers import Workers
 
 SQUARES = (16, 8, 4, 2)
 """edges, in texels, of the squares that may have one colour, the coarsest first"""
@@ -43,9 +41,7 @@ def coarsest_colours(
 
 
 @torch.no_grad()
-def colour_coarsely(
-    scene: Scene, loss: ChunkLoss, workers: Workers, steps: list[Step], tolerance: float
-) -> None:
+def colour_coarsely(scene: Scene, loss: ChunkLoss, steps: list[Step], tolerance: float) -> None:
     """Give a scene's light the coarsest colours that pixels of steps allow (see `coarsest_colours`)."""
 
     def take(radiance: torch.Tensor) -> None:
@@ -55,12 +51,9 @@ def colour_coarsely(
         take(radiance)
         found = 0.0
         for chunks, turns in steps:
-            tables = SharedTables.of(scene, turns, workers.together)
-            calls = [
-                partial(loss.image_error, scene, tables.under(chunk.turn), chunk)
-                for chunk in chunks
-            ]
-            found += sum(workers.together(calls)) / len(steps)
+            tables = SharedTables.of(scene, turns)
+            errors = [loss.image_error(scene, tables.under(c.turn), c) for c in chunks]
+            found += sum(errors) / len(steps)
         return found
 
     take(coarsest_colours(scene.environment.radiance(), error, tolerance))

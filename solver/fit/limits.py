@@ -22,7 +22,7 @@ LEAST = {
     "light.heights": 2, "light.initial": _TINY,
     "render.step": 0.01, "render.secondary_step": 0.01, "render.pixel_grid": 1,
     "render.secondary_rays": 1, "render.secondary_bounce_rays": 1,
-    "fit.steps": 1, "fit.rays": 1, "fit.chunk_rays": 1, "fit.final_learning_rate": _TINY,
+    "fit.steps": 1, "fit.rays": 1, "fit.rays_at_once": 1, "fit.final_learning_rate": _TINY,
     "asset.cells": 8, "asset.triangles": 4, "asset.texture_size": 16, "asset.march_voxels": _TINY,
     "asset.march_samples": 1,
 }  # fmt: skip

@@ -99,8 +99,8 @@ class FitSettings:
     """optimiser steps"""
     rays: int = 1024
     """pixels a step, at least; a primary ray each, or `render.pixel_grid` squared"""
-    chunk_rays: int = 512
-    """primary rays worked on at once, at least, where `samples` does not say; chunks share the cores"""
+    rays_at_once: int = 8192
+    """primary rays worked on at once, at most, where `samples` does not say; for memory"""
     pixel_grid_start: float = 0.8
     """fraction of the fit from which on pixels have as many rays as `render.pixel_grid` says; one before"""
     most_rays: int = 0

@@ -1,4 +1,4 @@
-"""What a step is made of: random pixels, cut into chunks."""
+"""What a step is made of: random pixels, cut into chunks, and the gradients of these."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from typing import NamedTuple
 
 import torch
 
+from ..kernels.backend import gradients_in_place
 from ..kernels.sending import sent
 from ..render.random_numbers import RandomNumbers
-from .chunk import Chunk
+from ..render.scene import Scene, SharedTables
+from .chunk import Chunk, ChunkLoss, Taken
 from .ray_bank import RayBank
 
 
@@ -87,3 +89,24 @@ class StepPixels:
             )
             for index, (batch, own, colour, share, retraced) in enumerate(rows)
         ]  # fmt: skip
+
+
+def add_gradients(
+    scene: Scene, loss: ChunkLoss, chunks: list[Chunk],
+    turns: Sequence[torch.Tensor | None] = (None,),
+) -> list[Taken]:  # fmt: skip
+    """Add the gradients of all chunks, one after the other, to those of a scene.
+
+    Kernels share their loops among the cores. Chunks side by side, a thread for each, brought less, since
+    each holds Python's lock for as long as it takes two cores to do the rest (docs/decisions/0009).
+
+    Args:
+        turns: [3, 3] of the light, those that `Chunk.turn` counts.
+    """
+    tables = SharedTables.of(scene, turns)
+    shared = tables.cut()
+    # A thread of its own for a card's backward passes costs an eighth of a step in waiting for Python.
+    with gradients_in_place(), torch.autograd.set_multithreading_enabled(False):
+        taken = [loss.accumulate(scene, shared.under(chunk.turn), chunk) for chunk in chunks]
+        tables.carry(shared)
+    return taken

@@ -25,8 +25,7 @@ from .ray_bank import RayBank
 from .replay import replay_for
 from .schedule import light_step_width, pixel_grid, probe_turn, smoothing_width, step_width
 from .settings import Settings
-from .step import Drawn, StepPixels, StepPlan
-from .workers import Workers, worker_count
+from .step import Drawn, StepPixels, StepPlan, add_gradients
 
 DENSITY, LIGHT = 0, 3
 """their groups of parameters"""
@@ -78,10 +77,10 @@ class Trainer:
         fit = settings.fit
         if scene.device.type != "cpu":
             # A graphics card is busy only with many rays at once.
-            fit = dataclasses.replace(fit, chunk_rays=fit.rays * settings.render.pixel_grid**2)
+            fit = dataclasses.replace(fit, rays_at_once=fit.rays * settings.render.pixel_grid**2)
         if turns is not None:
-            rays = min(fit.chunk_rays, max(1, fit.rays // TURNS_A_STEP))
-            fit = dataclasses.replace(fit, chunk_rays=rays)
+            rays = min(fit.rays_at_once, max(1, fit.rays // TURNS_A_STEP))
+            fit = dataclasses.replace(fit, rays_at_once=rays)
         # A chunk has one light: under turned ones a step must not be one.
         room = room_on(scene.device) if turns is None else 1
         self.batching = Batching(fit, settings.render.retraced_rays, room)
@@ -90,23 +89,13 @@ class Trainer:
         self.steps_at_level = 0
         self.fraction_at_level = self.fraction = 0.0
         self.probe_turn = -1
-        self.workers: Workers | None = None
         # The tables of a light that turns are others in each step.
         self.replay = replay_for(scene.device) if turns is None else None
         self._begin_level()
 
     def _begin_level(self) -> None:
-        """New workers, optimiser and occupancy, for parameters that are new tensors."""
-        if self.workers is not None:
-            self.workers.close()
+        """A new optimiser and occupancy, for parameters that are new tensors."""
         self.optimiser = self._new_optimiser()
-        count = worker_count(self.scene.device)
-        if self.settings.fit.samples <= 0:
-            if self.turns is None:
-                self.batching.workers = count
-            most = self.batching.chunks(self.settings.render.pixel_grid**2)
-            count = min(count, len(most))
-        self.workers = Workers(self.scene, self.loss, count)
         self.steps_at_level = 0
         if self.replay is not None:
             self.replay.release()
@@ -193,7 +182,7 @@ class Trainer:
             pixels = [
                 (self.pixels.chunks(plan, some, random, log_gain), some.turns) for some in drawn
             ]
-            colour_coarsely(self.scene, self.loss, self.workers, pixels, tolerance)
+            colour_coarsely(self.scene, self.loss, pixels, tolerance)
             self.refresh_probes()
 
     def _learning_rate_factor(self, fraction: float) -> float:
@@ -240,7 +229,7 @@ class Trainer:
         plan = self._begin_period(pixel_grid(self.settings, fraction))
         self.scene.field.smoothing = smoothing_width(self.settings.field, plan.fraction)
         found, counted = self._gradients(plan)
-        self.workers.together(self.optimiser.moves())
+        self.optimiser.step()
         if self.exposures is not None:
             self.exposures.step([taken.to_exposures for taken in found], factor)
         self.step += 1
@@ -280,12 +269,13 @@ class Trainer:
         log_gain = self._log_gain()
         if self.replay is None:
             chunks = self.pixels.chunks(plan, drawn, self.random.at(self.step), log_gain)
-            return self.workers.gradients(chunks, drawn.turns), True
+            return add_gradients(self.scene, self.loss, chunks, drawn.turns), True
 
         def compute(pixels, colours, streams):
             # A light that turns is not replayed.
             again, random = Drawn(pixels, colours, (None,)), self.random.of(streams)
-            return self.workers.gradients(self.pixels.chunks(plan, again, random, log_gain))
+            chunks = self.pixels.chunks(plan, again, random, log_gain)
+            return add_gradients(self.scene, self.loss, chunks)
 
         streams = self.random.streams_at(self.step)
         return self.replay.run(

@@ -1,8 +1,6 @@
 """Fused CPU kernels for VM lookups; `vm_torch` is their plain twin and describes the layout.
 
-Forward passes share the points among the threads. Backward passes share out the channels instead:
-every thread owns its slice of the factors, so no two threads write to one address, no buffers are
-reduced afterwards, and the sums come out in the same order on any number of cores.
+They share the points among the threads. Their adjoints are in `vm_adjoint_numba`.
 """
 
 from __future__ import annotations
@@ -11,7 +9,15 @@ import numba
 import numpy as np
 
 from .compiling import inlined, kernel, serial_kernel
-from .lanes import LANES, eight_of, load, store, total
+from .lanes import LANES, eight_of, store, total
+from .vm_adjoint_numba import (
+    AXIS_A,
+    AXIS_B,
+    AXIS_C,
+    vm_gradient_backward,
+    vm_products_backward,
+    vm_sum_backward,
+)
 from .vm_point_numba import (
     HALF,
     ZERO,
@@ -21,13 +27,18 @@ from .vm_point_numba import (
     differences,
     plane_and_line,
     raw_density,
-    spread,
-    spread_differences,
 )
 
-_axis_a = np.array([0, 0, 1])
-_axis_b = np.array([1, 2, 2])
-_axis_c = np.array([2, 1, 0])
+__all__ = [
+    "smooth_lines",
+    "smooth_planes",
+    "vm_gradient",
+    "vm_gradient_backward",
+    "vm_products",
+    "vm_products_backward",
+    "vm_sum",
+    "vm_sum_backward",
+]
 
 
 @kernel
@@ -43,9 +54,9 @@ def vm_products(points, planes, lines, out):
     for n in numba.prange(points.shape[0]):
         many, one = eight_of(ZERO), ZERO
         for k in range(3):
-            i, u = cell(points[n, _axis_a[k]], size)
-            j, v = cell(points[n, _axis_b[k]], size)
-            m, w = cell(points[n, _axis_c[k]], size)
+            i, u = cell(points[n, AXIS_A[k]], size)
+            j, v = cell(points[n, AXIS_B[k]], size)
+            m, w = cell(points[n, AXIS_C[k]], size)
             weights = corner_weights(u, v)
             for ch in range(0, whole, LANES):
                 plane, line = plane_and_line(planes, lines, k, i, j, m, weights, w, ch, many)
@@ -53,77 +64,6 @@ def vm_products(points, planes, lines, out):
             for ch in range(whole, channels):
                 plane, line = plane_and_line(planes, lines, k, i, j, m, weights, w, ch, one)
                 store(out, (n, k * channels + ch), plane * line)
-
-
-def channels_per_task(planes):
-    """Whole rows where there is one thread, so that each cache line is fetched once; else fair shares."""
-    return planes.shape[3] if numba.get_num_threads() == 1 else LANES
-
-
-@inlined
-def task_of(task, channels, width):
-    """Pair and range of channels of a task."""
-    tasks_per_pair = (channels + width - 1) // width
-    first = (task % tasks_per_pair) * width
-    return task // tasks_per_pair, first, min(first + width, channels)
-
-
-@inlined
-def task_count(channels, width):
-    return 3 * ((channels + width - 1) // width)
-
-
-def vm_products_backward(points, planes, lines, cotangent, grad_planes, grad_lines):
-    """Adjoint of `vm_products`, cotangent [N, 3·C]."""
-    width = channels_per_task(planes)
-    _products_backward(points, planes, lines, cotangent, width, grad_planes, grad_lines)
-
-
-@kernel
-def _products_backward(points, planes, lines, cotangent, width, grad_planes, grad_lines):
-    size, channels = planes.shape[1], planes.shape[3]
-    for task in numba.prange(task_count(channels, width)):
-        k, first, last = task_of(task, channels, width)
-        whole = last - (last - first) % LANES
-        many, one = eight_of(ZERO), ZERO
-        for n in range(points.shape[0]):
-            i, u = cell(points[n, _axis_a[k]], size)
-            j, v = cell(points[n, _axis_b[k]], size)
-            m, w = cell(points[n, _axis_c[k]], size)
-            weights = corner_weights(u, v)
-            for ch in range(first, whole, LANES):
-                g = load(cotangent, (n, k * channels + ch), many)
-                spread(planes, lines, grad_planes, grad_lines, k, i, j, m, weights, w, ch, g)
-            for ch in range(whole, last):
-                g = load(cotangent, (n, k * channels + ch), one)
-                spread(planes, lines, grad_planes, grad_lines, k, i, j, m, weights, w, ch, g)
-
-
-def vm_sum_backward(points, planes, lines, cotangent, least, grad_planes, grad_lines):
-    """Adjoint of `vm_sum`, cotangent [N]; those of at most `least` are left out."""
-    width = channels_per_task(planes)
-    _sum_backward(points, planes, lines, cotangent, least, width, grad_planes, grad_lines)
-
-
-@kernel
-def _sum_backward(points, planes, lines, cotangent, least, width, grad_planes, grad_lines):
-    size, channels = planes.shape[1], planes.shape[3]
-    for task in numba.prange(task_count(channels, width)):
-        k, first, last = task_of(task, channels, width)
-        whole = last - (last - first) % LANES
-        for n in range(points.shape[0]):
-            g = cotangent[n]
-            if abs(g) <= least:
-                continue
-            i, u = cell(points[n, _axis_a[k]], size)
-            j, v = cell(points[n, _axis_b[k]], size)
-            m, w = cell(points[n, _axis_c[k]], size)
-            weights = corner_weights(u, v)
-            for ch in range(first, whole, LANES):
-                same = eight_of(g)
-                spread(planes, lines, grad_planes, grad_lines, k, i, j, m, weights, w, ch, same)
-            for ch in range(whole, last):
-                spread(planes, lines, grad_planes, grad_lines, k, i, j, m, weights, w, ch, g)
 
 
 @kernel
@@ -135,9 +75,9 @@ def vm_gradient(points, planes, lines, out):
         out[n, 1] = 0.0
         out[n, 2] = 0.0
         for k in range(3):
-            a = difference_cell(points[n, _axis_a[k]], size)
-            b = difference_cell(points[n, _axis_b[k]], size)
-            c = difference_cell(points[n, _axis_c[k]], size)
+            a = difference_cell(points[n, AXIS_A[k]], size)
+            b = difference_cell(points[n, AXIS_B[k]], size)
+            c = difference_cell(points[n, AXIS_C[k]], size)
             many, along_a, along_b, along_c = eight_of(ZERO), ZERO, ZERO, ZERO
             sum_a, sum_b, sum_c = many, many, many
             for ch in range(0, whole, LANES):
@@ -150,39 +90,9 @@ def vm_gradient(points, planes, lines, out):
                 along_a += by_a * line
                 along_b += by_b * line
                 along_c += value * by_c
-            out[n, _axis_a[k]] += HALF * (total(sum_a) + along_a)
-            out[n, _axis_b[k]] += HALF * (total(sum_b) + along_b)
-            out[n, _axis_c[k]] += HALF * (total(sum_c) + along_c)
-
-
-def vm_gradient_backward(points, planes, lines, cotangent, grad_planes, grad_lines):
-    """Adjoint of `vm_gradient`, cotangent [N, 3]."""
-    width = channels_per_task(planes)
-    _gradient_backward(points, planes, lines, cotangent, width, grad_planes, grad_lines)
-
-
-@kernel
-def _gradient_backward(points, planes, lines, cotangent, width, grad_planes, grad_lines):
-    size, channels = planes.shape[1], planes.shape[3]
-    for task in numba.prange(task_count(channels, width)):
-        k, first, last = task_of(task, channels, width)
-        whole = last - (last - first) % LANES
-        many = eight_of(ZERO)
-        for n in range(points.shape[0]):
-            a = difference_cell(points[n, _axis_a[k]], size)
-            b = difference_cell(points[n, _axis_b[k]], size)
-            c = difference_cell(points[n, _axis_c[k]], size)
-            ga = HALF * cotangent[n, _axis_a[k]]
-            gb = HALF * cotangent[n, _axis_b[k]]
-            gc = HALF * cotangent[n, _axis_c[k]]
-            for ch in range(first, whole, LANES):
-                spread_differences(
-                    planes, lines, grad_planes, grad_lines, k, a, b, c, ga, gb, gc, ch, many
-                )  # fmt: skip
-            for ch in range(whole, last):
-                spread_differences(
-                    planes, lines, grad_planes, grad_lines, k, a, b, c, ga, gb, gc, ch, ZERO
-                )  # fmt: skip
+            out[n, AXIS_A[k]] += HALF * (total(sum_a) + along_a)
+            out[n, AXIS_B[k]] += HALF * (total(sum_b) + along_b)
+            out[n, AXIS_C[k]] += HALF * (total(sum_c) + along_c)
 
 
 @inlined

@@ -1,9 +1,8 @@
 """How long a reconstruction will take on this machine, and how much memory: an estimate.
 
-Time is the preset's steps times what a step took where it was measured (two cores, docs/benchmarks.md),
-for as many cores as the step can use; on an NVIDIA card, what it took on an H200 (docs/decisions/0034).
-Memory is what photos take up while rays are made of them, plus what
-a fit of the preset was seen to need beside them.
+Time is the preset's steps times what a step took on one core where it was measured (docs/benchmarks.md), of
+which several share a part; on an NVIDIA card, what it took on an H200 (docs/decisions/0034). Memory is
+what photos take up while rays are made of them, plus what a fit of the preset was seen to need beside them.
 """
 
 from __future__ import annotations
@@ -34,7 +33,8 @@ WITHOUT_MASKS = 1.8
 TURNED, TURNED_ON_A_CARD = 1.9, 6.0
 """times as long takes a step whose light turns with the cameras: tables for each photo it has pixels of; a
 guess on a card, where it is not replayed then"""
-EFFICIENCY = 0.9
+SHARED = 0.5
+"""of the time that a step takes on one core, what several share"""
 FINDING_POINTS = 0.4
 """processor seconds it takes to find the sparse points that a photo without mask shows"""
 FINDING_STANDING = 1.0
@@ -60,7 +60,7 @@ class Estimate:
         seconds: wall time of the whole reconstruction, asset included.
         bytes: peak memory.
         photo_bytes: the photos' part of it.
-        cores: that the fit can use here.
+        cores: of this machine that it may use.
         memory: bytes this machine has; None if that is not known.
     """
 
@@ -105,11 +105,10 @@ def estimate(
     """
     settings = settings or settings_for(preset)
     cores = cores or usable_cores()
-    usable = cores_in_use(settings, cores)
     pixels = sum(camera.width * camera.height for camera in capture.cameras)
-    speed = 1 + EFFICIENCY * (usable - 1)
     fog, standing = not (masked or standing), standing and not masked
-    a_step, beside = CORE_SECONDS[preset] / speed, OVERHEAD[preset]
+    a_step = CORE_SECONDS[preset] * (1 - SHARED + SHARED / cores)
+    beside = OVERHEAD[preset]
     if card is not None:
         a_step, beside = CARD_SECONDS[preset], CARD_OVERHEAD[preset]
     fit = settings.fit.steps * a_step
@@ -119,7 +118,7 @@ def estimate(
         fit *= TURNED if card is None else TURNED_ON_A_CARD
     seconds = fit + beside + pixels * LOADING
     if standing:
-        seconds += len(capture.cameras) * FINDING_STANDING / speed
+        seconds += len(capture.cameras) * FINDING_STANDING / cores
     if fog and capture.has_few_points and settings.field.hull_start:
         seconds += len(capture.cameras) * FINDING_POINTS / cores
     most = settings.photos.most_pixels
@@ -133,7 +132,7 @@ def estimate(
         round(seconds, 1),
         int(BASE_BYTES[preset]) + photos,
         photos,
-        usable,
+        cores,
         memory_of_machine(),
         ON_PROCESSOR if card is None else ON_A_CARD.format(card=card),
     )
@@ -154,14 +153,6 @@ def photo_bytes(capture: Capture, masked: bool) -> int:
     # Colours and directions are there twice while they are joined.
     bank = 2 * (BANK_BYTES * pixels + DIRECTION_BYTES * sum(lenses.values()))
     return PHOTO_BYTES * pixels + bank + (LIKELY_BYTES * pixels if masked else 0)
-
-
-def cores_in_use(settings: Settings, cores: int) -> int:
-    """Cores that share a step, from the start on: no more than it has chunks while pixels have one ray."""
-    fit = settings.fit
-    if fit.samples > 0:
-        return cores
-    return max(1, min(cores, round(fit.rays / fit.chunk_rays)))
 
 
 def memory_of_machine() -> int | None:

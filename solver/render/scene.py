@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -252,14 +251,6 @@ class Scene(nn.Module):
         return SELF_SHADOW_VOXELS * max(self.cell, self.field.voxel)
 
 
-Together = Callable[[list[Callable[[], object]]], list]
-"""makes calls that have nothing to do with each other, and returns their results"""
-
-
-def _in_turn(calls: list[Callable[[], object]]) -> list:
-    return [call() for call in calls]
-
-
 class StepTables(NamedTuple):
     """Lookup tables that hold for one state of the parameters; build them once a step."""
 
@@ -288,19 +279,14 @@ class SharedTables(NamedTuple):
     normals: object  # nested tuples or lists of tensors
 
     @classmethod
-    def of(
-        cls, scene: Scene, turns: Sequence[torch.Tensor | None], together: Together = _in_turn
-    ) -> SharedTables:
+    def of(cls, scene: Scene, turns: Sequence[torch.Tensor | None]) -> SharedTables:
         """Tables of the current parameters of a scene or a composition.
 
         Args:
             turns: [3, 3] each by which the light is turned, or None.
-            together: makes calls that have nothing to do with each other.
         """
-        light = partial(scene.environment.tables, scene.probes.arriving)
-        lights = [partial(light, turn) for turn in turns]
-        *found, normals = together([*lights, scene.normal_tables])
-        return cls(found, normals)
+        lights = [scene.environment.tables(scene.probes.arriving, turn) for turn in turns]
+        return cls(lights, scene.normal_tables())
 
     def under(self, turn: int) -> StepTables:
         """Those of one of the turns."""
@@ -310,19 +296,9 @@ class SharedTables(NamedTuple):
         """A copy cut off from the parameters, so that several backward passes share one set."""
         return mapped(lambda value: value.detach().requires_grad_(value.requires_grad), self)
 
-    def carries(self, copies: list[SharedTables]) -> list[Callable[[], None]]:
-        """Calls, independent of each other, that carry gradients of cut copies to the parameters."""
-        return [partial(_carry, *same) for same in zip(self, *copies, strict=True)]
-
-
-def _carry(tables, *copies) -> None:
-    reached, gradients = [], []
-    for value, *leaves in zip(tensors_of(tables), *map(tensors_of, copies), strict=True):
-        found = [leaf.grad for leaf in leaves if leaf.grad is not None]
-        for other in found[1:]:
-            found[0].add_(other)
-        if found:
-            reached.append(value)
-            gradients.append(found[0])
-    if reached:
-        torch.autograd.backward(reached, gradients)
+    def carry(self, cut: SharedTables) -> None:
+        """Carry the gradients of a copy that was cut off to the parameters."""
+        both = zip(tensors_of(self), tensors_of(cut), strict=True)
+        reached = [(value, leaf.grad) for value, leaf in both if leaf.grad is not None]
+        if reached:
+            torch.autograd.backward(*zip(*reached, strict=True))

@@ -105,16 +105,11 @@ def test_batches_hold_about_the_same_number_of_samples_whatever_rays_take():
 
 
 def test_a_step_has_as_many_pixels_whatever_rays_they_have_and_a_chunk_as_many_rays():
-    batching = Batching(FitSettings(rays=2048, chunk_rays=512), 0)
+    batching = Batching(FitSettings(rays=2048, rays_at_once=512), 0)
     assert batching.chunks() == [512] * 4
     assert batching.chunks(4) == [128] * 16
-    batching.workers = 3
-    assert batching.chunks() == [682, 683, 683]
-    assert batching.chunks(4) == [682, 683, 683], "as large as need be, for each costs something"
-    batching.workers = 1
-    assert batching.chunks(8) == [1024] * 2, "though not larger than there is memory for"
-    batching.workers = 32
-    assert batching.chunks() == [512] * 4, "nor smaller than is worth a thread"
+    assert Batching(FitSettings(rays=1500, rays_at_once=512), 0).chunks() == [500] * 3
+    assert Batching(FitSettings(rays=2048), 0).chunks(4) == [2048], "as few as memory allows"
     full = Batching(FitSettings(rays=400, most_rays=8000, samples=10_000), 0)
     assert full.chunks(4) == [FIRST_RAYS // 4] * 16
 
@@ -164,7 +159,7 @@ def test_a_card_with_room_takes_several_chunks_at_once_with_the_retraced_rays_of
         assert batching.chunks() == sizes
         assert batching.retraced_of(sizes[0] / 400, sizes[0]) == retraced
     # What is cut by rays, not by samples, has its share of them, whatever room there is.
-    by_rays = Batching(FitSettings(rays=2048, chunk_rays=512), 1000, 6)
+    by_rays = Batching(FitSettings(rays=2048, rays_at_once=512), 1000, 6)
     assert by_rays.chunks() == [512] * 4 and by_rays.retraced_of(0.25, 512) == 250
     by_secondary = Batching(FitSettings(secondary_samples=1000), 1000, 6)
     assert by_secondary.retraced_of(1.0, 8192) == 1000
@@ -184,7 +179,7 @@ def test_a_step_cut_in_chunks_has_the_gradient_of_the_whole():
     gradients = []
     for trainer in (whole, cut):
         assert sum(trainer.batching.chunks()) == 256
-        trainer.optimiser.moves = list
+        trainer.optimiser.step = list
         trainer.advance(0.0)
         gradients.append([p.grad.clone() for p in trainer.scene.parameters() if p.grad is not None])
     for a, b in zip(*gradients, strict=True):

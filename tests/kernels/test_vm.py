@@ -1,10 +1,13 @@
 """VM lookups: fused kernels against their plain twin, and the twin against finite differences."""
 
+import numba
+import numpy as np
 import pytest
 import torch
 
 from solver.kernels import vm, vm_torch
 from solver.kernels.backend import forced_path, plain_torch
+from solver.kernels.vm_adjoint_numba import LEAST_ROWS, MOST_BANDS, bands_of
 from tests.kernels.paths import PATHS, to_device
 
 
@@ -48,6 +51,40 @@ def test_products_reproduce_nodes():
     expected = [planes[0, x, y] * lines[0, z], planes[1, x, z] * lines[1, y]]
     expected.append(planes[2, y, z] * lines[2, x])
     torch.testing.assert_close(products, torch.cat(expected))
+
+
+@pytest.mark.parametrize("name", ["vm_sum", "vm_products", "vm_gradient"])
+def test_adjoints_of_many_points_are_the_twins_and_the_same_bits_on_any_number_of_cores(name):
+    """So many that bands of rows share them; most are close together, so that bands are narrow."""
+    torch.manual_seed(5)
+    points = torch.cat([torch.rand(4000, 3) * 39, 20 + torch.randn(6000, 3)])
+    arguments = factors(40, 11)
+    with plain_torch():
+        plain = getattr(vm, name)(points, *arguments)
+        cotangent = torch.randn_like(plain)
+        expected = torch.autograd.grad(plain, arguments, cotangent)
+    found = []
+    for threads in (1, numba.config.NUMBA_NUM_THREADS):
+        numba.set_num_threads(threads)
+        fused = getattr(vm, name)(points, *arguments)
+        found.append(torch.autograd.grad(fused, arguments, cotangent))
+    for one, many, plain in zip(*found, expected, strict=True):
+        assert torch.equal(one, many)
+        torch.testing.assert_close(one, plain, rtol=1e-3, atol=1e-2)
+
+
+@pytest.mark.parametrize("count, bands", [(0, 1), (511, 1), (512, 2), (100_000, MOST_BANDS)])
+def test_bands_have_all_points_in_the_order_of_their_rows_and_enough_rows(count, bands):
+    size, rng = 30, np.random.default_rng(1)
+    points = (rng.random((count, 3)) ** 3 * size).astype(np.float32)
+    order, firsts = bands_of(points, np.arange(count), size)
+    assert firsts.shape == (3, bands + 1) and order.shape == (3, count)
+    for k, axis in enumerate((0, 0, 1)):
+        assert sorted(order[k]) == list(range(count)) and firsts[k, -1] == count
+        rows = np.minimum(points[order[k], axis].astype(int), size - 2)
+        assert (np.diff(rows) >= 0).all()
+        starts = [rows[first] for first in firsts[k, :-1] if first < count]
+        assert (np.diff(starts) >= LEAST_ROWS).all(), "or bands beside each other would meet"
 
 
 def test_kernels_give_the_same_bits_twice():

@@ -21,7 +21,6 @@ from solver.preflight.estimate import (
     FINDING_POINTS,
     FINDING_STANDING,
     WITHOUT_MASKS,
-    cores_in_use,
     estimate,
     memory_of_machine,
     photo_bytes,
@@ -48,7 +47,7 @@ def test_estimates_grow_with_photos_and_shrink_with_cores(count, cores, preset):
     fewer, more = (estimate(c, preset, False, cores) for c in (small, large))
     assert more.bytes > fewer.bytes > BASE_BYTES[preset] and more.seconds >= fewer.seconds
     assert estimate(small, preset, False, cores + 1).seconds <= fewer.seconds
-    assert 1 <= fewer.cores <= cores
+    assert fewer.cores == cores
     draft = estimate(small, "draft", False, cores)
     assert draft.seconds <= fewer.seconds and draft.bytes <= fewer.bytes
 
@@ -70,10 +69,10 @@ def test_points_that_the_file_has_take_no_time():
         assert found - known == pytest.approx(seconds, abs=0.2)
 
 
-def test_a_step_of_few_chunks_cannot_use_many_cores():
-    assert cores_in_use(settings_for("draft"), 64) == 2
-    assert cores_in_use(settings_for("standard"), 64) == 4
-    assert cores_in_use(settings_for("paper"), 64) == 64
+def test_many_cores_take_no_less_than_what_one_has_to_do_alone():
+    capture = capture_at(around(20))
+    one, two, many = (estimate(capture, "draft", True, cores).seconds for cores in (1, 2, 1000))
+    assert 0.5 * one < many < two < 0.9 * one
 
 
 def test_what_stands_on_something_takes_the_time_of_masks_and_of_making_them():

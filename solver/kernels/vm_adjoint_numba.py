@@ -1,0 +1,178 @@
+"""Adjoints of the fused CPU kernels for VM lookups (`vm_numba`), whose gradients many points add to.
+
+Points are put in the order of their rows in a plane, and bands of rows are tasks: first every other band,
+then those between. What a point adds reaches only a row or two further, so no two tasks at once write to
+one address. Lines belong to all bands: each has a copy, which are added up at the end. Bands depend on
+points alone, so the sums have the same order on any number of cores.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from .compiling import inlined, kernel
+from .lanes import LANES, eight_of, load
+from .vm_point_numba import (
+    HALF,
+    ZERO,
+    cell,
+    corner_weights,
+    difference_cell,
+    spread,
+    spread_differences,
+)
+
+AXIS_A, AXIS_B, AXIS_C = np.array([0, 0, 1]), np.array([1, 2, 2]), np.array([2, 1, 0])
+"""of the points: along the first and second axis of each plane, and along its line"""
+MOST_BANDS = 8
+POINTS_OF_A_BAND = 512
+"""at least; fewer are not worth a task"""
+LEAST_ROWS = 4
+"""of a band: differences reach from the row before a point's cell to the second behind it"""
+
+
+@kernel
+def by_rows(points, chosen, size, order, firsts):
+    """Indices [3, M] of chosen points [M] in the order of their rows in each plane, and where each band
+    begins [3, bands + 1]: with equally many points, as far as whole rows and `LEAST_ROWS` allow."""
+    count, bands = chosen.shape[0], firsts.shape[1] - 1
+    for k in numba.prange(3):
+        rows, begins = np.empty(count, np.int64), np.zeros(size + 1, np.int64)
+        for at in range(count):
+            rows[at], _ = cell(points[chosen[at], AXIS_A[k]], size)
+            begins[rows[at] + 1] += 1
+        band, first_row = 0, 0
+        firsts[k, 0] = 0
+        for row in range(size):
+            begins[row + 1] += begins[row]
+            full = begins[row + 1] * bands >= count * (band + 1)
+            if full and band < bands - 1 and row + 1 - first_row >= LEAST_ROWS:
+                band, first_row = band + 1, row + 1
+                firsts[k, band] = begins[row + 1]
+        firsts[k, band + 1 :] = count
+        for at in range(count):
+            order[k, begins[rows[at]]] = chosen[at]
+            begins[rows[at]] += 1
+
+
+def bands_of(points, chosen, size):
+    """See `by_rows`."""
+    bands = min(MOST_BANDS, 1 + len(chosen) // POINTS_OF_A_BAND)
+    order, firsts = np.empty((3, len(chosen)), np.int64), np.empty((3, bands + 1), np.int64)
+    by_rows(points, chosen, size, order, firsts)
+    return order, firsts
+
+
+@inlined
+def tasks_of(bands, parity):
+    """How many bands of all pairs there are with even or odd numbers."""
+    return 3 * ((bands + 1 - parity) // 2)
+
+
+@inlined
+def pair_and_band(task, parity):
+    return task % 3, 2 * (task // 3) + parity
+
+
+@inlined
+def add_up(parts, grad_lines):
+    """Add the lines that bands have."""
+    for band in range(parts.shape[0]):
+        for k in range(3):
+            for i in range(parts.shape[2]):
+                for ch in range(parts.shape[3]):
+                    grad_lines[k, i, ch] += parts[band, k, i, ch]
+
+
+def vm_products_backward(points, planes, lines, cotangent, grad_planes, grad_lines):
+    """Adjoint of `vm_products`, cotangent [N, 3·C]."""
+    bands = bands_of(points, np.arange(len(points)), planes.shape[1])
+    _products_backward(points, planes, lines, cotangent, *bands, grad_planes, grad_lines)
+
+
+@kernel
+def _products_backward(points, planes, lines, cotangent, order, firsts, grad_planes, grad_lines):
+    size, channels, bands = planes.shape[1], planes.shape[3], firsts.shape[1] - 1
+    whole = channels - channels % LANES
+    parts = np.zeros((bands, 3, size, channels), np.float32)
+    for parity in range(2):
+        for task in numba.prange(tasks_of(bands, parity)):
+            k, band = pair_and_band(task, parity)
+            part, many, one = parts[band], eight_of(ZERO), ZERO
+            for at in range(firsts[k, band], firsts[k, band + 1]):
+                n = order[k, at]
+                i, u = cell(points[n, AXIS_A[k]], size)
+                j, v = cell(points[n, AXIS_B[k]], size)
+                m, w = cell(points[n, AXIS_C[k]], size)
+                weights = corner_weights(u, v)
+                for ch in range(0, whole, LANES):
+                    g = load(cotangent, (n, k * channels + ch), many)
+                    spread(planes, lines, grad_planes, part, k, i, j, m, weights, w, ch, g)
+                for ch in range(whole, channels):
+                    g = load(cotangent, (n, k * channels + ch), one)
+                    spread(planes, lines, grad_planes, part, k, i, j, m, weights, w, ch, g)
+    add_up(parts, grad_lines)
+
+
+def vm_sum_backward(points, planes, lines, cotangent, least, grad_planes, grad_lines):
+    """Adjoint of `vm_sum`, cotangent [N]; those of at most `least` are left out."""
+    bands = bands_of(points, np.flatnonzero(np.abs(cotangent) > least), planes.shape[1])
+    _sum_backward(points, planes, lines, cotangent, *bands, grad_planes, grad_lines)
+
+
+@kernel
+def _sum_backward(points, planes, lines, cotangent, order, firsts, grad_planes, grad_lines):
+    size, channels, bands = planes.shape[1], planes.shape[3], firsts.shape[1] - 1
+    whole = channels - channels % LANES
+    parts = np.zeros((bands, 3, size, channels), np.float32)
+    for parity in range(2):
+        for task in numba.prange(tasks_of(bands, parity)):
+            k, band = pair_and_band(task, parity)
+            part = parts[band]
+            for at in range(firsts[k, band], firsts[k, band + 1]):
+                n = order[k, at]
+                i, u = cell(points[n, AXIS_A[k]], size)
+                j, v = cell(points[n, AXIS_B[k]], size)
+                m, w = cell(points[n, AXIS_C[k]], size)
+                weights, g = corner_weights(u, v), cotangent[n]
+                same = eight_of(g)
+                for ch in range(0, whole, LANES):
+                    spread(planes, lines, grad_planes, part, k, i, j, m, weights, w, ch, same)
+                for ch in range(whole, channels):
+                    spread(planes, lines, grad_planes, part, k, i, j, m, weights, w, ch, g)
+    add_up(parts, grad_lines)
+
+
+def vm_gradient_backward(points, planes, lines, cotangent, grad_planes, grad_lines):
+    """Adjoint of `vm_gradient`, cotangent [N, 3]."""
+    bands = bands_of(points, np.arange(len(points)), planes.shape[1])
+    _gradient_backward(points, planes, lines, cotangent, *bands, grad_planes, grad_lines)
+
+
+@kernel
+def _gradient_backward(points, planes, lines, cotangent, order, firsts, grad_planes, grad_lines):
+    size, channels, bands = planes.shape[1], planes.shape[3], firsts.shape[1] - 1
+    whole = channels - channels % LANES
+    parts = np.zeros((bands, 3, size, channels), np.float32)
+    for parity in range(2):
+        for task in numba.prange(tasks_of(bands, parity)):
+            k, band = pair_and_band(task, parity)
+            part, many = parts[band], eight_of(ZERO)
+            for at in range(firsts[k, band], firsts[k, band + 1]):
+                n = order[k, at]
+                a = difference_cell(points[n, AXIS_A[k]], size)
+                b = difference_cell(points[n, AXIS_B[k]], size)
+                c = difference_cell(points[n, AXIS_C[k]], size)
+                ga = HALF * cotangent[n, AXIS_A[k]]
+                gb = HALF * cotangent[n, AXIS_B[k]]
+                gc = HALF * cotangent[n, AXIS_C[k]]
+                for ch in range(0, whole, LANES):
+                    spread_differences(
+                        planes, lines, grad_planes, part, k, a, b, c, ga, gb, gc, ch, many
+                    )  # fmt: skip
+                for ch in range(whole, channels):
+                    spread_differences(
+                        planes, lines, grad_planes, part, k, a, b, c, ga, gb, gc, ch, ZERO
+                    )  # fmt: skip
+    add_up(parts, grad_lines)
