@@ -15,7 +15,8 @@ import numpy as np
 from .compiling import function, inlined, kernel, serial_kernel
 from .vectors_numba import minus, plus, times, triple
 
-BANDS = 8  # of rows; the tasks of a scatter, where several threads share it
+BANDS = 8  # of rows; the tasks of a scatter
+WORTH_BANDS = 4  # threads: rectangles reach over several bands, whose tasks all compute them
 
 
 @inlined
@@ -209,7 +210,7 @@ def scatter_band(rows, centre, size, cotangent, low, high, grad):
 
 def rectangle_mean_backward(rows, centre, size, cotangent, grad):
     """Adjoint of `rectangle_mean` with respect to `table`; a task owns a band of rows: no collisions."""
-    bands = 1 if numba.get_num_threads() == 1 else BANDS
+    bands = 1 if numba.get_num_threads() < WORTH_BANDS else BANDS
     _scatter(rows, centre, size, cotangent, bands, grad)
 
 
