@@ -34,32 +34,33 @@ LEAST_ROWS = 4
 
 @kernel
 def by_rows(points, chosen, size, order, firsts):
-    """Indices [3, M] of chosen points [M] in the order of their rows in each plane, and where each band
-    begins [3, bands + 1]: with equally many points, as far as whole rows and `LEAST_ROWS` allow."""
+    """Indices [2, M] of chosen points [M] in the order of their rows, and where each band begins
+    [2, bands + 1]: with equally many points, as far as whole rows and `LEAST_ROWS` allow. The first two
+    planes' rows are along x, the third's along y."""
     count, bands = chosen.shape[0], firsts.shape[1] - 1
-    for k in numba.prange(3):
-        rows, begins = np.empty(count, np.int64), np.zeros(size + 1, np.int64)
+    for axis in numba.prange(2):
+        rows, begins = np.empty(count, np.int32), np.zeros(size + 1, np.int64)
         for at in range(count):
-            rows[at], _ = cell(points[chosen[at], AXIS_A[k]], size)
+            rows[at], _ = cell(points[chosen[at], axis], size)
             begins[rows[at] + 1] += 1
         band, first_row = 0, 0
-        firsts[k, 0] = 0
+        firsts[axis, 0] = 0
         for row in range(size):
             begins[row + 1] += begins[row]
             full = begins[row + 1] * bands >= count * (band + 1)
             if full and band < bands - 1 and row + 1 - first_row >= LEAST_ROWS:
                 band, first_row = band + 1, row + 1
-                firsts[k, band] = begins[row + 1]
-        firsts[k, band + 1 :] = count
+                firsts[axis, band] = begins[row + 1]
+        firsts[axis, band + 1 :] = count
         for at in range(count):
-            order[k, begins[rows[at]]] = chosen[at]
+            order[axis, begins[rows[at]]] = chosen[at]
             begins[rows[at]] += 1
 
 
 def bands_of(points, chosen, size):
     """See `by_rows`."""
     bands = min(MOST_BANDS, 1 + len(chosen) // POINTS_OF_A_BAND)
-    order, firsts = np.empty((3, len(chosen)), np.int64), np.empty((3, bands + 1), np.int64)
+    order, firsts = np.empty((2, len(chosen)), np.int32), np.empty((2, bands + 1), np.int64)
     by_rows(points, chosen, size, order, firsts)
     return order, firsts
 
@@ -99,10 +100,11 @@ def _products_backward(points, planes, lines, cotangent, order, firsts, grad_pla
     for parity in range(2):
         for task in numba.prange(tasks_of(bands, parity)):
             k, band = pair_and_band(task, parity)
+            axis = AXIS_A[k]
             part, many, one = parts[band], eight_of(ZERO), ZERO
-            for at in range(firsts[k, band], firsts[k, band + 1]):
-                n = order[k, at]
-                i, u = cell(points[n, AXIS_A[k]], size)
+            for at in range(firsts[axis, band], firsts[axis, band + 1]):
+                n = order[axis, at]
+                i, u = cell(points[n, axis], size)
                 j, v = cell(points[n, AXIS_B[k]], size)
                 m, w = cell(points[n, AXIS_C[k]], size)
                 weights = corner_weights(u, v)
@@ -129,10 +131,11 @@ def _sum_backward(points, planes, lines, cotangent, order, firsts, grad_planes, 
     for parity in range(2):
         for task in numba.prange(tasks_of(bands, parity)):
             k, band = pair_and_band(task, parity)
+            axis = AXIS_A[k]
             part = parts[band]
-            for at in range(firsts[k, band], firsts[k, band + 1]):
-                n = order[k, at]
-                i, u = cell(points[n, AXIS_A[k]], size)
+            for at in range(firsts[axis, band], firsts[axis, band + 1]):
+                n = order[axis, at]
+                i, u = cell(points[n, axis], size)
                 j, v = cell(points[n, AXIS_B[k]], size)
                 m, w = cell(points[n, AXIS_C[k]], size)
                 weights, g = corner_weights(u, v), cotangent[n]
@@ -158,13 +161,14 @@ def _gradient_backward(points, planes, lines, cotangent, order, firsts, grad_pla
     for parity in range(2):
         for task in numba.prange(tasks_of(bands, parity)):
             k, band = pair_and_band(task, parity)
+            axis = AXIS_A[k]
             part, many = parts[band], eight_of(ZERO)
-            for at in range(firsts[k, band], firsts[k, band + 1]):
-                n = order[k, at]
-                a = difference_cell(points[n, AXIS_A[k]], size)
+            for at in range(firsts[axis, band], firsts[axis, band + 1]):
+                n = order[axis, at]
+                a = difference_cell(points[n, axis], size)
                 b = difference_cell(points[n, AXIS_B[k]], size)
                 c = difference_cell(points[n, AXIS_C[k]], size)
-                ga = HALF * cotangent[n, AXIS_A[k]]
+                ga = HALF * cotangent[n, axis]
                 gb = HALF * cotangent[n, AXIS_B[k]]
                 gc = HALF * cotangent[n, AXIS_C[k]]
                 for ch in range(0, whole, LANES):

@@ -78,12 +78,12 @@ def test_bands_have_all_points_in_the_order_of_their_rows_and_enough_rows(count,
     size, rng = 30, np.random.default_rng(1)
     points = (rng.random((count, 3)) ** 3 * size).astype(np.float32)
     order, firsts = bands_of(points, np.arange(count), size)
-    assert firsts.shape == (3, bands + 1) and order.shape == (3, count)
-    for k, axis in enumerate((0, 0, 1)):
-        assert sorted(order[k]) == list(range(count)) and firsts[k, -1] == count
-        rows = np.minimum(points[order[k], axis].astype(int), size - 2)
+    assert firsts.shape == (2, bands + 1) and order.shape == (2, count)
+    for axis in range(2):
+        assert sorted(order[axis]) == list(range(count)) and firsts[axis, -1] == count
+        rows = np.minimum(points[order[axis], axis].astype(int), size - 2)
         assert (np.diff(rows) >= 0).all()
-        starts = [rows[first] for first in firsts[k, :-1] if first < count]
+        starts = [rows[first] for first in firsts[axis, :-1] if first < count]
         assert (np.diff(starts) >= LEAST_ROWS).all(), "or bands beside each other would meet"
 
 
