@@ -82,7 +82,7 @@ def main() -> None:
     print("| --- | ---: | ---: | ---: |")
     for path in paths:
         best = min(seconds[path])
-        # A mode is a thread's own, and sees nothing of what is replayed.
+        # A mode sees nothing of what is replayed.
         trainers[path].replay = None
         with on(path), Operations() as operations:
             take_steps(trainers[path], 1, options.device)

@@ -36,13 +36,15 @@ class Batching:
 
     Args:
         room: for how many chunks at once, of those that `samples` allows, the device has memory.
+        least: chunks of a step, where `samples` does not say.
 
     Attributes:
         share: of the rays that the settings say, where `samples` does not; less where there is no time.
     """
 
-    def __init__(self, settings: FitSettings, retraced_rays: int, room: int = 1):
-        self.settings, self.first_retraced, self.room = settings, retraced_rays, room
+    def __init__(self, settings: FitSettings, retraced_rays: int, room: int = 1, least: int = 1):
+        self.settings, self.first_retraced = settings, retraced_rays
+        self.room, self.least = room, least
         self.share = 1.0
         self.restart()
 
@@ -58,7 +60,7 @@ class Batching:
         settings = self.settings
         if settings.samples <= 0:
             wanted = settings.rays * each
-            count = max(1, math.ceil(wanted / settings.rays_at_once))
+            count = max(self.least, math.ceil(wanted / settings.rays_at_once))
             rays = max(count, round(settings.rays * self.share))
             edges = [rays * i // count for i in range(count + 1)]
             return [last - first for first, last in zip(edges, edges[1:], strict=False)]

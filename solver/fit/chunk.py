@@ -27,7 +27,7 @@ ROOM_DIRECTIONS = 256
 
 
 class Chunk(NamedTuple):
-    """What a worker does at once."""
+    """Pixels that are worked on at once, and how."""
 
     batch: RayBatch
     keys: torch.Tensor  # [P] long, for random numbers

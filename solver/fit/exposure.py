@@ -34,7 +34,7 @@ class Exposures:
         self.optimiser = Adam([{"params": [self.log_gain], "base": RATE}])
 
     def step(self, gradients: list[torch.Tensor | None], factor: float) -> None:
-        """Move by the sum of the workers' gradients [P, C]; `factor` scales the rate."""
+        """Move by the sum of the chunks' gradients [P, C]; `factor` scales the rate."""
         found = [gradient for gradient in gradients if gradient is not None]
         if not found:
             return

@@ -107,7 +107,7 @@ class FitSettings:
     """pixels a step, at most, where `samples` leaves room (0: always `rays`)"""
     samples: int = 0
     """density samples of the primary rays of a chunk, about; a step with more is cut in chunks whose
-    gradients are summed, on a card several at once (0: all rays of a step at once)"""
+    gradients are summed, on a card several at once (0: `rays_at_once` says)"""
     secondary_samples: int = 0
     """density samples of retraced rays a chunk, about; R follows (0: R is `render.retraced_rays`)"""
     learning_rate_grid: float = 0.04

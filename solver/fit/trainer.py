@@ -34,7 +34,7 @@ THIN_FOG_SHARE = 0.02
 STEPS_OF_PIXELS = 4
 """as many pixels as steps have tell, at the end, how fine the colours of the light have to be"""
 TURNS_A_STEP = 4
-"""photos of which a step has pixels, at least, where the light turned with them"""
+"""photos of which a step has pixels, at least, where the light turned with them; each has its own tables"""
 HELD = 0.02
 """of the fit, for which what steps do may stay the same where they are replayed"""
 
@@ -78,12 +78,9 @@ class Trainer:
         if scene.device.type != "cpu":
             # A graphics card is busy only with many rays at once.
             fit = dataclasses.replace(fit, rays_at_once=fit.rays * settings.render.pixel_grid**2)
-        if turns is not None:
-            rays = min(fit.rays_at_once, max(1, fit.rays // TURNS_A_STEP))
-            fit = dataclasses.replace(fit, rays_at_once=rays)
         # A chunk has one light: under turned ones a step must not be one.
-        room = room_on(scene.device) if turns is None else 1
-        self.batching = Batching(fit, settings.render.retraced_rays, room)
+        room, least = (room_on(scene.device), 1) if turns is None else (1, TURNS_A_STEP)
+        self.batching = Batching(fit, settings.render.retraced_rays, room, least)
         self.step = 0
         self.level = 0
         self.steps_at_level = 0

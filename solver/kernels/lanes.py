@@ -4,7 +4,9 @@ A loop over channels that reads and writes rows of the same arrays stays scalar,
 know that the rows differ; and one with a sum is unrolled further than there are channels. With this
 type nothing is left to it (docs/decisions/0005). Where a processor's registers are shorter, LLVM takes two.
 
-What works on `Lanes` works on a single number, too: `load` returns as many as `like` has.
+What works on `Lanes` works on a single number, too: `load` returns as many as `like` has. What `store` or
+`add_to` wrote is read with `load`: numba may move other reads of an array before what it does not
+know to be writes.
 """
 
 from __future__ import annotations
@@ -86,6 +88,8 @@ def eight_of(_, number):
 @intrinsic
 def total(_, value):
     """The sum of eight numbers, pair by pair; a single one as it is."""
+    if value not in (eight, types.float32):
+        raise TypingError(f"lanes are of float32, not of {value}")
 
     def generate(_, builder, signature, values):
         (summed,) = values

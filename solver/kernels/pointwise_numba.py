@@ -1,7 +1,7 @@
 """CPU kernels that `pointwise` runs by name.
 
-Each is one call for what plain torch does in dozens, which take as long as what they compute, and which
-threads can't do side by side: they hold Python's lock.
+Each is one call for what plain torch does in dozens, which take as long as what they compute and which
+other cores cannot share.
 """
 
 from __future__ import annotations

@@ -88,7 +88,7 @@ def add_up(parts, grad_lines):
 
 def vm_products_backward(points, planes, lines, cotangent, grad_planes, grad_lines):
     """Adjoint of `vm_products`, cotangent [N, 3·C]."""
-    bands = bands_of(points, np.arange(len(points)), planes.shape[1])
+    bands = bands_of(points, np.arange(len(points), dtype=np.intp), planes.shape[1])
     _products_backward(points, planes, lines, cotangent, *bands, grad_planes, grad_lines)
 
 
@@ -118,8 +118,8 @@ def _products_backward(points, planes, lines, cotangent, order, firsts, grad_pla
 
 
 def vm_sum_backward(points, planes, lines, cotangent, least, grad_planes, grad_lines):
-    """Adjoint of `vm_sum`, cotangent [N]; those of at most `least` are left out."""
-    bands = bands_of(points, np.flatnonzero(np.abs(cotangent) > least), planes.shape[1])
+    """Adjoint of `vm_sum`, cotangent [N]; those of at most `least` are left out, no numbers are not."""
+    bands = bands_of(points, np.flatnonzero(~(np.abs(cotangent) <= least)), planes.shape[1])
     _sum_backward(points, planes, lines, cotangent, *bands, grad_planes, grad_lines)
 
 
@@ -149,7 +149,7 @@ def _sum_backward(points, planes, lines, cotangent, order, firsts, grad_planes, 
 
 def vm_gradient_backward(points, planes, lines, cotangent, grad_planes, grad_lines):
     """Adjoint of `vm_gradient`, cotangent [N, 3]."""
-    bands = bands_of(points, np.arange(len(points)), planes.shape[1])
+    bands = bands_of(points, np.arange(len(points), dtype=np.intp), planes.shape[1])
     _gradient_backward(points, planes, lines, cotangent, *bands, grad_planes, grad_lines)
 
 

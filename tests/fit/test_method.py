@@ -110,6 +110,8 @@ def test_a_step_has_as_many_pixels_whatever_rays_they_have_and_a_chunk_as_many_r
     assert batching.chunks(4) == [128] * 16
     assert Batching(FitSettings(rays=1500, rays_at_once=512), 0).chunks() == [500] * 3
     assert Batching(FitSettings(rays=2048), 0).chunks(4) == [2048], "as few as memory allows"
+    turned = Batching(FitSettings(rays=2048), 0, least=4)
+    assert turned.chunks() == turned.chunks(4) == [512] * 4, "for each of some photos has tables"
     full = Batching(FitSettings(rays=400, most_rays=8000, samples=10_000), 0)
     assert full.chunks(4) == [FIRST_RAYS // 4] * 16
 

@@ -91,7 +91,7 @@ def test_a_fit_runs_on_any_of_numbas_threads_and_finds_the_same():
             env={**os.environ, "NUMBA_THREADING_LAYER": layer, "NUMBA_NUM_THREADS": "2"},
         )  # fmt: skip
         if layer == "omp" and "No threading layer" in fit.stderr:
-            continue
+            pytest.skip("numba finds no OpenMP here")
         assert fit.returncode == 0, fit.stderr
         taken, *losses = fit.stdout.split()
         assert taken == layer

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from solver.kernels import integral_numba
 from solver.kernels.backend import forced_path, plain_torch
 from solver.kernels.integral import corner_sums, prefix_sums, rectangle_mean
 from solver.light.environment import EnvironmentMap
@@ -76,6 +77,21 @@ def test_kernel_agrees_with_its_twin_in_values_and_gradients(path, device):
     torch.testing.assert_close(fused, plain, rtol=1e-5, atol=1e-5)
     for a, b in zip(gradients, torch.autograd.grad(plain, (table, centre), cotangent), strict=True):
         torch.testing.assert_close(a, b, rtol=1e-4, atol=1e-4)
+
+
+def test_a_scatter_in_bands_of_rows_is_the_scatter_of_one_task_to_the_bit():
+    """Which takes bands depends on how many cores there are."""
+    generator = np.random.default_rng(3)
+    rows = random_map().row_prefix.numpy()
+    # Some over the poles, some around the seam, some over more than one band.
+    centre = (generator.random((500, 2)) * (WIDTH, HEIGHT)).astype(np.float32)
+    size = (1 + 9 * generator.random((500, 2))).astype(np.float32)
+    cotangent = generator.standard_normal((500, 3)).astype(np.float32)
+    whole, banded = np.zeros((2, HEIGHT + 1, WIDTH + 1, 3))
+    integral_numba._scatter(rows, centre, size, cotangent, 1, whole)
+    integral_numba._scatter(rows, centre, size, cotangent, integral_numba.BANDS, banded)
+    np.testing.assert_array_equal(banded, whole)
+    assert np.abs(whole).max() > 0
 
 
 def test_prefix_sums_agree_with_their_twin_in_values_and_gradients():

@@ -76,6 +76,13 @@ def test_arrays_whose_rows_are_not_of_floats_side_by_side_are_refused(array):
         move(np.zeros(20, np.float32), array, 0, 0, 0, np.float32(0))
 
 
-def test_eight_of_something_else_are_refused():
+@compiled
+def with_a_double(number):
+    return total(eight_of(np.float32(0)) + number)
+
+
+@pytest.mark.parametrize("of_float", [with_a_double, total_of])
+def test_doubles_are_refused_where_floats_are_wanted(of_float):
+    of_float(np.float32(1))
     with pytest.raises(TypingError):
-        compiled(lambda a: eight_of(a) + a)(1.0)
+        of_float(1.0)
