@@ -30,7 +30,7 @@ BASE_BYTES = {"draft": 1.3e9, "standard": 2.0e9, "paper": 4.0e9}
 """memory of a fit of few, small photos"""
 WITHOUT_MASKS = 1.8
 """times as long takes a step without masks: a fog at first, and the room to the end"""
-TURNED, TURNED_ON_A_CARD = 1.9, 6.0
+TURNED, TURNED_ON_A_CARD = 2.3, 6.0
 """times as long takes a step whose light turns with the cameras: tables for each photo it has pixels of; a
 guess on a card, where it is not replayed then"""
 SHARED = 0.5
