@@ -29,7 +29,7 @@ class NMF_scene(bpy.types.PropertyGroup):
             (
                 "standard",
                 "Standard",
-                "Finer shape, crisper reflections; about four times as long as Draft",
+                "Finer shape, crisper reflections; about three times as long as Draft",
             ),
         ),
         default="draft",

@@ -147,11 +147,19 @@ def gradients_in_place() -> Iterator[None]:
         _state["in_place"] = before
 
 
+def gradient_in_place(tensor: torch.Tensor) -> torch.Tensor | None:
+    """The gradient of an input that a backward pass may add to where it lies; None: it may not."""
+    if not (_state["in_place"] and tensor.is_leaf):
+        return None
+    if tensor.grad is None:
+        tensor.grad = torch.zeros_like(tensor)
+    return tensor.grad
+
+
 def gradient_buffer(tensor: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor | None]:
     """Where a backward pass may add the gradient of an input, and what it then has to return."""
-    if _state["in_place"] and tensor.is_leaf:
-        if tensor.grad is None:
-            tensor.grad = torch.zeros_like(tensor)
-        return tensor.grad, None
+    lying = gradient_in_place(tensor)
+    if lying is not None:
+        return lying, None
     buffer = torch.zeros_like(tensor)
     return buffer, buffer

@@ -8,7 +8,7 @@ from __future__ import annotations
 import torch
 
 from . import vm_torch
-from .backend import fast, gradient_buffer, kernels, on_warp
+from .backend import fast, gradient_buffer, gradient_in_place, kernels, on_numba, on_warp
 from .sending import constant_on
 
 NEGLIGIBLE = 1e-3
@@ -67,14 +67,20 @@ class _Smooth(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, factor, taps, kernel):
-        ctx.save_for_backward(taps)
+        ctx.save_for_backward(factor, taps)
         ctx.kernel = kernel
         return _smoothed(factor, taps, kernel)
 
     @staticmethod
     def backward(ctx, cotangent):
-        (taps,) = ctx.saved_tensors
-        return _smoothed(cotangent.contiguous(), taps, ctx.kernel), None, None
+        factor, taps = ctx.saved_tensors
+        cotangent = cotangent.contiguous()
+        adds = ctx.kernel == "smooth_planes" and on_numba(factor.device)
+        lying = gradient_in_place(factor) if adds else None
+        if lying is None:
+            return _smoothed(cotangent, taps, ctx.kernel), None, None
+        kernels("vm", factor.device).add_smooth_planes(cotangent, taps, lying)
+        return None, None, None
 
 
 def _smoothed(factor: torch.Tensor, taps: torch.Tensor, kernel: str) -> torch.Tensor:

@@ -30,6 +30,7 @@ from .vm_point_numba import (
 )
 
 __all__ = [
+    "add_smooth_planes",
     "smooth_lines",
     "smooth_planes",
     "vm_gradient",
@@ -102,12 +103,21 @@ def mirrored(index, size):
     return 2 * size - 1 - index if index >= size else index
 
 
-@kernel
 def smooth_planes(planes, taps, out):
     """Odd, symmetric taps along both axes of planes [3, G, G, C], borders mirrored.
 
     The operator is symmetric, so it is its own adjoint.
     """
+    _smooth_planes(planes, taps, False, out)
+
+
+def add_smooth_planes(planes, taps, out):
+    """out += what `smooth_planes` writes."""
+    _smooth_planes(planes, taps, True, out)
+
+
+@kernel
+def _smooth_planes(planes, taps, added, out):
     size, channels, reach = planes.shape[1], planes.shape[3], len(taps) // 2
     row = size * channels
     for task in numba.prange(3 * size):
@@ -130,8 +140,12 @@ def smooth_planes(planes, taps, out):
                 line[(reach - 1 - beyond) * channels + c] = inner[left + c]
                 line[(reach + size + beyond) * channels + c] = inner[right + c]
         into = out[k, i].ravel()
-        for c in range(row):
-            into[c] = middle * inner[c]
+        if added:
+            for c in range(row):
+                into[c] += middle * inner[c]
+        else:
+            for c in range(row):
+                into[c] = middle * inner[c]
         for away in range(1, reach + 1):
             weight = taps[reach + away]
             low, high = line[(reach - away) * channels :], line[(reach + away) * channels :]

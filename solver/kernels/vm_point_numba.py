@@ -44,26 +44,30 @@ def plane_and_line(planes, lines, k, i, j, m, weights, w, ch, like):
 
 
 @inlined
+def with_pair(planes, lines, k, i, j, m, u, v, w, many, one):
+    """Sums of products of eight channels and of one, with those of pair k added."""
+    channels, weights = planes.shape[3], corner_weights(u, v)
+    whole = channels - channels % LANES
+    for ch in range(0, whole, LANES):
+        plane, line = plane_and_line(planes, lines, k, i, j, m, weights, w, ch, many)
+        many = many + plane * line
+    for ch in range(whole, channels):
+        plane, line = plane_and_line(planes, lines, k, i, j, m, weights, w, ch, one)
+        one = one + plane * line
+    return many, one
+
+
+@inlined
 def raw_density(px, py, pz, planes, lines):
     """The VM sum at one point in grid units."""
-    size, channels = planes.shape[1], planes.shape[3]
-    whole = channels - channels % LANES
-    sums, rest = eight_of(ZERO), ZERO
-    for k in range(3):
-        a = px if k < 2 else py
-        b = py if k == 0 else pz
-        c = pz if k == 0 else (py if k == 1 else px)
-        i, u = cell(a, size)
-        j, v = cell(b, size)
-        m, w = cell(c, size)
-        weights = corner_weights(u, v)
-        for ch in range(0, whole, LANES):
-            plane, line = plane_and_line(planes, lines, k, i, j, m, weights, w, ch, sums)
-            sums = sums + plane * line
-        for ch in range(whole, channels):
-            plane, line = plane_and_line(planes, lines, k, i, j, m, weights, w, ch, rest)
-            rest = rest + plane * line
-    return total(sums) + rest
+    size = planes.shape[1]
+    i, u = cell(px, size)
+    j, v = cell(py, size)
+    m, w = cell(pz, size)
+    many, one = with_pair(planes, lines, 0, i, j, m, u, v, w, eight_of(ZERO), ZERO)
+    many, one = with_pair(planes, lines, 1, i, m, j, u, w, v, many, one)
+    many, one = with_pair(planes, lines, 2, j, m, i, v, w, u, many, one)
+    return total(many) + one
 
 
 @inlined

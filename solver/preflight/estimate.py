@@ -18,8 +18,8 @@ from ..fit.presets import settings_for
 from ..fit.settings import FieldSettings, Settings
 from ..threads import usable_cores
 
-CORE_SECONDS = {"draft": 0.12, "standard": 0.20, "paper": 3.0}
-"""processor seconds of a step; the paper's is not measured but follows its rays"""
+CORE_SECONDS = {"draft": 0.10, "standard": 0.15, "paper": 2.4}
+"""seconds of a step on one core; the paper's is not measured but follows its rays"""
 OVERHEAD = {"draft": 40.0, "standard": 100.0, "paper": 240.0}
 """seconds for kernels, hull, asset and report"""
 CARD_SECONDS = {"draft": 0.0075, "standard": 0.0075, "paper": 0.015}

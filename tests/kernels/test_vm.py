@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from solver.kernels import vm, vm_torch
-from solver.kernels.backend import forced_path, plain_torch
+from solver.kernels.backend import forced_path, gradients_in_place, plain_torch
 from solver.kernels.vm_adjoint_numba import MOST_BANDS, bands_of
 from tests.kernels.paths import PATHS, to_device
 
@@ -121,3 +121,16 @@ def test_smoothing_agrees_with_its_twin_in_values_and_gradients(
             results.append((out, *torch.autograd.grad(out, factor, cotangent)))
     for a, b in zip(*results, strict=True):
         torch.testing.assert_close(a, b)
+
+
+def test_the_gradient_of_smooth_planes_that_are_a_leaf_is_added_where_it_lies():
+    torch.manual_seed(6)
+    planes, taps = torch.randn(3, 9, 9, 11, requires_grad=True), torch.tensor([0.25, 0.5, 0.25])
+    cotangent = torch.randn_like(planes)
+    (expected,) = torch.autograd.grad(vm.smooth_planes(planes, taps), planes, cotangent)
+    with gradients_in_place():
+        vm.smooth_planes(planes, taps).backward(cotangent)
+        lies_at = planes.grad.data_ptr()
+        vm.smooth_planes(planes, taps).backward(cotangent)
+    assert planes.grad.data_ptr() == lies_at
+    torch.testing.assert_close(planes.grad, 2 * expected)
