@@ -14,17 +14,19 @@ import numpy as np
 from .compiling import inlined, kernel
 from .lanes import LANES, eight_of, load
 from .vm_point_numba import (
+    AXIS_A,
+    AXIS_B,
+    AXIS_C,
     HALF,
     ZERO,
     cell,
+    cells_of,
     corner_weights,
     difference_cell,
     spread,
     spread_differences,
 )
 
-AXIS_A, AXIS_B, AXIS_C = np.array([0, 0, 1]), np.array([1, 2, 2]), np.array([2, 1, 0])
-"""of the points: along the first and second axis of each plane, and along its line"""
 MOST_BANDS = 8
 POINTS_OF_A_BAND = 512
 """at least; fewer are not worth a task"""
@@ -104,9 +106,7 @@ def _products_backward(points, planes, lines, cotangent, order, firsts, grad_pla
             part, many, one = parts[band], eight_of(ZERO), ZERO
             for at in range(firsts[axis, band], firsts[axis, band + 1]):
                 n = order[axis, at]
-                i, u = cell(points[n, axis], size)
-                j, v = cell(points[n, AXIS_B[k]], size)
-                m, w = cell(points[n, AXIS_C[k]], size)
+                i, j, m, u, v, w = cells_of(points, n, k, size)
                 weights = corner_weights(u, v)
                 for ch in range(0, whole, LANES):
                     g = load(cotangent, (n, k * channels + ch), many)
@@ -135,9 +135,7 @@ def _sum_backward(points, planes, lines, cotangent, order, firsts, grad_planes, 
             part = parts[band]
             for at in range(firsts[axis, band], firsts[axis, band + 1]):
                 n = order[axis, at]
-                i, u = cell(points[n, axis], size)
-                j, v = cell(points[n, AXIS_B[k]], size)
-                m, w = cell(points[n, AXIS_C[k]], size)
+                i, j, m, u, v, w = cells_of(points, n, k, size)
                 weights, g = corner_weights(u, v), cotangent[n]
                 same = eight_of(g)
                 for ch in range(0, whole, LANES):

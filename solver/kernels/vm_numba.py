@@ -10,18 +10,14 @@ import numpy as np
 
 from .compiling import inlined, kernel, serial_kernel
 from .lanes import LANES, eight_of, store, total
-from .vm_adjoint_numba import (
+from .vm_adjoint_numba import vm_gradient_backward, vm_products_backward, vm_sum_backward
+from .vm_point_numba import (
     AXIS_A,
     AXIS_B,
     AXIS_C,
-    vm_gradient_backward,
-    vm_products_backward,
-    vm_sum_backward,
-)
-from .vm_point_numba import (
     HALF,
     ZERO,
-    cell,
+    cells_of,
     corner_weights,
     difference_cell,
     differences,
@@ -55,9 +51,7 @@ def vm_products(points, planes, lines, out):
     for n in numba.prange(points.shape[0]):
         many, one = eight_of(ZERO), ZERO
         for k in range(3):
-            i, u = cell(points[n, AXIS_A[k]], size)
-            j, v = cell(points[n, AXIS_B[k]], size)
-            m, w = cell(points[n, AXIS_C[k]], size)
+            i, j, m, u, v, w = cells_of(points, n, k, size)
             weights = corner_weights(u, v)
             for ch in range(0, whole, LANES):
                 plane, line = plane_and_line(planes, lines, k, i, j, m, weights, w, ch, many)

@@ -14,6 +14,8 @@ from .lanes import LANES, add_to, eight_of, load, total
 ZERO = np.float32(0)
 ONE = np.float32(1)  # an integer one would make its line double precision, at half the speed
 HALF = np.float32(0.5)
+AXIS_A, AXIS_B, AXIS_C = np.array([0, 0, 1]), np.array([1, 2, 2]), np.array([2, 1, 0])
+"""of the points: along the first and second axis of each pair's plane, and along its line"""
 
 
 @inlined
@@ -22,6 +24,15 @@ def cell(x, size):
     x = min(max(x, np.float32(0.0)), np.float32(size - 1))
     lower = min(int(x), size - 2)
     return lower, np.float32(x - lower)
+
+
+@inlined
+def cells_of(points, n, k, size):
+    """Cells of pair k around a point: lower nodes of its plane and its line, and the fractions."""
+    i, u = cell(points[n, AXIS_A[k]], size)
+    j, v = cell(points[n, AXIS_B[k]], size)
+    m, w = cell(points[n, AXIS_C[k]], size)
+    return i, j, m, u, v, w
 
 
 @inlined
