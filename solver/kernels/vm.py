@@ -75,11 +75,10 @@ class _Smooth(torch.autograd.Function):
     def backward(ctx, cotangent):
         factor, taps = ctx.saved_tensors
         cotangent = cotangent.contiguous()
-        adds = ctx.kernel == "smooth_planes" and on_numba(factor.device)
-        lying = gradient_in_place(factor) if adds else None
+        lying = gradient_in_place(factor) if on_numba(factor.device) else None
         if lying is None:
             return _smoothed(cotangent, taps, ctx.kernel), None, None
-        kernels("vm", factor.device).add_smooth_planes(cotangent, taps, lying)
+        getattr(kernels("vm", factor.device), f"add_{ctx.kernel}")(cotangent, taps, lying)
         return None, None, None
 
 

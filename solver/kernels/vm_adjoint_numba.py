@@ -59,8 +59,9 @@ def by_rows(points, chosen, size, order, firsts):
             begins[rows[at]] += 1
 
 
-def bands_of(points, chosen, size):
-    """See `by_rows`."""
+def bands_of(points, size, chosen=None):
+    """See `by_rows`; without `chosen` of all points."""
+    chosen = np.arange(len(points), dtype=np.intp) if chosen is None else chosen
     bands = min(MOST_BANDS, 1 + len(chosen) // POINTS_OF_A_BAND)
     order, firsts = np.empty((2, len(chosen)), np.int32), np.empty((2, bands + 1), np.int64)
     by_rows(points, chosen, size, order, firsts)
@@ -90,41 +91,22 @@ def add_up(parts, grad_lines):
 
 def vm_products_backward(points, planes, lines, cotangent, grad_planes, grad_lines):
     """Adjoint of `vm_products`, cotangent [N, 3·C]."""
-    bands = bands_of(points, np.arange(len(points), dtype=np.intp), planes.shape[1])
-    _products_backward(points, planes, lines, cotangent, *bands, grad_planes, grad_lines)
-
-
-@kernel
-def _products_backward(points, planes, lines, cotangent, order, firsts, grad_planes, grad_lines):
-    size, channels, bands = planes.shape[1], planes.shape[3], firsts.shape[1] - 1
-    whole = channels - channels % LANES
-    parts = np.zeros((bands, 3, size, channels), np.float32)
-    for parity in range(2):
-        for task in numba.prange(tasks_of(bands, parity)):
-            k, band = pair_and_band(task, parity)
-            axis = AXIS_A[k]
-            part, many, one = parts[band], eight_of(ZERO), ZERO
-            for at in range(firsts[axis, band], firsts[axis, band + 1]):
-                n = order[axis, at]
-                i, j, m, u, v, w = cells_of(points, n, k, size)
-                weights = corner_weights(u, v)
-                for ch in range(0, whole, LANES):
-                    g = load(cotangent, (n, k * channels + ch), many)
-                    spread(planes, lines, grad_planes, part, k, i, j, m, weights, w, ch, g)
-                for ch in range(whole, channels):
-                    g = load(cotangent, (n, k * channels + ch), one)
-                    spread(planes, lines, grad_planes, part, k, i, j, m, weights, w, ch, g)
-    add_up(parts, grad_lines)
+    bands = bands_of(points, planes.shape[1])
+    _products_backward(points, planes, lines, cotangent, True, *bands, grad_planes, grad_lines)
 
 
 def vm_sum_backward(points, planes, lines, cotangent, least, grad_planes, grad_lines):
     """Adjoint of `vm_sum`, cotangent [N]; those of at most `least` are left out, no numbers are not."""
-    bands = bands_of(points, np.flatnonzero(~(np.abs(cotangent) <= least)), planes.shape[1])
-    _sum_backward(points, planes, lines, cotangent, *bands, grad_planes, grad_lines)
+    bands = bands_of(points, planes.shape[1], np.flatnonzero(~(np.abs(cotangent) <= least)))
+    of_all = cotangent.reshape(-1, 1)
+    _products_backward(points, planes, lines, of_all, False, *bands, grad_planes, grad_lines)
 
 
 @kernel
-def _sum_backward(points, planes, lines, cotangent, order, firsts, grad_planes, grad_lines):
+def _products_backward(
+    points, planes, lines, cotangent, each, order, firsts, grad_planes, grad_lines
+):
+    """Cotangents of each product [N, 3·C], or [N, 1] of their sum, which are those of all of them."""
     size, channels, bands = planes.shape[1], planes.shape[3], firsts.shape[1] - 1
     whole = channels - channels % LANES
     parts = np.zeros((bands, 3, size, channels), np.float32)
@@ -132,22 +114,23 @@ def _sum_backward(points, planes, lines, cotangent, order, firsts, grad_planes, 
         for task in numba.prange(tasks_of(bands, parity)):
             k, band = pair_and_band(task, parity)
             axis = AXIS_A[k]
-            part = parts[band]
+            part, many = parts[band], eight_of(ZERO)
             for at in range(firsts[axis, band], firsts[axis, band + 1]):
                 n = order[axis, at]
                 i, j, m, u, v, w = cells_of(points, n, k, size)
-                weights, g = corner_weights(u, v), cotangent[n]
-                same = eight_of(g)
+                weights, same = corner_weights(u, v), cotangent[n, 0]
                 for ch in range(0, whole, LANES):
-                    spread(planes, lines, grad_planes, part, k, i, j, m, weights, w, ch, same)
+                    g = load(cotangent, (n, k * channels + ch), many) if each else eight_of(same)
+                    spread(planes, lines, grad_planes, part, k, i, j, m, weights, w, ch, g)
                 for ch in range(whole, channels):
+                    g = cotangent[n, k * channels + ch] if each else same
                     spread(planes, lines, grad_planes, part, k, i, j, m, weights, w, ch, g)
     add_up(parts, grad_lines)
 
 
 def vm_gradient_backward(points, planes, lines, cotangent, grad_planes, grad_lines):
     """Adjoint of `vm_gradient`, cotangent [N, 3]."""
-    bands = bands_of(points, np.arange(len(points), dtype=np.intp), planes.shape[1])
+    bands = bands_of(points, planes.shape[1])
     _gradient_backward(points, planes, lines, cotangent, *bands, grad_planes, grad_lines)
 
 

@@ -26,6 +26,7 @@ from .vm_point_numba import (
 )
 
 __all__ = [
+    "add_smooth_lines",
     "add_smooth_planes",
     "smooth_lines",
     "smooth_planes",
@@ -134,12 +135,10 @@ def _smooth_planes(planes, taps, added, out):
                 line[(reach - 1 - beyond) * channels + c] = inner[left + c]
                 line[(reach + size + beyond) * channels + c] = inner[right + c]
         into = out[k, i].ravel()
-        if added:
-            for c in range(row):
-                into[c] += middle * inner[c]
-        else:
-            for c in range(row):
-                into[c] = middle * inner[c]
+        if not added:
+            into[:] = 0.0
+        for c in range(row):
+            into[c] += middle * inner[c]
         for away in range(1, reach + 1):
             weight = taps[reach + away]
             low, high = line[(reach - away) * channels :], line[(reach + away) * channels :]
@@ -147,14 +146,25 @@ def _smooth_planes(planes, taps, added, out):
                 into[c] += weight * (low[c] + high[c])
 
 
-@serial_kernel
 def smooth_lines(lines, taps, out):
     """Odd, symmetric taps along lines [3, G, C], borders mirrored."""
+    _smooth_lines(lines, taps, False, out)
+
+
+def add_smooth_lines(lines, taps, out):
+    """out += what `smooth_lines` writes."""
+    _smooth_lines(lines, taps, True, out)
+
+
+@serial_kernel
+def _smooth_lines(lines, taps, added, out):
     size, channels, reach = lines.shape[1], lines.shape[2], len(taps) // 2
     for k in range(3):
         for i in range(size):
+            if not added:
+                out[k, i] = 0.0
             for c in range(channels):
-                out[k, i, c] = taps[reach] * lines[k, i, c]
+                out[k, i, c] += taps[reach] * lines[k, i, c]
             for away in range(1, reach + 1):
                 weight = taps[reach + away]
                 before, after = mirrored(i - away, size), mirrored(i + away, size)

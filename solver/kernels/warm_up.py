@@ -160,12 +160,12 @@ class Group(NamedTuple):
 
 
 GROUPS = {
-    "reflection": Group(_run_reflection, 22.0),
-    "lookups": Group(_run_lookups, 18.0),
-    "light": Group(_run_light, 13.0),
-    "walks": Group(_run_walks, 9.0),
-    "rest": Group(_run_rest, 6.0),
+    "reflection": Group(_run_reflection, 25.0),
+    "lookups": Group(_run_lookups, 23.0),
+    "light": Group(_run_light, 15.0),
+    "walks": Group(_run_walks, 10.0),
+    "rest": Group(_run_rest, 7.0),
     "pointwise": Group(_run_pointwise, 10.0, cpu_only=True),
-    "choices": Group(_run_choices, 2.0, cpu_only=True),
+    "choices": Group(_run_choices, 3.0, cpu_only=True),
 }
 """which may be compiled side by side; what two of them need, both compile"""

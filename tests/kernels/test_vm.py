@@ -80,7 +80,7 @@ def test_adjoints_of_many_points_are_the_twins_and_the_same_bits_on_any_number_o
 def test_bands_have_all_points_in_the_order_of_their_rows_and_never_reach_each_other(count, bands):
     size, rng = 30, np.random.default_rng(1)
     points = (rng.random((count, 3)) ** 3 * size).astype(np.float32)
-    order, firsts = bands_of(points, np.arange(count), size)
+    order, firsts = bands_of(points, size)
     assert firsts.shape == (2, bands + 1) and order.shape == (2, count)
     for axis in range(2):
         assert sorted(order[axis]) == list(range(count)) and firsts[axis, -1] == count
@@ -123,14 +123,15 @@ def test_smoothing_agrees_with_its_twin_in_values_and_gradients(
         torch.testing.assert_close(a, b)
 
 
-def test_the_gradient_of_smooth_planes_that_are_a_leaf_is_added_where_it_lies():
+@pytest.mark.parametrize("name, axes", [("smooth_planes", 2), ("smooth_lines", 1)])
+def test_the_gradient_of_a_leaf_that_is_smoothed_is_added_where_it_lies(name, axes):
     torch.manual_seed(6)
-    planes, taps = torch.randn(3, 9, 9, 11, requires_grad=True), torch.tensor([0.25, 0.5, 0.25])
-    cotangent = torch.randn_like(planes)
-    (expected,) = torch.autograd.grad(vm.smooth_planes(planes, taps), planes, cotangent)
+    factor, taps = torch.randn(3, *[9] * axes, 11), torch.tensor([0.25, 0.5, 0.25])
+    smooth, cotangent = getattr(vm, name), torch.randn_like(factor.requires_grad_())
+    (expected,) = torch.autograd.grad(smooth(factor, taps), factor, cotangent)
     with gradients_in_place():
-        vm.smooth_planes(planes, taps).backward(cotangent)
-        lies_at = planes.grad.data_ptr()
-        vm.smooth_planes(planes, taps).backward(cotangent)
-    assert planes.grad.data_ptr() == lies_at
-    torch.testing.assert_close(planes.grad, 2 * expected)
+        smooth(factor, taps).backward(cotangent)
+        lies_at = factor.grad.data_ptr()
+        smooth(factor, taps).backward(cotangent)
+    assert factor.grad.data_ptr() == lies_at
+    torch.testing.assert_close(factor.grad, 2 * expected)
