@@ -34,7 +34,7 @@ class SceneSurface:
         self._field, self._occupancy = scene.field, scene.occupancy
         centre = scene.field.centre.cpu().numpy().astype(np.float64)
         self.region = np.stack([centre - scene.field.half_size, centre + scene.field.half_size])
-        self.voxel = scene.field.voxel
+        self.nodes, self.voxel = scene.field.size, scene.field.voxel
         self.surrounded = scene.room is not None
         with torch.no_grad():
             self._normal_factors = scene.field.normal_factors()
@@ -52,6 +52,16 @@ class SceneSurface:
         box_points = self._box_points(points)
         sigma = self._field.extinction(self._field.raw_density(box_points))
         return (sigma * self._occupancy.is_allowed(box_points)).cpu().numpy()
+
+    @torch.no_grad()
+    def raw_density(self, count: int) -> np.ndarray:
+        """Raw density [K, K, K] at `count` nodes per axis; −∞ where `density` is none."""
+        raw = self._field.raw_density_grid(count)
+        return raw.masked_fill_(~self._occupancy.allowed_grid(count), -torch.inf).cpu().numpy()
+
+    def raw_level(self, extinction: float) -> float:
+        """The raw density that has an extinction per world unit."""
+        return self._field.raw_of(extinction)
 
     @torch.no_grad()
     def normals(self, points: np.ndarray) -> np.ndarray:

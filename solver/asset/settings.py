@@ -9,8 +9,9 @@ from dataclasses import dataclass
 class AssetSettings:
     """Mesh and textures."""
 
-    cells: int = 192
-    """cells per axis of the marching cubes grid"""
+    cells: int = 300
+    """cells per axis of the marching cubes grid, at most: the field's voxels, each cut into as many as that
+    allows"""
     triangles: int = 40_000
     """triangles after decimation"""
     texture_size: int = 1024

@@ -14,6 +14,8 @@ from .errors import EmptySurfaceError
 from .settings import AssetSettings
 
 POINTS_PER_CALL = 1 << 18
+EMPTY = 1e-3
+"""share of a surface's extinction that is taken for that of places where nothing can be"""
 DUST_SHARE = 1e-3
 """of the largest part's area, below which a part is a few cells that nobody misses"""
 
@@ -22,11 +24,19 @@ class SurfaceField(Protocol):
     """What the asset needs of a field. World units, linear Rec.709."""
 
     region: np.ndarray  # [2, 3] world box
+    nodes: int  # per axis of the grid that the density is made of
     voxel: float
     surrounded: bool  # photos show what is around the object, and nothing says which is which
 
     def density(self, points: np.ndarray) -> np.ndarray:
         """Extinction [N] per world unit at points [N, 3] float32."""
+
+    def raw_density(self, count: int) -> np.ndarray:
+        """Raw density [K, K, K] float32 at K nodes per axis, from face to face of the region; −∞ where
+        nothing can be. The extinction grows with it; it is linear along edges of the grid of `nodes`."""
+
+    def raw_level(self, extinction: float) -> float:
+        """The raw density that has an extinction per world unit."""
 
     def normals(self, points: np.ndarray) -> np.ndarray:
         """Unit outward normals [N, 3]."""
@@ -59,25 +69,21 @@ def extract_surface(field: SurfaceField, level: float, settings: AssetSettings) 
 def marching_cubes(field: SurfaceField, cells: int, level: float) -> trimesh.Trimesh:
     """Isosurface of the density at `level` in the field's region (Lewiner et al. 2003).
 
-    Runs on log-density: density rises by orders of magnitude within a voxel, and linear
-    interpolation between grid nodes places the surface well only where the values are even.
+    Runs on the raw density, at the nodes that the field is made of and as often between them as `cells` per
+    axis allow: along the edges of such a grid it is linear, so every vertex lies where the field has the
+    level. Anything else makes thin parts thinner (docs/decisions/0003).
     """
-    low, high = field.region.astype(np.float64)
-    ticks = [np.linspace(low[a], high[a], cells + 1, dtype=np.float32) for a in range(3)]
-    density = np.empty((cells + 1,) * 3, dtype=np.float32)
-    layers = max(1, POINTS_PER_CALL // (cells + 1) ** 2)
-    for first in range(0, cells + 1, layers):
-        x = ticks[0][first : first + layers]
-        points = np.stack(np.meshgrid(x, ticks[1], ticks[2], indexing="ij"), axis=-1)
-        density[first : first + layers] = field.density(points.reshape(-1, 3)).reshape(
-            len(x), cells + 1, cells + 1
-        )
-    if not (density > level).any():
+    voxels = field.nodes - 1
+    cells = max(cells // voxels * voxels, min(cells, voxels))
+    raw, raw_level = field.raw_density(cells + 1), field.raw_level(level)
+    if not (raw > raw_level).any():
         raise EmptySurfaceError
-    floor = 1e-3 * level
+    empty = field.raw_level(EMPTY * level)
     # One layer of empty nodes all round closes surfaces that touch the region's border.
-    values = np.log(np.maximum(np.pad(density, 1), floor))
-    vertices, faces, _, _ = skimage.measure.marching_cubes(values, np.log(level))
+    values = np.pad(raw, 1, constant_values=empty)
+    values[np.isneginf(values)] = empty
+    vertices, faces, _, _ = skimage.measure.marching_cubes(values, raw_level)
+    low, high = field.region.astype(np.float64)
     vertices = low + (vertices - 1) * ((high - low) / cells)
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     mesh.merge_vertices()

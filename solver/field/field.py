@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 import torch.nn.functional as F
 from torch import nn
@@ -106,6 +108,11 @@ class MicrofacetField(nn.Module):
     def extinction(self, raw: torch.Tensor) -> torch.Tensor:
         """σ [N] per world unit of raw densities [N]."""
         return self.density_scale * F.softplus(raw + self.density_shift)
+
+    def raw_of(self, extinction: float) -> float:
+        """The raw density that has an extinction above 0 per world unit, the inverse of `extinction`."""
+        share = extinction / self.density_scale
+        return share + math.log(-math.expm1(-share)) - self.density_shift
 
     def normal_factors(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Factors of the gradient; build once a step and hand to `normals`."""

@@ -57,6 +57,13 @@ class Occupancy(nn.Module):
         """True [N] where something may be, at box points [N, 3]."""
         return values_at(self.allowed, box_points)
 
+    def allowed_grid(self, count: int) -> torch.Tensor:
+        """`is_allowed` [K, K, K] at `count` nodes per axis, from face to face of the box."""
+        ticks = torch.linspace(0, 1, count, device=self.allowed.device)
+        cells = len(self.allowed)
+        index = (ticks * cells).long().clamp(max=cells - 1)
+        return self.allowed[index][:, index][:, :, index]
+
     def allow_only(self, grid: torch.Tensor, dilation: int) -> None:
         """Restrict to a boolean grid [H, H, H] over the same box, grown by `dilation` of its cells.
 

@@ -33,7 +33,7 @@ class Balls:
     def __init__(self, *balls):
         self.balls = balls
         self.region = np.array([[-1.0] * 3, [1.0] * 3])
-        self.voxel = 2 / 64
+        self.nodes, self.voxel = 65, 2 / 64
         self.surrounded = False
 
     def _distance(self, points):
@@ -41,6 +41,14 @@ class Balls:
 
     def density(self, points):
         return np.minimum(LEVEL * np.exp(-self._distance(points) / 0.02), 500).astype(np.float32)
+
+    def raw_density(self, count):
+        ticks = np.linspace(-1, 1, count)
+        points = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 3)
+        return np.log(self.density(points)).reshape(count, count, count)
+
+    def raw_level(self, extinction):
+        return float(np.log(extinction))
 
     def normals(self, points):
         centre = np.array(self.balls[0][0])

@@ -13,7 +13,7 @@ from solver.capture.camera import Camera
 from solver.render.image import ray_peaks
 from solver.render.scene import RenderSettings
 from tests.capture.test_capture import pose
-from tests.render.scenes import ball, fill_everywhere
+from tests.render.scenes import ball, fill_everywhere, refresh
 
 
 def cameras():
@@ -41,6 +41,41 @@ def test_the_mesh_has_the_silhouette_that_rays_see():
     opacity, _ = ray_peaks(scene, RenderSettings(), origins, directions)
     seen = offsets[np.flatnonzero(opacity > 0.5)[-1]]
     assert abs(radius - float(seen)) < 0.01
+
+
+@pytest.mark.parametrize("cells", [23, 30, 60])
+def test_every_vertex_of_the_mesh_lies_where_the_field_has_the_level(cells):
+    """A fixed bug: logarithms between nodes that were not the field's made thin parts thinner."""
+    scene = rod(1.2)
+    surface = SceneSurface(scene, cameras())
+    mesh = marching_cubes(surface, cells, 20.0)
+    # But for its ends, which the box cuts off.
+    inside = mesh.vertices[np.abs(mesh.vertices[:, 2]) < 0.99]
+    np.testing.assert_allclose(surface.density(inside.astype(np.float32)), 20.0, rtol=2e-3)
+
+
+@pytest.mark.parametrize("radius", [1.2, 1.6, 2.5])
+def test_a_thin_rod_is_as_wide_in_the_mesh_as_where_rays_reach_its_level(radius):
+    scene = rod(radius)
+    level = surface_level(scene, RenderSettings(), cameras())
+    mesh = marching_cubes(SceneSurface(scene, cameras()), 30, level)
+    offsets = torch.linspace(-0.5, 0.5, 2001)
+    origins = torch.stack([offsets, torch.full((2001,), -3.0), torch.full((2001,), 0.03)], -1)
+    directions = torch.tensor([0.0, 1.0, 0.0]).expand(2001, 3).contiguous()
+    _, peak = ray_peaks(scene, RenderSettings(), origins, directions)
+    assert np.ptp(mesh.vertices[:, 0]) == pytest.approx((peak > level).mean(), rel=0.02)
+
+
+def rod(radius):
+    """An upright rod in the box's middle, its radius in voxels."""
+    scene = ball()
+    field = scene.field
+    x = torch.linspace(-1, 1, field.size) / field.voxel
+    with torch.no_grad():
+        field.density_planes.zero_()
+        field.density_planes[0, :, :, 0] = 12 * (radius - torch.hypot(x[:, None], x[None, :]))
+    refresh(scene)
+    return scene
 
 
 def test_a_fog_without_any_surface_is_an_error_with_a_way_out():

@@ -142,3 +142,22 @@ def test_raw_density_on_a_grid_is_that_of_its_points(count):
     torch.testing.assert_close(
         grid.reshape(-1), field.raw_density(points).detach(), atol=1e-5, rtol=1e-4
     )
+
+
+def test_an_extinction_is_that_of_its_raw_density():
+    field = MicrofacetField(torch.zeros(3), 0.5, 8, density_scale=70.0, density_shift=-6.0)
+    for extinction in (1e-4, 0.5, 70.0, 4000.0):
+        raw = torch.tensor(field.raw_of(extinction), dtype=torch.float64)
+        assert float(field.extinction(raw)) == pytest.approx(extinction, rel=1e-6)
+
+
+@pytest.mark.parametrize("count", [5, 16, 33])
+def test_the_allowed_space_on_a_grid_is_that_of_its_points(count):
+    occupancy = Occupancy(16)
+    grid = torch.rand(16, 16, 16, generator=torch.Generator().manual_seed(1)) < 0.5
+    occupancy.allow_only(grid, dilation=0)
+    ticks = torch.linspace(0, 1, count)
+    points = torch.stack(torch.meshgrid(ticks, ticks, ticks, indexing="ij"), dim=-1)
+    expected = occupancy.is_allowed(points.reshape(-1, 3)).view(count, count, count)
+    assert torch.equal(occupancy.allowed_grid(count), expected)
+    assert 0.2 < expected.float().mean() < 0.8
