@@ -45,7 +45,8 @@ class Balls:
     def raw_density(self, count):
         ticks = np.linspace(-1, 1, count)
         points = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 3)
-        return np.log(self.density(points)).reshape(count, count, count)
+        with np.errstate(divide="ignore"):
+            return np.log(self.density(points)).reshape(count, count, count)
 
     def raw_level(self, extinction):
         return float(np.log(extinction))
