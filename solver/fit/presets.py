@@ -8,6 +8,7 @@ from .errors import SettingsError
 from .settings import FieldSettings, FitSettings, LightSettings, Settings, checked, overridden
 
 DRAFT = Settings(
+    field=FieldSettings(step_smoothing=(0.006, 0.003)),
     render=RenderSettings(shaded_depths=2, secondary_depths=1, secondary_rays=16, pixel_grid=2),
     fit=FitSettings(steps=2400, pixel_grid_start=0.5),
 )

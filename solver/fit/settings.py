@@ -37,7 +37,7 @@ class FieldSettings:
     smoothing: tuple[float, float] = (0.0, 0.0)
     """standard deviation of the normals' smoothing at the start and at the end, as shares of the box's
     edge; never narrower than the paper's kernel (0: that one). Wide is better in short fits"""
-    step_smoothing: tuple[float, float] = (0.006, 0.003)
+    step_smoothing: tuple[float, float] = (0.006, 0.006)
     """standard deviation of the smoothing of the density's every step, at the start and at the end, as
     shares of the box's edge (0: none): surfaces are smooth unless the photos insist"""
     initial_albedo: float = 0.5
