@@ -9,7 +9,9 @@ import numpy as np
 import scipy.ndimage
 
 from .settings import AssetSettings
-from .surface import POINTS_PER_CALL, SurfaceField
+from .surface import SurfaceField
+
+POINTS_PER_CALL = 1 << 18
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ class SceneSurface:
         self._field, self._occupancy = scene.field, scene.occupancy
         centre = scene.field.centre.cpu().numpy().astype(np.float64)
         self.region = np.stack([centre - scene.field.half_size, centre + scene.field.half_size])
-        self.nodes, self.voxel = scene.field.size, scene.field.voxel
+        self.voxel = scene.field.voxel
         self.surrounded = scene.room is not None
         with torch.no_grad():
             self._normal_factors = scene.field.normal_factors()

@@ -13,7 +13,6 @@ import trimesh
 from .errors import EmptySurfaceError
 from .settings import AssetSettings
 
-POINTS_PER_CALL = 1 << 18
 EMPTY = 1e-3
 """share of a surface's extinction that is taken for that of places where nothing can be"""
 DUST_SHARE = 1e-3
@@ -24,8 +23,7 @@ class SurfaceField(Protocol):
     """What the asset needs of a field. World units, linear Rec.709."""
 
     region: np.ndarray  # [2, 3] world box
-    nodes: int  # per axis of the grid that the density is made of
-    voxel: float
+    voxel: float  # edge of those that the density is made of
     surrounded: bool  # photos show what is around the object, and nothing says which is which
 
     def density(self, points: np.ndarray) -> np.ndarray:
@@ -33,7 +31,7 @@ class SurfaceField(Protocol):
 
     def raw_density(self, count: int) -> np.ndarray:
         """Raw density [K, K, K] float32 at K nodes per axis, from face to face of the region; −∞ where
-        nothing can be. The extinction grows with it; it is linear along edges of the grid of `nodes`."""
+        nothing can be. The extinction grows with it; it is linear along the edges of voxels."""
 
     def raw_level(self, extinction: float) -> float:
         """The raw density that has an extinction per world unit."""
@@ -69,12 +67,14 @@ def extract_surface(field: SurfaceField, level: float, settings: AssetSettings) 
 def marching_cubes(field: SurfaceField, cells: int, level: float) -> trimesh.Trimesh:
     """Isosurface of the density at `level` in the field's region (Lewiner et al. 2003).
 
-    Runs on the raw density, at the nodes that the field is made of and as often between them as `cells` per
-    axis allow: along the edges of such a grid it is linear, so every vertex lies where the field has the
-    level. Anything else makes thin parts thinner (docs/decisions/0003).
+    Runs on the raw density, on the field's own voxels, each cut into as many as `cells` per axis allow:
+    along the edges of such a grid it is linear, so every vertex lies where the field has the level.
+    Anything else makes thin parts thinner (docs/decisions/0003).
     """
-    voxels = field.nodes - 1
-    cells = max(cells // voxels * voxels, min(cells, voxels))
+    low, high = field.region.astype(np.float64)
+    voxels = round((high[0] - low[0]) / field.voxel)
+    if cells > voxels:
+        cells -= cells % voxels
     raw, raw_level = field.raw_density(cells + 1), field.raw_level(level)
     if not (raw > raw_level).any():
         raise EmptySurfaceError
@@ -83,7 +83,6 @@ def marching_cubes(field: SurfaceField, cells: int, level: float) -> trimesh.Tri
     values = np.pad(raw, 1, constant_values=empty)
     values[np.isneginf(values)] = empty
     vertices, faces, _, _ = skimage.measure.marching_cubes(values, raw_level)
-    low, high = field.region.astype(np.float64)
     vertices = low + (vertices - 1) * ((high - low) / cells)
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     mesh.merge_vertices()

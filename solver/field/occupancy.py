@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-from ..kernels.skipping import blocking_grid, dilated, free_distance, values_at
+from ..kernels.skipping import blocking_grid, cells_at, dilated, free_distance, values_at
 from .field import MicrofacetField
 
 
@@ -60,8 +60,7 @@ class Occupancy(nn.Module):
     def allowed_grid(self, count: int) -> torch.Tensor:
         """`is_allowed` [K, K, K] at `count` nodes per axis, from face to face of the box."""
         ticks = torch.linspace(0, 1, count, device=self.allowed.device)
-        cells = len(self.allowed)
-        index = (ticks * cells).long().clamp(max=cells - 1)
+        index = cells_at(ticks, len(self.allowed))
         return self.allowed[index][:, index][:, :, index]
 
     def allow_only(self, grid: torch.Tensor, dilation: int) -> None:

@@ -17,10 +17,15 @@ another surface"""
 _GROWTHS = (1, 2, 4, 8, 16)
 
 
+def cells_at(points: torch.Tensor, count: int) -> torch.Tensor:
+    """Cells [...], of `count` per axis, in which box coordinates [...] lie; beyond the box, those at its
+    border."""
+    return (points * count).long().clamp(0, count - 1)
+
+
 def values_at(grid: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
     """Values [...] of a grid [K, K, K] at box points [..., 3]; beyond the box, those at its border."""
-    cells = grid.shape[0]
-    index = (points * cells).long().clamp(0, cells - 1)
+    index = cells_at(points, grid.shape[0])
     return grid[index[..., 0], index[..., 1], index[..., 2]]
 
 

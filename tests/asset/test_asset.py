@@ -33,7 +33,7 @@ class Balls:
     def __init__(self, *balls):
         self.balls = balls
         self.region = np.array([[-1.0] * 3, [1.0] * 3])
-        self.nodes, self.voxel = 65, 2 / 64
+        self.voxel = 2 / 64
         self.surrounded = False
 
     def _distance(self, points):
