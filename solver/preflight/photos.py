@@ -159,7 +159,7 @@ def masks(looks: list[Look], stands: bool = False) -> list[Finding]:
     if len(inverted) > 0.5 * len(masked):
         found.append(
             warning(f"masks seem to show all but the object ({listed(inverted)}); invert them, so that the "
-                    "object is white")
+                    "object is white, or move them away if they only hide something")
         )  # fmt: skip
     elif cut:
         found.append(

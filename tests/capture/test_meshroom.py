@@ -6,6 +6,7 @@ intrinsics from AliceVision's own tests.
 
 import json
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -146,6 +147,45 @@ def test_points_project_as_alicevision_projects_them(tmp_path, kind, k, version)
     np.testing.assert_allclose(capture.points, [[0.5, -1, 2]])
 
 
+def equidistant(kind, k, to_camera, point, focal, radius):
+    """`Equidistant::project`, number by number, of a sensor of 36 × 24 mm; its angles are not small."""
+    x, y, z = (to_camera @ [*point, 1.0])[:3]
+    view = 24 / focal
+    share, around = math.atan2(math.hypot(x, y), z) / (0.5 * view), math.atan2(y, x)
+    scale = 1 + sum(value * share ** (2 * i) for i, value in enumerate(k, 1))
+    share *= scale / (1 + sum(k)) if kind == "radialk3pt" else scale
+    return (
+        radius * share * math.cos(around) + WIDTH / 2 + OFFSET[0],
+        radius * share * math.sin(around) + HEIGHT / 2 + OFFSET[1],
+    )
+
+
+@pytest.mark.parametrize("radius", [None, 29.5])
+@pytest.mark.parametrize(
+    "kind, k",
+    [("none", ()), ("radialk1", RADIAL[:1]), ("radialk3", RADIAL), ("radialk3pt", RADIAL)],
+)
+def test_points_project_as_alicevisions_equidistant_camera_has_them(tmp_path, kind, k, radius):
+    lens = intrinsic(kind, k, NEW) | {
+        "type": "equidistant",
+        "focalLength": "16.0",
+        "pixelRatio": "1",
+    }
+    if radius is not None:
+        lens["fisheyeCircleRadius"] = repr(radius)
+    capture = read_capture(write(tmp_path, scene(NEW, lens=lens)))
+    to_camera, circle = np.linalg.inv(poses()), HEIGHT / 2 if radius is None else radius
+    check_projection(
+        capture, lambda i, x: equidistant(kind, k, to_camera[i], x, 16.0, circle), poses(), spread=1.2
+    )  # fmt: skip
+
+
+def test_a_distortion_that_is_not_of_angles_is_refused_of_an_equidistant_camera(tmp_path):
+    lens = intrinsic("brown", BROWN, NEW) | {"type": "equidistant"}
+    with pytest.raises(CaptureError, match="'brown' is not supported.*equidistant with radialk3"):
+        read_capture(write(tmp_path, scene(NEW, lens=lens)))
+
+
 @pytest.mark.parametrize(
     "version", [(1, 0, 0), (1, 2, 0), (1, 2, 1), (1, 2, 2), (1, 2, 4), (1, 2, 5), (1, 2, 11)]
 )
@@ -242,6 +282,35 @@ def test_the_file_in_meshrooms_cache_is_found_from_the_projects_folder(tmp_path)
     assert len(read_capture(tmp_path).cameras) == COUNT
 
 
+@pytest.mark.parametrize("given", ["", "MeshroomCache", "MeshroomCache/StructureFromMotion"])
+def test_of_what_meshroom_has_tried_the_last_that_was_solved_is_read(tmp_path, given):
+    """The cache keeps a folder for every change of a setting; CameraInit's file has no poses."""
+    save_photos(tmp_path / "MeshroomCache" / "StructureFromMotion" / "photos")
+    cache = tmp_path / "MeshroomCache"
+    unsolved = scene() | {"poses": ""}
+    tried = [
+        ("CameraInit/0f/cameraInit.sfm", unsolved, 50),
+        ("StructureFromMotion/1a/cameras.sfm", scene(order=range(3)), 10),
+        ("StructureFromMotion/2b/cameras.sfm", scene(), 30),
+        ("StructureFromMotion/3c/cameras.sfm", scene(order=range(4)), 20),
+        ("StructureFromMotion/4d/cameras.sfm", unsolved, 40),
+    ]
+    for name, content, written in tried:
+        (cache / name).parent.mkdir(parents=True)
+        (cache / name).write_text(json.dumps(content))
+        os.utime(cache / name, (written, written))
+    assert read_capture(tmp_path / given).source == cache / "StructureFromMotion/2b/cameras.sfm"
+
+
+def test_a_project_that_is_not_solved_says_which_file_to_give(tmp_path):
+    save_photos(tmp_path / "photos")
+    init = tmp_path / "MeshroomCache" / "CameraInit" / "0f"
+    init.mkdir(parents=True)
+    (init / "cameraInit.sfm").write_text(json.dumps(scene() | {"poses": ""}))
+    with pytest.raises(CaptureError, match="poses: none of its 5 photos.*StructureFromMotion"):
+        read_capture(tmp_path)
+
+
 @pytest.mark.parametrize(
     "at, value, field",
     [
@@ -253,7 +322,7 @@ def test_the_file_in_meshrooms_cache_is_found_from_the_projects_folder(tmp_path)
         (("poses", 2, "pose", "transform", "center"), ["1", "nan", "2"], "center"),
         (("poses", 2, "pose"), None, "pose"),
         (("poses",), [], "poses"),
-        (("intrinsics", 0, "type"), "equidistant", "type"),
+        (("intrinsics", 0, "type"), "equirectangular", "type"),
         (("intrinsics", 0, "type"), "3deanamorphic4", "type"),
         (("intrinsics", 0, "undistortionType"), "3declassicld", "type"),
         (("intrinsics", 0, "focalLength"), "-1", "views"),

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from solver.capture.errors import CaptureError
 from solver.capture.ply_points import MOST_POINTS, read_ply_points
@@ -45,6 +46,28 @@ def test_each_frame_may_have_a_lens_and_a_mask_of_its_own(tmp_path):
     assert second.distortion == (0.02, 0.03, 0, 0)
     assert third.lens == "pinhole" and third.mask_path == folder / "cut" / "two.png"
     assert first.mask_path is None
+
+
+def test_one_mask_for_all_frames_hides_a_lenss_corners_and_is_no_object(tmp_path):
+    """As nerfstudio writes them for `--percent-radius-crop`, fisheyes and Project Aria."""
+
+    def mask(content):
+        for frame in content["frames"]:
+            frame["mask_path"] = "masks/mask.png"
+
+    folder = make_capture(tmp_path / "all", edit=mask)
+    (folder / "masks").mkdir()
+    Image.new("L", (8, 8), 255).save(folder / "masks" / "mask.png")
+    capture = read_capture(folder)
+    assert not any(camera.mask_path for camera in capture.cameras)
+    assert "all frames have one mask, mask.png" in capture.warnings[0]
+
+    def one_less(content):
+        mask(content)
+        content["frames"][2].pop("mask_path")
+
+    folder = make_capture(folder, edit=one_less)
+    assert sum(camera.mask_path is not None for camera in read_capture(folder).cameras) == 3
 
 
 NO_POSES = {
@@ -143,6 +166,29 @@ def test_up_is_how_cameras_are_held_where_nerfstudios_z_is_something_else(angle,
     assert np.degrees(np.arccos(np.clip(up @ wanted, -1, 1))) < 1
 
 
+X, Y, Z = np.eye(3)
+
+
+@pytest.mark.parametrize("axis, turn", [(Y, 0), (Y, 8), (X, 0), (-Y, 40), (-Z, 5), (Z, 0), (Z, 30)])
+def test_up_is_how_cameras_are_held_where_a_file_without_a_word_of_it_lies_on_its_side(
+    axis, turn, tmp_path
+):
+    """ARKit's +Y, as NeRFCapture and nerfstudio's Record3D write it; a turned COLMAP's anything. Axes are
+    meant as they are, and +Z is not given up for cameras that are only tilted."""
+    to_axis = Rotation.align_vectors([axis], [Z])[0].as_matrix()
+    tilt = np.eye(4)
+    tilt[:3, :3] = to_axis @ Rotation.from_euler("x", turn, degrees=True).as_matrix()
+
+    def lie(content):
+        for i, frame in enumerate(content["frames"]):
+            camera = level_camera(2 * np.pi * i / len(content["frames"]))
+            frame["transform_matrix"] = (tilt @ camera).tolist()
+
+    up = read_capture(make_capture(tmp_path, count=9, edit=lie)).up
+    believed = turn <= 20 or (axis == Z).all()
+    np.testing.assert_allclose(up, axis if believed else tilt[:3, 2], atol=0 if believed else 0.02)
+
+
 def level_camera(angle):
     """Camera to world on a circle, looking a little down at its centre."""
     position = np.array([3 * np.cos(angle), 3 * np.sin(angle), 1.0])
@@ -203,6 +249,15 @@ def test_nerfstudios_list_of_a_lens_counts_where_its_terms_have_no_names(
 
     for camera in read_capture(make_capture(tmp_path, edit=change)).cameras:
         assert (camera.lens, camera.distortion) == (lens, distortion)
+
+
+def test_project_arias_lens_has_twelve_numbers_in_its_list(tmp_path):
+    listed = [0.4, -0.5, 0.3, 0.2, -0.1, 0.02, 1e-3, 2e-3, -1e-3, 3e-4, 4e-4, -5e-4]
+    content = dict(camera_model="FISHEYE624", distortion_params=listed)
+    for camera in capture_with(tmp_path / "a", **content).cameras:
+        assert (camera.lens, camera.distortion) == ("rad_tan_thin_prism_fisheye", tuple(listed))
+    with pytest.raises(CaptureError, match=r"frames\[0\].distortion_params"):
+        capture_with(tmp_path / "b", **{**content, "distortion_params": listed[:6]})
 
 
 @pytest.mark.parametrize(

@@ -16,12 +16,18 @@ What changed with the versions of the file (`jsonIO.cpp`, scenes in `sfmDataIO/c
 
 Which version between 1.2.9 and 1.2.11 made the last change matters only if pixels are not square.
 
+A camera of the type equidistant has its angles from the axis in shares of the angle at which its circle ends,
+half of the sensor's shorter side over the focal length, before the distortion; then these are shares of the
+circle's radius (`Equidistant.cpp`).
+
 AliceVision's features count pixels from the centre of the first one, but an offset of 0, which a file
 has unless the point was refined, means the middle of the picture to everyone: so it does here, too.
 """
 
 from __future__ import annotations
 
+import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -39,19 +45,41 @@ NAME = "Meshroom SfM data"
 EXTENSIONS = (".sfm", ".json")
 PATTERNS = (
     "cameras.sfm", "sfm.sfm", "*.sfm", "sfm.json", "cameras.json", "*/cameras.sfm", "*/*.sfm",
-    "MeshroomCache/StructureFromMotion/*/cameras.sfm",
+    "MeshroomCache/StructureFromMotion/*/cameras.sfm", "MeshroomCache/*/*/*.sfm",
+    "StructureFromMotion/*/cameras.sfm", "*/*/*.sfm",
 )  # fmt: skip
 
 _DISTORTION_OF_CAMERA = {
     "pinhole": "none", "radial1": "radialk1", "radial3": "radialk3", "brown": "brown",
-    "fisheye4": "fisheye", "fisheye": "fisheye",
+    "fisheye4": "fisheye", "fisheye": "fisheye", "equidistant": "none",
 }  # fmt: skip
 _COUNTS = {"none": 0, "radialk1": 1, "radialk3": 3, "radialk3pt": 3, "brown": 5, "fisheye": 4}
+_OF_ANGLES = ("none", "radialk1", "radialk3", "radialk3pt")
+"""distortions that are known of the type equidistant"""
+_MOST_TO_SEARCH = 1 << 26
+"""bytes of a file that are searched for poses; what is larger has points, and so poses"""
+_POSES = re.compile(rb'"poses"\s*:\s*\[\s*\{')
 
 
 def recognises(file: Path) -> bool:
     """True for JSON with AliceVision's views, also if it is cut off."""
     return b'"viewId"' in json_head(file)
+
+
+def latest_with_poses(files: list[Path]) -> Path | None:
+    """The last written of files that have poses; None if none has.
+
+    Meshroom's cache keeps a folder for all settings that were tried, and CameraInit's file has no poses.
+    """
+    solved = [file for file in files if _has_poses(file)]
+    return max(solved, key=lambda file: file.stat().st_mtime, default=None)
+
+
+def _has_poses(file: Path) -> bool:
+    with suppress(OSError):
+        large = file.stat().st_size > _MOST_TO_SEARCH
+        return large or _POSES.search(file.read_bytes()) is not None
+    return False
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
@@ -180,7 +208,16 @@ def _intrinsics(path: Path, where: str, entry: dict, version: tuple[int, ...]) -
     cx, cy = numbers(path, f"{where}.principalPoint", entry.get("principalPoint"), 2)
     if version >= (1, 2, 1):
         cx, cy = cx + 0.5 * width, cy + 0.5 * height
-    shrink, lens, distortion = _lens(path, where, entry)
+    if _word(entry.get("type", "")) == "equidistant":
+        wide = value("sensorWidth", 36.0)
+        shorter = min(wide, value("sensorHeight", wide * height / width))
+        # Twice the focal length in terms of the shorter side: one over the angle at which the circle ends.
+        shares = 2 * float(fx) * wide / max(width, height) / max(shorter, 1e-9)
+        radius = value("fisheyeCircleRadius", min(width, height) / 2)
+        shrink, lens, distortion = _lens_of_angles(path, where, entry, shares)
+        fx = fy = radius * shares
+    else:
+        shrink, lens, distortion = _lens(path, where, entry)
     return Intrinsics(
         width,
         height,
@@ -195,6 +232,27 @@ def _intrinsics(path: Path, where: str, entry: dict, version: tuple[int, ...]) -
 
 def _lens(path: Path, where: str, entry: dict) -> tuple[float, str, tuple[float, ...]]:
     """What the lens does to the focal lengths, its name and its numbers."""
+    model, k = _distortion(path, where, entry, tuple(_COUNTS))
+    if model == "fisheye":
+        return 1.0, *polynomial_lens(k, equidistant=True)
+    if model == "brown":
+        return 1.0, *polynomial_lens(k[:3], k[3:])
+    return _shrunk(path, where, model, k), *polynomial_lens(k)
+
+
+def _lens_of_angles(
+    path: Path, where: str, entry: dict, shares: float
+) -> tuple[float, str, tuple[float, ...]]:
+    """The same of the type equidistant, whose distortion is of `shares` times the angle."""
+    model, k = _distortion(path, where, entry, _OF_ANGLES)
+    of_angles = [value * shares ** (2 * power) for power, value in enumerate(k, 1)]
+    return _shrunk(path, where, model, k), *polynomial_lens(of_angles, equidistant=True)
+
+
+def _distortion(
+    path: Path, where: str, entry: dict, known: tuple[str, ...]
+) -> tuple[str, tuple[float, ...]]:
+    """A distortion's model, one of those `known`, and as many numbers as it has."""
     camera = _word(entry.get("type", ""))
     model = _word(entry.get("distortionType", _DISTORTION_OF_CAMERA.get(camera, camera)))
     undistortion = _word(entry.get("undistortionType", "none"))
@@ -202,26 +260,27 @@ def _lens(path: Path, where: str, entry: dict) -> tuple[float, str, tuple[float,
     if not k.any():
         model = "none" if model != "fisheye" else model
     wrong = camera if camera not in _DISTORTION_OF_CAMERA else ""
-    wrong = wrong or (model if model not in _COUNTS else "")
+    wrong = wrong or (model if model not in known else "")
     wrong = wrong or (undistortion if undistortion != "none" else "")
     if wrong:
         raise CaptureError(
             path, f"{where}.type", f"the lens model '{shown(wrong)}' is not supported",
-            "choose radial3, brown or fisheye4 in Meshroom's CameraInit and solve again",
+            "choose pinhole with the distortion radialk3, brown or fisheye4, or equidistant with radialk3, in "
+            "Meshroom's CameraInit and solve again",
         )  # fmt: skip
-    k = (*k.tolist(), 0.0, 0.0, 0.0, 0.0, 0.0)[: _COUNTS[model]]
-    if model == "fisheye":
-        return 1.0, *polynomial_lens(k, equidistant=True)
-    if model == "brown":
-        return 1.0, *polynomial_lens(k[:3], k[3:])
-    if model == "radialk3pt":  # scaled so that the radius 1 stays where it is
-        total = 1 + sum(k)
-        if not total > 1e-6:
-            raise CaptureError(
-                path, f"{where}.distortionParams", "they turn the image over", "solve again"
-            )
-        return 1 / total, *polynomial_lens(k)
-    return 1.0, *polynomial_lens(k)
+    return model, (*k.tolist(), 0.0, 0.0, 0.0, 0.0, 0.0)[: _COUNTS[model]]
+
+
+def _shrunk(path: Path, where: str, model: str, k: tuple[float, ...]) -> float:
+    """What a radial distortion does to the focal lengths: one model's leaves the radius 1 where it is."""
+    if model != "radialk3pt":
+        return 1.0
+    total = 1 + sum(k)
+    if not total > 1e-6:
+        raise CaptureError(
+            path, f"{where}.distortionParams", "they turn the image over", "solve again"
+        )
+    return 1 / total
 
 
 def _points(path: Path, stated: Any) -> np.ndarray | None:

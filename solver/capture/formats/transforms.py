@@ -35,6 +35,9 @@ PATTERNS = ("transforms_train.json", "transforms.json")
 
 SURE = math.cos(math.radians(20))
 """cosine of the angle up to which people's idea of level and the file's up are one"""
+POSSIBLE = math.cos(math.radians(60))
+"""… and up to which +Z is believed to be up where a file says nothing of it: cameras that look down from one
+side leave their slope open, but hardly lie on their sides"""
 
 
 def is_transforms(content: Any) -> bool:
@@ -97,16 +100,13 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         path, "transform_matrix", lost, len(frames), "solve or export the cameras again"
     )
     points, problems = _points(path, content.get("ply_file_path"), photos)
+    found, of_all = _without_one_mask_for_all(path, found)
     applied = content.get("applied_transform")
-    up = _up(applied)
     capture = assemble(
-        path, NAME, found, photos, points=points, up=up, warnings=warnings + problems
-    )
-    if applied is not None and capture.up is not None:
-        # What nerfstudio turned to +Z may have been the first photo's up, or no up at all.
-        held = estimate_up(list(capture.cameras))
-        capture = capture if held @ capture.up > SURE else replace(capture, up=held)
-    return capture
+        path, NAME, found, photos, points=points, up=_up(applied),
+        warnings=warnings + problems + of_all,
+    )  # fmt: skip
+    return _as_held(capture, turned=applied is not None)
 
 
 def write_transforms(
@@ -171,6 +171,42 @@ def _up(applied_transform: Any) -> tuple[float, float, float] | None:
     if np.allclose(rotation, np.eye(3), atol=1e-6):
         return None
     return tuple((-rotation[:, 1] + 0.0).tolist()) if (rotation < -1e-3).any() else (0.0, 0.0, 1.0)
+
+
+def _as_held(capture: Capture, turned: bool) -> Capture:
+    """A capture whose up is how its cameras are held, where they disagree with the stated one.
+
+    What nerfstudio turned to +Z may have been the first photo's up, or no up at all; and not all who write
+    such files turn anything: ARKit's +Y stays up in those of NeRFCapture and nerfstudio's Record3D.
+
+    Args:
+        turned: the world was turned; else one of its axes is up where cameras are held about so.
+    """
+    if capture.up is None:
+        return capture
+    held = estimate_up(list(capture.cameras))
+    if held @ capture.up > (SURE if turned else POSSIBLE):
+        return capture
+    axis = np.zeros(3)
+    axis[np.abs(held).argmax()] = np.sign(held[np.abs(held).argmax()])
+    return replace(capture, up=held if turned or held @ axis < SURE else axis)
+
+
+def _without_one_mask_for_all(
+    path: Path, found: list[Found]
+) -> tuple[list[Found], tuple[str, ...]]:
+    """Cameras without a mask that all share, and what is to be said of it.
+
+    No object looks the same from everywhere: nerfstudio names one picture for all frames where the lens or
+    a crop hides the same corners in each, and those it means to leave out.
+    """
+    mask = found[0].mask if len(found) > 2 else None
+    if mask is None or any(item.mask != mask for item in found) or not mask.is_file():
+        return found, ()
+    return [replace(item, mask=None) for item in found], (
+        f"{path.name}: all frames have one mask, {mask.name}; what hides the same corners of each photo says "
+        "nothing of the object, and is not used",
+    )  # fmt: skip
 
 
 def _intrinsics(path: Path, where: str, values: dict, image: Path | None) -> Intrinsics:

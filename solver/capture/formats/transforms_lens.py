@@ -1,6 +1,7 @@
 """Lenses of `transforms.json`: OpenCV's k1 k2 p1 p2 …, and other programs' under keys of this program.
 
-nerfstudio also reads `distortion_params`, a list of OpenCV's numbers in an order of its own.
+nerfstudio also reads `distortion_params`, a list of OpenCV's numbers in an order of its own; for Project Aria's
+cameras, FISHEYE624, that is k0 … k5, p0, p1, s0 … s3.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ _LENS_OF_MODEL = {
     "VISUALSFM": "visualsfm",
     "THIN_PRISM_FISHEYE": "thin_prism_fisheye",
     "RAD_TAN_THIN_PRISM_FISHEYE": "rad_tan_thin_prism_fisheye",
+    "FISHEYE624": "rad_tan_thin_prism_fisheye",
     "BROWN": "brown",
 }
 _RATIONAL_KEYS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
@@ -77,11 +79,12 @@ def read_lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, .
         raise CaptureError(
             path, f"{where}.camera_model", f"the lens model '{model}' is not supported", remedy
         )
-    listed = values.get("distortion_params")
-    if listed not in (None, []) and all(values.get(key) is None for key in _LISTED_KEYS):
-        given = numbers(path, f"{where}.distortion_params", listed, len(_LISTED_KEYS))
-        values = {**values, **dict(zip(_LISTED_KEYS, given.tolist(), strict=True))}
     keys = _KEYS[lens]
+    listed = values.get("distortion_params")
+    order = keys if lens == "rad_tan_thin_prism_fisheye" else _LISTED_KEYS
+    if listed not in (None, []) and all(values.get(key) is None for key in order):
+        given = numbers(path, f"{where}.distortion_params", listed, len(order))
+        values = {**values, **dict(zip(order, given.tolist(), strict=True))}
     if str(model).upper() == "FULL_OPENCV":
         keys = _RATIONAL_KEYS  # elsewhere k4 is a power of the radius
     elif lens in ("pinhole", "opencv"):
