@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import zipfile
 from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 
 from .capture import Capture
-from .errors import CaptureError, listed, shown
-from .files import check_readable, json_head
+from .errors import CaptureError, shown
+from .files import check_readable
 from .formats import (
     blocks_exchange,
     bundler,
@@ -21,16 +20,20 @@ from .formats import (
     mvsnet,
     nero,
     neus,
+    opendronemap,
     openmvg,
     opensfm,
     polycam,
     pose_folder,
     realitycapture,
     record3d,
+    scanner_app,
+    sdfstudio,
     transforms,
     visualsfm,
 )
 from .image_header import EXTENSIONS as PICTURES
+from .no_capture import no_camera_file, nothing_in, several_in
 from .photo_finder import (
     MIN_PHOTOS,
     MODEL_FOLDERS,
@@ -38,11 +41,12 @@ from .photo_finder import (
     capture_folder,
     folder_with_photos,
 )
-from .picture_names import VIDEOS
+from .picture_names import pictures_below
 
 FORMATS: tuple[ModuleType, ...] = (
-    transforms, colmap, metashape, realitycapture, meshroom, openmvg, opensfm, blocks_exchange,
-    polycam, record3d, bundler, visualsfm, neus, gaussians, llff, mvsnet, pose_folder, nero,
+    transforms, colmap, metashape, realitycapture, meshroom, openmvg, opensfm, opendronemap,
+    blocks_exchange, polycam, record3d, scanner_app, bundler, visualsfm, neus, sdfstudio, gaussians, llff,
+    mvsnet, pose_folder, nero,
 )  # fmt: skip
 """readers, the likeliest first"""
 JOBS_FOLDER = "nmf_jobs"
@@ -55,8 +59,8 @@ _FILES_OF_SPLIT = {
     "test": ("transforms_test.json", "transforms_val.json"),
     "val": ("transforms_val.json", "transforms_test.json"),
 }
-_LENSES_ALONE = "OpenDroneMap's lenses, without poses", "give its opensfm/reconstruction.json"
-"""what is to be said of a cameras.json that is no capture, and what is to be given instead"""
+_SPLITS = ("train", "test", "val", "validation")
+"""folders of one capture's photos that are for different uses"""
 _AROUND = tuple(
     f"{folders}{name}"
     for folders in ("*/", "*/*/")
@@ -98,10 +102,11 @@ def camera_file(path: Path | str, split: str = "train") -> Path:
     if empty:
         raise CaptureError(path, "", "the folder is empty", "give a folder with photos and cameras")
     if split == "train" and (file := _search(path)) is not None:
+        _check_alone(path, file)
         # Who names a project means its largest model, who names the folder of a model means that.
         return colmap.largest(file) if file.parent != path and reader_of(file) is colmap else file
     if split == "train":
-        raise _nothing(path)
+        raise nothing_in(path, _FILES_OF_SPLIT["train"])
     raise CaptureError(
         path, "", f"there is no camera file for '{split}' in this folder",
         f"add {' or '.join(wanted)}",
@@ -141,19 +146,7 @@ def read_capture(
     reader = reader_of(file)
     if reader is None:
         check_readable(file)
-    if reader is None and zipfile.is_zipfile(file):
-        raise CaptureError(file, "", "this is an archive", "unpack it and give the folder")
-    if reader is None and _has_lenses_alone(file):
-        raise CaptureError(file, "", f"these are {_LENSES_ALONE[0]}", _LENSES_ALONE[1])
-    if reader is None and file.suffix.lower() in VIDEOS:
-        raise CaptureError(
-            file, "", "a video has no cameras yet", "solve its cameras first, and give their folder"
-        )
-    if reader is None:
-        raise CaptureError(
-            file, "", "this is no camera file that is known here",
-            "give one of " + ", ".join(known.NAME for known in FORMATS),
-        )  # fmt: skip
+        raise no_camera_file(file, [known.NAME for known in FORMATS])
     for folder, what in ((photos, "photos"), (masks, "masks")):
         if folder is not None and not Path(folder).is_dir():
             raise CaptureError(folder, what, "there is no such folder", "check its path")
@@ -229,7 +222,7 @@ def _search(folder: Path) -> Path | None:
             if JOBS_FOLDER not in file.relative_to(folder).parts and reader_of(file) is not None
         ]
         if len(files) > 1:
-            raise _several(folder, files)
+            raise several_in(folder, [file.parent for file in files])
         if files:
             return files[0]
     tried = 0
@@ -246,32 +239,22 @@ def _search(folder: Path) -> Path | None:
     return None
 
 
-def _has_lenses_alone(file: Path) -> bool:
-    return b'"projection_type"' in json_head(file)
+def _check_alone(folder: Path, file: Path) -> None:
+    """Make sure that a file found in one of a folder's folders is not one of several captures' there.
 
-
-def _several(folder: Path, files: list[Path]) -> CaptureError:
-    names = [str(file.parent.relative_to(folder)) for file in files]
-    return CaptureError(
-        folder, "", f"it holds several captures ({listed(names)})", "give the folder of one of them"
-    )
-
-
-def _nothing(folder: Path) -> CaptureError:
-    """What to say of a folder without a camera file that is known here."""
-    remedy = "give the camera file itself, or solve the cameras from the photos"
-    problem = "there is no camera file in this folder"
-    beside = (folder.parent / name for name in _FILES_OF_SPLIT["train"])
-    above = next((file for file in beside if file.is_file()), None)
-    archive = next(iter(sorted(folder.glob("*.zip"))), None)
-    if archive is not None and zipfile.is_zipfile(archive):
-        remedy = f"unpack {archive.name}, and give its folder"
-    elif above is not None:
-        remedy = f"give {folder.parent}, which has {above.name}"
-    elif (folder / "database.db").is_file():
-        remedy = "give its model (sparse/0)"
-        problem += ", for database.db is COLMAP's list of matches"
-    elif _has_lenses_alone(folder / "cameras.json"):
-        problem += f", for cameras.json is {_LENSES_ALONE[0]}"
-        remedy = _LENSES_ALONE[1]
-    return CaptureError(folder, "", problem, remedy)
+    Raises:
+        CaptureError: others have their own photos beside a file of that name, as chunks that were exported
+            together.
+    """
+    inside = file.relative_to(folder).parts
+    if len(inside) < 3:
+        return
+    alike = (other.joinpath(*inside[1:]) for other in sorted(folder.iterdir()))
+    captures = [
+        folder / found.relative_to(folder).parts[0]
+        for found in alike
+        if found.is_file() and reader_of(found) is not None
+    ]
+    captures = [c for c in captures if c.name.lower() not in _SPLITS and any(pictures_below(c))]
+    if len(captures) > 1:
+        raise several_in(folder, captures)

@@ -116,6 +116,19 @@ def test_a_project_of_colmap_is_read_whatever_lies_in_folders_below(tmp_path, so
     assert read_capture(tmp_path).format == "COLMAP"
 
 
+def test_chunks_that_were_exported_side_by_side_are_told_apart(tmp_path, solved):
+    """As Metashape's script for Gaussian splatting writes them; folders of one capture are no several."""
+    for name in ("Chunk 1", "Chunk 2"):
+        write(solved(tmp_path / name / "images"), tmp_path / name / "sparse" / "0")
+    with pytest.raises(
+        CaptureError, match=r"several captures \(Chunk 1, Chunk 2\); give the folder"
+    ):
+        read_capture(tmp_path)
+    assert len(read_capture(tmp_path / "Chunk 2").cameras) == 5
+    shutil.rmtree(tmp_path / "Chunk 2" / "images")
+    assert read_capture(tmp_path).source.is_relative_to(tmp_path / "Chunk 1")
+
+
 def test_a_model_with_distortion_does_not_take_photos_without(tmp_path, solved):
     model = solved(tmp_path / "dense" / "images")
     write(model, tmp_path / "sparse" / "0")

@@ -193,6 +193,21 @@ def test_unaligned_and_disabled_cameras_are_left_out_with_a_warning(tmp_path):
     assert any("disabled" in text and "IMG_0006" in text for text in capture.warnings)
 
 
+def test_members_of_rigs_and_panoramas_are_left_out_with_a_warning(tmp_path):
+    matrices = poses(8)
+    cameras = [camera(i, matrices[i]) for i in range(COUNT)]
+    cameras.append(camera(5, None, label="IMG_0005", extra='master_id="0"'))
+    cameras.append(camera(6, matrices[6], sensor_id=1, label="IMG_0006"))
+    cameras.append(camera(7, None, sensor_id=1, label="IMG_0007"))
+    save_photos(tmp_path / "photos", names(8))
+    round_about = sensor(1, calibration(FRAME, "spherical"), "spherical")
+    text = document(sensor(0, calibration(FRAME)) + round_about, cameras)
+    capture = read_capture(write(tmp_path, text))
+    assert len(capture.cameras) == COUNT and len(capture.warnings) == 2
+    assert any("1 cameras are members of a rig" in w and "IMG_0005" in w for w in capture.warnings)
+    assert any("2 cameras are panoramas" in w and "IMG_0006" in w for w in capture.warnings)
+
+
 def test_only_the_largest_of_unplaced_components_is_read(tmp_path):
     cameras = [camera(i, m) for i, m in enumerate(poses())]
     cameras[4] = cameras[4].replace('component_id="0"', 'component_id="1"')

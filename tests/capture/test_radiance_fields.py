@@ -111,6 +111,18 @@ def test_neus_masks_and_other_names_of_its_folders_are_found(tmp_path):
         assert [camera.mask_path.stem for camera in cameras] == names()
 
 
+def test_idrs_masks_have_the_photos_numbers_with_other_digits(tmp_path):
+    folder = make_neus(tmp_path)
+    (folder / "mask").mkdir()
+    for index, photo in enumerate(sorted((folder / "image").iterdir())):
+        photo.rename(photo.with_name(f"{index:06d}.png"))
+        Image.new("L", (WIDTH, HEIGHT), 255).save(folder / "mask" / f"{index:03d}.png")
+    capture = read_capture(folder)
+    stems = [(c.image_path.stem, c.mask_path.stem) for c in capture.cameras]
+    assert stems == [(f"{i:06d}", f"{i:03d}") for i in range(len(capture.cameras))]
+    assert not capture.warnings
+
+
 def test_of_idrs_files_the_one_of_the_sphere_is_read(tmp_path):
     make_neus(tmp_path, projections(cx=10), name="cameras_large.npz")
     assert read_capture(make_neus(tmp_path)).cameras[0].cx == pytest.approx(CX)

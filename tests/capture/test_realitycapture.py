@@ -345,6 +345,15 @@ def test_other_tables_are_not_recognised(tmp_path):
             assert reader_of(tmp_path / "t.csv") is None
 
 
+@pytest.mark.parametrize("header", ["#name,x,y,alt,heading,pitch,roll", "Name;X;Y;Z", HEADER[:-9]])
+def test_tables_without_lenses_say_which_one_to_export(tmp_path, header):
+    file = save_photos(tmp_path / "photos").parent / "cameras.csv"
+    file.write_text("#cameras 5\n" + header.replace(",f,", ",") + "\na.png,1,2,3\n")
+    for path in (tmp_path, file):
+        with pytest.raises(CaptureError, match="places without lenses; export 'Internal/External"):
+            read_capture(path)
+
+
 @pytest.mark.parametrize(
     "text, field",
     [

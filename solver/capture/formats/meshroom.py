@@ -16,7 +16,7 @@ What changed with the versions of the file (`jsonIO.cpp`, scenes in `sfmDataIO/c
 
 Which version between 1.2.9 and 1.2.11 made the last change matters only if pixels are not square.
 
-A camera of the type equidistant has its angles from the axis in shares of the angle at which its circle ends,
+A camera of the type equidistant has its angles from the axis in shares of that at which its circle ends,
 half of the sensor's shorter side over the focal length, before the distortion; then these are shares of the
 circle's radius (`Equidistant.cpp`).
 
@@ -265,8 +265,8 @@ def _distortion(
     if wrong:
         raise CaptureError(
             path, f"{where}.type", f"the lens model '{shown(wrong)}' is not supported",
-            "choose pinhole with the distortion radialk3, brown or fisheye4, or equidistant with radialk3, in "
-            "Meshroom's CameraInit and solve again",
+            "choose pinhole with the distortion radialk3, brown or fisheye4, or equidistant with radialk3, "
+            "in Meshroom's CameraInit and solve again",
         )  # fmt: skip
     return model, (*k.tolist(), 0.0, 0.0, 0.0, 0.0, 0.0)[: _COUNTS[model]]
 

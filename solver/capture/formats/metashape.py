@@ -44,6 +44,7 @@ FAR = 1e5
 precision, which is a hundredth there and half a unit on the Earth's surface"""
 _EARTH = (6.3e6, 6.45e6)
 """metres from its centre between which all of its surface lies"""
+_PANORAMAS = ("spherical", "cylindrical")
 _FISHEYES = ("fisheye", "equidistant_fisheye", "equidistant fisheye")
 
 
@@ -54,7 +55,8 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read exported cameras; those that are disabled or not aligned are left out with a warning.
+    """Read exported cameras; those that are disabled, not aligned, in a rig behind another or panoramas are
+    left out with a warning.
 
     Raises:
         CaptureError: anything that cannot be used, with file, field and remedy.
@@ -71,13 +73,20 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     worlds, pictures = _Worlds(path, chunk), _Pictures(chunk, photos)
     sensors = {sensor.get("id"): sensor for sensor in chunk.iter("sensor")}
     lenses: dict[str | None, Intrinsics] = {}
-    found, disabled, unaligned, parts = [], [], [], []
+    panoramas = {key for key, sensor in sensors.items() if _kind(sensor) in _PANORAMAS}
+    found, disabled, unaligned, rigged, round_about, parts = [], [], [], [], [], []
     for index, camera in enumerate(chunk.iter("camera")):
         label = camera.get("label") or ""
         where = f"camera {shown(label)}" if label else f"camera {index + 1}"
         transform = camera.find("transform")
         if (camera.get("enabled") or "true").strip().lower() in ("false", "0", "no"):
             disabled.append(label)
+            continue
+        if camera.get("sensor_id") in panoramas:
+            round_about.append(label)
+            continue
+        if transform is None and camera.get("master_id") is not None:
+            rigged.append(label)
             continue
         if transform is None or not (transform.text or "").strip():
             unaligned.append(label)
@@ -93,7 +102,11 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         parts.append("world" if world is not None else str(camera.get("component_id")))
         pose = pose_opengl_from_opencv(matrix if world is None else world @ matrix)
         found.append(Found(where, stated, photo, pose, lenses.get(key)))
-    for names, what in ((disabled, "disabled"), (unaligned, "not aligned")):
+    for names, what in (
+        (disabled, "disabled"), (unaligned, "not aligned"),
+        (rigged, "members of a rig, whose places this file leaves to its first camera,"),
+        (round_about, "panoramas"),
+    ):  # fmt: skip
         if names:
             warnings.append(f"{path.name}: {len(names)} cameras are {what} and left out "
                             f"(the first: {shown(names[0])})")  # fmt: skip
@@ -102,6 +115,11 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         found = [item for item, part in zip(found, parts, strict=True) if part == largest]
         warnings.append(f"{path.name}: {len(parts) - len(found)} cameras are in other components, "
                         "whose places are not known, and left out")  # fmt: skip
+    if not found and round_about:
+        raise CaptureError(
+            path, "sensor, type", "all its cameras are panoramas",
+            "cut the panoramas into perspective photos, and align those",
+        )  # fmt: skip
     if not found and unaligned:
         raise CaptureError(
             path, "transform", f"none of its {len(unaligned)} cameras is aligned",
@@ -201,6 +219,10 @@ def _similarity(path: Path, element: Element) -> np.ndarray:
     return matrix
 
 
+def _kind(sensor: Element) -> str:
+    return (sensor.get("type") or "frame").strip().lower()
+
+
 def _intrinsics(path: Path, sensor: Element, warn: Callable[[str], None]) -> Intrinsics:
     """The lens of a sensor, the adjusted calibration before the initial one."""
     label = sensor.get("label") or sensor.get("id") or ""
@@ -215,11 +237,11 @@ def _intrinsics(path: Path, sensor: Element, warn: Callable[[str], None]) -> Int
             path, where, "it has no calibration", "align the photos and export the cameras again"
         )
     calibration = calibrations[0]
-    kind = (calibration.get("type") or sensor.get("type") or "frame").strip().lower()
+    kind = (calibration.get("type") or _kind(sensor)).strip().lower()
     if kind != "frame" and kind not in _FISHEYES:
         raise CaptureError(
             path, f"{where}, type", f"cameras of the type '{shown(kind)}' are not supported",
-            "use photos of frame or fisheye cameras",
+            "set the type Frame or Equidistant Fisheye in Metashape's Camera Calibration, and align again",
         )  # fmt: skip
 
     def value(name: str, default: float = 0.0) -> float:

@@ -3,7 +3,7 @@
 For photo i, in the order of their names, `world_mat_i` is the 4 × 4 projection K [R | t] of world to pixels
 with OpenCV's axes, where whole numbers are pixels' centres; `scale_mat_i` takes the unit sphere to the
 world, and what is to be reconstructed is in that sphere. Photos lie in `image` beside the file, masks in
-`mask`.
+`mask`, under the same numbers: IDR has image/000012.png and mask/012.png.
 https://github.com/lioryariv/idr/blob/main/DATA_CONVENTION.md
 """
 
@@ -24,6 +24,7 @@ from ..in_order import photos_in_order
 from ..intake import Found, Intrinsics, assemble
 from ..npy_files import read_npz
 from ..photo_finder import PhotoFinder
+from ..picture_names import pictures_in
 from ..pinhole import pinhole_of
 
 NAME = "NeuS"
@@ -51,8 +52,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             path, "world_mat_0", "there are no projections in it", "give cameras_sphere.npz"
         )
     there = photos_in_order(path, "world_mat", len(projections), _PHOTO_FOLDERS, photos)
+    masks = _by_number(path.parent / "mask")
     found = [
-        _found(path, f"world_mat_{number}", projections[number], photo)
+        _found(path, f"world_mat_{number}", projections[number], photo, masks)
         for number, photo in zip(sorted(projections), there, strict=True)
     ]
     capture = assemble(path, NAME, found, photos)
@@ -65,7 +67,7 @@ def _numbered(path: Path, name: str) -> dict[int, np.ndarray]:
     found = {}
     for key, matrix in read_npz(path, name).items():
         number = key.removeprefix(name)
-        if not (number.isascii() and number.isdigit() and len(number) < 9):
+        if not _is_number(number):
             continue  # world_mat_inv_0
         if matrix.shape not in ((4, 4), (3, 4)):
             raise CaptureError(path, key, "this is no 4 × 4 matrix", "export the cameras again")
@@ -73,13 +75,25 @@ def _numbered(path: Path, name: str) -> dict[int, np.ndarray]:
     return found
 
 
-def _found(path: Path, where: str, projection: np.ndarray, photo: Path | None) -> Found:
+def _by_number(folder: Path) -> dict[int, Path]:
+    """Pictures of a folder whose names are numbers, by these."""
+    return {int(p.stem): p for p in pictures_in(folder) if _is_number(p.stem)}
+
+
+def _is_number(name: str) -> bool:
+    return name.isascii() and name.isdigit() and len(name) < 9
+
+
+def _found(
+    path: Path, where: str, projection: np.ndarray, photo: Path | None, masks: dict[int, Path]
+) -> Found:
     if photo is None:
         return Found(where, where, None, None, None)
     lens, pose = _decomposed(path, where, projection[:3])
     width, height = image_size(photo)
     fx, fy, cx, cy = lens
-    return Found(where, photo.name, photo, pose, Intrinsics(width, height, fx, fy, cx, cy))
+    mask = masks.get(int(photo.stem)) if _is_number(photo.stem) else None
+    return Found(where, photo.name, photo, pose, Intrinsics(width, height, fx, fy, cx, cy), mask)
 
 
 def _decomposed(

@@ -108,7 +108,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         stated = f"images/{name}"  # where OpenSfM and OpenDroneMap have their photos
         photo = photos.find(stated, beside=path)
         if photos.serves(photo) and key not in lenses:
-            lenses[key] = _intrinsics(path, f"{at}.cameras.{shown(key)}", cameras[key])
+            lenses[key] = intrinsics_of(path, f"{at}.cameras.{shown(key)}", cameras[key])
         pose = pose_opengl_from_opencv(invert_pose(rigid_pose(path, where, from_world)))
         found.append(Found(where, stated, photo, pose, lenses.get(key)))
     warnings = list(without_pose(
@@ -124,14 +124,19 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     )  # fmt: skip
 
 
-def _pose(path: Path, where: str, entry: dict) -> np.ndarray:
-    """A rotation and translation [4, 4]."""
-    axis = numbers(path, f"{where}.rotation", entry.get("rotation"), 3)
-    matrix = np.eye(4)
-    with np.errstate(all="ignore"):  # what is no rotation is found by `rigid_pose`
+def rotation_of(path: Path, where: str, stated: Any) -> np.ndarray:
+    """A rotation [3, 3] from an axis times an angle in radians; what is none is found by `rigid_pose`."""
+    axis = numbers(path, where, stated, 3)
+    with np.errstate(all="ignore"):
         half = np.linalg.norm(axis) / 2
         quaternion = (np.cos(half), *(0.5 * np.sinc(half / np.pi) * axis))
-        matrix[:3, :3] = rotation_from_quaternion(np.array(quaternion))
+        return rotation_from_quaternion(np.array(quaternion))
+
+
+def _pose(path: Path, where: str, entry: dict) -> np.ndarray:
+    """A rotation and translation [4, 4]."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation_of(path, f"{where}.rotation", entry.get("rotation"))
     # OpenSfM takes a missing one for none.
     matrix[:3, 3] = numbers(path, f"{where}.translation", entry.get("translation", [0, 0, 0]), 3)
     return matrix
@@ -158,7 +163,12 @@ def _rigs(path: Path, at: str, scene: dict) -> dict[str, np.ndarray]:
     return found
 
 
-def _intrinsics(path: Path, where: str, entry: Any) -> Intrinsics:
+def intrinsics_of(path: Path, where: str, entry: Any) -> Intrinsics:
+    """A lens as OpenSfM states it.
+
+    Raises:
+        CaptureError: there is none like it here, or what is no number.
+    """
     entry = mapping(path, where, entry)
     kind = entry.get("projection_type", "perspective")
     if not isinstance(kind, str) or kind not in _NUMBERS:

@@ -56,6 +56,14 @@ def recognises(file: Path) -> bool:
     return _NAMESPACE.encode() in head or _table_of(as_text(head)) is not None
 
 
+def is_table_without_lenses(file: Path) -> bool:
+    """True for RealityCapture's other tables, of places or of places and angles, which have no lenses."""
+    lines = as_text(head_of(file)).splitlines()[:5]
+    headers = (_names(line.split(separator)) for line in lines for separator in _SEPARATORS)
+    places = any(names[:3] == ["name", "x", "y"] for names in headers)
+    return places and not recognises(file)
+
+
 def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read a table of cameras, or all sidecars beside the one given and beside photos.
 
@@ -81,9 +89,14 @@ def _table_of(head: str) -> tuple[dict[str, int], str] | None:
 
 def _columns(header: list[str]) -> dict[str, int] | None:
     """Positions of the columns by their names; None if some are missing."""
-    names = [name.strip().strip('"').lstrip("#").strip().lower() for name in header]
-    found = {_SAME_COLUMNS.get(name, name): index for index, name in enumerate(names) if name}
+    found = {name: index for index, name in enumerate(_names(header)) if name}
     return found if all(name in found for name in _NEEDED) else None
+
+
+def _names(header: list[str]) -> list[str]:
+    """Columns as they are called here."""
+    names = (name.strip().strip('"').lstrip("#").strip().lower() for name in header)
+    return [_SAME_COLUMNS.get(name, name) for name in names]
 
 
 def _read_table(path: Path, photos: PhotoFinder) -> Capture:

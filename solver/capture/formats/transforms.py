@@ -36,8 +36,8 @@ PATTERNS = ("transforms_train.json", "transforms.json")
 SURE = math.cos(math.radians(20))
 """cosine of the angle up to which people's idea of level and the file's up are one"""
 POSSIBLE = math.cos(math.radians(60))
-"""… and up to which +Z is believed to be up where a file says nothing of it: cameras that look down from one
-side leave their slope open, but hardly lie on their sides"""
+"""… and up to which +Z is believed to be up where a file says nothing of it: cameras that look down from
+one side leave their slope open, but hardly lie on their sides"""
 
 
 def is_transforms(content: Any) -> bool:
@@ -54,6 +54,8 @@ def recognises(file: Path) -> bool:
     head = json_head(file)
     if b'"viewId"' in head or b'"sfm_data_version"' in head:
         return False  # Meshroom's and OpenMVG's JSON, whatever the file is called
+    if b'"camtoworld"' in head and b'"rgb_path"' in head:
+        return False  # SDFStudio's
     return bool(head) and (b'"frames"' in head or file.name.lower().startswith("transforms"))
 
 
@@ -204,8 +206,8 @@ def _without_one_mask_for_all(
     if mask is None or any(item.mask != mask for item in found) or not mask.is_file():
         return found, ()
     return [replace(item, mask=None) for item in found], (
-        f"{path.name}: all frames have one mask, {mask.name}; what hides the same corners of each photo says "
-        "nothing of the object, and is not used",
+        f"{path.name}: all frames have one mask, {mask.name}; what hides the same corners of each photo "
+        "says nothing of the object, and is not used",
     )  # fmt: skip
 
 

@@ -1,7 +1,7 @@
 """Lenses of `transforms.json`: OpenCV's k1 k2 p1 p2 …, and other programs' under keys of this program.
 
-nerfstudio also reads `distortion_params`, a list of OpenCV's numbers in an order of its own; for Project Aria's
-cameras, FISHEYE624, that is k0 … k5, p0, p1, s0 … s3.
+nerfstudio also reads `distortion_params`, a list of OpenCV's numbers in an order of its own; for Project
+Aria's cameras, FISHEYE624, that is k0 … k5, p0, p1, s0 … s3.
 """
 
 from __future__ import annotations

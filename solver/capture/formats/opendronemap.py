@@ -1,0 +1,124 @@
+"""OpenDroneMap's `odm_report/shots.geojson`, which downloads of WebODM have instead of `opensfm/`.
+
+A feature's properties have its photo's `filename`, the `rotation` (an axis times an angle) from the world
+to OpenCV's camera axes, and as `translation` the camera's place in the world. Its lens is one of
+`cameras.json` beside the folder, in OpenSfM's form; a shot does not name it, but has its size and focal
+length (`shots.py`).
+
+The world is that of the map, metres with +X east, +Y north and +Z up, millions of them from its origin:
+places are counted from among the cameras then. Without GPS it is OpenSfM's own, of any scale.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..capture import Capture
+from ..errors import CaptureError, shown
+from ..files import entries, json_head, mapping, numbers, read_json
+from ..frames import pose_opengl_from_opencv
+from ..intake import Found, Intrinsics, assemble
+from ..photo_finder import PhotoFinder
+from .opensfm import intrinsics_of, rotation_of
+
+NAME = "OpenDroneMap shots.geojson"
+EXTENSIONS = (".geojson",)
+PATTERNS = ("odm_report/shots.geojson", "shots.geojson", "*/odm_report/shots.geojson")
+
+FAR = 1e4
+"""metres from the origin beyond which places are those of a map"""
+_UP = (0.0, 0.0, 1.0)
+
+
+def recognises(file: Path) -> bool:
+    """True for GeoJSON whose features are photos with a rotation, also if it is cut off."""
+    head = json_head(file, 1 << 16)
+    return b'"FeatureCollection"' in head and b'"filename"' in head and b'"rotation"' in head
+
+
+def read(path: Path, photos: PhotoFinder) -> Capture:
+    """Read all shots, with the lenses of `cameras.json`.
+
+    Raises:
+        CaptureError: anything that cannot be used, with file, field and remedy.
+    """
+    features = entries(path, "features", mapping(path, "", read_json(path)).get("features"))
+    lenses_file, lenses = _lenses(path)
+    read_lenses: dict[str, Intrinsics] = {}
+    found = []
+    for index, feature in enumerate(features):
+        where = f"features[{index}].properties"
+        shot = mapping(path, where, mapping(path, where, feature).get("properties"))
+        name = shot.get("filename")
+        if not isinstance(name, str) or not name or "\0" in name:
+            raise CaptureError(
+                path, f"{where}.filename", "the shot names no photo", "download it again"
+            )
+        pose = np.eye(4)
+        pose[:3, :3] = rotation_of(path, f"{where}.rotation", shot.get("rotation")).T
+        pose[:3, 3] = numbers(path, f"{where}.translation", shot.get("translation"), 3)
+        photo = photos.find(f"images/{name}", beside=path)
+        intrinsics = None
+        if photos.serves(photo):
+            key = _lens_of(path, where, shot, lenses_file, lenses)
+            if key not in read_lenses:
+                read_lenses[key] = intrinsics_of(lenses_file, shown(key), lenses[key])
+            intrinsics = read_lenses[key]
+        found.append(Found(where, name, photo, pose_opengl_from_opencv(pose), intrinsics))
+    places = np.array([item.camera_to_world[:3, 3] for item in found]).reshape(-1, 3)
+    on_a_map = bool((np.abs(places) > FAR).any())
+    if on_a_map:
+        # Whole metres, so that people can count back.
+        found = [_moved(item, -np.round(np.median(places, axis=0))) for item in found]
+    return assemble(path, NAME, found, photos, up=_UP, metric=on_a_map)
+
+
+def _moved(item: Found, by: np.ndarray) -> Found:
+    pose = item.camera_to_world.copy()
+    pose[:3, 3] += by
+    return replace(item, camera_to_world=pose)
+
+
+def _lenses(path: Path) -> tuple[Path, dict[str, Any]]:
+    """The file of the lenses, and what it holds."""
+    beside = [folder / "cameras.json" for folder in (path.parent.parent, path.parent)]
+    file = next((file for file in beside if file.is_file()), None)
+    if file is None:
+        raise CaptureError(
+            path, "features", "the lenses, OpenDroneMap's cameras.json, are not beside its folder",
+            "unpack all of the download, or give the project's opensfm/reconstruction.json",
+        )  # fmt: skip
+    lenses = mapping(file, "", read_json(file))
+    if not lenses:
+        raise CaptureError(file, "", "there is no lens in it", "download it again")
+    return file, lenses
+
+
+def _lens_of(path: Path, where: str, shot: dict, lenses_file: Path, lenses: dict[str, Any]) -> str:
+    """The key of a shot's lens: the only one, or the only one of its size and focal length."""
+    fitting = [
+        key
+        for key, entry in lenses.items()
+        if isinstance(entry, dict)
+        and all(entry.get(side) == shot.get(side) for side in ("width", "height"))
+        and _same(entry.get("focal", entry.get("focal_x")), shot.get("focal"))
+    ]
+    if len(lenses) == 1:
+        return next(iter(lenses))
+    if len(fitting) != 1:
+        raise CaptureError(
+            path, f"{where}.focal",
+            f"{'none' if not fitting else 'more than one'} of the lenses in {lenses_file.name} fits it",
+            "give the project's opensfm/reconstruction.json",
+        )  # fmt: skip
+    return fitting[0]
+
+
+def _same(one: Any, other: Any) -> bool:
+    both = isinstance(one, (int, float)) and isinstance(other, (int, float))
+    return both and math.isclose(one, other, rel_tol=1e-9)

@@ -1,0 +1,63 @@
+"""3D Scanner App's raw data: `frame_00000.json` beside `frame_00000.jpg`, and depth maps.
+
+`cameraPoseARFrame` has the rows of a camera-to-world matrix [4, 4] with ARKit's axes: the camera's are
+OpenGL's, the world's +Y points up, its unit is the metre. `intrinsics` has the rows of a matrix [3, 3] in
+pixels of the photo. Most frames have a depth map only; those are no photos, and not missed.
+Any one of the JSON files stands for all of its folder.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..camera_folder import files_in
+from ..capture import Capture
+from ..errors import CaptureError
+from ..files import json_head, numbers, read_json
+from ..image_header import image_size
+from ..intake import Found, Intrinsics, assemble
+from ..photo_finder import PhotoFinder
+from ..pinhole import pinhole_of
+
+NAME = "3D Scanner App"
+EXTENSIONS = (".json",)
+PATTERNS = ("frame_*.json", "*/frame_*.json")
+
+
+def recognises(file: Path) -> bool:
+    """True for a JSON file with ARKit's pose of a frame."""
+    head = json_head(file, 1 << 16)
+    return b'"cameraPoseARFrame"' in head and b'"intrinsics"' in head
+
+
+def read(path: Path, photos: PhotoFinder) -> Capture:
+    """Read all frames with photos of the folder that a frame's JSON file lies in.
+
+    Raises:
+        CaptureError: anything that cannot be used, with file, field and remedy.
+    """
+    found = []
+    for file in files_in(path.parent, ".json"):
+        if not recognises(file):
+            continue
+        photo = photos.find_in(file.parent, f"{file.stem}.jpg")
+        if photo is not None:
+            found.append(_camera(file, photo))
+    if not found:
+        raise CaptureError(
+            path.parent, "photos", "no frame has a photo beside it",
+            "export 'All Data', with images, from 3D Scanner App",
+        )  # fmt: skip
+    return assemble(path, NAME, found, photos, up=(0, 1, 0), metric=True)
+
+
+def _camera(file: Path, photo: Path) -> Found:
+    content = read_json(file)
+    if not isinstance(content, dict):
+        raise CaptureError(file, "", "this is no frame", "export the scan again")
+    pose = numbers(file, "cameraPoseARFrame", content.get("cameraPoseARFrame"), 16).reshape(4, 4)
+    k = numbers(file, "intrinsics", content.get("intrinsics"), 9).reshape(3, 3)
+    intrinsics = Intrinsics(*image_size(photo), *pinhole_of(file, "intrinsics", np.asarray(k)))
+    return Found(f"{file.name}, cameraPoseARFrame", photo.name, photo, pose, intrinsics)
