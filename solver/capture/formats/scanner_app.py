@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from ..camera_folder import files_in
 from ..capture import Capture
 from ..errors import CaptureError
@@ -59,5 +57,5 @@ def _camera(file: Path, photo: Path) -> Found:
         raise CaptureError(file, "", "this is no frame", "export the scan again")
     pose = numbers(file, "cameraPoseARFrame", content.get("cameraPoseARFrame"), 16).reshape(4, 4)
     k = numbers(file, "intrinsics", content.get("intrinsics"), 9).reshape(3, 3)
-    intrinsics = Intrinsics(*image_size(photo), *pinhole_of(file, "intrinsics", np.asarray(k)))
+    intrinsics = Intrinsics(*image_size(photo), *pinhole_of(file, "intrinsics", k))
     return Found(f"{file.name}, cameraPoseARFrame", photo.name, photo, pose, intrinsics)
