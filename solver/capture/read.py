@@ -200,20 +200,11 @@ def reader_of(file: Path) -> ModuleType | None:
 def _search(folder: Path) -> Path | None:
     """The likeliest camera file below a folder."""
     for reader in FORMATS:
-        unsolved = None
-        for pattern in reader.PATTERNS:
-            there = (file for file in sorted(folder.glob(pattern)) if file.is_file())
-            files = (file for file in there if reader.recognises(file))
-            if reader is not meshroom:
-                file = next(files, None)
-            else:
-                files = list(files)
-                file = meshroom.latest_with_poses(files)
-                unsolved = unsolved or next(iter(files), None)
-            if file is not None:
-                return file
-        if unsolved is not None:
-            return unsolved
+        there = (file for pattern in reader.PATTERNS for file in sorted(folder.glob(pattern)))
+        files = (file for file in there if file.is_file() and reader.recognises(file))
+        file = meshroom.last_solved(files) if reader is meshroom else next(files, None)
+        if file is not None:
+            return file
     for pattern in _AROUND:
         there = sorted(folder.glob(pattern))
         files = [

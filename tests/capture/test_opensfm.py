@@ -244,7 +244,8 @@ def test_opendronemaps_lenses_are_no_cameras(tmp_path):
     assert reader_of(file) is None
     for given in (tmp_path, file):
         with pytest.raises(
-            CaptureError, match="lenses, without poses; give.*shots.geojson or opensfm"
+            CaptureError,
+            match=r"lenses, without poses; give the folder with its odm_report/shots\.geojson or opensfm",
         ):
             read_capture(given)
 

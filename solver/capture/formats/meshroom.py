@@ -27,6 +27,7 @@ has unless the point was refined, means the middle of the picture to everyone: s
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -66,13 +67,18 @@ def recognises(file: Path) -> bool:
     return b'"viewId"' in json_head(file)
 
 
-def latest_with_poses(files: list[Path]) -> Path | None:
-    """The last written of files that have poses; None if none has.
+def last_solved(files: Iterable[Path]) -> Path | None:
+    """The first of some files that has poses, or what was written later in its place; else the first.
 
-    Meshroom's cache keeps a folder for all settings that were tried, and CameraInit's file has no poses.
+    CameraInit's file has no poses, and Meshroom's cache keeps a folder for all settings that were tried.
     """
+    files = list(files)
     solved = [file for file in files if _has_poses(file)]
-    return max(solved, key=lambda file: file.stat().st_mtime, default=None)
+    if not solved:
+        return next(iter(files), None)
+    node, name = solved[0].parent.parent, solved[0].name
+    tried = (file for file in solved if file.parent.parent == node and file.name == name)
+    return max(tried, key=lambda file: file.stat().st_mtime)
 
 
 def _has_poses(file: Path) -> bool:

@@ -24,14 +24,13 @@ from ..files import entries, json_head, mapping, numbers, read_json
 from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
+from ..placement import far_origin, seen_from
 from .opensfm import intrinsics_of, rotation_of
 
 NAME = "OpenDroneMap shots.geojson"
 EXTENSIONS = (".geojson",)
 PATTERNS = ("odm_report/shots.geojson", "shots.geojson", "*/odm_report/shots.geojson")
 
-FAR = 1e4
-"""metres from the origin beyond which places are those of a map"""
 _UP = (0.0, 0.0, 1.0)
 
 
@@ -70,18 +69,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
                 read_lenses[key] = intrinsics_of(lenses_file, shown(key), lenses[key])
             intrinsics = read_lenses[key]
         found.append(Found(where, name, photo, pose_opengl_from_opencv(pose), intrinsics))
-    places = np.array([item.camera_to_world[:3, 3] for item in found]).reshape(-1, 3)
-    on_a_map = bool((np.abs(places) > FAR).any())
-    if on_a_map:
-        # Whole metres, so that people can count back.
-        found = [_moved(item, -np.round(np.median(places, axis=0))) for item in found]
-    return assemble(path, NAME, found, photos, up=_UP, metric=on_a_map)
-
-
-def _moved(item: Found, by: np.ndarray) -> Found:
-    pose = item.camera_to_world.copy()
-    pose[:3, 3] += by
-    return replace(item, camera_to_world=pose)
+    capture = assemble(path, NAME, found, photos, up=_UP)
+    origin = np.round(far_origin(capture))  # whole metres, so that people can count back
+    return replace(seen_from(capture, origin), metric=bool(origin.any()))
 
 
 def _lenses(path: Path) -> tuple[Path, dict[str, Any]]:
@@ -101,6 +91,8 @@ def _lenses(path: Path) -> tuple[Path, dict[str, Any]]:
 
 def _lens_of(path: Path, where: str, shot: dict, lenses_file: Path, lenses: dict[str, Any]) -> str:
     """The key of a shot's lens: the only one, or the only one of its size and focal length."""
+    if len(lenses) == 1:
+        return next(iter(lenses))
     fitting = [
         key
         for key, entry in lenses.items()
@@ -108,8 +100,6 @@ def _lens_of(path: Path, where: str, shot: dict, lenses_file: Path, lenses: dict
         and all(entry.get(side) == shot.get(side) for side in ("width", "height"))
         and _same(entry.get("focal", entry.get("focal_x")), shot.get("focal"))
     ]
-    if len(lenses) == 1:
-        return next(iter(lenses))
     if len(fitting) != 1:
         raise CaptureError(
             path, f"{where}.focal",

@@ -38,10 +38,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """
     found = []
     for file in files_in(path.parent, ".json"):
-        if not recognises(file):
-            continue
         photo = photos.find_in(file.parent, f"{file.stem}.jpg")
-        if photo is not None:
+        if photo is not None and recognises(file):
             found.append(_camera(file, photo))
     if not found:
         raise CaptureError(

@@ -189,8 +189,8 @@ def _as_held(capture: Capture, turned: bool) -> Capture:
     held = estimate_up(list(capture.cameras))
     if held @ capture.up > (SURE if turned else POSSIBLE):
         return capture
-    axis = np.zeros(3)
-    axis[np.abs(held).argmax()] = np.sign(held[np.abs(held).argmax()])
+    nearest = np.abs(held).argmax()
+    axis = np.sign(held[nearest]) * np.eye(3)[nearest]
     return replace(capture, up=held if turned or held @ axis < SURE else axis)
 
 
