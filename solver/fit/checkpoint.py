@@ -28,7 +28,7 @@ from .trainer import Trainer
 BEFORE = {
     "light": {
         "turntable": "no", "from_room": False, "floor": False, "colour_tolerance": 0.0,
-        "step_smoothing": 0.0,
+        "step_smoothing": 0.0, "smoothness": 0.0,
     },
     "render": {"diffuse_visibility": False},
     "fit": {
@@ -54,6 +54,8 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     tensors["allowed"] = scene.occupancy.allowed
     tensors["optical_depth"] = scene.occupancy.optical_depth
     tensors |= _probe_tensors(scene)
+    if trainer.open_detail.share is not None:
+        tensors["light.open_detail"] = trainer.open_detail.share
     tensors |= {f"optimiser.{key}": value for key, value in trainer.optimiser.state().items()}
     if trainer.exposures is not None:
         tensors |= {f"exposures.{key}": v for key, v in trainer.exposures.state().items()}
@@ -217,6 +219,7 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> 
             {key.removeprefix(prefix): v for key, v in tensors.items() if key.startswith(prefix)}
         )
     trainer.probe_turn = state.get("probe_turn", -1)  # jobs of version 0.1 have none
+    trainer.open_detail.share = tensors.get("light.open_detail")
     trainer.steps_at_level = state["steps_at_level"]
     trainer.fraction_at_level = state["fraction_at_level"]
     trainer.batching.restore(state["batching"])

@@ -82,7 +82,7 @@ class ChunkLoss:
     def accumulate(self, scene: Scene, tables: StepTables, chunk: Chunk) -> Taken:
         """Add the gradients of a chunk's share of the loss to those of scene and tables."""
         share, fit = chunk.share, self.settings.fit
-        buffers = self._pixels(scene, tables, chunk)
+        buffers = self.pixels(scene, tables, chunk)
         log_gain = gain = None
         if chunk.log_gain is not None:
             log_gain = chunk.log_gain.clone().requires_grad_()
@@ -108,10 +108,11 @@ class ChunkLoss:
     def image_error(self, scene: Scene, tables: StepTables, chunk: Chunk) -> float:
         """A chunk's share of how unlike the photos its pixels are (`losses.photometric`); no gradients."""
         gain = None if chunk.log_gain is None else chunk.log_gain[chunk.batch.photo].exp()
-        buffers, behind = self._pixels(scene, tables, chunk), self._behind(scene, tables, chunk)
+        buffers, behind = self.pixels(scene, tables, chunk), self._behind(scene, tables, chunk)
         return chunk.share * float(photometric(buffers, chunk.batch, behind, gain))
 
-    def _pixels(self, scene: Scene, tables: StepTables, chunk: Chunk) -> RayBuffers:
+    def pixels(self, scene: Scene, tables: StepTables, chunk: Chunk) -> RayBuffers:
+        """What the pixels of a chunk see."""
         batch = chunk.batch
         settings = dataclasses.replace(
             self.render_settings(chunk.fraction),

@@ -6,21 +6,19 @@ of its own: red and cyan specks, the first thing to be seen of a light that stan
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import torch
 
 from ..light.environment import coarsely_coloured
 from ..render.scene import Scene, SharedTables
-from .chunk import Chunk, ChunkLoss
+from .chunk import ChunkLoss
+from .light_detail import Step
 
 SQUARES = (16, 8, 4, 2)
 """edges, in texels, of the squares that may have one colour, the coarsest first"""
 LEAST_RADIANCE = 1e-30
 """as dark as a light gets, so that its logarithm stays a number"""
-
-Step = tuple[list[Chunk], Sequence[torch.Tensor | None]]
-"""chunks of a step and the turns of the light that they are under"""
 
 
 def coarsest_colours(

@@ -30,7 +30,7 @@ MOST = {
     "field.size_starts": 1, "field.initial_albedo": 0.999, "field.initial_roughness": 1,
     "field.initial_f0": 0.999, "field.occupancy_min_alpha": 1, "field.sizes": 2048,
     "field.occupancy_cells": 1024, "field.hull_cells": 1024, "light.heights": 8192,
-    "light.step_smoothing_end": 1,
+    "light.step_smoothing_end": 1, "light.smoothness_start": 1,
     "render.pixel_grid": 16, "render.min_weight": 1, "render.min_transmittance": 1,
     "fit.pixel_grid_start": 1, "fit.final_learning_rate": 1, "fit.smoothness_end": 1,
     "fit.palette_end": 1, "fit.f0_start": 1, "fit.neural_start": 1, "fit.light_floor": 1,

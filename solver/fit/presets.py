@@ -35,7 +35,8 @@ PAPER = Settings(
         occupancy_min_alpha=0.001, step_smoothing=(0.0, 0.0),
     ),
     light=LightSettings(
-        heights=(512,), turntable="no", colour_tolerance=0.0, step_smoothing=0.0, floor=False
+        heights=(512,), turntable="no", colour_tolerance=0.0, step_smoothing=0.0,
+        smoothness=0.0, floor=False,
     ),
     render=RenderSettings(
         secondary_step=0.5, secondary_rays=128, min_weight=0.0, min_transmittance=1e-4,

@@ -14,7 +14,7 @@ PROBE_TURNS = 20
 EARLY_TURNS = 10.0
 """how much more often in its beginning, when the surface still moves"""
 LEAST_ROWS = 8
-"""rows of a map of the light, in widths of what its steps are blurred by"""
+"""rows of a map of the light, in widths of what it is blurred by"""
 
 
 def probe_turn(fraction: float) -> int:
@@ -40,8 +40,13 @@ def light_step_width(light: LightSettings, height: int, fraction: float) -> floa
     it is a tenth of the first."""
     if fraction >= light.step_smoothing_end:
         return 0.0
-    widest = min(light.step_smoothing, height / LEAST_ROWS)
+    widest = blur_width(light.step_smoothing, height)
     return widest * 0.1 ** (fraction / light.step_smoothing_end)
+
+
+def blur_width(texels: float, height: int) -> float:
+    """What a map of the light of `height` rows is blurred by, texels: a small one not around itself."""
+    return min(texels, height / LEAST_ROWS)
 
 
 def _between(ends: tuple[float, float], fraction: float) -> float:

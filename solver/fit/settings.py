@@ -87,6 +87,14 @@ class LightSettings:
     """texels by which each step of the light is blurred at the start, and ever less until
     `step_smoothing_end` of the fit; 0: not at all"""
     step_smoothing_end: float = 0.6
+    smoothness: float = 0.5
+    """how far each texel is drawn to those around it, as a share of a step of the optimiser, where surfaces
+    are too rough to tell what is finer (0: nowhere)"""
+    smoothness_width: float = 3.0
+    """how far around, texels"""
+    smoothness_start: float = 0.6
+    """fraction of the fit from which on: while their gloss is open, surfaces become mirrors of a smooth
+    light"""
     floor: bool = True
     """what the object stands on, where photos say what that is, lights it from close by; else all is far"""
 

@@ -10,7 +10,7 @@ import torch
 
 from ..field.smoothing import step_smoothing
 from ..light.environment import EnvironmentMap
-from ..light.step_smoothing import map_step_smoothing
+from ..light.smoothing import map_smoothing
 from ..render.probing import refresh_probes
 from ..render.random_numbers import RandomNumbers
 from ..render.scene import Scene
@@ -20,6 +20,7 @@ from .chunk import SURROUNDED, ChunkLoss, Taken
 from .exposure import exposures_for
 from .far_light import FarLight
 from .light_colours import colour_coarsely
+from .light_detail import OpenDetail, Step
 from .light_start import light_from_room
 from .ray_bank import RayBank
 from .replay import replay_for
@@ -86,6 +87,7 @@ class Trainer:
         self.steps_at_level = 0
         self.fraction_at_level = self.fraction = 0.0
         self.probe_turn = -1
+        self.open_detail = OpenDetail(settings.light)
         # The tables of a light that turns are others in each step.
         self.replay = replay_for(scene.device) if turns is None else None
         self._begin_level()
@@ -169,16 +171,8 @@ class Trainer:
         self.refresh_occupancy()
         self.refresh_probes()
         tolerance = self.settings.light.colour_tolerance
-        # What photos show of the light itself is as fine as they are.
-        if tolerance > 0 and self.far is None and self.background not in SURROUNDED:
-            grid = pixel_grid(self.settings, self.fraction)
-            # Each step under turned lights has tables of them all.
-            steps = STEPS_OF_PIXELS if self.turns is None else 1
-            plan, random, log_gain = self._plan(grid), self.random.at(self.step), self._log_gain()
-            drawn = [self.pixels.draw(plan.sizes) for _ in range(steps)]
-            pixels = [
-                (self.pixels.chunks(plan, some, random, log_gain), some.turns) for some in drawn
-            ]
+        if tolerance > 0 and not self._light_is_shown:
+            pixels = self._some_pixels(STEPS_OF_PIXELS)
             colour_coarsely(self.scene, self.loss, pixels, tolerance)
             self.refresh_probes()
 
@@ -213,7 +207,7 @@ class Trainer:
         self.optimiser.param_groups[DENSITY]["smooth"] = step_smoothing(width)
         height = self.scene.environment.height
         width = light_step_width(self.settings.light, height, fraction)
-        self.optimiser.param_groups[LIGHT]["smooth"] = map_step_smoothing(width)
+        self.optimiser.param_groups[LIGHT]["smooth"] = map_smoothing(width)
         if self.opened is not None and self.emission(fraction) < 1:
             self.scene.occupancy.allow_only(self.opened, 0)
             self.opened = None
@@ -223,10 +217,15 @@ class Trainer:
         if probe_turn(fraction) != self.probe_turn:
             self.probe_turn = probe_turn(fraction)
             self.refresh_probes()
+            if self.open_detail.wanted(fraction) and not self._light_is_shown:
+                pixels = self._some_pixels(self.open_detail.STEPS)
+                self.open_detail.look(self.scene, self.loss, pixels)
         plan = self._begin_period(pixel_grid(self.settings, fraction))
         self.scene.field.smoothing = smoothing_width(self.settings.field, plan.fraction)
         found, counted = self._gradients(plan)
         self.optimiser.step()
+        rate = self.optimiser.param_groups[LIGHT]["lr"]
+        self.open_detail.take_away(self.scene.environment, self.step, rate)
         if self.exposures is not None:
             self.exposures.step([taken.to_exposures for taken in found], factor)
         self.step += 1
@@ -239,6 +238,20 @@ class Trainer:
         return {
             "image": image, "psnr": -10 * math.log10(max(image, 1e-12)), "rays": sum(plan.rays)
         }  # fmt: skip
+
+    @property
+    def _light_is_shown(self) -> bool:
+        """Photos show the light itself, and then it is as fine as they are."""
+        return self.far is not None or self.background in SURROUNDED
+
+    def _some_pixels(self, steps: int) -> list[Step]:
+        """Chunks of random pixels, as many as steps have, all with the same random numbers."""
+        # Each step under turned lights has tables of them all.
+        steps = steps if self.turns is None else 1
+        plan = self._plan(pixel_grid(self.settings, self.fraction))
+        random, log_gain = self.random.at(self.step), self._log_gain()
+        drawn = [self.pixels.draw(plan.sizes) for _ in range(steps)]
+        return [(self.pixels.chunks(plan, some, random, log_gain), some.turns) for some in drawn]
 
     def _begin_period(self, grid: int) -> StepPlan:
         """The plan of a step: one of its own, or that of all steps that are replayed."""

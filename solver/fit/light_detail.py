@@ -1,0 +1,117 @@
+"""What of a light's detail photos leave open: what is finer than the lobes that mirror it.
+
+Glossy reflections tell the mean of the light over their lobes. What cancels out in all of them, mostly
+lines along rows and columns, stays in the light as the first rays have left it, for an artist to see behind
+the object (docs/decisions/0038).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+import torch.nn.functional as F
+
+from ..brdf.microfacet import fresnel_schlick
+from ..light.environment import EnvironmentMap, equirect_coordinates, resized_map
+from ..light.smoothing import draw_together, map_smoothing
+from ..render.scene import Scene, SharedTables
+from .chunk import Chunk, ChunkLoss
+from .schedule import blur_width
+from .settings import LightSettings
+
+ROWS = 32
+"""rows of the map on which lobes are counted"""
+AROUND = 1.5
+"""texels of it by which the counts are blurred"""
+SHARPEST = 0.02
+"""share that is open at least"""
+SOLID = 0.5
+"""opacity from which a pixel shows a surface"""
+FEW = 1e-3
+"""of the mean count: where less is mirrored, all is open"""
+
+Step = tuple[list[Chunk], Sequence[torch.Tensor | None]]
+"""chunks of a step and the turns of the light that they are under"""
+
+
+class OpenDetail:
+    """Takes from a light, over the last steps of a fit, what photos leave open of it.
+
+    Attributes:
+        share: [H, 2H] see `open_detail`, as it was last looked for; None: not yet.
+    """
+
+    STEPS = 8
+    """as many pixels as so many steps have tell how fine the light is mirrored"""
+    EVERY = 8
+    """steps from one smoothing to the next, since each takes a good part of a step's time"""
+
+    def __init__(self, settings: LightSettings):
+        self._settings = settings
+        self.share: torch.Tensor | None = None
+
+    def wanted(self, fraction: float) -> bool:
+        """Whether it is time to look, at a fraction of the fit: surfaces have their gloss."""
+        return self._settings.smoothness > 0 and fraction >= self._settings.smoothness_start
+
+    def look(self, scene: Scene, loss: ChunkLoss, steps: list[Step]) -> None:
+        """Find the share of detail that pixels of steps leave open."""
+        self.share = open_detail(scene, loss, steps, self._sigma(scene.environment))
+
+    def take_away(self, light: EnvironmentMap, step: int, rate: float) -> None:
+        """Smooth what is open of a light, in place, if it is time.
+
+        Args:
+            rate: of the light's optimiser, whose steps bring back what photos tell.
+        """
+        if self.share is not None and step % self.EVERY == 0:
+            part = min(self.EVERY * rate * self._settings.smoothness, 1.0)
+            draw_together(light, self._sigma(light), self.share * part)
+
+    def _sigma(self, light: EnvironmentMap) -> float:
+        return blur_width(self._settings.smoothness_width, light.height)
+
+
+@torch.no_grad()
+def open_detail(scene: Scene, loss: ChunkLoss, steps: list[Step], sigma: float) -> torch.Tensor:
+    """Share [H, 2H], from 0 to 1, of detail finer than a Gaussian of `sigma` texels that pixels of steps
+    leave open, per texel of a scene's light.
+
+    A lobe leaves α / σ of it open, σ as an angle. Of the lobes that mirror a place, the harmonic mean
+    counts, weighted by what they reflect: a few sharp ones tell all.
+    """
+    height = scene.environment.height
+    angle = sigma * math.pi / height
+    seen, sharp = torch.zeros(2, ROWS * 2 * ROWS, device=scene.device)
+    for chunks, turns in steps:
+        tables = SharedTables.of(scene, turns)
+        for chunk in chunks:
+            place, weight, alpha = _mirrored(scene, loss, tables, chunk, turns[chunk.turn])
+            seen.index_add_(0, place, weight)
+            sharp.index_add_(0, place, weight / (alpha / angle).clamp(SHARPEST, 1))
+    counts = torch.stack([seen, sharp, seen]).view(3, ROWS, 2 * ROWS)
+    seen, sharp, _ = map_smoothing(AROUND)(counts)
+    few = FEW * seen.mean() + 1e-12
+    share = (seen + few) / (sharp + few)
+    return resized_map(share.expand(3, -1, -1), height)[0].clamp(0, 1)
+
+
+def _mirrored(
+    scene: Scene, loss: ChunkLoss, tables: SharedTables, chunk: Chunk, turn: torch.Tensor | None
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Of each pixel, where in the map of `ROWS` [B] its mirror direction is, how much it reflects from
+    there [B], and its α [B]."""
+    seen = loss.pixels(scene, tables.under(chunk.turn), chunk)
+    opacity = seen.opacity.clamp(min=1e-6)
+    normal = F.normalize(seen.normal, dim=-1)
+    view = F.normalize(chunk.batch.directions.mean(1), dim=-1)
+    cosine = -(view * normal).sum(-1).clamp(-1, 0)
+    direction = view + 2 * cosine[:, None] * normal
+    if turn is not None:
+        direction = direction @ turn
+    column, row = equirect_coordinates(direction, ROWS, 2 * ROWS).unbind(-1)
+    place = row.long().clamp(0, ROWS - 1) * 2 * ROWS + column.long().clamp(0, 2 * ROWS - 1)
+    reflected = fresnel_schlick(seen.f0 / opacity[:, None], cosine).mean(-1)
+    return place, reflected * (seen.opacity > SOLID), seen.alpha / opacity

@@ -1,0 +1,52 @@
+"""Blurs on the light's map: of its steps, and of what photos leave open of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+import torch.nn.functional as F
+
+from ..field.smoothing import LEAST_STEP_SIGMA, gaussian
+from ..kernels.sending import sent
+from .environment import EnvironmentMap
+
+
+def map_smoothing(sigma: float) -> Callable[[torch.Tensor], torch.Tensor] | None:
+    """What blurs a map [3, H, 2H], or a change of one, by a Gaussian of `sigma` texels, around its seam and
+    up to its poles; None below a third.
+
+    Rough reflections tell only what light is in the mean. Adam's steps are as large for each texel, so that
+    the rectangles of the first rays stay in it as a woven pattern (docs/decisions/0035).
+    """
+    if sigma < LEAST_STEP_SIGMA:
+        return None
+    taps = gaussian(sigma)
+    reach = len(taps) // 2
+
+    def smooth(change: torch.Tensor) -> torch.Tensor:
+        kernel = sent(taps, change.device)
+        values = F.pad(change[:, None], (reach, reach, 0, 0), mode="circular")
+        values = F.pad(
+            F.conv2d(values, kernel.view(1, 1, 1, -1)), (0, 0, reach, reach), mode="replicate"
+        )
+        return F.conv2d(values, kernel.view(1, 1, -1, 1))[:, 0]
+
+    return smooth
+
+
+@torch.no_grad()
+def draw_together(light: EnvironmentMap, sigma: float, share: torch.Tensor) -> None:
+    """Move the logarithm of a light, in place, by a share of its way to its blur by `sigma` texels, and
+    keep the energy around each texel, which a mean of logarithms would lower.
+
+    Args:
+        share: [H, 2H], or of no shape; from 0, nothing, to 1, all the way.
+    """
+    smooth = map_smoothing(sigma)
+    if smooth is None:
+        return
+    logarithm = light.log_radiance.detach()
+    before = smooth(light.radiance())
+    logarithm.lerp_(smooth(logarithm), share.expand_as(logarithm))
+    logarithm.add_((before / smooth(light.radiance())).log())

@@ -1,0 +1,130 @@
+"""Steps of the light that are blurred on its map."""
+
+import numpy as np
+import pytest
+import torch
+
+from solver.fit.presets import settings_for
+from solver.fit.schedule import light_step_width
+from solver.fit.start import new_trainer
+from solver.light.environment import EnvironmentMap
+from solver.light.smoothing import draw_together, map_smoothing
+from tests.fit.test_fit import ball_capture
+
+
+def test_a_blur_is_a_gaussian_of_its_width_and_keeps_the_sum():
+    change = torch.zeros(3, 64, 128)
+    change[1, 30, 60] = 1
+    blurred = map_smoothing(2.5)(change)
+    assert blurred.sum() == pytest.approx(1, abs=1e-5) and (blurred[[0, 2]] == 0).all()
+    row, column = torch.meshgrid(torch.arange(64.0), torch.arange(128.0), indexing="ij")
+    for axis, middle in ((row, 30), (column, 60)):
+        assert (blurred[1] * (axis - middle) ** 2).sum() == pytest.approx(2.5**2, rel=0.05)
+
+
+def test_it_goes_around_the_seam_and_ends_at_the_poles():
+    change = torch.zeros(3, 32, 64)
+    change[:, 16, 0] = 1
+    blurred = map_smoothing(2.0)(change)
+    torch.testing.assert_close(blurred[:, :, 1:4], blurred[:, :, -3:].flip(-1))
+    even = torch.ones(3, 32, 64)
+    torch.testing.assert_close(map_smoothing(4.0)(even), even)
+
+
+def test_a_blur_below_a_third_of_a_texel_is_none():
+    assert map_smoothing(0.33) is None and map_smoothing(0.0) is None
+
+
+@pytest.mark.parametrize("preset, end", [("draft", 4), ("standard", 12)])
+def test_steps_are_blurred_ever_less_until_a_share_of_the_fit_and_never_in_the_papers(preset, end):
+    light = settings_for(preset).light
+    widths = [light_step_width(light, 64, i / 20) for i in range(21)]
+    assert widths[0] == 3.0 and widths[end:] == [0.0] * (21 - end)
+    assert all(
+        later < earlier for earlier, later in zip(widths[:end], widths[1 : end + 1], strict=True)
+    )
+    assert light_step_width(settings_for("paper").light, 512, 0.0) == 0
+    assert light_step_width(light, 4, 0.0) == 0.5, "a small map is not blurred around itself"
+
+
+def test_the_first_steps_of_a_light_have_no_pattern_finer_than_the_blur():
+    def fine(texels):
+        settings = settings_for("draft", {**FINE, "light.step_smoothing": str(texels)})
+        capture, photos = ball_capture()
+        trainer = new_trainer(capture, photos, settings, 0, None, "cpu", lambda fraction: None)
+        for step in range(8):
+            trainer.advance(step / 100)
+        light = trainer.scene.environment.log_radiance.detach().numpy()
+        steps = np.diff(light, n=2, axis=1)[:, 8:-8]
+        return np.abs(steps).mean() / light.std()
+
+    assert fine(3.0) < 0.5 * fine(0.0)
+
+
+FINE = {
+    "field.sizes": "24", "field.size_starts": "0", "light.heights": "64", "fit.rays": "64",
+    "field.hull_cells": "48", "field.occupancy_cells": "32", "render.secondary_rays": "4",
+    "field.initial_roughness": "0.15",
+}  # fmt: skip
+
+
+def lined(texels):
+    """A light with vertical lines, `texels` from one to the next, a channel ever brighter than another."""
+    light = EnvironmentMap(64)
+    lines = 0.3 * torch.cos(2 * torch.pi * torch.arange(128.0) / texels)
+    light.log_radiance.data.copy_(torch.tensor([-1.0, 0.0, 1.0]).view(3, 1, 1) + lines)
+    return light
+
+
+def contrast(light):
+    return float(light.log_radiance.detach()[:, 20:44].std(dim=-1).mean())
+
+
+ALL = torch.tensor(1.0)
+
+
+def test_a_light_drawn_together_loses_what_is_fine_and_keeps_what_is_wide():
+    fine, wide = lined(4), lined(128)
+    before = contrast(fine), contrast(wide)
+    for light in (fine, wide):
+        draw_together(light, 3.0, ALL)
+    assert contrast(fine) < 3e-3 * before[0]
+    assert contrast(wide) == pytest.approx(before[1], rel=0.03)
+
+
+def test_a_light_drawn_together_sends_as_much_as_before_wherever_it_comes_from():
+    torch.manual_seed(0)
+    light = EnvironmentMap(64)
+    light.log_radiance.data.normal_(0, 0.4)
+
+    def around(values):
+        return map_smoothing(6.0)(values)[:, 8:-8]  # beside the poles there is less around
+
+    before = around(light.radiance().detach())
+    logarithms = around(light.log_radiance.detach()).exp()
+    for _ in range(4):
+        draw_together(light, 3.0, ALL / 2)
+    after = around(light.radiance().detach())
+    torch.testing.assert_close(after, before, rtol=0.01, atol=0)
+    assert (logarithms / before).mean() < 0.95, "a mean of logarithms would send less"
+
+
+def test_a_light_is_drawn_together_by_the_share_of_each_texel():
+    light, share = lined(4), torch.zeros(64, 128)
+    own = light.log_radiance.detach().clone()
+    draw_together(light, 3.0, share)
+    torch.testing.assert_close(light.log_radiance.detach(), own, atol=1e-6, rtol=0)
+    draw_together(light, 0.3, ALL)
+    torch.testing.assert_close(light.log_radiance.detach(), own, atol=1e-6, rtol=0)
+    share[:, 64:] = 0.25
+    draw_together(light, 3.0, share)
+    left, right = (light.log_radiance.detach()[1, 20:44, 16 + at : 48 + at].std() for at in (0, 64))
+    assert left == pytest.approx(float(own[1, 20:44, 16:48].std()), rel=1e-3)
+    assert right == pytest.approx(0.75 * float(left), rel=0.01)
+
+
+FINE = {
+    "field.sizes": "24", "field.size_starts": "0", "light.heights": "64", "fit.rays": "64",
+    "field.hull_cells": "48", "field.occupancy_cells": "32", "render.secondary_rays": "4",
+    "field.initial_roughness": "0.15",
+}  # fmt: skip
