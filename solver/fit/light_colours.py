@@ -11,14 +11,13 @@ from collections.abc import Callable
 import torch
 
 from ..light.environment import coarsely_coloured
+from ..light.smoothing import LEAST_RADIANCE
 from ..render.scene import Scene, SharedTables
 from .chunk import ChunkLoss
 from .light_detail import Step
 
 SQUARES = (16, 8, 4, 2)
 """edges, in texels, of the squares that may have one colour, the coarsest first"""
-LEAST_RADIANCE = 1e-30
-"""as dark as a light gets, so that its logarithm stays a number"""
 
 
 def coarsest_colours(

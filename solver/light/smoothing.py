@@ -11,6 +11,9 @@ from ..field.smoothing import LEAST_STEP_SIGMA, gaussian
 from ..kernels.sending import sent
 from .environment import EnvironmentMap
 
+LEAST_RADIANCE = 1e-30
+"""as dark as a light gets, so that its logarithm stays a number"""
+
 
 def map_smoothing(sigma: float) -> Callable[[torch.Tensor], torch.Tensor] | None:
     """What blurs a map [3, H, 2H], or a change of one, by a Gaussian of `sigma` texels, around its seam and
@@ -46,7 +49,11 @@ def draw_together(light: EnvironmentMap, sigma: float, share: torch.Tensor) -> N
     smooth = map_smoothing(sigma)
     if smooth is None:
         return
+
+    def around() -> torch.Tensor:
+        return smooth(light.radiance()).clamp(min=LEAST_RADIANCE)
+
     logarithm = light.log_radiance.detach()
-    before = smooth(light.radiance())
+    before = around()
     logarithm.lerp_(smooth(logarithm), share.expand_as(logarithm))
-    logarithm.add_((before / smooth(light.radiance())).log())
+    logarithm.add_((before / around()).log())

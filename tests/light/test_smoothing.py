@@ -123,8 +123,9 @@ def test_a_light_is_drawn_together_by_the_share_of_each_texel():
     assert right == pytest.approx(0.75 * float(left), rel=0.01)
 
 
-FINE = {
-    "field.sizes": "24", "field.size_starts": "0", "light.heights": "64", "fit.rays": "64",
-    "field.hull_cells": "48", "field.occupancy_cells": "32", "render.secondary_rays": "4",
-    "field.initial_roughness": "0.15",
-}  # fmt: skip
+def test_a_light_that_is_black_nearly_everywhere_stays_a_number():
+    light = EnvironmentMap(64)
+    light.log_radiance.data.fill_(-120.0)
+    light.log_radiance.data[:, 30, 60] = 3.0
+    draw_together(light, 3.0, ALL / 2)
+    assert torch.isfinite(light.log_radiance).all()
