@@ -9,9 +9,8 @@ from .settings import FieldSettings, FitSettings, LightSettings, Settings, check
 
 DRAFT = Settings(
     field=FieldSettings(step_smoothing=(0.006, 0.003)),
-    light=LightSettings(step_smoothing_end=0.2),
     render=RenderSettings(shaded_depths=2, secondary_depths=1, secondary_rays=16, pixel_grid=2),
-    fit=FitSettings(steps=2400, pixel_grid_start=0.5, learning_rate_light=0.08),
+    fit=FitSettings(steps=2400, pixel_grid_start=0.5),
 )
 
 STANDARD = Settings(

@@ -86,7 +86,7 @@ class LightSettings:
     step_smoothing: float = 3.0
     """texels by which each step of the light is blurred at the start, and ever less until
     `step_smoothing_end` of the fit; 0: not at all"""
-    step_smoothing_end: float = 0.6
+    step_smoothing_end: float = 0.2
     smoothness: float = 0.5
     """how far each texel is drawn to those around it, as a share of a step of the optimiser, where surfaces
     are too rough to tell what is finer (0: nowhere)"""
@@ -122,7 +122,7 @@ class FitSettings:
     """of planes and lines"""
     learning_rate_network: float = 3e-3
     """of the feature basis, the heads and g"""
-    learning_rate_light: float = 0.03
+    learning_rate_light: float = 0.08
     """of the environment map's logarithm"""
     light_floor: float = 0.3
     """before a room, share of the light's mean gradient below which its texels take smaller steps: what
