@@ -14,7 +14,7 @@ from ..light.environment import coarsely_coloured
 from ..light.smoothing import LEAST_RADIANCE
 from ..render.scene import Scene, SharedTables
 from .chunk import ChunkLoss
-from .light_detail import Step
+from .step import Step
 
 SQUARES = (16, 8, 4, 2)
 """edges, in texels, of the squares that may have one colour, the coarsest first"""

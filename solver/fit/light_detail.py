@@ -8,7 +8,6 @@ the object (docs/decisions/0038).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import torch
 import torch.nn.functional as F
@@ -20,6 +19,7 @@ from ..render.scene import Scene, SharedTables
 from .chunk import Chunk, ChunkLoss
 from .schedule import blur_width
 from .settings import LightSettings
+from .step import Step
 
 ROWS = 32
 """rows of the map on which lobes are counted"""
@@ -31,9 +31,6 @@ SOLID = 0.5
 """opacity from which a pixel shows a surface"""
 FEW = 1e-3
 """of the mean count: where less is mirrored, all is open"""
-
-Step = tuple[list[Chunk], Sequence[torch.Tensor | None]]
-"""chunks of a step and the turns of the light that they are under"""
 
 
 class OpenDetail:
@@ -84,15 +81,15 @@ def open_detail(scene: Scene, loss: ChunkLoss, steps: list[Step], sigma: float) 
     """
     height = scene.environment.height
     angle = sigma * math.pi / height
-    seen, sharp = torch.zeros(2, ROWS * 2 * ROWS, device=scene.device)
+    counts = torch.zeros(2, ROWS * 2 * ROWS, device=scene.device)
+    seen, sharp = counts
     for chunks, turns in steps:
         tables = SharedTables.of(scene, turns)
         for chunk in chunks:
             place, weight, alpha = _mirrored(scene, loss, tables, chunk, turns[chunk.turn])
             seen.index_add_(0, place, weight)
             sharp.index_add_(0, place, weight / (alpha / angle).clamp(SHARPEST, 1))
-    counts = torch.stack([seen, sharp, seen]).view(3, ROWS, 2 * ROWS)
-    seen, sharp, _ = map_smoothing(AROUND)(counts)
+    seen, sharp = map_smoothing(AROUND)(counts.view(2, ROWS, 2 * ROWS))
     few = FEW * seen.mean() + 1e-12
     share = (seen + few) / (sharp + few)
     return resized_map(share.expand(3, -1, -1), height)[0].clamp(0, 1)

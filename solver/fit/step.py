@@ -14,6 +14,9 @@ from ..render.scene import Scene, SharedTables
 from .chunk import Chunk, ChunkLoss, Taken
 from .ray_bank import RayBank
 
+Step = tuple[list[Chunk], Sequence[torch.Tensor | None]]
+"""chunks of a step and the turns of the light that they are under"""
+
 
 class StepPlan(NamedTuple):
     """All of a step but its random numbers; steps that are replayed have it in common."""

@@ -20,13 +20,13 @@ from .chunk import SURROUNDED, ChunkLoss, Taken
 from .exposure import exposures_for
 from .far_light import FarLight
 from .light_colours import colour_coarsely
-from .light_detail import OpenDetail, Step
+from .light_detail import OpenDetail
 from .light_start import light_from_room
 from .ray_bank import RayBank
 from .replay import replay_for
 from .schedule import light_step_width, pixel_grid, probe_turn, smoothing_width, step_width
 from .settings import Settings
-from .step import Drawn, StepPixels, StepPlan, add_gradients
+from .step import Drawn, Step, StepPixels, StepPlan, add_gradients
 
 DENSITY, LIGHT = 0, 3
 """their groups of parameters"""
@@ -172,7 +172,7 @@ class Trainer:
         self.refresh_probes()
         tolerance = self.settings.light.colour_tolerance
         if tolerance > 0 and not self._light_is_shown:
-            pixels = self._some_pixels(STEPS_OF_PIXELS)
+            pixels = self.some_pixels(STEPS_OF_PIXELS)
             colour_coarsely(self.scene, self.loss, pixels, tolerance)
             self.refresh_probes()
 
@@ -218,7 +218,7 @@ class Trainer:
             self.probe_turn = probe_turn(fraction)
             self.refresh_probes()
             if self.open_detail.wanted(fraction) and not self._light_is_shown:
-                pixels = self._some_pixels(self.open_detail.STEPS)
+                pixels = self.some_pixels(self.open_detail.STEPS)
                 self.open_detail.look(self.scene, self.loss, pixels)
         plan = self._begin_period(pixel_grid(self.settings, fraction))
         self.scene.field.smoothing = smoothing_width(self.settings.field, plan.fraction)
@@ -244,7 +244,7 @@ class Trainer:
         """Photos show the light itself, and then it is as fine as they are."""
         return self.far is not None or self.background in SURROUNDED
 
-    def _some_pixels(self, steps: int) -> list[Step]:
+    def some_pixels(self, steps: int) -> list[Step]:
         """Chunks of random pixels, as many as steps have, all with the same random numbers."""
         # Each step under turned lights has tables of them all.
         steps = steps if self.turns is None else 1

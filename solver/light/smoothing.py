@@ -16,7 +16,7 @@ LEAST_RADIANCE = 1e-30
 
 
 def map_smoothing(sigma: float) -> Callable[[torch.Tensor], torch.Tensor] | None:
-    """What blurs a map [3, H, 2H], or a change of one, by a Gaussian of `sigma` texels, around its seam and
+    """What blurs a map [C, H, 2H], or a change of one, by a Gaussian of `sigma` texels, around its seam and
     up to its poles; None below a third.
 
     Rough reflections tell only what light is in the mean. Adam's steps are as large for each texel, so that

@@ -35,7 +35,7 @@ def ball(**settings):
 
 
 def opened(trainer, turn=None):
-    steps = [(chunks, (turn,)) for chunks, _ in trainer._some_pixels(4)]
+    steps = [(chunks, (turn,)) for chunks, _ in trainer.some_pixels(4)]
     return open_detail(trainer.scene, trainer.loss, steps, 3.0)
 
 
@@ -60,7 +60,7 @@ def test_shares_are_harmonic_means_by_what_is_reflected():
     with torch.no_grad():  # rough on one side, smooth on the other
         trainer.scene.field.feature_planes.normal_(0, 0.5)
     rows = light_detail.ROWS
-    ((chunks, turns),) = trainer._some_pixels(1)
+    ((chunks, turns),) = trainer.some_pixels(1)
     found = opened_without_blur(trainer, [(chunks, turns)])
     counts = np.zeros((rows, 2 * rows, 2))
     tables = light_detail.SharedTables.of(trainer.scene, turns)
@@ -101,7 +101,7 @@ def opened_without_blur(trainer, steps):
 def test_a_light_that_turned_is_told_where_it_was_before():
     """A turn by 90° about +Z: what is mirrored at a longitude came from 90° less, a quarter of the map."""
     trainer, _, _ = ball(**{"field.initial_roughness": "0.1"})
-    ((chunks, _),) = trainer._some_pixels(1)
+    ((chunks, _),) = trainer.some_pixels(1)
     turn = torch.tensor([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     still, turned = (opened_without_blur(trainer, [(chunks, (t,))]) for t in (None, turn))
     x_axis = torch.tensor([[1.0, 0.0, 0.0]])

@@ -1,4 +1,4 @@
-"""Steps of the light that are blurred on its map."""
+"""Steps of the light that are blurred on its map, and a light that is drawn together."""
 
 import numpy as np
 import pytest
