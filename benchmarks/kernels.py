@@ -198,7 +198,7 @@ def cases(points: int) -> list[Case]:
     def glossy():
         return specular(
             *lobe, view, rand(shaded, 3), first, torch.full((shaded,), 0.2), u, rows, True, True,
-            blockers,
+            True, blockers,
         )[0]  # fmt: skip
 
     reflected = glossy()

@@ -71,6 +71,8 @@ class ChunkLoss:
         return dataclasses.replace(
             render, pixel_grid=grid,
             secondary_rays=secondary_rays_each(render.secondary_rays, grid),
+            # Where noise counts as an error, the whole gradient makes mirrors (docs/decisions/0039).
+            widening_gradient=render.widening_gradient and grid > 1,
             neural=neural_share(fit, fraction),
             neighbour_distance=fit.neighbour_distance, emission=self.emission(fraction),
         )  # fmt: skip

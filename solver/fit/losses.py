@@ -29,7 +29,11 @@ what else there is in the scene, where a photo shows that"""
 def photometric(
     buffers: RayBuffers, batch: RayBatch, behind: Behind, gain: torch.Tensor | None = None
 ) -> torch.Tensor:
-    """Mean squared error of sRGB pixels.
+    """Mean squared error of sRGB pixels, without the noise of their own rays.
+
+    A noisy pixel's squared error has its variance in it, of which lamps that are too dim and lobes that
+    are too sharp have less. Two halves of its rays have noise of their own, so the product of their errors
+    has none (docs/decisions/0039). A pixel of one ray has the square.
 
     The prediction is not clipped, so a pixel that is too bright still has a gradient; where the
     photo itself is saturated, anything at least as bright is right.
@@ -39,15 +43,28 @@ def photometric(
     """
     gain = 1.0 if gain is None else gain
     alpha = batch.alpha[:, None]
+    nothing_there = behind
     if isinstance(behind, Surroundings):
-        predicted = linear_to_srgb(gain * behind.around(buffers.radiance, buffers.opacity))
-        target = batch.colour * alpha + (1 - alpha) * linear_to_srgb(gain * behind.behind.detach())
-    else:
-        predicted = over_background(gain * buffers.radiance, buffers.opacity, behind)
-        target = batch.colour * alpha + (1 - alpha) * behind
-    error = predicted - target
-    forgiven = batch.clipped & (error > 0) & (alpha > 0.999)
-    return torch.where(forgiven, torch.zeros_like(error), error).square().mean()
+        nothing_there = linear_to_srgb(gain * behind.behind.detach())
+    target = batch.colour * alpha + (1 - alpha) * nothing_there
+
+    def error(seen: torch.Tensor) -> torch.Tensor:
+        radiance, opacity = seen[:, :3], seen[:, 3]
+        if isinstance(behind, Surroundings):
+            return linear_to_srgb(gain * behind.around(radiance, opacity)) - target
+        return over_background(gain * radiance, opacity, behind) - target
+
+    halves = _halves(buffers).unbind(1)
+    one, other = error(halves[0]), error(halves[-1])
+    forgiven = batch.clipped & (one + other > 0) & (alpha > 0.999)
+    return torch.where(forgiven, torch.zeros_like(one), one * other).mean()
+
+
+def _halves(buffers: RayBuffers) -> torch.Tensor:
+    """Radiance and opacity [R, 2, 4] of the halves of a pixel's rays, or [R, 1, 4] of its only ray."""
+    if buffers.halves is not None:
+        return buffers.halves
+    return torch.cat([buffers.radiance, buffers.opacity[:, None]], 1)[:, None]
 
 
 def total_loss(
@@ -66,10 +83,11 @@ def total_loss(
         image, shape = _at_once(buffers, batch, settings, use_masks, fraction, behind)
         return image + shape, {"image": image.detach()}
     image = photometric(buffers, batch, behind, gain)
-    loss = image + settings.opacity_weight * buffers.opacity.mean()
+    opacity = _halves(buffers)[..., 3].mean(1)
+    loss = image + settings.opacity_weight * opacity.mean()
     loss = loss + settings.orientation_weight * buffers.backfacing.mean()
     if use_masks and settings.mask_weight > 0:
-        error = (buffers.opacity - batch.alpha) * batch.alpha_known
+        error = (opacity - batch.alpha) * batch.alpha_known
         loss = loss + settings.mask_weight * error.square().mean()
     if buffers.bending is not None:
         fade = settings.smoothness_end**fraction
@@ -86,8 +104,8 @@ def _at_once(
     fade = settings.smoothness_end**fraction
     image, shape = rowwise(
         "pixel_loss",
-        (buffers.radiance, buffers.opacity, buffers.backfacing, buffers.bending, buffers.unevenness,
-         batch.colour, batch.alpha, batch.alpha_known, batch.clipped, behind),
+        (_halves(buffers), buffers.backfacing, buffers.bending, buffers.unevenness, batch.colour,
+         batch.alpha, batch.alpha_known, batch.clipped, behind),
         (settings.opacity_weight, settings.orientation_weight,
          settings.mask_weight if use_masks else 0.0, fade * settings.bend_weight,
          fade * settings.unevenness_weight),

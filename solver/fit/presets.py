@@ -41,6 +41,7 @@ PAPER = Settings(
         secondary_step=0.5, secondary_rays=128, min_weight=0.0, min_transmittance=1e-4,
         retraced_rays=1000, retrace_choice="noisy", secondary_bounce_rays=8, visibility=False,
         light_masking=False, pixel_footprint=False, diffuse_visibility=False,
+        widening_gradient=False,
     ),
     fit=FitSettings(
         steps=30000, rays=4096, most_rays=8000, samples=200_000, secondary_samples=1_000_000,

@@ -13,7 +13,7 @@ from .backend import fast, fast_on_numba, gradient_buffer, kernels, on_numba
 class _RectangleMean(torch.autograd.Function):
     @staticmethod
     def forward(ctx, table, rows, centre, size):
-        out, slope = centre.new_empty(len(centre), 3), centre.new_empty(len(centre), 3, 2)
+        out, slope = centre.new_empty(len(centre), 3), centre.new_empty(len(centre), 3, 4)
         run = kernels("integral", centre.device)
         run.rectangle_mean(table, rows, centre, size, out, slope)
         ctx.save_for_backward(table, rows, centre, size, slope)
@@ -22,14 +22,16 @@ class _RectangleMean(torch.autograd.Function):
     @staticmethod
     def backward(ctx, cotangent):
         table, rows, centre, size, slope = ctx.saved_tensors
-        grad_table = grad_centre = None
+        grad_table = grad_centre = grad_size = None
         if ctx.needs_input_grad[0]:
             buffer, grad_table = gradient_buffer(table)
             run = kernels("integral", centre.device)
             run.rectangle_mean_backward(rows, centre, size, cotangent.contiguous(), buffer)
         if ctx.needs_input_grad[2]:
-            grad_centre = torch.einsum("nc,ncd->nd", cotangent, slope)
-        return grad_table, None, grad_centre, None
+            grad_centre = torch.einsum("nc,ncd->nd", cotangent, slope[..., :2])
+        if ctx.needs_input_grad[3]:
+            grad_size = torch.einsum("nc,ncd->nd", cotangent, slope[..., 2:])
+        return grad_table, None, grad_centre, grad_size
 
 
 class _PrefixSums(torch.autograd.Function):
@@ -97,10 +99,10 @@ def rectangle_mean(
         table: [H+1, W+1, 3] double, exclusive prefix sums of radiance × solid angle.
         rows: [H+1] double, prefix sums of a texel's solid angle down the rows.
         centre, size: [N, 2] (column, row) in texels; size at most (W, H). Rectangles wrap around
-            the seam and over the poles. Gradients flow to the table and the centre, not the size.
+            the seam and over the poles. Gradients flow to all but the rows.
     """
     if fast(centre):
         return _RectangleMean.apply(
-            table.contiguous(), rows, centre.contiguous(), size.detach().contiguous()
+            table.contiguous(), rows, centre.contiguous(), size.contiguous()
         )
-    return integral_torch.rectangle_mean(table, rows, centre, size.detach()).to(centre.dtype)
+    return integral_torch.rectangle_mean(table, rows, centre, size).to(centre.dtype)

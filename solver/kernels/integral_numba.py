@@ -41,7 +41,8 @@ def corner(table, i, f, j, g):
 
 @inlined
 def slab(table, width, height, x0, x1, y):
-    """Integrals [3] over columns x0..x1 and rows 0..y, y in [0, H]; their slopes by shift and by y."""
+    """Integrals [3] over columns x0..x1 and rows 0..y, y in [0, H]; their slopes by shift, by half the
+    width, and by y."""
     turns0, i0, f0 = x0
     turns1, i1, f1 = x1
     j = min(int(y), height - 1)
@@ -54,7 +55,7 @@ def slab(table, width, height, x0, x1, y):
         step = minus(below, around)
         value = plus(value, turns1 - turns0, plus(around, g, step))
         by_y = plus(by_y, turns1 - turns0, step)
-    return value, minus(right_x, left_x), by_y
+    return value, minus(right_x, left_x), plus(right_x, 1.0, left_x), by_y
 
 
 called_slab = function(slab.py_func)
@@ -66,14 +67,19 @@ def slab_over_poles(table, width, height, x0, x1, far0, far1, y):
     """`slab` for y in [−H, 2H]: past a pole the map goes on half a turn away (`far`), mirrored."""
     zero = (0.0, 0.0, 0.0)
     if y < 0.0:
-        value, by_x, by_y = called_slab(table, width, height, far0, far1, -y)
-        return minus(zero, value), minus(zero, by_x), by_y
+        value, by_x, by_w, by_y = called_slab(table, width, height, far0, far1, -y)
+        return minus(zero, value), minus(zero, by_x), minus(zero, by_w), by_y
     if y > height:
         bottom = float(height)
-        a, a_x, _ = called_slab(table, width, height, x0, x1, bottom)
-        b, b_x, _ = called_slab(table, width, height, far0, far1, bottom)
-        d, d_x, by_y = called_slab(table, width, height, far0, far1, 2.0 * height - y)
-        return minus(plus(a, 1.0, b), d), minus(plus(a_x, 1.0, b_x), d_x), by_y
+        a, a_x, a_w, _ = called_slab(table, width, height, x0, x1, bottom)
+        b, b_x, b_w, _ = called_slab(table, width, height, far0, far1, bottom)
+        d, d_x, d_w, by_y = called_slab(table, width, height, far0, far1, 2.0 * height - y)
+        return (
+            minus(plus(a, 1.0, b), d),
+            minus(plus(a_x, 1.0, b_x), d_x),
+            minus(plus(a_w, 1.0, b_w), d_w),
+            by_y,
+        )
     return called_slab(table, width, height, x0, x1, y)
 
 
@@ -93,33 +99,40 @@ def row_integral_over_poles(rows, y, height):
 
 @function
 def rectangle(table, rows, x, y, columns, lines, mean, slope, n):
-    """Write the mean [n, 3] over a rectangle around (x, y), and its slopes [n, 3, 2] by x and y."""
+    """Write the mean [n, 3] over a rectangle around (x, y), and its slopes [n, 3, 4] by x, y, columns and
+    lines."""
     height, width = table.shape[0] - 1, table.shape[1] - 1
     left, right, y0, y1 = x - 0.5 * columns, x + 0.5 * columns, y - 0.5 * lines, y + 0.5 * lines
     x0, x1 = column(left, width), column(right, width)
     below, below_slope = row_integral_over_poles(rows, y1, height)
     above, above_slope = row_integral_over_poles(rows, y0, height)
     if y0 >= 0.0 and y1 <= height:
-        a, a_x, a_y = slab(table, width, height, x0, x1, y1)
-        b, b_x, b_y = slab(table, width, height, x0, x1, y0)
+        a, a_x, a_w, a_y = slab(table, width, height, x0, x1, y1)
+        b, b_x, b_w, b_y = slab(table, width, height, x0, x1, y0)
     else:
         far0, far1 = column(left + 0.5 * width, width), column(right + 0.5 * width, width)
-        a, a_x, a_y = slab_over_poles(table, width, height, x0, x1, far0, far1, y1)
-        b, b_x, b_y = slab_over_poles(table, width, height, x0, x1, far0, far1, y0)
+        a, a_x, a_w, a_y = slab_over_poles(table, width, height, x0, x1, far0, far1, y1)
+        b, b_x, b_w, b_y = slab_over_poles(table, width, height, x0, x1, far0, far1, y0)
     per_area = 1.0 / (columns * (below - above))
     area_slope = per_area * columns * (below_slope - above_slope)
-    m0, m1, m2 = times(per_area, minus(a, b))
+    lines_slope = 0.5 * per_area * columns * (below_slope + above_slope)
+    m = times(per_area, minus(a, b))
     by_x, by_y = times(per_area, minus(a_x, b_x)), times(per_area, minus(a_y, b_y))
-    mean[n, 0], mean[n, 1], mean[n, 2] = m0, m1, m2
-    slope[n, 0, 0], slope[n, 1, 0], slope[n, 2, 0] = by_x
-    slope[n, 0, 1] = by_y[0] - m0 * area_slope
-    slope[n, 1, 1] = by_y[1] - m1 * area_slope
-    slope[n, 2, 1] = by_y[2] - m2 * area_slope
+    by_columns, by_lines = (
+        times(0.5 * per_area, minus(a_w, b_w)),
+        times(0.5 * per_area, plus(a_y, 1.0, b_y)),
+    )
+    for c in range(3):
+        mean[n, c] = m[c]
+        slope[n, c, 0] = by_x[c]
+        slope[n, c, 1] = by_y[c] - m[c] * area_slope
+        slope[n, c, 2] = by_columns[c] - m[c] / columns
+        slope[n, c, 3] = by_lines[c] - m[c] * lines_slope
 
 
 @kernel
 def rectangle_mean(table, rows, centre, size, out, slope):
-    """Solid-angle weighted means [N, 3] over rectangles, and their slopes [N, 3, 2] by centre.
+    """Solid-angle weighted means [N, 3] over rectangles, and their slopes [N, 3, 4] by centre and size.
 
     centre, size [N, 2]: (column, row) in texels.
     """

@@ -140,6 +140,7 @@ def _rectangle_mean(
     above = row_integral_over_poles(rows, y0)
     area = columns * (below[0] - above[0])
     area_slope = columns * (below[1] - above[1])
+    lines_slope = columns * (below[1] + above[1])
     for c in range(3):
         a = slab_over_poles(table, c, x0, x1, far0, far1, y1)
         b = slab_over_poles(table, c, x0, x1, far0, far1, y0)
@@ -147,6 +148,9 @@ def _rectangle_mean(
         out[n, c] = float(mean)
         slope[n, c, 0] = float(((a.by_x1 - b.by_x1) - (a.by_x0 - b.by_x0)) / area)
         slope[n, c, 1] = float(((a.by_y - b.by_y) - mean * area_slope) / area)
+        by_columns = HALF * ((a.by_x1 - b.by_x1) + (a.by_x0 - b.by_x0)) / area
+        slope[n, c, 2] = float(by_columns - mean / columns)
+        slope[n, c, 3] = float(HALF * ((a.by_y + b.by_y) - mean * lines_slope) / area)
 
 
 @wp.func

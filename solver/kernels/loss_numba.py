@@ -31,60 +31,77 @@ def _encoded(linear):
 
 
 @function
-def _error(shown, target, clipped, alpha):
-    """How much too bright a pixel is, where that is not forgiven."""
-    error = shown - target
-    return 0.0 if clipped and error > 0.0 and alpha > OPAQUE else error
+def _shown(seen, n, half, c, behind):
+    """A channel of a half of a pixel's rays, over what is behind them."""
+    share = min(max(seen[n, half, 3], 0.0), 1.0)
+    encoded, _ = _encoded(seen[n, half, c] / max(share, LEAST_SHARE))
+    return encoded * share + (1.0 - share) * behind[n, c]
+
+
+@function
+def _errors(seen, n, c, colour, alpha, clipped, behind):
+    """How much too bright the first and the last half of a pixel's rays are, where that is not forgiven."""
+    target = colour[n, c] * alpha[n] + (1.0 - alpha[n]) * behind[n, c]
+    first = _shown(seen, n, 0, c, behind) - target
+    last = _shown(seen, n, seen.shape[1] - 1, c, behind) - target
+    if clipped[n, c] and first + last > 0.0 and alpha[n] > OPAQUE:
+        return 0.0, 0.0
+    return first, last
+
+
+@function
+def _opacity(seen, n):
+    """Mean of the halves'."""
+    return 0.5 * (seen[n, 0, 3] + seen[n, seen.shape[1] - 1, 3])
 
 
 @serial_kernel
 def pixel_loss(
-    radiance, opacity, backfacing, bending, unevenness, colour, alpha, alpha_known, clipped, behind,
+    seen, backfacing, bending, unevenness, colour, alpha, alpha_known, clipped, behind,
     by_opacity, by_backfacing, by_mask, by_bending, by_unevenness, image, shape,
 ):  # fmt: skip
     """How unlike its photo a pixel before a plain colour is, and the weighted sum of what else is held
     against it; see `fit.losses`."""
-    for n in range(radiance.shape[0]):
-        share = min(max(opacity[n], 0.0), 1.0)
+    for n in range(seen.shape[0]):
         total = 0.0
         for c in range(3):
-            encoded, _ = _encoded(radiance[n, c] / max(share, LEAST_SHARE))
-            shown = encoded * share + (1.0 - share) * behind[n, c]
-            target = colour[n, c] * alpha[n] + (1.0 - alpha[n]) * behind[n, c]
-            total += _error(shown, target, clipped[n, c], alpha[n]) ** 2
+            first, last = _errors(seen, n, c, colour, alpha, clipped, behind)
+            total += first * last
         image[n] = total / 3.0
-        missing = opacity[n] - alpha[n] if alpha_known[n] else 0.0
+        opacity = _opacity(seen, n)
+        missing = opacity - alpha[n] if alpha_known[n] else 0.0
         shape[n] = (
-            by_opacity * opacity[n] + by_backfacing * backfacing[n] + by_mask * missing * missing
+            by_opacity * opacity + by_backfacing * backfacing[n] + by_mask * missing * missing
             + by_bending * bending[n] + by_unevenness * unevenness[n]
         )  # fmt: skip
 
 
 @serial_kernel
 def pixel_loss_backward(
-    radiance, opacity, backfacing, bending, unevenness, colour, alpha, alpha_known, clipped, behind,
+    seen, backfacing, bending, unevenness, colour, alpha, alpha_known, clipped, behind,
     by_opacity, by_backfacing, by_mask, by_bending, by_unevenness, image, shape, g_image, g_shape,
-    g_radiance, g_opacity, g_backfacing, g_bending, g_unevenness,
+    g_seen, g_backfacing, g_bending, g_unevenness,
 ):  # fmt: skip
-    for n in range(radiance.shape[0]):
-        share = min(max(opacity[n], 0.0), 1.0)
-        divisor = max(share, LEAST_SHARE)
-        to_share = 0.0
-        for c in range(3):
-            straight = radiance[n, c] / divisor
-            encoded, slope = _encoded(straight)
-            shown = encoded * share + (1.0 - share) * behind[n, c]
-            target = colour[n, c] * alpha[n] + (1.0 - alpha[n]) * behind[n, c]
-            g = g_image[n] * 2.0 / 3.0 * _error(shown, target, clipped[n, c], alpha[n])
-            to_straight = g * share * slope
-            g_radiance[n, c] = to_straight / divisor
-            to_share += g * (encoded - behind[n, c])
-            if share >= LEAST_SHARE:
-                to_share -= to_straight * straight / divisor
-        if not 0.0 <= opacity[n] <= 1.0:
+    halves = seen.shape[1]
+    for n in range(seen.shape[0]):
+        missing = _opacity(seen, n) - alpha[n] if alpha_known[n] else 0.0
+        to_opacity = g_shape[n] * (by_opacity + 2.0 * by_mask * missing) / halves
+        for half in range(halves):
+            opacity = seen[n, half, 3]
+            share = min(max(opacity, 0.0), 1.0)
+            divisor = max(share, LEAST_SHARE)
             to_share = 0.0
-        missing = opacity[n] - alpha[n] if alpha_known[n] else 0.0
-        g_opacity[n] = to_share + g_shape[n] * (by_opacity + 2.0 * by_mask * missing)
+            for c in range(3):
+                first, last = _errors(seen, n, c, colour, alpha, clipped, behind)
+                g = g_image[n] * 2.0 / 3.0 / halves * (last if half == 0 else first)
+                straight = seen[n, half, c] / divisor
+                encoded, slope = _encoded(straight)
+                to_straight = g * share * slope
+                g_seen[n, half, c] = to_straight / divisor
+                to_share += g * (encoded - behind[n, c])
+                if share >= LEAST_SHARE:
+                    to_share -= to_straight * straight / divisor
+            g_seen[n, half, 3] = to_opacity + (to_share if 0.0 <= opacity <= 1.0 else 0.0)
         g_backfacing[n] = g_shape[n] * by_backfacing
         g_bending[n] = g_shape[n] * by_bending
         g_unevenness[n] = g_shape[n] * by_unevenness

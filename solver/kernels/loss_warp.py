@@ -10,6 +10,8 @@ import warp as wp
 
 from .vectors_warp import Numbers, Vectors, held, largest, mean_square, saturating, vector
 
+Halves = wp.array3d(dtype=float)
+
 
 @wp.func
 def linear_to_srgb(linear: float):
@@ -18,29 +20,38 @@ def linear_to_srgb(linear: float):
     return wp.where(linear <= 0.0031308, 12.92 * linear, curve)
 
 
+@wp.func
+def _shown(seen: Halves, n: int, half: int, c: int, behind: float):
+    """A channel of a half of a pixel's rays, over what is behind them."""
+    opacity = seen[n, half, 3]
+    # Not `clamp`, which has no gradient at 0 and 1 themselves, where torch's has.
+    share = wp.where(opacity > 1.0, 1.0, wp.where(opacity < 0.0, 0.0, opacity))
+    return linear_to_srgb(seen[n, half, c] / wp.max(share, 1.0e-3)) * share + (1.0 - share) * behind
+
+
 @wp.kernel
 def pixel_loss(
-    radiance: Vectors, opacity: Numbers, backfacing: Numbers, bending: Numbers, unevenness: Numbers,
-    colour: Vectors, alpha: Numbers, alpha_known: wp.array(dtype=wp.bool),
-    clipped: wp.array2d(dtype=wp.bool), behind: Vectors, by_opacity: float, by_backfacing: float,
-    by_mask: float, by_bending: float, by_unevenness: float, image: Numbers, shape: Numbers,
+    seen: Halves, backfacing: Numbers, bending: Numbers, unevenness: Numbers, colour: Vectors,
+    alpha: Numbers, alpha_known: wp.array(dtype=wp.bool), clipped: wp.array2d(dtype=wp.bool),
+    behind: Vectors, by_opacity: float, by_backfacing: float, by_mask: float, by_bending: float,
+    by_unevenness: float, image: Numbers, shape: Numbers,
 ):  # fmt: skip
     """How unlike its photo a pixel before a plain colour is, and the weighted sum of what else is held
     against it; see `fit.losses`."""
     n = wp.tid()
-    # Not `clamp`, which has no gradient at 0 and 1 themselves, where torch's has.
-    share = wp.where(opacity[n] > 1.0, 1.0, wp.where(opacity[n] < 0.0, 0.0, opacity[n]))
+    last = seen.shape[1] - 1
     total = float(0.0)
     for c in range(3):
-        shown = linear_to_srgb(radiance[n, c] / wp.max(share, 1.0e-3)) * share
-        shown = shown + (1.0 - share) * behind[n, c]
-        error = shown - (colour[n, c] * alpha[n] + (1.0 - alpha[n]) * behind[n, c])
-        forgiven = clipped[n, c] and error > 0.0 and alpha[n] > 0.999
-        total += wp.where(forgiven, 0.0, error * error)
+        target = colour[n, c] * alpha[n] + (1.0 - alpha[n]) * behind[n, c]
+        one = _shown(seen, n, 0, c, behind[n, c]) - target
+        other = _shown(seen, n, last, c, behind[n, c]) - target
+        forgiven = clipped[n, c] and one + other > 0.0 and alpha[n] > 0.999
+        total += wp.where(forgiven, 0.0, one * other)
     image[n] = total / 3.0
-    missing = wp.where(alpha_known[n], opacity[n] - alpha[n], 0.0)
+    opacity = 0.5 * (seen[n, 0, 3] + seen[n, last, 3])
+    missing = wp.where(alpha_known[n], opacity - alpha[n], 0.0)
     shape[n] = (
-        by_opacity * opacity[n] + by_backfacing * backfacing[n] + by_mask * missing * missing
+        by_opacity * opacity + by_backfacing * backfacing[n] + by_mask * missing * missing
         + by_bending * bending[n] + by_unevenness * unevenness[n]
     )  # fmt: skip
 

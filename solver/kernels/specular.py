@@ -40,29 +40,29 @@ class Near(NamedTuple):
 class _Specular(torch.autograd.Function):
     @staticmethod
     def forward(ctx, normals, alphas, f0s, table, views, points, first, shares, u, rows, masking,
-                averaged, blockers, spread, near):  # fmt: skip
+                averaged, widening, blockers, spread, near):  # fmt: skip
         samples, rays = len(normals), len(u)
         radiance = normals.new_empty(samples, 3)
         directions, weights, light = normals.new_empty(3, rays, 3).unbind()
-        passing, slope = normals.new_empty(rays), normals.new_empty(rays, 3, 2)
-        centre, size = normals.new_empty(2, rays, 2).unbind()
+        passing, slope = normals.new_empty(rays), normals.new_empty(rays, 3, 4)
+        centre, size, growth = normals.new_empty(3, rays, 2).unbind()
         inputs = [v.contiguous() for v in (normals, views, alphas, f0s, first, shares, u)]
         kernels("specular", normals.device).specular(
-            *inputs, masking, averaged, spread.contiguous(), near.shifts.contiguous(), near.up,
+            *inputs, masking, averaged, widening, spread.contiguous(), near.shifts.contiguous(), near.up,
             points.contiguous(), blockers.reach, blockers.low, 1 / blockers.edge, blockers.cell,
             blockers.blocking, table, rows, radiance, directions, weights, passing, light, slope,
-            centre, size,
+            centre, size, growth,
         )  # fmt: skip
         ctx.masking, ctx.near = masking, near
         ctx.save_for_backward(
-            *inputs, table, rows, directions, weights, passing, light, slope, centre, size
+            *inputs, table, rows, directions, weights, passing, light, slope, centre, size, growth
         )
         ctx.mark_non_differentiable(passing)
         return radiance, directions, weights, passing
 
     @staticmethod
     def backward(ctx, cotangent, g_directions, g_weights, _):
-        *inputs, table, rows, directions, weights, passing, light, slope, centre, size = (
+        *inputs, table, rows, directions, weights, passing, light, slope, centre, size, growth = (
             ctx.saved_tensors
         )
         normals, near = inputs[0], ctx.near
@@ -71,21 +71,21 @@ class _Specular(torch.autograd.Function):
         g_alphas, to_light = normals.new_empty(len(normals)), torch.empty_like(light)
         kernels("specular", table.device).specular_backward(
             *inputs, ctx.masking, near.shifts.contiguous(), near.up, directions, weights, passing,
-            light, slope, width, height, cotangent.contiguous(), g_directions.contiguous(),
+            light, slope, growth, width, height, cotangent.contiguous(), g_directions.contiguous(),
             g_weights.contiguous(), g_normals, g_alphas, g_f0s, to_light,
         )  # fmt: skip
         buffer, g_table = gradient_buffer(table)
         kernels("integral", table.device).rectangle_mean_backward(
             rows, centre, size, to_light, buffer
         )
-        return g_normals, g_alphas, g_f0s, g_table, *[None] * 11
+        return g_normals, g_alphas, g_f0s, g_table, *[None] * 12
 
 
 def specular(
     normals: torch.Tensor, alphas: torch.Tensor, f0s: torch.Tensor, table: torch.Tensor,
     views: torch.Tensor, points: torch.Tensor, first: torch.Tensor, shares: torch.Tensor,
-    u: torch.Tensor, rows: torch.Tensor, masking: bool, averaged: bool, blockers: Blockers,
-    spread: torch.Tensor | None = None, near: Near | None = None,
+    u: torch.Tensor, rows: torch.Tensor, masking: bool, averaged: bool, widening: bool,
+    blockers: Blockers, spread: torch.Tensor | None = None, near: Near | None = None,
 ) -> tuple[torch.Tensor, Carried]:  # fmt: skip
     """Radiance [S, 3] that samples reflect from the environment, as far as the grid lets it through.
 
@@ -94,7 +94,8 @@ def specular(
         table, rows: of the light (`integral.rectangle_mean`). points: [S, 3] world.
         first: [S + 1] where each sample's rays begin. shares: [S] by how much each of them counts.
         u: [K, 2] uniform in [0, 1).
-        masking: weigh by G2/G1. averaged: a ray stands for its share of the solid angle.
+        masking: weigh by G2/G1. averaged: a ray stands for its share of the solid angle. widening:
+            gradients to alphas know of that.
         spread: [S, 2, 3] what the pixel adds to that (`footprint.reflected_spread`); none: nothing.
         near: what of the light comes from close by; none: nothing.
 
@@ -110,6 +111,6 @@ def specular(
     near = Near(normals.new_empty(0, 3), (0.0, 0.0, 0.0)) if near is None else near
     radiance, *carried = _Specular.apply(
         normals, alphas, f0s, table, views, points, first, shares, u, rows, masking, averaged,
-        blockers, spread, near,
+        widening, blockers, spread, near,
     )  # fmt: skip
     return radiance, Carried(*carried)

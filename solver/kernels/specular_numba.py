@@ -64,12 +64,22 @@ def along_ray(axis, d, length, shift, up):
     return moved[0] / length, moved[1] / length, moved[2] / length
 
 
+@function
+def side(variance, own, texels, most):
+    """A rectangle's side in texels, from its variance, rad², and how that grows with ln α, of which the
+    variance has `own` in narrow lobes."""
+    found = math.sqrt(variance) * texels
+    grown = found * own / variance if 1.0 <= found <= most else 0.0
+    return min(max(found, 1.0), most), grown
+
+
 @inlined
 def leave(
-    s, normals, views, alphas, f0s, first, shares, u, masking, averaged, spread, shifts, up, width,
-    height, reach, directions, weights, start, centre, size,
+    s, normals, views, alphas, f0s, first, shares, u, masking, averaged, widening, spread, shifts, up,
+    width, height, reach, directions, weights, start, centre, size, growth,
 ):  # fmt: skip
-    """Rays of one sample: directions, weights, from where they can be blocked, what they see of the map."""
+    """Rays of one sample: directions, weights, from where they can be blocked, what they see of the map,
+    and how that grows with ln α."""
     alpha = float(alphas[s])
     n, _, t, b, view, _ = seen_sample(normals, views, s)
     st, t1, t2, _, _, _ = stretched_frame(view, alpha)
@@ -83,6 +93,7 @@ def leave(
         directions[k, 0], directions[k, 1], directions[k, 2] = d
         if out[2] <= ABOVE:
             start[k] = NEVER
+            growth[k, 0], growth[k, 1] = 0.0, 0.0
             centre[k, 0], centre[k, 1], size[k, 0], size[k, 1] = 0.0, 0.0, 1.0, 1.0
             weights[k, 0], weights[k, 1], weights[k, 2] = 0.0, 0.0, 0.0
             continue
@@ -100,6 +111,10 @@ def leave(
         e, length, shift = from_centre(d, floor_shift, up)
         sine = max(math.sqrt(e[0] * e[0] + e[1] * e[1]), 1e-4)
         wide, high = solid_angle, solid_angle
+        stretched, own = (
+            (1.0, 1.0),
+            solid_angle if widening and solid_angle < 4.0 * math.pi else 0.0,
+        )
         if averaged:
             east = (-e[1] / sine, e[0] / sine, 0.0)
             south = (e[0] * e[2] / sine, e[1] * e[2] / sine, -sine)
@@ -108,7 +123,8 @@ def leave(
                     along_ray(east, d, length, shift, up),
                     along_ray(south, d, length, shift, up),
                 )
-                wide, high = wide * dot(east, east), high * dot(south, south)
+                stretched = dot(east, east), dot(south, south)
+                wide, high = wide * stretched[0], high * stretched[1]
             for edge in range(2):
                 x, y, z = spread[s, edge, 0], spread[s, edge, 1], spread[s, edge, 2]
                 by_east, by_south = dot(east, (x, y, z)), dot(south, (x, y, z))
@@ -116,8 +132,10 @@ def leave(
                 high += by_south * by_south
         centre[k, 0] = (0.5 - angle_of(e[0], e[1]) / (2.0 * math.pi)) * width
         centre[k, 1] = angle_of(e[2], sine) / math.pi * height
-        size[k, 0] = min(max(math.sqrt(wide) / sine * width / (2.0 * math.pi), 1.0), float(width))
-        size[k, 1] = min(max(math.sqrt(high) * height / math.pi, 1.0), 0.5 * height)
+        size[k, 0], growth[k, 0] = side(
+            wide, own * stretched[0], width / (2.0 * math.pi * sine), float(width)
+        )
+        size[k, 1], growth[k, 1] = side(high, own * stretched[1], height / math.pi, 0.5 * height)
         start[k] = min(reach * (1.0 / max(out[2], SELF_SHADOW_COSINE) - 1.0), 4.0 * reach)
 
 
@@ -130,8 +148,8 @@ def gather(s, first, weights, passing, table, rows, centre, size, radiance, ligh
         through = passing[k] if weights[k, 0] > 0.0 else np.float32(0.0)
         for c in range(3):
             light[k, c] *= through
-            slope[k, c, 0] *= through
-            slope[k, c, 1] *= through
+            for by in range(4):
+                slope[k, c, by] *= through
         r0 += weights[k, 0] * light[k, 0]
         r1 += weights[k, 1] * light[k, 1]
         r2 += weights[k, 2] * light[k, 2]
@@ -140,16 +158,16 @@ def gather(s, first, weights, passing, table, rows, centre, size, radiance, ligh
 
 @kernel
 def specular(
-    normals, views, alphas, f0s, first, shares, u, masking, averaged, spread, shifts, up,
+    normals, views, alphas, f0s, first, shares, u, masking, averaged, widening, spread, shifts, up,
     points, reach, box_low, box_scale, cell, blocking, table, rows,
-    radiance, directions, weights, passing, light, slope, centre, size,
+    radiance, directions, weights, passing, light, slope, centre, size, growth,
 ):  # fmt: skip
     """Reflected radiance [S, 3] of samples; what rays [K] carried, for the adjoint and for tracing.
 
     Rays of sample s are first[s]:first[s + 1], each counting `shares[s]`. `box_low`, `box_scale`:
     world to box units. `shifts` [S, 3] and `up` are those of a floor; without one, `shifts` is empty.
     `weights` [K, 3] are BRDF · cosine / density · share; `light` and `slope` are dimmed by `passing`
-    already.
+    already. `growth` [K, 2]: of `size` by ln α.
     """
     samples, nobody = normals.shape[0], np.empty(0, np.float32)
     height, width = table.shape[0] - 1, table.shape[1] - 1
@@ -164,8 +182,8 @@ def specular(
                 origins[s - low, axis] = (lifted - box_low[axis]) * box_scale
             owners[first[s] - begin : first[s + 1] - begin] = s - low
             leave(
-                s, normals, views, alphas, f0s, first, shares, u, masking, averaged, spread, shifts, up,
-                width, height, reach, directions, weights, passing, centre, size,
+                s, normals, views, alphas, f0s, first, shares, u, masking, averaged, widening, spread,
+                shifts, up, width, height, reach, directions, weights, passing, centre, size, growth,
             )  # fmt: skip
         walk(
             origins, owners, directions[begin:end], np.float32(box_scale), passing[begin:end],
@@ -178,7 +196,7 @@ def specular(
 @function
 def specular_backward_of_sample(
     s, normals, views, alphas, f0s, first, shares, u, masking, shifts, up, directions, light, slope,
-    width, height, cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
+    growth, width, height, cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
 ):  # fmt: skip
     """One sample of `specular_backward`.
 
@@ -219,6 +237,9 @@ def specular_backward_of_sample(
         lit = (g[0] * fresnel[0], g[1] * fresnel[1], g[2] * fresnel[2])
         g_column = bend * dot(lit, (slope[k, 0, 0], slope[k, 1, 0], slope[k, 2, 0]))
         g_row = bend * dot(lit, (slope[k, 0, 1], slope[k, 1, 1], slope[k, 2, 1]))
+        g_columns = dot(lit, (slope[k, 0, 2], slope[k, 1, 2], slope[k, 2, 2]))
+        g_lines = dot(lit, (slope[k, 0, 3], slope[k, 1, 3], slope[k, 2, 3]))
+        g_alpha += bend * (g_columns * growth[k, 0] + g_lines * growth[k, 1]) / alpha
         g_weight = (
             g[0] * light[k, 0] + counts * g_weights[k, 0],
             g[1] * light[k, 1] + counts * g_weights[k, 1],
@@ -296,7 +317,7 @@ def specular_backward_of_sample(
 @kernel
 def specular_backward(
     normals, views, alphas, f0s, first, shares, u, masking, shifts, up, directions, weights, passing,
-    light, slope, width, height, cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
+    light, slope, growth, width, height, cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
     to_light,
 ):  # fmt: skip
     """Adjoint of `specular` with respect to normals, α and F0: of radiances (`cotangent`), and of the
@@ -304,7 +325,7 @@ def specular_backward(
     for s in numba.prange(normals.shape[0]):
         specular_backward_of_sample(
             s, normals, views, alphas, f0s, first, shares, u, masking, shifts, up, directions, light,
-            slope, width, height, cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
+            slope, growth, width, height, cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
         )  # fmt: skip
         for k in range(first[s], first[s + 1]):
             for c in range(3):

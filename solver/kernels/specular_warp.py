@@ -98,15 +98,25 @@ def _leave(
         weights[k, axis] = (f0s[s, axis] + (1.0 - f0s[s, axis]) * m5) * bent
 
 
+@wp.func
+def side(variance: float, own: float, texels: float, most: float):
+    """A rectangle's side in texels, and how it grows with ln α."""
+    found = wp.sqrt(variance) * texels
+    grown = float(0.0)
+    if found >= 1.0 and found <= most:
+        grown = found * own / variance
+    return wp.vec2(wp.clamp(found, 1.0, most), grown)
+
+
 @wp.kernel
 def _look(
     normals: Vectors, views: Vectors, alphas: Numbers, first: wp.array(dtype=wp.int64), u: Vectors,
-    owners: Owners, averaged: bool, spread: wp.array3d(dtype=float), shifts: Vectors, up: wp.vec3,
-    points: Vectors, reach: float, box_low: Numbers, box_scale: float, cell: float,
+    owners: Owners, averaged: bool, widening: bool, spread: wp.array3d(dtype=float), shifts: Vectors,
+    up: wp.vec3, points: Vectors, reach: float, box_low: Numbers, box_scale: float, cell: float,
     blocking: wp.array3d(dtype=wp.uint8), width: float, height: float, directions: Vectors,
-    passing: Numbers, centre: Vectors, size: Vectors,
+    passing: Numbers, centre: Vectors, size: Vectors, growth: Vectors,
 ):  # fmt: skip
-    """What rays see of the map, and what the grid lets through."""
+    """What rays see of the map, how that grows with ln α, and what the grid lets through."""
     k = wp.tid()
     s = owners[k]
     n = vector(normals, s)
@@ -117,6 +127,8 @@ def _look(
         centre[k, 1] = 0.0
         size[k, 0] = 1.0
         size[k, 1] = 1.0
+        growth[k, 0] = 0.0
+        growth[k, 1] = 0.0
         return
     d = vector(directions, k)
     solid_angle = float(0.0)
@@ -128,6 +140,8 @@ def _look(
     sine = wp.max(wp.sqrt(e[0] * e[0] + e[1] * e[1]), 1.0e-4)
     wide = float(solid_angle)
     high = float(solid_angle)
+    own_wide = wp.where(widening and solid_angle < 4.0 * PI, solid_angle, 0.0)
+    own_high = float(own_wide)
     if averaged:
         east = wp.vec3(-e[1] / sine, e[0] / sine, 0.0)
         south = wp.vec3(e[0] * e[2] / sine, e[1] * e[2] / sine, -sine)
@@ -136,6 +150,8 @@ def _look(
             south = along_ray(south, d, seen, up)
             wide = wide * wp.dot(east, east)
             high = high * wp.dot(south, south)
+            own_wide = own_wide * wp.dot(east, east)
+            own_high = own_high * wp.dot(south, south)
         for edge in range(2):
             pixel = wp.vec3(spread[s, edge, 0], spread[s, edge, 1], spread[s, edge, 2])
             by_east = wp.dot(east, pixel)
@@ -144,8 +160,12 @@ def _look(
             high += by_south * by_south
     centre[k, 0] = (0.5 - wp.atan2(e[1], e[0]) / TURN) * width
     centre[k, 1] = wp.atan2(sine, e[2]) / PI * height
-    size[k, 0] = wp.clamp(wp.sqrt(wide) / sine * width / TURN, 1.0, width)
-    size[k, 1] = wp.clamp(wp.sqrt(high) * height / PI, 1.0, 0.5 * height)
+    columns = side(wide, own_wide, width / (TURN * sine), width)
+    lines = side(high, own_high, height / PI, 0.5 * height)
+    size[k, 0] = columns[0]
+    size[k, 1] = lines[0]
+    growth[k, 0] = columns[1]
+    growth[k, 1] = lines[1]
     start = wp.min(reach * (1.0 / wp.max(out[2], LEAST_LIFT) - 1.0), 4.0 * reach)
     low = wp.vec3(box_low[0], box_low[1], box_low[2])
     origin = (vector(points, s) + reach * n - low) * box_scale
@@ -164,30 +184,37 @@ def _gather(
     for k in range(int(first[s]), int(first[s + 1])):
         through = passing[k]
         light[k, channel] = light[k, channel] * through
-        slope[k, channel, 0] = slope[k, channel, 0] * through
-        slope[k, channel, 1] = slope[k, channel, 1] * through
+        for by in range(4):
+            slope[k, channel, by] = slope[k, channel, by] * through
         total += weights[k, channel] * light[k, channel]
     radiance[s, channel] = total
 
 
 @wp.kernel
 def _arrive(
-    owners: Owners, shifts: Vectors, up: wp.vec3, directions: Vectors, weights: Vectors,
-    passing: Numbers, light: Vectors, slope: wp.array3d(dtype=float), width: float, height: float,
-    cotangent: Vectors, g_directions: Vectors, g_weights: Vectors, to_directions: Vectors,
-    to_weights: Vectors, to_light: Vectors,
+    owners: Owners, alphas: Numbers, shifts: Vectors, up: wp.vec3, directions: Vectors,
+    weights: Vectors, passing: Numbers, light: Vectors, slope: wp.array3d(dtype=float),
+    growth: Vectors, width: float, height: float, cotangent: Vectors, g_directions: Vectors,
+    g_weights: Vectors, to_directions: Vectors, to_weights: Vectors, to_light: Vectors,
+    to_alphas: Numbers,
 ):  # fmt: skip
-    """Cotangents of rays' directions, weights and light, from those of their samples' radiance."""
+    """Cotangents of rays' directions, weights and light, from those of their samples' radiance; and, added,
+    those of α by what rays stand for."""
     k = wp.tid()
     s = owners[k]
     column = float(0.0)
     row = float(0.0)
+    wider = float(0.0)
     for c in range(3):
         g = cotangent[s, c]
+        grown = slope[k, c, 2] * growth[k, 0] + slope[k, c, 3] * growth[k, 1]
+        wider += g * weights[k, c] * grown
         column += g * weights[k, c] * slope[k, c, 0]
         row += g * weights[k, c] * slope[k, c, 1]
         to_weights[k, c] = g * light[k, c] + g_weights[k, c]
         to_light[k, c] = g * weights[k, c] * passing[k]
+    if wider != 0.0:
+        wp.atomic_add(to_alphas, s, wider / alphas[s])
     seen = from_centre(vector(directions, k), shifts, up, s)
     e = seen.direction
     turn = column * width / (TURN * wp.max(e[0] * e[0] + e[1] * e[1], 1.0e-14))
@@ -208,9 +235,9 @@ def _owners(first: torch.Tensor, rays: int) -> torch.Tensor:
 
 
 def specular(
-    normals, views, alphas, f0s, first, shares, u, masking, averaged, spread, shifts, up, points, reach,
-    box_low, box_scale, cell, blocking, table, rows, radiance, directions, weights, passing, light,
-    slope, centre, size,
+    normals, views, alphas, f0s, first, shares, u, masking, averaged, widening, spread, shifts, up,
+    points, reach, box_low, box_scale, cell, blocking, table, rows, radiance, directions, weights,
+    passing, light, slope, centre, size, growth,
 ) -> None:  # fmt: skip
     rays = len(u)
     owners = _owners(first, rays)
@@ -218,9 +245,9 @@ def specular(
         _leave, rays, normals, views, alphas, f0s, shares, u, owners, masking, directions, weights
     )  # fmt: skip
     launch(
-        _look, rays, normals, views, alphas, first, u, owners, averaged, spread, shifts, wp.vec3(*up),
-        points, reach, box_low, box_scale, cell, blocking, float(table.shape[1] - 1),
-        float(table.shape[0] - 1), directions, passing, centre, size,
+        _look, rays, normals, views, alphas, first, u, owners, averaged, widening, spread, shifts,
+        wp.vec3(*up), points, reach, box_low, box_scale, cell, blocking, float(table.shape[1] - 1),
+        float(table.shape[0] - 1), directions, passing, centre, size, growth,
     )  # fmt: skip
     rectangle_mean(table, rows, centre, size, light, slope)
     launch(_gather, (len(normals), 3), first, weights, passing, radiance, light, slope)
@@ -228,19 +255,19 @@ def specular(
 
 def specular_backward(
     normals, views, alphas, f0s, first, shares, u, masking, shifts, up, directions, weights, passing,
-    light, slope, width, height, cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
+    light, slope, growth, width, height, cotangent, g_directions, g_weights, g_normals, g_alphas, g_f0s,
     to_light,
 ) -> None:  # fmt: skip
     rays = len(u)
     owners = _owners(first, rays)
     to_directions, to_weights = torch.empty_like(directions), torch.empty_like(weights)
-    launch(
-        _arrive, rays, owners, shifts, wp.vec3(*up), directions, weights, passing, light, slope,
-        float(width), float(height), cotangent, g_directions, g_weights, to_directions, to_weights,
-        to_light,
-    )  # fmt: skip
     for gradient in (g_normals, g_alphas, g_f0s):
         gradient.zero_()
+    launch(
+        _arrive, rays, owners, alphas, shifts, wp.vec3(*up), directions, weights, passing, light, slope,
+        growth, float(width), float(height), cotangent, g_directions, g_weights, to_directions,
+        to_weights, to_light, g_alphas,
+    )  # fmt: skip
     launch_adjoint(
         _leave, rays,
         (normals, views, alphas, f0s, shares, u, owners, masking, directions, weights),

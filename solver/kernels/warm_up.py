@@ -98,7 +98,7 @@ def _run_reflection() -> None:
     table, rows = _light()
     radiance, _ = specular(
         directions.clone().requires_grad_(), _leaf(4), _leaf(4, 3), table, directions, points,
-        torch.arange(5), torch.ones(4), torch.rand(4, 2), rows, True, True, blockers,
+        torch.arange(5), torch.ones(4), torch.rand(4, 2), rows, True, True, True, blockers,
     )  # fmt: skip
     radiance.sum().backward()
 
@@ -127,8 +127,8 @@ def _run_pointwise() -> None:
         ("diffuse", (vectors(), vectors(), vectors(), vectors(), view), 0, ((3,), (3,))),
         ("smoothness", (vectors(), vectors(), vectors(), numbers(), numbers(), vectors(), vectors(),
                         vectors(), vectors()), 4, ((), ())),
-        ("pixel_loss", (vectors(), numbers(), numbers(), numbers(), numbers(), points, numbers().detach(),
-                        known, known[:, None].expand(4, 3).contiguous(), points), 5, ((), ())),
+        ("pixel_loss", (_leaf(4, 2, 4), numbers(), numbers(), numbers(), points, numbers().detach(), known,
+                        known[:, None].expand(4, 3).contiguous(), points), 5, ((), ())),
         ("material_priors", (vectors(), vectors(), numbers().detach()), 13, ((),)),
     ]  # fmt: skip
     for name, inputs, count, widths in calls:

@@ -221,6 +221,7 @@ class EnvironmentMap(nn.Module):
         angle 1/(N·p)). It is never smaller than a texel, so a lookup is at least bilinear.
 
         Args:
+            solid_angle: gradients flow to it as well.
             spread: [N, 2, 3] edges of a parallelogram of directions, rad, over which the square is
                 blurred: the rectangle gets the variance of both along either axis. No gradient.
             points: [N, 3] where the light arrives, which matters for what of it is close by; None: far
@@ -231,9 +232,8 @@ class EnvironmentMap(nn.Module):
             seen = self.floor.seen(self.floor.shifts(points), directions)
             directions = seen.directions
         centre = equirect_coordinates(directions, self.height, self.width)
-        with torch.no_grad():
-            variance = self._variance(directions, solid_angle, spread, seen)
-            size = self.footprint(centre[:, 1], variance)
+        variance = self._variance(directions, solid_angle, spread, seen)
+        size = self.footprint(centre[:, 1].detach(), variance)
         return rectangle_mean(tables.table, self.row_prefix, centre, size)
 
     def footprint(self, row: torch.Tensor, variance: torch.Tensor) -> torch.Tensor:
@@ -256,21 +256,24 @@ class EnvironmentMap(nn.Module):
         seen: SeenFromCentre | None,
     ) -> torch.Tensor:  # fmt: skip
         """Squared widths [N, 2], rad², along longitude and latitude, of squares of solid angles [N]
-        around directions [N, 3], blurred by parallelograms [N, 2, 3]; both as rays see them."""
+        around directions [N, 3], blurred by parallelograms [N, 2, 3]; both as rays see them. Gradients
+        flow to the solid angles alone."""
         square = solid_angle.clamp(0, 4 * math.pi)[:, None].expand(-1, 2)
         if seen is None and spread is None:
             return square
-        x, y, z = directions.unbind(-1)
-        sine = (x * x + y * y).sqrt().clamp(min=1e-4)
-        east = torch.stack([-y / sine, x / sine, torch.zeros_like(z)], dim=-1)
-        south = torch.stack([x * z / sine, y * z / sine, -sine], dim=-1)
-        axes = torch.stack([east, south], dim=1)
-        if seen is not None:
-            axes = seen.along_rays(axes)
-            square = square * axes.square().sum(-1)
-        if spread is None:
-            return square
-        return square + torch.einsum("nij,nkj->nki", spread, axes).square().sum(-1)
+        with torch.no_grad():
+            x, y, z = directions.unbind(-1)
+            sine = (x * x + y * y).sqrt().clamp(min=1e-4)
+            east = torch.stack([-y / sine, x / sine, torch.zeros_like(z)], dim=-1)
+            south = torch.stack([x * z / sine, y * z / sine, -sine], dim=-1)
+            axes = torch.stack([east, south], dim=1)
+            if seen is not None:
+                axes = seen.along_rays(axes)
+            stretched = axes.square().sum(-1)
+            blurred = 0.0
+            if spread is not None:
+                blurred = torch.einsum("nij,nkj->nki", spread, axes).square().sum(-1)
+        return (square if seen is None else square * stretched) + blurred
 
     def resized(self, height: int) -> EnvironmentMap:
         """The same light on a map of another height (coarse to fine), bilinear in its logarithm."""

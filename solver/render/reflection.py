@@ -102,6 +102,7 @@ def _leave(
         solid_angle = 1 / (plan.counts[sample] * pdf).clamp(min=1e-6)
         if not settings.integral_image:
             solid_angle = torch.zeros_like(solid_angle)
+    solid_angle = _widening(solid_angle, alpha, settings)
     direction = torch.einsum("nij,ni->nj", frame, light)
     return half, light, direction / direction.norm(dim=-1, keepdim=True), weight, solid_angle
 
@@ -117,7 +118,17 @@ def _leave_at_once(
         (settings.light_masking, settings.integral_image), ((3,), (3,), (3,), (3,), ()),
         len(plan.sample),
     )  # fmt: skip
-    return *rays, solid_angle.detach()
+    alpha = materials.alpha[plan.sample]
+    return *rays, _widening(solid_angle.detach(), alpha, settings)
+
+
+def _widening(
+    solid_angle: torch.Tensor, alpha: torch.Tensor, settings: RenderSettings
+) -> torch.Tensor:  # fmt: skip
+    """Solid angles [K] with the gradient to α [K] that they have in narrow lobes, where they go with α²."""
+    if not (settings.widening_gradient and settings.integral_image and alpha.requires_grad):
+        return solid_angle
+    return solid_angle * (alpha / alpha.detach()).square()
 
 
 @torch.no_grad()
@@ -197,8 +208,8 @@ def reflected(
         radiance, (direction, weight, passing) = specular(
             toward, surface.materials.alpha, surface.materials.f0, tables.light.table, view,
             samples.points, plan.offsets, plan.share, plan.u, scene.environment.row_prefix,
-            settings.light_masking, settings.integral_image, scene.blockers(surface.reach), spread,
-            _near(scene.environment.floor, samples.points),
+            settings.light_masking, settings.integral_image, settings.widening_gradient,
+            scene.blockers(surface.reach), spread, _near(scene.environment.floor, samples.points),
         )  # fmt: skip
     else:
         secondary = scatter(surface, toward, view, samples.part, plan, scene, settings, spread)

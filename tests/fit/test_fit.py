@@ -3,6 +3,7 @@
 import dataclasses
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,6 +30,7 @@ from solver.job.folder import JobError, JobFolder, JobRequest
 from solver.job.progress import Progress
 from solver.job.status import Heartbeat
 from solver.render.radiance import RayBuffers
+from solver.render.tonemap import linear_to_srgb
 from tests.capture.test_capture import pose
 
 RADIUS, SIZE = 0.6, 32
@@ -289,8 +291,8 @@ def test_batches_hold_the_pixels_of_their_rays():
 def test_a_saturated_pixel_forgives_more_light_but_not_less():
     def loss(radiance):
         ones = torch.ones(1)
-        buffers = dataclasses.make_dataclass("B", ["radiance", "opacity"])(
-            torch.full((1, 3), radiance), ones
+        buffers = dataclasses.make_dataclass("B", ["radiance", "opacity", "halves"])(
+            torch.full((1, 3), radiance), ones, None
         )
         clipped = torch.ones(1, 3, dtype=torch.bool)
         batch = RayBatch(
@@ -299,6 +301,27 @@ def test_a_saturated_pixel_forgives_more_light_but_not_less():
         return float(photometric(buffers, batch, torch.ones(1, 3)))
 
     assert loss(3.0) == 0 and loss(0.5) > 0.01
+
+
+def test_noise_of_a_pixels_rays_is_no_error_if_there_are_several():
+    """Where it is one, lights and lobes that make less noise win over the true ones."""
+    count, true = 200_000, 0.5
+    generator = torch.Generator().manual_seed(0)
+    radiance = true + 0.1 * torch.randn(count, 2, 3, generator=generator)
+    ones, white = torch.ones(count), torch.ones(count, 3)
+    halves = torch.cat([radiance, torch.ones(count, 2, 1)], 2)
+    batch = RayBatch(
+        None, None, linear_to_srgb(torch.full((count, 3), true)), ones, ones > 0,
+        torch.zeros(count, 3).bool(), ones, ones.long(),
+    )  # fmt: skip
+
+    def loss(halves):
+        buffers = SimpleNamespace(radiance=radiance.mean(1), opacity=ones, halves=halves)
+        return float(photometric(buffers, batch, white))
+
+    variance = float(linear_to_srgb(radiance.mean(1)).var())
+    assert loss(None) == pytest.approx(variance, rel=0.02)
+    assert abs(loss(halves)) < 0.02 * variance
 
 
 def test_opacity_is_held_to_alpha_only_where_that_is_known():

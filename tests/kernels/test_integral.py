@@ -65,17 +65,18 @@ def test_kernel_agrees_with_its_twin_in_values_and_gradients(path, device):
     table = environment.tables().table.detach().requires_grad_()
     torch.manual_seed(1)
     centre = (torch.rand(300, 2) * torch.tensor([WIDTH, HEIGHT])).requires_grad_()
-    size = 1 + torch.rand(300, 2) * torch.tensor([20.0, 7.0])
+    size = (1 + torch.rand(300, 2) * torch.tensor([20.0, 7.0])).requires_grad_()
     cotangent = torch.randn(300, 3)
     arguments = table, environment.row_prefix, centre, size, cotangent
     table, rows, centre, size, cotangent = to_device(arguments, device)
     with forced_path(path):
         fused = rectangle_mean(table, rows, centre, size)
-        gradients = torch.autograd.grad(fused, (table, centre), cotangent)
+        gradients = torch.autograd.grad(fused, (table, centre, size), cotangent)
     with plain_torch():
         plain = rectangle_mean(table, rows, centre, size)
     torch.testing.assert_close(fused, plain, rtol=1e-5, atol=1e-5)
-    for a, b in zip(gradients, torch.autograd.grad(plain, (table, centre), cotangent), strict=True):
+    expected = torch.autograd.grad(plain, (table, centre, size), cotangent)
+    for a, b in zip(gradients, expected, strict=True):
         torch.testing.assert_close(a, b, rtol=1e-4, atol=1e-4)
 
 
@@ -107,18 +108,21 @@ def test_prefix_sums_agree_with_their_twin_in_values_and_gradients():
     torch.testing.assert_close(a, b)
 
 
-def test_twin_gradient_by_position_agrees_with_finite_differences():
+def test_twin_gradients_by_position_and_size_agree_with_finite_differences():
     environment = random_map()
     tables = environment.tables()
     centre = torch.tensor(
         [[10.3, 7.7], [0.3, 4.4], [5.2, 0.9]], dtype=torch.float64, requires_grad=True
     )
-    size = torch.tensor([[3.1, 2.2], [4.3, 1.7], [6.1, 3.3]], dtype=torch.float64)
+    size = torch.tensor(
+        [[3.1, 2.2], [4.3, 1.7], [6.1, 3.3]], dtype=torch.float64, requires_grad=True
+    )
     from solver.kernels import integral_torch
 
     table = tables.table.detach()
     assert torch.autograd.gradcheck(
-        lambda c: integral_torch.rectangle_mean(table, environment.row_prefix, c, size), centre
+        lambda c, s: integral_torch.rectangle_mean(table, environment.row_prefix, c, s),
+        (centre, size),
     )
 
 

@@ -134,12 +134,12 @@ def test_a_gradient_that_no_adjoint_writes_is_refused():
     value, known = rand(COUNT).requires_grad_(), torch.ones(COUNT, dtype=torch.bool)
     behind = rand(COUNT, 3).requires_grad_()
     inputs = (
-        rand(COUNT, 3), value, value, value, value, rand(COUNT, 3), rand(COUNT), known,
+        rand(COUNT, 1, 4), value, value, value, rand(COUNT, 3), rand(COUNT), known,
         known[:, None].expand(COUNT, 3), behind,
     )  # fmt: skip
     with forced_path("numba"):
         image, _ = rowwise("pixel_loss", inputs, (0.5,) * 5, ((), ()))
-        with pytest.raises(TypeError, match="pixel_loss: gradients are for the first 5 inputs"):
+        with pytest.raises(TypeError, match="pixel_loss: gradients are for the first 4 inputs"):
             image.sum().backward()
 
 
@@ -231,23 +231,25 @@ def test_scattered_rays_are_the_same_with_the_neural_term(path, device, masking,
     compare(path, device, leaves, function, [view, rand(COUNT)], scale=0.1)
 
 
+@pytest.mark.parametrize("halves", [1, 2])
 @pytest.mark.parametrize("use_masks", [True, False])
 @pytest.mark.parametrize("path, device", PATHS)
-def test_losses_of_pixels_are_the_same(path, device, use_masks):
-    opacity, alpha = rand(COUNT), (2 * rand(COUNT) - 0.5).clamp(0, 1)
-    opacity[:3] = torch.tensor([1.001, 0.0, 1.0])
-    radiance = (1.2 * rand(COUNT, 3) ** 3 * opacity[:, None]).requires_grad_()
-    leaves = [radiance, opacity.requires_grad_(), *(rand(COUNT).requires_grad_() for _ in range(3))]
+def test_losses_of_pixels_are_the_same(path, device, use_masks, halves):
+    opacity, alpha = rand(COUNT, halves, 1), (2 * rand(COUNT) - 0.5).clamp(0, 1)
+    opacity[:3] = torch.tensor([1.001, 0.0, 1.0])[:, None, None]
+    radiance = 1.2 * rand(COUNT, halves, 3) ** 3 * opacity
+    seen = torch.cat([radiance, opacity], 2).requires_grad_()
+    leaves = [seen, *(rand(COUNT).requires_grad_() for _ in range(3))]
     fixed = [
         rand(COUNT, 3), alpha, rand(COUNT) < 0.8, rand(COUNT, 3) < 0.5, rand(COUNT, 3)
     ]  # fmt: skip
 
     def function(
-        radiance, opacity, backfacing, bending, unevenness, colour, alpha, known, clipped, behind
-    ):
+        seen, backfacing, bending, unevenness, colour, alpha, known, clipped, behind
+    ):  # fmt: skip
         buffers = SimpleNamespace(
-            radiance=radiance, opacity=opacity, backfacing=backfacing, bending=bending,
-            unevenness=unevenness,
+            radiance=seen[:, 0, :3], opacity=seen[:, 0, 3], halves=seen if halves == 2 else None,
+            backfacing=backfacing, bending=bending, unevenness=unevenness,
         )  # fmt: skip
         batch = SimpleNamespace(colour=colour, alpha=alpha, alpha_known=known, clipped=clipped)
         loss, terms = total_loss(buffers, batch, FitSettings(), use_masks, 0.3, behind)

@@ -81,12 +81,18 @@ def shaded(path, device, settings, floor=False, trace=None):
 
 @pytest.mark.parametrize("path, device", PATHS)
 @pytest.mark.parametrize(
-    "masking, averaged, floor", [(True, True, False), (False, False, False), (True, True, True)]
-)
+    "masking, averaged, widening, floor",
+    [
+        (True, True, True, False), (False, False, False, False), (False, False, True, False),
+        (True, True, False, True), (True, True, True, True),
+    ],
+)  # fmt: skip
 def test_kernels_agree_with_their_twin_in_values_and_gradients(
-    path, device, masking, averaged, floor
+    path, device, masking, averaged, widening, floor
 ):
-    settings = dataclasses.replace(SETTINGS, light_masking=masking, integral_image=averaged)
+    settings = dataclasses.replace(
+        SETTINGS, light_masking=masking, integral_image=averaged, widening_gradient=widening
+    )
     ours = shaded(path, device, settings, floor)
     theirs = shaded("torch", device, settings, floor)
     assert theirs[0].max() > 0.5 and (theirs[0][5] == 0).all()
@@ -122,5 +128,5 @@ def test_rays_of_other_samples_are_refused():
         specular(
             normals, alpha, f0, torch.zeros(3, 5, 3, dtype=torch.float64), view, points,
             torch.ones(COUNT, dtype=torch.long), mass, torch.rand(COUNT, 2), torch.zeros(3), True, True,
-            blockers,
+            True, blockers,
         )  # fmt: skip

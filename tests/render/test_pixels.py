@@ -10,7 +10,7 @@ from solver.capture.camera import Camera
 from solver.capture.photos import Photo
 from solver.fit.ray_bank import RayBank
 from solver.render.image import image_settings
-from solver.render.pixels import keys_of_rays, mean_of_rays, places_in_pixel
+from solver.render.pixels import halves_of_rays, keys_of_rays, mean_of_rays, places_in_pixel
 from solver.render.scene import RenderSettings
 from tests.render.test_invariance import SETTINGS, camera, lumpy, picture
 
@@ -27,6 +27,23 @@ def test_the_rays_of_a_pixel_stand_together():
     keys = keys_of_rays(torch.tensor([0, 3, 1]), 4)
     assert len(set(keys.tolist())) == 12
     np.testing.assert_allclose(mean_of_rays((keys // 4).float(), 4), [0, 3, 1])
+
+
+@pytest.mark.parametrize("grid", [2, 3, 4])
+def test_both_halves_of_a_pixel_have_the_mean_of_what_slopes_evenly(grid):
+    places = torch.tensor(places_in_pixel(grid))
+    slopes = torch.tensor([[0.7, -1.1], [0.2, 3.0]], dtype=torch.float64)
+    values = torch.cat([2.0 + places @ slope for slope in slopes])[:, None]
+    halves = halves_of_rays(values.float(), grid * grid)
+    assert halves.shape == (2, 2, 1)
+    torch.testing.assert_close(halves, torch.full_like(halves, 2.0))
+
+
+def test_each_ray_of_a_pixel_counts_in_one_of_its_halves():
+    values = torch.eye(9)
+    first, second = halves_of_rays(values, 9)[0]
+    assert torch.equal((first > 0).int() + (second > 0).int(), torch.ones(9).int())
+    assert first.sum() == pytest.approx(1) and second.sum() == pytest.approx(1)
 
 
 def test_a_pixel_of_four_rays_is_four_pixels_of_twice_the_resolution():

@@ -66,6 +66,32 @@ def test_fused_reflection_agrees_with_its_twin_in_values_and_gradients(alpha, ch
     compare(arguments, settings, spread)
 
 
+@pytest.mark.parametrize("alpha", [0.05, 0.1])
+def test_the_gradient_of_roughness_knows_that_rays_of_wider_lobes_stand_for_more(alpha):
+    """Of the light around a lamp, against finite differences."""
+    scene, samples, view, (normals, _, f0) = setting(alpha)
+    towards = equirect_directions(64, 128).float() @ torch.tensor([0.0, 0.6, 0.8])
+    lamp = 0.1 + 20 * torch.exp((towards - 1) / 0.02)
+    scene.environment = EnvironmentMap.from_radiance(lamp.expand(3, -1, -1).movedim(0, -1))
+
+    def to_log_alpha(log_change, widening):
+        log_change = torch.tensor(log_change, requires_grad=True)
+        materials = Materials(f0, (alpha * log_change.exp()).expand(COUNT), f0)
+        settings = RenderSettings(
+            neural=0.0, retraced_rays=0, visibility=False, widening_gradient=widening
+        )
+        radiance = reflected(
+            scene, StepTables.of(scene), settings, RandomNumbers(3), samples,
+            Surface(normals, torch.zeros(COUNT, 4), materials, 0.1), normals, view,
+            torch.ones(COUNT), 8,
+        ).sum()  # fmt: skip
+        return radiance.item(), torch.autograd.grad(radiance, log_change)[0].item()
+
+    difference = (to_log_alpha(0.01, True)[0] - to_log_alpha(-0.01, True)[0]) / 0.02
+    assert to_log_alpha(0.0, True)[1] == pytest.approx(difference, rel=0.03)
+    assert to_log_alpha(0.0, False)[1] < 0.9 * difference
+
+
 def test_retraced_rays_carry_the_same_gradients_through_directions_and_weights():
     def trace(origins, directions, keys, start):
         return 2 + torch.sin(3 * directions) + directions.flip(-1), torch.zeros(len(directions))
