@@ -32,8 +32,8 @@ def photometric(
     """Mean squared error of sRGB pixels, without the noise of their own rays.
 
     A noisy pixel's squared error has its variance in it, of which lamps that are too dim and lobes that
-    are too sharp have less. Two halves of its rays have noise of their own, so the product of their errors
-    has none (docs/decisions/0039). A pixel of one ray has the square.
+    are too sharp have less. Two halves of its rays tell what that is, for they have noise of their own, and
+    it is taken away (docs/decisions/0039). A pixel of one ray has its squared error.
 
     The prediction is not clipped, so a pixel that is too bright still has a gradient; where the
     photo itself is saturated, anything at least as bright is right.
@@ -48,16 +48,20 @@ def photometric(
         nothing_there = linear_to_srgb(gain * behind.behind.detach())
     target = batch.colour * alpha + (1 - alpha) * nothing_there
 
-    def error(seen: torch.Tensor) -> torch.Tensor:
+    def predicted(seen: torch.Tensor) -> torch.Tensor:
         radiance, opacity = seen[:, :3], seen[:, 3]
         if isinstance(behind, Surroundings):
-            return linear_to_srgb(gain * behind.around(radiance, opacity)) - target
-        return over_background(gain * radiance, opacity, behind) - target
+            return linear_to_srgb(gain * behind.around(radiance, opacity))
+        return over_background(gain * radiance, opacity, behind)
 
-    halves = _halves(buffers).unbind(1)
-    one, other = error(halves[0]), error(halves[-1])
-    forgiven = batch.clipped & (one + other > 0) & (alpha > 0.999)
-    return torch.where(forgiven, torch.zeros_like(one), one * other).mean()
+    halves = _halves(buffers)
+    error = predicted(halves.mean(1)) - target
+    loss = error.square()
+    if halves.shape[1] > 1:
+        one, other = halves.unbind(1)
+        loss = loss - (0.5 * (predicted(one) - predicted(other))).square()
+    forgiven = batch.clipped & (error > 0) & (alpha > 0.999)
+    return torch.where(forgiven, torch.zeros_like(loss), loss).mean()
 
 
 def _halves(buffers: RayBuffers) -> torch.Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -38,6 +39,8 @@ from .visual_hull import not_all_masked
 
 FINDING_SHARE = 0.9
 """of the time in which a fit is begun: finding masks, or sparse points"""
+SMOOTHING, LEAST_ERROR = 0.05, 1e-10
+"""share of the latest step in the image error that progress tells; and what that is at least (100 dB)"""
 PREVIEW_PAUSE = 20.0
 """time between two previews, at least, in times that the last one took"""
 
@@ -203,7 +206,7 @@ def fit(
     steps = settings.fit.steps
     timer = FitClock(settings, trainer.fraction, limit, trainer.fog, trainer.replay is not None)
     last_preview = last_checkpoint = time.monotonic()
-    smooth_psnr, preview_took = None, 0.0
+    image_error, preview_took = None, 0.0
     while True:
         now, elapsed, done = time.monotonic(), timer.elapsed, timer.fraction(trainer.step)
         if done >= 1:
@@ -214,9 +217,11 @@ def fit(
             trainer.replay = None
         if trainer.step in settings.fit.snapshots:
             write_snapshot(trainer, job.root / "snapshots", done)
-        smooth = terms["psnr"] if smooth_psnr is None else 0.95 * smooth_psnr + 0.05 * terms["psnr"]
-        smooth_psnr = smooth
-        progress.fit(trainer.step, steps, done, timer.seconds_left(trainer.step), smooth_psnr)
+        # One step's may be below zero, which has no decibels: that of a few pixels, without their noise.
+        before = terms["image"] if image_error is None else image_error
+        image_error = (1 - SMOOTHING) * before + SMOOTHING * terms["image"]
+        psnr = -10 * math.log10(max(image_error, LEAST_ERROR))
+        progress.fit(trainer.step, steps, done, timer.seconds_left(trainer.step), psnr)
         if control.should_stop:
             checkpoint.save_checkpoint(
                 trainer, job.checkpoint_dir, seconds_before + elapsed, done=False

@@ -235,9 +235,7 @@ class Trainer:
                 self.batching.observe(rays, *taken.samples)
         image = sum(taken.image * share for taken, share in zip(found, plan.shares, strict=True))
         image = float(image) if self.replay is None else self.replay.told_before(image)
-        return {
-            "image": image, "psnr": -10 * math.log10(max(image, 1e-12)), "rays": sum(plan.rays)
-        }  # fmt: skip
+        return {"image": image, "rays": sum(plan.rays)}
 
     @property
     def _light_is_shown(self) -> bool:

@@ -31,28 +31,42 @@ def _encoded(linear):
 
 
 @function
-def _shown(seen, n, half, c, behind):
-    """A channel of a half of a pixel's rays, over what is behind them."""
-    share = min(max(seen[n, half, 3], 0.0), 1.0)
-    encoded, _ = _encoded(seen[n, half, c] / max(share, LEAST_SHARE))
-    return encoded * share + (1.0 - share) * behind[n, c]
+def _shown(radiance, opacity, behind):
+    """A pixel's channel over what is behind it, and its slopes by radiance and by opacity."""
+    share = min(max(opacity, 0.0), 1.0)
+    divisor = max(share, LEAST_SHARE)
+    encoded, slope = _encoded(radiance / divisor)
+    by_radiance = share * slope / divisor
+    by_opacity = encoded - behind
+    if share >= LEAST_SHARE:
+        by_opacity -= by_radiance * radiance / divisor
+    if not 0.0 <= opacity <= 1.0:
+        by_opacity = 0.0
+    return encoded * share + (1.0 - share) * behind, by_radiance, by_opacity
 
 
 @function
-def _errors(seen, n, c, colour, alpha, clipped, behind):
-    """How much too bright the first and the last half of a pixel's rays are, where that is not forgiven."""
-    target = colour[n, c] * alpha[n] + (1.0 - alpha[n]) * behind[n, c]
-    first = _shown(seen, n, 0, c, behind) - target
-    last = _shown(seen, n, seen.shape[1] - 1, c, behind) - target
-    if clipped[n, c] and first + last > 0.0 and alpha[n] > OPAQUE:
-        return 0.0, 0.0
-    return first, last
+def _error(seen, mean, n, c, colour, alpha, clipped, behind):
+    """How much too bright a pixel is, where that is not forgiven, half the step between its halves, and the
+    slopes of what is shown of the pixel."""
+    shown, by_radiance, by_opacity = _shown(mean[c], mean[3], behind[n, c])
+    error = shown - (colour[n, c] * alpha[n] + (1.0 - alpha[n]) * behind[n, c])
+    if clipped[n, c] and error > 0.0 and alpha[n] > OPAQUE:
+        return 0.0, 0.0, by_radiance, by_opacity
+    last = seen.shape[1] - 1
+    one, _, _ = _shown(seen[n, 0, c], seen[n, 0, 3], behind[n, c])
+    other, _, _ = _shown(seen[n, last, c], seen[n, last, 3], behind[n, c])
+    return error, 0.5 * (one - other), by_radiance, by_opacity
 
 
 @function
-def _opacity(seen, n):
-    """Mean of the halves'."""
-    return 0.5 * (seen[n, 0, 3] + seen[n, seen.shape[1] - 1, 3])
+def _mean(seen, n):
+    """Radiance and opacity of a pixel, from those of its halves."""
+    last = seen.shape[1] - 1
+    return (
+        0.5 * (seen[n, 0, 0] + seen[n, last, 0]), 0.5 * (seen[n, 0, 1] + seen[n, last, 1]),
+        0.5 * (seen[n, 0, 2] + seen[n, last, 2]), 0.5 * (seen[n, 0, 3] + seen[n, last, 3]),
+    )  # fmt: skip
 
 
 @serial_kernel
@@ -63,15 +77,15 @@ def pixel_loss(
     """How unlike its photo a pixel before a plain colour is, and the weighted sum of what else is held
     against it; see `fit.losses`."""
     for n in range(seen.shape[0]):
+        mean = _mean(seen, n)
         total = 0.0
         for c in range(3):
-            first, last = _errors(seen, n, c, colour, alpha, clipped, behind)
-            total += first * last
+            error, step, _, _ = _error(seen, mean, n, c, colour, alpha, clipped, behind)
+            total += error * error - step * step
         image[n] = total / 3.0
-        opacity = _opacity(seen, n)
-        missing = opacity - alpha[n] if alpha_known[n] else 0.0
+        missing = mean[3] - alpha[n] if alpha_known[n] else 0.0
         shape[n] = (
-            by_opacity * opacity + by_backfacing * backfacing[n] + by_mask * missing * missing
+            by_opacity * mean[3] + by_backfacing * backfacing[n] + by_mask * missing * missing
             + by_bending * bending[n] + by_unevenness * unevenness[n]
         )  # fmt: skip
 
@@ -84,24 +98,24 @@ def pixel_loss_backward(
 ):  # fmt: skip
     halves = seen.shape[1]
     for n in range(seen.shape[0]):
-        missing = _opacity(seen, n) - alpha[n] if alpha_known[n] else 0.0
+        mean = _mean(seen, n)
+        missing = mean[3] - alpha[n] if alpha_known[n] else 0.0
         to_opacity = g_shape[n] * (by_opacity + 2.0 * by_mask * missing) / halves
         for half in range(halves):
-            opacity = seen[n, half, 3]
-            share = min(max(opacity, 0.0), 1.0)
-            divisor = max(share, LEAST_SHARE)
-            to_share = 0.0
-            for c in range(3):
-                first, last = _errors(seen, n, c, colour, alpha, clipped, behind)
-                g = g_image[n] * 2.0 / 3.0 / halves * (last if half == 0 else first)
-                straight = seen[n, half, c] / divisor
-                encoded, slope = _encoded(straight)
-                to_straight = g * share * slope
-                g_seen[n, half, c] = to_straight / divisor
-                to_share += g * (encoded - behind[n, c])
-                if share >= LEAST_SHARE:
-                    to_share -= to_straight * straight / divisor
-            g_seen[n, half, 3] = to_opacity + (to_share if 0.0 <= opacity <= 1.0 else 0.0)
+            g_seen[n, half, 3] = to_opacity
+        for c in range(3):
+            error, step, by_radiance, by_share = _error(
+                seen, mean, n, c, colour, alpha, clipped, behind
+            )
+            g = g_image[n] * 2.0 / 3.0
+            for half in range(halves):
+                _, own_radiance, own_share = _shown(
+                    seen[n, half, c], seen[n, half, 3], behind[n, c]
+                )
+                away = -0.5 * step if half == 0 else 0.5 * step
+                to_mean = error / halves
+                g_seen[n, half, c] = g * (to_mean * by_radiance + away * own_radiance)
+                g_seen[n, half, 3] += g * (to_mean * by_share + away * own_share)
         g_backfacing[n] = g_shape[n] * by_backfacing
         g_bending[n] = g_shape[n] * by_bending
         g_unevenness[n] = g_shape[n] * by_unevenness

@@ -21,12 +21,11 @@ def linear_to_srgb(linear: float):
 
 
 @wp.func
-def _shown(seen: Halves, n: int, half: int, c: int, behind: float):
-    """A channel of a half of a pixel's rays, over what is behind them."""
-    opacity = seen[n, half, 3]
+def _shown(radiance: float, opacity: float, behind: float):
+    """A pixel's channel over what is behind it."""
     # Not `clamp`, which has no gradient at 0 and 1 themselves, where torch's has.
     share = wp.where(opacity > 1.0, 1.0, wp.where(opacity < 0.0, 0.0, opacity))
-    return linear_to_srgb(seen[n, half, c] / wp.max(share, 1.0e-3)) * share + (1.0 - share) * behind
+    return linear_to_srgb(radiance / wp.max(share, 1.0e-3)) * share + (1.0 - share) * behind
 
 
 @wp.kernel
@@ -40,15 +39,16 @@ def pixel_loss(
     against it; see `fit.losses`."""
     n = wp.tid()
     last = seen.shape[1] - 1
+    opacity = 0.5 * (seen[n, 0, 3] + seen[n, last, 3])
     total = float(0.0)
     for c in range(3):
         target = colour[n, c] * alpha[n] + (1.0 - alpha[n]) * behind[n, c]
-        one = _shown(seen, n, 0, c, behind[n, c]) - target
-        other = _shown(seen, n, last, c, behind[n, c]) - target
-        forgiven = clipped[n, c] and one + other > 0.0 and alpha[n] > 0.999
-        total += wp.where(forgiven, 0.0, one * other)
+        error = _shown(0.5 * (seen[n, 0, c] + seen[n, last, c]), opacity, behind[n, c]) - target
+        one = _shown(seen[n, 0, c], seen[n, 0, 3], behind[n, c])
+        step = 0.5 * (one - _shown(seen[n, last, c], seen[n, last, 3], behind[n, c]))
+        forgiven = clipped[n, c] and error > 0.0 and alpha[n] > 0.999
+        total += wp.where(forgiven, 0.0, error * error - step * step)
     image[n] = total / 3.0
-    opacity = 0.5 * (seen[n, 0, 3] + seen[n, last, 3])
     missing = wp.where(alpha_known[n], opacity - alpha[n], 0.0)
     shape[n] = (
         by_opacity * opacity + by_backfacing * backfacing[n] + by_mask * missing * missing

@@ -307,7 +307,7 @@ def test_noise_of_a_pixels_rays_is_no_error_if_there_are_several():
     """Where it is one, lights and lobes that make less noise win over the true ones."""
     count, true = 200_000, 0.5
     generator = torch.Generator().manual_seed(0)
-    radiance = true + 0.1 * torch.randn(count, 2, 3, generator=generator)
+    radiance = true + 0.05 * torch.randn(count, 2, 3, generator=generator)
     ones, white = torch.ones(count), torch.ones(count, 3)
     halves = torch.cat([radiance, torch.ones(count, 2, 1)], 2)
     batch = RayBatch(
