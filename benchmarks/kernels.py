@@ -241,10 +241,10 @@ def cases(points: int) -> list[Case]:
              LIGHT * 2 * LIGHT * (2 + 3 + 2 * 3) * FLOAT, LIGHT * 2 * LIGHT * (20 + 3 * 9), False),
         # Per ray: about 250 operations for direction and weight, 180 for a mean of three channels, a
         # dozen for a cell of the grid; the adjoint has twice the first and scatters the second.
-        Case("specular", glossy, glossy_rays * (8 * 3 * 8 + glossy_cells + 4 * 25),
+        Case("specular", glossy, glossy_rays * (8 * 3 * 8 + glossy_cells + 4 * 33),
              glossy_rays * (430 + 12 * glossy_cells), False, glossy_rays * (8 + glossy_cells)),
         Case("specular, adjoint", in_place(lambda: reflected.sum().backward(retain_graph=True)),
-             glossy_rays * (3 * 8 * 3 * 8 + 4 * 25), glossy_rays * 700, False,
+             glossy_rays * (3 * 8 * 3 * 8 + 4 * 33), glossy_rays * 700, False,
              glossy_rays * 8),
         # Eight nodes a sample: their coefficients are read, and read and written by the adjoint.
         Case("irradiance_between and its adjoint", in_place(diffuse), shaded * 3 * 8 * 27 * FLOAT,

@@ -43,14 +43,13 @@ def photometric(
     """
     gain = 1.0 if gain is None else gain
     alpha = batch.alpha[:, None]
-    nothing_there = behind
-    if isinstance(behind, Surroundings):
-        nothing_there = linear_to_srgb(gain * behind.behind.detach())
-    target = batch.colour * alpha + (1 - alpha) * nothing_there
+    shows_surroundings = isinstance(behind, Surroundings)
+    around = linear_to_srgb(gain * behind.behind.detach()) if shows_surroundings else behind
+    target = batch.colour * alpha + (1 - alpha) * around
 
     def predicted(seen: torch.Tensor) -> torch.Tensor:
         radiance, opacity = seen[:, :3], seen[:, 3]
-        if isinstance(behind, Surroundings):
+        if shows_surroundings:
             return linear_to_srgb(gain * behind.around(radiance, opacity))
         return over_background(gain * radiance, opacity, behind)
 

@@ -111,10 +111,8 @@ def leave(
         e, length, shift = from_centre(d, floor_shift, up)
         sine = max(math.sqrt(e[0] * e[0] + e[1] * e[1]), 1e-4)
         wide, high = solid_angle, solid_angle
-        stretched, own = (
-            (1.0, 1.0),
-            solid_angle if widening and solid_angle < 4.0 * math.pi else 0.0,
-        )
+        own = solid_angle if widening and solid_angle < 4.0 * math.pi else 0.0
+        own_wide, own_high = own, own
         if averaged:
             east = (-e[1] / sine, e[0] / sine, 0.0)
             south = (e[0] * e[2] / sine, e[1] * e[2] / sine, -sine)
@@ -123,8 +121,8 @@ def leave(
                     along_ray(east, d, length, shift, up),
                     along_ray(south, d, length, shift, up),
                 )
-                stretched = dot(east, east), dot(south, south)
-                wide, high = wide * stretched[0], high * stretched[1]
+                wide, high = wide * dot(east, east), high * dot(south, south)
+                own_wide, own_high = own * dot(east, east), own * dot(south, south)
             for edge in range(2):
                 x, y, z = spread[s, edge, 0], spread[s, edge, 1], spread[s, edge, 2]
                 by_east, by_south = dot(east, (x, y, z)), dot(south, (x, y, z))
@@ -133,9 +131,9 @@ def leave(
         centre[k, 0] = (0.5 - angle_of(e[0], e[1]) / (2.0 * math.pi)) * width
         centre[k, 1] = angle_of(e[2], sine) / math.pi * height
         size[k, 0], growth[k, 0] = side(
-            wide, own * stretched[0], width / (2.0 * math.pi * sine), float(width)
+            wide, own_wide, width / (2.0 * math.pi * sine), float(width)
         )
-        size[k, 1], growth[k, 1] = side(high, own * stretched[1], height / math.pi, 0.5 * height)
+        size[k, 1], growth[k, 1] = side(high, own_high, height / math.pi, 0.5 * height)
         start[k] = min(reach * (1.0 / max(out[2], SELF_SHADOW_COSINE) - 1.0), 4.0 * reach)
 
 
