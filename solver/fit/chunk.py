@@ -71,8 +71,7 @@ class ChunkLoss:
         return dataclasses.replace(
             render, pixel_grid=grid,
             secondary_rays=secondary_rays_each(render.secondary_rays, grid),
-            # Where noise counts as an error, the whole gradient makes mirrors (docs/decisions/0039).
-            widening_gradient=render.widening_gradient and grid > 1,
+            widening_gradient=fit.unbiased and grid > 1,
             neural=neural_share(fit, fraction),
             neighbour_distance=fit.neighbour_distance, emission=self.emission(fraction),
         )  # fmt: skip
@@ -127,7 +126,7 @@ class ChunkLoss:
             keys_of_rays(chunk.keys, each), jitter=True,
             pixel_angle=batch.pixel_angle.repeat_interleave(each) / settings.pixel_grid,
         )  # fmt: skip
-        return pixels_of(buffers, each)
+        return pixels_of(buffers, each, halves=self.settings.fit.unbiased)
 
     def _behind(self, scene: Scene, tables: StepTables, chunk: Chunk) -> Behind:
         batch = chunk.batch

@@ -33,7 +33,7 @@ def photometric(
 
     A noisy pixel's squared error has its variance in it, of which lamps that are too dim and lobes that
     are too sharp have less. Two halves of its rays tell what that is, for they have noise of their own, and
-    it is taken away (docs/decisions/0039). A pixel of one ray has its squared error.
+    it is taken away, to first order (docs/decisions/0039). A pixel of one ray has its squared error.
 
     The prediction is not clipped, so a pixel that is too bright still has a gradient; where the
     photo itself is saturated, anything at least as bright is right.
@@ -64,7 +64,8 @@ def photometric(
 
 
 def _halves(buffers: RayBuffers) -> torch.Tensor:
-    """Radiance and opacity [R, 2, 4] of the halves of a pixel's rays, or [R, 1, 4] of its only ray."""
+    """Radiance and opacity [R, 2, 4] of the halves of a pixel's rays, whose mean is the pixel here, or
+    [R, 1, 4] of the pixel itself where nobody asked for halves."""
     if buffers.halves is not None:
         return buffers.halves
     return torch.cat([buffers.radiance, buffers.opacity[:, None]], 1)[:, None]

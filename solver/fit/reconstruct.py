@@ -206,7 +206,7 @@ def fit(
     steps = settings.fit.steps
     timer = FitClock(settings, trainer.fraction, limit, trainer.fog, trainer.replay is not None)
     last_preview = last_checkpoint = time.monotonic()
-    image_error, preview_took = None, 0.0
+    smooth_error, preview_took = None, 0.0
     while True:
         now, elapsed, done = time.monotonic(), timer.elapsed, timer.fraction(trainer.step)
         if done >= 1:
@@ -218,9 +218,9 @@ def fit(
         if trainer.step in settings.fit.snapshots:
             write_snapshot(trainer, job.root / "snapshots", done)
         # One step's may be below zero, which has no decibels: that of a few pixels, without their noise.
-        before = terms["image"] if image_error is None else image_error
-        image_error = (1 - SMOOTHING) * before + SMOOTHING * terms["image"]
-        psnr = -10 * math.log10(max(image_error, LEAST_ERROR))
+        before = terms["image"] if smooth_error is None else smooth_error
+        smooth_error = (1 - SMOOTHING) * before + SMOOTHING * terms["image"]
+        psnr = -10 * math.log10(max(smooth_error, LEAST_ERROR))
         progress.fit(trainer.step, steps, done, timer.seconds_left(trainer.step), psnr)
         if control.should_stop:
             checkpoint.save_checkpoint(

@@ -111,6 +111,9 @@ class FitSettings:
     """primary rays worked on at once, at most, where `samples` does not say; for memory"""
     pixel_grid_start: float = 0.8
     """fraction of the fit from which on pixels have as many rays as `render.pixel_grid` says; one before"""
+    unbiased: bool = True
+    """from then on the noise of a pixel's rays is no error, and the gradient of roughness knows that rays
+    of wider lobes stand for more of the light (docs/decisions/0039)"""
     most_rays: int = 0
     """pixels a step, at most, where `samples` leaves room (0: always `rays`)"""
     samples: int = 0

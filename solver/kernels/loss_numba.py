@@ -46,7 +46,7 @@ def _shown(radiance, opacity, behind):
 
 
 @function
-def _error(seen, mean, n, c, colour, alpha, clipped, behind):
+def _error_and_step(seen, mean, n, c, colour, alpha, clipped, behind):
     """How much too bright a pixel is, where that is not forgiven, half the step between its halves, and the
     slopes of what is shown of the pixel."""
     shown, by_radiance, by_opacity = _shown(mean[c], mean[3], behind[n, c])
@@ -54,6 +54,8 @@ def _error(seen, mean, n, c, colour, alpha, clipped, behind):
     if clipped[n, c] and error > 0.0 and alpha[n] > OPAQUE:
         return 0.0, 0.0, by_radiance, by_opacity
     last = seen.shape[1] - 1
+    if last == 0:
+        return error, 0.0, by_radiance, by_opacity
     one, _, _ = _shown(seen[n, 0, c], seen[n, 0, 3], behind[n, c])
     other, _, _ = _shown(seen[n, last, c], seen[n, last, 3], behind[n, c])
     return error, 0.5 * (one - other), by_radiance, by_opacity
@@ -80,7 +82,7 @@ def pixel_loss(
         mean = _mean(seen, n)
         total = 0.0
         for c in range(3):
-            error, step, _, _ = _error(seen, mean, n, c, colour, alpha, clipped, behind)
+            error, step, _, _ = _error_and_step(seen, mean, n, c, colour, alpha, clipped, behind)
             total += error * error - step * step
         image[n] = total / 3.0
         missing = mean[3] - alpha[n] if alpha_known[n] else 0.0
@@ -104,7 +106,7 @@ def pixel_loss_backward(
         for half in range(halves):
             g_seen[n, half, 3] = to_opacity
         for c in range(3):
-            error, step, by_radiance, by_share = _error(
+            error, step, by_radiance, by_share = _error_and_step(
                 seen, mean, n, c, colour, alpha, clipped, behind
             )
             g = g_image[n] * 2.0 / 3.0

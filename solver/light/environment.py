@@ -221,7 +221,7 @@ class EnvironmentMap(nn.Module):
         angle 1/(N·p)). It is never smaller than a texel, so a lookup is at least bilinear.
 
         Args:
-            solid_angle: gradients flow to it as well.
+            solid_angle: gradients flow to it as well, where it is above 0.
             spread: [N, 2, 3] edges of a parallelogram of directions, rad, over which the square is
                 blurred: the rectangle gets the variance of both along either axis. No gradient.
             points: [N, 3] where the light arrives, which matters for what of it is close by; None: far

@@ -39,10 +39,10 @@ def mean_of_rays(values: torch.Tensor, rays: int) -> torch.Tensor:
 
 
 def halves_of_rays(values: torch.Tensor, rays: int) -> torch.Tensor:
-    """Means [P, 2, …] over the black and the white squares of a chess board, of values [P·rays, …].
+    """Means [P, 2, C] over the black and the white squares of a chess board, of values [P·rays, C].
 
-    Each has random numbers of its own, and over both of them what slopes evenly has the same mean: what is
-    between them is noise, but for what bends within a pixel.
+    Depths and secondary rays of each are drawn by numbers of its own. Over both, what slopes evenly has the
+    same mean, so that what is between them is noise, but for what bends within a pixel.
     """
     row, column = np.divmod(np.arange(rays), math.isqrt(rays))
     white = (row + column) % 2
@@ -51,14 +51,16 @@ def halves_of_rays(values: torch.Tensor, rays: int) -> torch.Tensor:
     return shares @ values.unflatten(0, (-1, rays))
 
 
-def pixels_of(buffers: RayBuffers, rays: int) -> RayBuffers:
-    """What pixels saw, from what their rays did, `rays` each."""
+def pixels_of(buffers: RayBuffers, rays: int, halves: bool = False) -> RayBuffers:
+    """What pixels saw, from what their rays did, `rays` each; what halves of several did only if wanted."""
     if rays == 1:
         return buffers
-    seen_at_once = torch.cat([buffers.radiance, buffers.opacity[:, None]], 1)
     seen = {
         field.name: mean_of_rays(value, rays)
         for field in dataclasses.fields(buffers)
         if isinstance(value := getattr(buffers, field.name), torch.Tensor)
     }
-    return dataclasses.replace(buffers, **seen, halves=halves_of_rays(seen_at_once, rays))
+    if halves:
+        radiance_and_opacity = torch.cat([buffers.radiance, buffers.opacity[:, None]], 1)
+        seen["halves"] = halves_of_rays(radiance_and_opacity, rays)
+    return dataclasses.replace(buffers, **seen)

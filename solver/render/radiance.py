@@ -45,7 +45,7 @@ class RayBuffers:
     retraced_samples: int  # density samples they took
     bending: torch.Tensor | None = None  # [R] Σ w·bending of the samples (see `smoothness`)
     unevenness: torch.Tensor | None = None  # [R] Σ w·|materials − materials close by|
-    halves: torch.Tensor | None = None  # [R, 2, 4] radiance and opacity of halves of a pixel's rays
+    halves: torch.Tensor | None = None  # [R, 2, 4] radiance and opacity of a pixel's halves
 
 
 def render_rays(

@@ -66,8 +66,8 @@ class RenderSettings:
     integral_image: bool = True
     """the environment is averaged over what a secondary ray stands for; else a point lookup"""
     widening_gradient: bool = True
-    """gradients of roughness know that rays of a wider lobe stand for more of the environment; in a fit, as
-    soon as pixels have several rays (docs/decisions/0039)"""
+    """gradients of roughness know that rays of a wider lobe stand for more of the environment; in a fit,
+    `fit.unbiased` says"""
     neighbour_distance: float = 0.0
     """standard deviation, voxels, of the points close by that smoothness terms look at; 0: none"""
     light_masking: bool = True

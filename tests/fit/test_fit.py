@@ -14,6 +14,7 @@ from solver.capture.capture import Capture
 from solver.capture.errors import CaptureError
 from solver.capture.photos import Photo
 from solver.fit import checkpoint, reconstruct
+from solver.fit.chunk import ChunkLoss
 from solver.fit.clock import FitClock
 from solver.fit.errors import SettingsError
 from solver.fit.losses import photometric, total_loss
@@ -30,6 +31,7 @@ from solver.job.folder import JobError, JobFolder, JobRequest
 from solver.job.progress import Progress
 from solver.job.status import Heartbeat
 from solver.render.radiance import RayBuffers
+from solver.render.surroundings import Surroundings
 from solver.render.tonemap import linear_to_srgb
 from tests.capture.test_capture import pose
 
@@ -322,6 +324,34 @@ def test_noise_of_a_pixels_rays_is_no_error_if_there_are_several():
     variance = float(linear_to_srgb(radiance.mean(1)).var())
     assert loss(None) == pytest.approx(variance, rel=0.02)
     assert abs(loss(halves)) < 0.02 * variance
+
+
+@pytest.mark.parametrize("shown", [True, False], ids=["surroundings", "colour"])
+def test_halves_that_agree_change_nothing(shown):
+    generator = torch.Generator().manual_seed(0)
+    seen, behind, before, colour = (torch.rand(50, 4, generator=generator) for _ in range(4))
+    behind = Surroundings(before[:, :3], before[:, 3], behind[:, :3]) if shown else behind[:, :3]
+    ones, gain = torch.ones(50), 0.5 + colour
+    batch = RayBatch(
+        None, None, colour[:, :3], gain[:, 3] - 0.5, ones > 0, colour[:, :3] > 0.8, ones, ones.long()
+    )  # fmt: skip
+
+    def loss(halves):
+        buffers = SimpleNamespace(radiance=seen[:, :3], opacity=seen[:, 3], halves=halves)
+        return photometric(buffers, batch, behind, gain[:, :3])
+
+    torch.testing.assert_close(loss(torch.stack([seen, seen], 1)), loss(None))
+    away = torch.tensor([0.1, 0.1, 0.1, 0.0])
+    assert loss(torch.stack([seen + away, seen - away], 1)) < loss(None)
+
+
+def test_pixels_of_several_rays_are_told_without_noise_unless_a_preset_is_the_papers():
+    for preset, unbiased in (("draft", True), ("standard", True), ("paper", False)):
+        settings = settings_for(preset, {"render.pixel_grid": 2})
+        loss = ChunkLoss(settings, True, "white", False)
+        assert loss.render_settings(0.9).widening_gradient is unbiased
+        assert loss.render_settings(0.1).widening_gradient is False
+    assert checkpoint.BEFORE["fit"]["unbiased"] is False
 
 
 def test_opacity_is_held_to_alpha_only_where_that_is_known():
