@@ -110,14 +110,17 @@ def pixel_loss_backward(
                 seen, mean, n, c, colour, alpha, clipped, behind
             )
             g = g_image[n] * 2.0 / 3.0
+            to_each = g * error / halves
             for half in range(halves):
-                _, own_radiance, own_share = _shown(
-                    seen[n, half, c], seen[n, half, 3], behind[n, c]
-                )
-                away = -0.5 * step if half == 0 else 0.5 * step
-                to_mean = error / halves
-                g_seen[n, half, c] = g * (to_mean * by_radiance + away * own_radiance)
-                g_seen[n, half, 3] += g * (to_mean * by_share + away * own_share)
+                g_seen[n, half, c] = to_each * by_radiance
+                g_seen[n, half, 3] += to_each * by_share
+                if step != 0.0:
+                    _, own_radiance, own_share = _shown(
+                        seen[n, half, c], seen[n, half, 3], behind[n, c]
+                    )
+                    away = g * (-0.5 * step if half == 0 else 0.5 * step)
+                    g_seen[n, half, c] += away * own_radiance
+                    g_seen[n, half, 3] += away * own_share
         g_backfacing[n] = g_shape[n] * by_backfacing
         g_bending[n] = g_shape[n] * by_bending
         g_unevenness[n] = g_shape[n] * by_unevenness
