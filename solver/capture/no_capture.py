@@ -8,7 +8,7 @@ from pathlib import Path
 
 from .errors import CaptureError, listed
 from .files import json_head
-from .formats.realitycapture import is_table_without_lenses
+from .formats.realitycapture_table import is_table_without_lenses
 from .picture_names import VIDEOS
 
 _LENSES_ALONE = (
@@ -20,6 +20,7 @@ _PLACES_ALONE = (
     "a table of places without lenses",
     "export 'Internal/External camera parameters' from RealityCapture or RealityScan",
 )
+_ARCHIVES = (".zip", ".r3d")
 
 
 def no_camera_file(file: Path, known: Sequence[str]) -> CaptureError:
@@ -60,7 +61,8 @@ def nothing_in(folder: Path, usual: Sequence[str]) -> CaptureError:
     remedy = "give the camera file itself, or solve the cameras from the photos"
     problem = "there is no camera file in this folder"
     above = next((file for name in usual if (file := folder.parent / name).is_file()), None)
-    archive = next(iter(sorted(folder.glob("*.zip"))), None)
+    archives = (file for file in sorted(folder.glob("*")) if file.suffix.lower() in _ARCHIVES)
+    archive = next(archives, None)
     table = next(filter(is_table_without_lenses, sorted(folder.glob("*.csv"))), None)
     if archive is not None and zipfile.is_zipfile(archive):
         remedy = f"unpack {archive.name}, and give its folder"

@@ -18,6 +18,8 @@ VIDEOS = (
 )  # fmt: skip
 """extensions of videos, in lower case, from which cameras can be solved"""
 DEEPEST, MOST_FILES = 6, 200_000
+_LAYER = ".geometry"
+"""folder of the photos themselves, among RealityCapture's layers; other folders that are hidden are left"""
 _THUMBNAILS = re.compile(r"thumb|preview", re.I)
 
 
@@ -73,7 +75,8 @@ def pictures_below(folder: Path, extensions: tuple[str, ...] = EXTENSIONS) -> It
         been.add(real)
         if len(Path(place).parts) - start >= DEEPEST:
             folders.clear()
-        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        shown = (name for name in folders if not name.startswith(".") or name == _LAYER)
+        folders[:] = sorted(shown)
         for name in sorted(files):
             seen += 1
             if seen > MOST_FILES:

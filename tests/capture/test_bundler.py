@@ -69,6 +69,7 @@ def test_points_project_as_bundlers_manual_says(tmp_path, solved):
         ("model.out", "model.out.list.txt"),
         ("scene.out", "scene.txt"),
         ("bundle.out", "photos of the bundle.lst"),
+        ("bundle.out", "photos.imagelist"),
         ("bundle/bundle.out", "../list.txt"),
     ],
 )

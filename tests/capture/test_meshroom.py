@@ -111,6 +111,10 @@ def reference(kind, k, to_camera, point, fy=FY):
         r, t = math.sqrt(r2), math.atan(math.sqrt(r2))
         scale = (t + k[0] * t**3 + k[1] * t**5 + k[2] * t**7 + k[3] * t**9) / r
         x, y = x * scale, y * scale
+    elif kind == "fisheye1" and k[0]:
+        r = math.sqrt(r2)
+        scale = math.atan(2 * r * math.tan(0.5 * k[0])) / k[0] / r
+        x, y = x * scale, y * scale
     elif kind == "brown":
         k1, k2, k3, t1, t2 = k
         radial = k1 * r2 + k2 * r2**2 + k3 * r2**3
@@ -135,7 +139,8 @@ OLD, NEW = (1, 2, 5), (1, 2, 14)
         ("pinhole", (), OLD), ("radial1", RADIAL[:1], OLD), ("radial3", RADIAL, OLD),
         ("brown", BROWN, OLD), ("fisheye4", FISHEYE, OLD), ("none", (), NEW),
         ("radialk1", RADIAL[:1], NEW), ("radialk3", RADIAL, NEW), ("radialk3pt", RADIAL, NEW),
-        ("brown", BROWN, NEW), ("fisheye", FISHEYE, NEW),
+        ("brown", BROWN, NEW), ("fisheye", FISHEYE, NEW), ("fisheye1", (0.9,), OLD),
+        ("fisheye1", (0.9,), NEW), ("fisheye1", (0.0,), NEW),
     ],
 )  # fmt: skip
 def test_points_project_as_alicevision_projects_them(tmp_path, kind, k, version):
@@ -177,6 +182,15 @@ def test_points_project_as_alicevisions_equidistant_camera_has_them(tmp_path, ki
     to_camera, circle = np.linalg.inv(poses()), HEIGHT / 2 if radius is None else radius
     check_projection(
         capture, lambda i, x: equidistant(kind, k, to_camera[i], x, 16.0, circle), poses(), spread=1.2
+    )  # fmt: skip
+
+
+def test_an_equidistant_camera_of_older_files_has_its_distortion_by_its_name(tmp_path):
+    lens = intrinsic("equidistant_r3", RADIAL, OLD) | {"focalLength": "16.0", "pixelRatio": "1"}
+    capture = read_capture(write(tmp_path, scene(OLD, lens=lens)))
+    to_camera, kind = np.linalg.inv(poses()), "radialk3pt"
+    check_projection(
+        capture, lambda i, x: equidistant(kind, RADIAL, to_camera[i], x, 16.0, HEIGHT / 2), poses(), spread=1.2
     )  # fmt: skip
 
 

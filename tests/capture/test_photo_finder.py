@@ -352,11 +352,14 @@ def test_a_camera_file_without_access_is_told_as_such(tmp_path, monkeypatch):
         read_capture(file)
 
 
-def test_an_archive_is_to_be_unpacked(tmp_path):
-    with zipfile.ZipFile(tmp_path / "capture.zip", "w") as archive:
+@pytest.mark.parametrize("name", ["capture.zip", "capture.r3d"])
+def test_an_archive_is_to_be_unpacked(tmp_path, name):
+    with zipfile.ZipFile(tmp_path / name, "w") as archive:
         archive.writestr("transforms.json", "{}")
     with pytest.raises(CaptureError, match="this is an archive; unpack it"):
-        read_capture(tmp_path / "capture.zip")
+        read_capture(tmp_path / name)
+    with pytest.raises(CaptureError, match=f"no camera file.*unpack {name}"):
+        read_capture(tmp_path)
 
 
 def test_cameras_of_pictures_to_be_made_need_no_photo_to_be_the_only_one_of_its_name(tmp_path):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from solver.capture.errors import CaptureError
 from solver.capture.formats import realitycapture
@@ -132,6 +133,86 @@ def test_points_of_a_table_project_as_the_camera_math_says(tmp_path, lens, size)
     check_projection(capture, lambda i, x: reference(lens, to_camera[i], x, size), expected)
     np.testing.assert_allclose(capture.up, (0, 0, 1))
     assert not capture.metric and not capture.warnings
+
+
+OPENCV_HEADER = (
+    "#name,tx,ty,tz,R00,R01,R02,R10,R11,R12,R20,R21,R22,f_pix,px_pix,py_pix,k1,k2,t2,t1,k3,k4 "
+    "(R = [Rij] provided in row major ordering and t = (tx,ty,tz) are the rotation matrix R and the "
+    "translation vector t of the pose (R,t) of the camera)"
+)
+"""as RealityScan's calibration.xml has it, shortened: its last column has a sentence in its name"""
+
+
+def opencv_table(lens, size, order=range(COUNT)):
+    width, height = size
+    focal, longer = lens["f"] / 36 * max(size), max(size)
+    centre = width / 2 + lens["px"] * longer, height / 2 + lens["py"] * longer
+    coefficients = [lens[key] for key in ("k1", "k2", "t2", "t1", "k3", "k4")]
+    lines = [OPENCV_HEADER]
+    for index in order:
+        from_world = np.linalg.inv(table_pose(index))
+        values = (*from_world[:3, 3], *from_world[:3, :3].ravel(), focal, *centre, *coefficients)
+        lines.append(",".join([f"{names()[index]}.png", *(repr(float(v)) for v in values)]))
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("lens", [LENS, BROWN4, dict.fromkeys(LENS, 0.0) | {"f": 30.0}])
+@pytest.mark.parametrize("size", [(WIDTH, HEIGHT), (HEIGHT, WIDTH)])
+def test_points_of_an_opencv_compliant_table_project_as_the_camera_math_says(tmp_path, lens, size):
+    capture = read_capture(write_table(tmp_path, opencv_table(lens, size, (2, 0, 1, 4, 3)), size))
+    expected = np.stack([table_pose(index) for index in range(COUNT)])
+    to_camera = np.linalg.inv(expected)
+    check_projection(capture, lambda i, x: reference(lens, to_camera[i], x, size), expected)
+    assert capture.format == realitycapture.NAME and not capture.warnings
+
+
+def test_a_rotation_that_is_none_in_an_opencv_compliant_table_is_named(tmp_path):
+    text = opencv_table(LENS, (WIDTH, HEIGHT)).split("\n")
+    cells = text[2].split(",")
+    cells[4:7] = cells[7:10]
+    text[2] = ",".join(cells)
+    with pytest.raises(CaptureError, match="line 3, R00.*singular"):
+        read_capture(write_table(tmp_path, "\n".join(text)))
+
+
+@pytest.mark.parametrize("write", [table, lambda lens: opencv_table(lens, (WIDTH, HEIGHT))])
+def test_a_table_whose_lenses_have_k1_alone_is_refused_as_of_the_division_model(tmp_path, write):
+    division = dict(LENS, k2=0, k3=0, t1=0, t2=0)
+    with pytest.raises(CaptureError, match="k1.*division.*set Brown"):
+        read_capture(write_table(tmp_path, write(division)))
+    read_capture(write_table(tmp_path, write(dict(division, k1=0))))
+    read_capture(write_table(tmp_path, write(dict(division, k2=1e-4))))
+
+
+def test_longitudes_and_latitudes_are_refused_and_lengths_far_away_are_not(tmp_path):
+    def at(x, y, size):
+        lines = [HEADER]
+        for index in range(COUNT):
+            cells = row(index, LENS).split(",")
+            place = table_pose(index)[:3, 3]
+            cells[1:3] = repr(x + size * place[0]), repr(y + size * place[1])
+            lines.append(",".join(cells))
+        return write_table(tmp_path, "\n".join(lines))
+
+    with pytest.raises(CaptureError, match="longitudes and latitudes.*Euclidean or a projected"):
+        read_capture(at(-34.82878, -7.16331, 1e-5))
+    for x, y, size in ((512345.0, 5412345.0, 1.0), (30.0, -7.0, 1.0), (0.0, 0.0, 1e-5)):
+        assert len(read_capture(at(x, y, size)).cameras) == COUNT
+
+
+def test_photos_in_realitycaptures_layer_of_geometry_are_found_with_their_masks(tmp_path):
+    save_photos(tmp_path / ".geometry")
+    for name in names():
+        save_mask(tmp_path / ".mask" / f"{name}.png")
+    (tmp_path / "cameras.csv").write_text(table(), encoding="utf-8")
+    for item in read_capture(tmp_path).cameras:
+        assert item.image_path.parent.name == ".geometry"
+        assert item.mask_path == tmp_path / ".mask" / item.image_path.name
+
+
+def save_mask(path):
+    path.parent.mkdir(exist_ok=True)
+    Image.new("L", (WIDTH, HEIGHT), 255).save(path)
 
 
 def test_angles_of_a_table_are_those_of_a_compass(tmp_path):
@@ -345,7 +426,13 @@ def test_other_tables_are_not_recognised(tmp_path):
             assert reader_of(tmp_path / "t.csv") is None
 
 
-@pytest.mark.parametrize("header", ["#name,x,y,alt,heading,pitch,roll", "Name;X;Y;Z", HEADER[:-9]])
+@pytest.mark.parametrize(
+    "header",
+    [
+        "#name,x,y,alt,heading,pitch,roll", "Name;X;Y;Z", HEADER[:-9],
+        "#name,X/Lon,Y/Lat,Z/Alt,yaw,pitch,roll",
+    ],
+)  # fmt: skip
 def test_tables_without_lenses_say_which_one_to_export(tmp_path, header):
     file = save_photos(tmp_path / "photos").parent / "cameras.csv"
     file.write_text("#cameras 5\n" + header.replace(",f,", ",") + "\na.png,1,2,3\n")

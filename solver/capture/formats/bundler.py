@@ -32,6 +32,7 @@ PATTERNS = (
 )  # fmt: skip
 
 _HEADER = b"# Bundle file v"
+_LISTS = ("txt", "lst", "imagelist")
 _REMEDY = "the file seems cut off or edited; export it again"
 _NUMBERS = 15  # of a camera: f k1 k2, rotation, translation
 
@@ -165,8 +166,9 @@ def _list_file(path: Path) -> Path | None:
 
 
 def _any_list(path: Path, count: int) -> Path | None:
-    """A text file beside the cameras, whatever it is called, of as many pictures' names as cameras."""
-    for file in sorted((*path.parent.glob("*.txt"), *path.parent.glob("*.lst"))):
+    """A text file beside the cameras, whatever it is called, of as many pictures' names as cameras;
+    RealityScan's is an `.imagelist`."""
+    for file in sorted(file for ending in _LISTS for file in path.parent.glob(f"*.{ending}")):
         try:
             names = [_name(line) for _, line in islice(read_lines(file), count + 1) if line]
         except CaptureError:

@@ -18,7 +18,7 @@ Which version between 1.2.9 and 1.2.11 made the last change matters only if pixe
 
 A camera of the type equidistant has its angles from the axis in shares of that at which its circle ends,
 half of the sensor's shorter side over the focal length, before the distortion; then these are shares of the
-circle's radius (`Equidistant.cpp`).
+circle's radius (`Equidistant.cpp`). The distortion fisheye1 is the lens fov (`DistortionFisheye1.cpp`).
 
 AliceVision's features count pixels from the centre of the first one, but an offset of 0, which a file
 has unless the point was refined, means the middle of the picture to everyone: so it does here, too.
@@ -52,9 +52,11 @@ PATTERNS = (
 
 _DISTORTION_OF_CAMERA = {
     "pinhole": "none", "radial1": "radialk1", "radial3": "radialk3", "brown": "brown",
-    "fisheye4": "fisheye", "fisheye": "fisheye", "equidistant": "none",
+    "fisheye4": "fisheye", "fisheye": "fisheye", "fisheye1": "fisheye1", "equidistant": "none",
+    "equidistant_r3": "radialk3pt",
 }  # fmt: skip
-_COUNTS = {"none": 0, "radialk1": 1, "radialk3": 3, "radialk3pt": 3, "brown": 5, "fisheye": 4}
+_COUNTS = {"none": 0, "radialk1": 1, "radialk3": 3, "radialk3pt": 3, "brown": 5, "fisheye": 4,
+           "fisheye1": 1}  # fmt: skip
 _OF_ANGLES = ("none", "radialk1", "radialk3", "radialk3pt")
 """distortions that are known of the type equidistant"""
 _MOST_TO_SEARCH = 1 << 26
@@ -214,7 +216,7 @@ def _intrinsics(path: Path, where: str, entry: dict, version: tuple[int, ...]) -
     cx, cy = numbers(path, f"{where}.principalPoint", entry.get("principalPoint"), 2)
     if version >= (1, 2, 1):
         cx, cy = cx + 0.5 * width, cy + 0.5 * height
-    if _word(entry.get("type", "")) == "equidistant":
+    if _word(entry.get("type", "")) in ("equidistant", "equidistant_r3"):
         wide = value("sensorWidth", 36.0)
         shorter = min(wide, value("sensorHeight", wide * height / width))
         # Twice the focal length in terms of the shorter side: one over the angle at which the circle ends.
@@ -241,6 +243,8 @@ def _lens(path: Path, where: str, entry: dict) -> tuple[float, str, tuple[float,
     model, k = _distortion(path, where, entry, tuple(_COUNTS))
     if model == "fisheye":
         return 1.0, *polynomial_lens(k, equidistant=True)
+    if model == "fisheye1":
+        return 1.0, "fov", k
     if model == "brown":
         return 1.0, *polynomial_lens(k[:3], k[3:])
     return _shrunk(path, where, model, k), *polynomial_lens(k)

@@ -1,67 +1,39 @@
-"""RealityCapture's and RealityScan's cameras: XMP sidecars beside the photos, or one CSV table.
-
-The table is "Internal/External camera parameters" (columns name, x, y, alt, heading or yaw, pitch,
-roll, f, px, py, k1 … k4, t1, t2; in degrees). With all angles 0 a camera looks down with north on
-top; heading turns it clockwise as seen from above, pitch 90° lifts the view to the horizon.
+"""RealityCapture's and RealityScan's cameras: XMP sidecars beside the photos, or one CSV table
+(`realitycapture_table`).
 
 A sidecar NAME.xmp has the rotation from the world to OpenCV's camera axes, row by row, and the
-camera's place. RealityScan writes its values as attributes or as elements, both by turns.
-
-The lens of both ("RealityCapture XMP Camera Math"), with s the longer side of the photo in pixels:
-
-    x = X / Z, y = Y / Z
-    x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶ + k4 r⁸) + t1 (r² + 2 x²) + 2 t2 x y
-    y' = y (1 + k1 r² + k2 r⁴ + k3 r⁶ + k4 r⁸) + t2 (r² + 2 y²) + 2 t1 x y
-    u = w / 2 + s (f / 36 x' + skew y' + px)
-    v = h / 2 + s (f / 36 aspect y' + py)
-
-so t1 and t2 are OpenCV's p2 and p1: RealityCapture's "OpenCV-compliant" table swaps them. Its division
-model is another formula, in another order; a file with it is refused rather than read wrongly.
+camera's place. RealityScan writes its values as attributes or as elements, both by turns. The lens is
+that of `realitycapture_lens`; a file with the division model is refused rather than read wrongly.
 The world is right-handed with +Z up.
 """
 
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path
 
 import numpy as np
 
-from ..brown_lens import polynomial_lens
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import as_text, head_of, number, numbers, read_text, read_xml
+from ..files import head_of, number, numbers, read_xml
 from ..frames import pose_opengl_from_opencv
-from ..image_header import image_size
-from ..intake import Found, Intrinsics, assemble
+from ..intake import Found, assemble
 from ..photo_finder import PhotoFinder
+from .realitycapture_lens import CHOOSE_BROWN, brown_lens
+from .realitycapture_table import UP, is_table, read_table
 
 NAME = "RealityCapture"
 EXTENSIONS = (".csv", ".xmp")
 PATTERNS = ("*.csv", "*.xmp", "*/*.xmp")
 
 _NAMESPACE = "http://www.capturingreality.com/ns/xcr/1.1#"
-_UP = (0.0, 0.0, 1.0)
-_SAME_COLUMNS = {"yaw": "heading", "f_35mm": "f", "px_norm": "px", "py_norm": "py", "z": "alt"}
-_NEEDED = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")
-_SEPARATORS = (",", ";", "\t")
-"""of columns; after all but the comma, Excel writes decimals with a comma where people do"""
 _LENSES = ("perspective", "brown3", "brown3t2", "brown4", "brown4t2")
 
 
 def recognises(file: Path) -> bool:
     """True for a sidecar in RealityCapture's namespace, or a table with its columns."""
-    head = head_of(file)
-    return _NAMESPACE.encode() in head or _table_of(as_text(head)) is not None
-
-
-def is_table_without_lenses(file: Path) -> bool:
-    """True for RealityCapture's other tables, of places or of places and angles, which have no lenses."""
-    lines = as_text(head_of(file)).splitlines()[:5]
-    headers = (_names(line.split(separator)) for line in lines for separator in _SEPARATORS)
-    places = any(names[:3] == ["name", "x", "y"] for names in headers)
-    return places and not recognises(file)
+    return _NAMESPACE.encode() in head_of(file) or is_table(file)
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
@@ -72,102 +44,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """
     if _NAMESPACE.encode() in head_of(path):
         return _read_sidecars(path, photos)
-    return _read_table(path, photos)
-
-
-def _table_of(head: str) -> tuple[dict[str, int], str] | None:
-    """Columns and their separator, by the line that names them; None if this is no table of cameras.
-
-    RealityCapture may put `#cameras 12` before it; Excel saves tables again with other separators.
-    """
-    for line in head.splitlines()[:5]:
-        for separator in _SEPARATORS:
-            if (columns := _columns(line.split(separator))) is not None:
-                return columns, separator
-    return None
-
-
-def _columns(header: list[str]) -> dict[str, int] | None:
-    """Positions of the columns by their names; None if some are missing."""
-    found = {name: index for index, name in enumerate(_names(header)) if name}
-    return found if all(name in found for name in _NEEDED) else None
-
-
-def _names(header: list[str]) -> list[str]:
-    """Columns as they are called here."""
-    names = (name.strip().strip('"').lstrip("#").strip().lower() for name in header)
-    return [_SAME_COLUMNS.get(name, name) for name in names]
-
-
-def _read_table(path: Path, photos: PhotoFinder) -> Capture:
-    text = read_text(path)
-    table = _table_of(text[:65536])
-    if table is None:
-        raise CaptureError(
-            path, "line 1", "the columns of RealityCapture's table are missing",
-            "export 'Internal/External camera parameters' again",
-        )  # fmt: skip
-    columns, separator = table
-    found = []
-    try:
-        rows = list(enumerate(csv.reader(text.splitlines(), delimiter=separator), 1))
-    except csv.Error as error:
-        raise CaptureError(path, "", f"this is no table ({error})", "export it again") from error
-    for line, row in rows:
-        if not row or not row[0].strip() or row[0].lstrip().startswith("#"):
-            continue
-        if _columns(row) is not None:
-            continue
-        where = f"line {line}"
-        if len(row) <= max(columns.values()):
-            raise CaptureError(path, where, "the line is cut off", "export the cameras again")
-
-        def value(name: str, row: list[str] = row, where: str = where) -> float:
-            if name not in columns:
-                return 0.0
-            text = row[columns[name]]
-            if separator != ",":
-                text = text.replace(",", ".")
-            return number(path, f"{where}, {name}", text)
-
-        stated = row[columns["name"]].strip()
-        photo = photos.find(stated, beside=path)
-        intrinsics = None
-        if photo is not None:
-            radial = [value(name) for name in ("k1", "k2", "k3", "k4")]
-            intrinsics = _intrinsics(
-                photo, value("f"), value("px"), value("py"), radial, value("t1"), value("t2")
-            )
-        pose = np.eye(4)
-        pose[:3, :3] = _rotation(value("heading"), value("pitch"), value("roll"))
-        pose[:3, 3] = value("x"), value("y"), value("alt")
-        found.append(Found(where, stated, photo, pose, intrinsics))
-    return assemble(path, NAME, found, photos, up=_UP)
-
-
-def _rotation(heading: float, pitch: float, roll: float) -> np.ndarray:
-    """Camera to world [3, 3] with OpenGL's camera axes, of angles in degrees."""
-    turns = np.radians([-heading, pitch, roll])
-    (c, cp, cr), (s, sp, sr) = np.cos(turns), np.sin(turns)
-    about_z = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    about_x = np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]])
-    about_y = np.array([[cr, 0, sr], [0, 1, 0], [-sr, 0, cr]])
-    return about_z @ about_x @ about_y
-
-
-def _intrinsics(
-    photo: Path, focal: float, px: float, py: float, radial: list[float], t1: float, t2: float,
-    skew: float = 0.0, aspect: float = 1.0,
-) -> Intrinsics:  # fmt: skip
-    """The lens on a photo as it is now: all lengths are in terms of its longer side."""
-    width, height = image_size(photo)
-    longer = max(width, height)
-    fx = focal / 36 * longer
-    lens, distortion = polynomial_lens(radial, (t2, t1), skew * longer / fx if fx else 0.0)
-    return Intrinsics(
-        width, height, fx, fx * aspect, 0.5 * width + px * longer, 0.5 * height + py * longer,
-        lens, distortion,
-    )  # fmt: skip
+    return read_table(path, NAME, photos)
 
 
 def _read_sidecars(path: Path, photos: PhotoFinder) -> Capture:
@@ -210,7 +87,7 @@ def _read_sidecars(path: Path, photos: PhotoFinder) -> Capture:
             "no sidecar has a pose" if placeless else "all places are in a rig, none in the world",
             "export XMP with camera poses in RealityCapture",
         )  # fmt: skip
-    return assemble(path, NAME, found, photos, up=_UP, warnings=tuple(warnings))
+    return assemble(path, NAME, found, photos, up=UP, warnings=tuple(warnings))
 
 
 def _coordinates(values: dict[str, str]) -> str:
@@ -260,10 +137,9 @@ def _from_sidecar(file: Path, values: dict[str, str], photo: Path | None) -> Fou
         if model not in _LENSES and coefficients.any():
             raise CaptureError(
                 file, "xcr:DistortionModel", f"the lens model '{shown(model)}' is not supported",
-                "set Brown as distortion model in the alignment settings, update the cameras, and "
-                "export them again",
+                CHOOSE_BROWN,
             )  # fmt: skip
-        intrinsics = _intrinsics(
+        intrinsics = brown_lens(
             photo, focal, value("PrincipalPointU", 0.0), value("PrincipalPointV", 0.0),
             coefficients[:4].tolist(), coefficients[4], coefficients[5],
             value("Skew", 0.0), value("AspectRatio", 1.0),
