@@ -28,7 +28,7 @@ from .trainer import Trainer
 BEFORE = {
     "light": {
         "turntable": "no", "from_room": False, "floor": False, "colour_tolerance": 0.0,
-        "step_smoothing": 0.0, "smoothness": 0.0,
+        "step_smoothing": 0.0, "smoothness": 0.0, "colour_smoothness": 0.0,
     },
     "render": {"diffuse_visibility": False},
     "fit": {
@@ -219,7 +219,9 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> 
             {key.removeprefix(prefix): v for key, v in tensors.items() if key.startswith(prefix)}
         )
     trainer.probe_turn = state.get("probe_turn", -1)  # jobs of version 0.1 have none
-    trainer.open_detail.share = tensors.get("light.open_detail")
+    if (share := tensors.get("light.open_detail")) is not None:
+        # It was of detail alone, and one map, before colours had theirs.
+        trainer.open_detail.share = share.expand(2, -1, -1)
     trainer.steps_at_level = state["steps_at_level"]
     trainer.fraction_at_level = state["fraction_at_level"]
     trainer.batching.restore(state["batching"])

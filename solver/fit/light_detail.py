@@ -2,19 +2,21 @@
 
 Glossy reflections tell the mean of the light over their lobes. What cancels out in all of them, mostly
 lines along rows and columns, stays in the light as the first rays have left it, for an artist to see behind
-the object (docs/decisions/0038).
+the object (docs/decisions/0038). So do colours: where the light is dark, or a lobe is wide, each channel
+has noise of its own (docs/decisions/0040).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import torch
 import torch.nn.functional as F
 
 from ..brdf.microfacet import fresnel_schlick
 from ..light.environment import EnvironmentMap, equirect_coordinates, resized_map
-from ..light.smoothing import draw_together, map_smoothing
+from ..light.smoothing import draw_colours_together, draw_together, map_smoothing
 from ..render.scene import Scene, SharedTables
 from .chunk import Chunk, ChunkLoss
 from .schedule import blur_width
@@ -37,7 +39,8 @@ class OpenDetail:
     """Takes from a light, over the last steps of a fit, what photos leave open of it.
 
     Attributes:
-        share: [H, 2H] see `open_detail`, as it was last looked for; None: not yet.
+        share: [2, H, 2H] of detail and of colours, see `open_detail`, as they were last looked for; None:
+            not yet.
     """
 
     STEPS = 8
@@ -51,11 +54,13 @@ class OpenDetail:
 
     def wanted(self, fraction: float) -> bool:
         """Whether it is time to look, at a fraction of the fit: surfaces have their gloss."""
-        return self._settings.smoothness > 0 and fraction >= self._settings.smoothness_start
+        settings = self._settings
+        some = max(settings.smoothness, settings.colour_smoothness) > 0
+        return some and fraction >= settings.smoothness_start
 
     def look(self, scene: Scene, loss: ChunkLoss, steps: list[Step]) -> None:
         """Find the share of detail that pixels of steps leave open."""
-        self.share = open_detail(scene, loss, steps, self._sigma(scene.environment))
+        self.share = open_detail(scene, loss, steps, self._sigmas(scene.environment))
 
     def take_away(self, light: EnvironmentMap, step: int, rate: float) -> None:
         """Smooth what is open of a light, in place, if it is time.
@@ -63,36 +68,49 @@ class OpenDetail:
         Args:
             rate: of the light's optimiser, whose steps bring back what photos tell.
         """
-        if self.share is not None and step % self.EVERY == 0:
-            part = min(self.EVERY * rate * self._settings.smoothness, 1.0)
-            draw_together(light, self._sigma(light), self.share * part)
+        if self.share is None or step % self.EVERY != 0:
+            return
+        settings, (sigma, wide) = self._settings, self._sigmas(light)
+        part, of_colours = (
+            min(self.EVERY * rate * pull, 1.0)
+            for pull in (settings.smoothness, settings.colour_smoothness)
+        )
+        detail, colours = self.share
+        draw_together(light, sigma, detail * part)
+        if of_colours > 0:
+            draw_colours_together(light, wide, colours * of_colours)
 
-    def _sigma(self, light: EnvironmentMap) -> float:
-        return blur_width(self._settings.smoothness_width, light.height)
+    def _sigmas(self, light: EnvironmentMap) -> tuple[float, float]:
+        """Of the blurs of detail and of colours, texels."""
+        settings = self._settings
+        widths = settings.smoothness_width, settings.colour_smoothness_width
+        return tuple(blur_width(width, light.height) for width in widths)
 
 
 @torch.no_grad()
-def open_detail(scene: Scene, loss: ChunkLoss, steps: list[Step], sigma: float) -> torch.Tensor:
-    """Share [H, 2H], from 0 to 1, of detail finer than a Gaussian of `sigma` texels that pixels of steps
-    leave open, per texel of a scene's light.
+def open_detail(
+    scene: Scene, loss: ChunkLoss, steps: list[Step], sigmas: Sequence[float]
+) -> torch.Tensor:  # fmt: skip
+    """Shares [len(sigmas), H, 2H], from 0 to 1, of detail finer than Gaussians of so many texels that
+    pixels of steps leave open, per texel of a scene's light.
 
     A lobe leaves α / σ of it open, σ as an angle. Of the lobes that mirror a place, the harmonic mean
     counts, weighted by what they reflect: a few sharp ones tell all.
     """
     height = scene.environment.height
-    angle = sigma * math.pi / height
-    counts = torch.zeros(2, ROWS * 2 * ROWS, device=scene.device)
-    seen, sharp = counts
+    angles = [sigma * math.pi / height for sigma in sigmas]
+    counts = torch.zeros(1 + len(angles), ROWS * 2 * ROWS, device=scene.device)
     for chunks, turns in steps:
         tables = SharedTables.of(scene, turns)
         for chunk in chunks:
             place, weight, alpha = _mirrored(scene, loss, tables, chunk, turns[chunk.turn])
-            seen.index_add_(0, place, weight)
-            sharp.index_add_(0, place, weight / (alpha / angle).clamp(SHARPEST, 1))
-    seen, sharp = map_smoothing(AROUND)(counts.view(2, ROWS, 2 * ROWS))
+            open_here = [(alpha / angle).clamp(SHARPEST, 1) for angle in angles]
+            weights = torch.stack([weight, *(weight / share for share in open_here)])
+            counts.index_add_(1, place, weights)
+    seen, *sharp = map_smoothing(AROUND)(counts.view(-1, ROWS, 2 * ROWS))
     few = FEW * seen.mean() + 1e-12
-    share = (seen + few) / (sharp + few)
-    return resized_map(share.expand(3, -1, -1), height)[0].clamp(0, 1)
+    shares = [((seen + few) / (each + few)).expand(3, -1, -1) for each in sharp]
+    return torch.stack([resized_map(share, height)[0] for share in shares]).clamp(0, 1)
 
 
 def _mirrored(

@@ -35,7 +35,7 @@ PAPER = Settings(
     ),
     light=LightSettings(
         heights=(512,), turntable="no", colour_tolerance=0.0, step_smoothing=0.0,
-        smoothness=0.0, floor=False,
+        smoothness=0.0, colour_smoothness=0.0, floor=False,
     ),
     render=RenderSettings(
         secondary_step=0.5, secondary_rays=128, min_weight=0.0, min_transmittance=1e-4,

@@ -92,6 +92,9 @@ class LightSettings:
     are too rough to tell what is finer (0: nowhere)"""
     smoothness_width: float = 3.0
     """how far around, texels"""
+    colour_smoothness: float = 1.0
+    """the same of colours, which are drawn to those of the energy around (0: nowhere)"""
+    colour_smoothness_width: float = 12.0
     smoothness_start: float = 0.6
     """fraction of the fit from which on: while their gloss is open, surfaces become mirrors of a smooth
     light"""

@@ -57,3 +57,23 @@ def draw_together(light: EnvironmentMap, sigma: float, share: torch.Tensor) -> N
     before = around()
     logarithm.lerp_(smooth(logarithm), share.expand_as(logarithm))
     logarithm.add_((before / around()).log())
+
+
+@torch.no_grad()
+def draw_colours_together(light: EnvironmentMap, sigma: float, share: torch.Tensor) -> None:
+    """Move the colours of a light, in place, by a share of the way of their logarithms to the colour of the
+    energy within `sigma` texels around; the brightness of each texel, the mean of its channels, stays.
+
+    Args:
+        share: see `draw_together`.
+    """
+    smooth = map_smoothing(sigma)
+    if smooth is None:
+        return
+    radiance = light.radiance().clamp(min=LEAST_RADIANCE)
+    around = smooth(radiance).clamp(min=LEAST_RADIANCE)
+    brightness = radiance.mean(0, keepdim=True)
+    colour, wanted = ((r / r.mean(0, keepdim=True)).log() for r in (radiance, around))
+    colour = colour.lerp(wanted, share.expand_as(colour)).exp()
+    drawn = brightness * colour / colour.mean(0, keepdim=True)
+    light.log_radiance.copy_(drawn.clamp(min=LEAST_RADIANCE).log())

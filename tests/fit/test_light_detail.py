@@ -36,7 +36,15 @@ def ball(**settings):
 
 def opened(trainer, turn=None):
     steps = [(chunks, (turn,)) for chunks, _ in trainer.some_pixels(4)]
-    return open_detail(trainer.scene, trainer.loss, steps, 3.0)
+    return open_detail(trainer.scene, trainer.loss, steps, [3.0])[0]
+
+
+def test_more_of_a_wider_blur_is_told():
+    trainer, _, _ = ball(**{"field.initial_roughness": "0.15"})
+    steps = trainer.some_pixels(4)
+    narrow, wide = open_detail(trainer.scene, trainer.loss, steps, [3.0, 6.0])
+    assert narrow[24:40].mean() == pytest.approx(0.15**2 / SIGMA, rel=0.15)
+    assert wide[24:40].mean() == pytest.approx(0.5 * float(narrow[24:40].mean()), rel=0.01)
 
 
 @pytest.mark.parametrize("roughness, share", [(0.15, 0.15**2 / SIGMA), (0.9, 1.0), (0.03, 0.02)])
@@ -95,7 +103,7 @@ def opened_without_blur(trainer, steps):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(light_detail, "map_smoothing", lambda sigma: lambda counts: counts)
         patch.setattr(light_detail, "resized_map", lambda shares, height: shares)
-        return open_detail(trainer.scene, trainer.loss, steps, 3.0).numpy()
+        return open_detail(trainer.scene, trainer.loss, steps, [3.0])[0].numpy()
 
 
 def test_a_light_that_turned_is_told_where_it_was_before():
@@ -126,8 +134,8 @@ def late_light(first, **settings):
     return light.log_radiance.detach()
 
 
-STRONG = {"light.smoothness": "60"}
-NONE = {"light.smoothness": "0"}
+STRONG = {"light.smoothness": "60", "light.colour_smoothness": "60"}
+NONE = {"light.smoothness": "0", "light.colour_smoothness": "0"}
 
 
 def test_late_steps_take_lines_from_the_light_that_a_rough_ball_does_not_tell():
@@ -135,6 +143,26 @@ def test_late_steps_take_lines_from_the_light_that_a_rough_ball_does_not_tell():
         late_light(0.7, **settings)[:, 24:40].std(-1).mean() for settings in (NONE, STRONG)
     )
     assert smooth < 0.5 * free
+
+
+def test_late_steps_draw_colours_together_that_a_rough_ball_does_not_tell():
+    def colours(**settings):
+        trainer, _, _ = ball(**{"field.initial_roughness": "0.8", "fit.rays": "64", **settings})
+        light = trainer.scene.environment
+        torch.manual_seed(0)
+        light.log_radiance.data.normal_(0, 0.5)
+        brightness = light.radiance().detach().mean(0)
+        for step in range(16):
+            trainer.advance(0.7 + step / 100)
+        radiance = light.radiance().detach()
+        change = (radiance.mean(0) / brightness).log().abs().mean()
+        return (radiance / radiance.mean(0)).log().std(0)[24:40].mean(), change
+
+    only = {"light.smoothness": "0"}
+    free, kept = colours(**NONE)
+    drawn, kept_too = colours(**only, **{"light.colour_smoothness": "60"})
+    assert drawn < 0.3 * free
+    assert kept_too < 1.5 * kept
 
 
 @pytest.mark.parametrize(
@@ -164,6 +192,19 @@ def test_a_resumed_fit_goes_on_with_what_it_found_to_be_open(tmp_path):
     assert trainer.open_detail.share is not None
     other, settings = resumed(trainer, tmp_path, capture, photos)
     torch.testing.assert_close(other.open_detail.share, trainer.open_detail.share)
+    for one in (trainer, other):
+        for step in range(9):
+            one.advance(0.701 + step / 1000)
+    lights = (one.scene.environment.log_radiance for one in (trainer, other))
+    torch.testing.assert_close(*lights)
+
+
+def test_a_fit_from_before_colours_were_smooth_goes_on_without(tmp_path):
+    trainer, capture, photos = ball(**{"fit.rays": "64", "light.colour_smoothness": "0"})
+    trainer.advance(0.7)
+    trainer.open_detail.share = trainer.open_detail.share[0]  # as it was
+    other, _ = resumed(trainer, tmp_path, capture, photos)
+    trainer.open_detail.share = trainer.open_detail.share.expand(2, -1, -1)
     for one in (trainer, other):
         for step in range(9):
             one.advance(0.701 + step / 1000)

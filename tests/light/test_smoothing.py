@@ -8,7 +8,7 @@ from solver.fit.presets import settings_for
 from solver.fit.schedule import light_step_width
 from solver.fit.start import new_trainer
 from solver.light.environment import EnvironmentMap
-from solver.light.smoothing import draw_together, map_smoothing
+from solver.light.smoothing import draw_colours_together, draw_together, map_smoothing
 from tests.fit.test_fit import ball_capture
 
 
@@ -129,4 +129,59 @@ def test_a_light_that_is_black_nearly_everywhere_stays_a_number():
     light.log_radiance.data.fill_(-120.0)
     light.log_radiance.data[:, 30, 60] = 3.0
     draw_together(light, 3.0, ALL / 2)
+    assert torch.isfinite(light.log_radiance).all()
+
+
+def coloured(seed=0, contrast=0.5):
+    """A light of a map of noise, each channel its own."""
+    torch.manual_seed(seed)
+    light = EnvironmentMap(64)
+    light.log_radiance.data.normal_(0, contrast)
+    return light
+
+
+def colours(light):
+    radiance = light.radiance().detach()
+    return radiance / radiance.mean(0)
+
+
+def test_colours_drawn_together_are_those_of_the_energy_around_and_brightness_stays():
+    light = coloured()
+    before = light.radiance().detach().clone()
+    draw_colours_together(light, 6.0, ALL)
+    around = map_smoothing(6.0)(before)
+    torch.testing.assert_close(colours(light), around / around.mean(0))
+    torch.testing.assert_close(light.radiance().detach().mean(0), before.mean(0))
+
+
+def test_a_lamp_gives_its_colour_to_what_is_around_it_and_keeps_it():
+    light = EnvironmentMap(64)
+    light.log_radiance.data.copy_(torch.tensor([-3.0, -2.0, -1.0]).view(3, 1, 1).expand(3, 64, 128))
+    light.log_radiance.data[:, 30:34, 60:64] = torch.tensor([9.0, 8.0, 7.0]).view(3, 1, 1)
+    lamp = colours(light)[:, 32, 62]
+    draw_colours_together(light, 6.0, ALL)
+    for column in (62, 54):
+        torch.testing.assert_close(colours(light)[:, 32, column], lamp, rtol=0.02, atol=0)
+
+
+def test_colours_are_drawn_together_by_the_share_of_each_texel():
+    light, share = coloured(), torch.zeros(64, 128)
+    own = light.log_radiance.detach().clone()
+    for sigma in (6.0, 0.3):  # nothing is to be drawn; the blur is none
+        draw_colours_together(light, sigma, share if sigma == 6 else ALL)
+        torch.testing.assert_close(light.log_radiance.detach(), own, atol=1e-5, rtol=0)
+    share[:, 64:] = 0.25
+    before = colours(light).log()
+    draw_colours_together(light, 6.0, share)
+    after = colours(light).log()
+    left, right = ((a[1, 20:44, at : at + 48].std()) for a, at in ((after, 8), (after, 72)))
+    assert left == pytest.approx(float(before[1, 20:44, 8:56].std()), rel=1e-3)
+    assert right == pytest.approx(0.75 * float(before[1, 20:44, 72:120].std()), rel=0.02)
+
+
+def test_colours_of_a_light_that_is_black_nearly_everywhere_stay_numbers():
+    light = EnvironmentMap(64)
+    light.log_radiance.data.fill_(-120.0)
+    light.log_radiance.data[1, 30, 60] = 3.0
+    draw_colours_together(light, 6.0, ALL / 2)
     assert torch.isfinite(light.log_radiance).all()
