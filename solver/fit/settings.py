@@ -87,7 +87,7 @@ class LightSettings:
     """texels by which each step of the light is blurred at the start, and ever less until
     `step_smoothing_end` of the fit; 0: not at all"""
     step_smoothing_end: float = 0.2
-    smoothness: float = 0.5
+    smoothness: float = 1.0
     """how far each texel is drawn to those around it, as a share of a step of the optimiser, where surfaces
     are too rough to tell what is finer (0: nowhere)"""
     smoothness_width: float = 3.0
