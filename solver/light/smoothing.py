@@ -61,8 +61,9 @@ def draw_together(light: EnvironmentMap, sigma: float, share: torch.Tensor) -> N
 
 @torch.no_grad()
 def draw_colours_together(light: EnvironmentMap, sigma: float, share: torch.Tensor) -> None:
-    """Move the colours of a light, in place, by a share of the way of their logarithms to the colour of the
-    energy within `sigma` texels around; the brightness of each texel, the mean of its channels, stays.
+    """Move the colours of a light, in place, by a share of their way to the colour of the energy within
+    `sigma` texels around. The brightness of each texel, the mean of its channels, stays, and so does the
+    energy of each channel around: halfway between logarithms there would be less of the rarer colours.
 
     Args:
         share: see `draw_together`.
@@ -73,7 +74,6 @@ def draw_colours_together(light: EnvironmentMap, sigma: float, share: torch.Tens
     radiance = light.radiance().clamp(min=LEAST_RADIANCE)
     around = smooth(radiance).clamp(min=LEAST_RADIANCE)
     brightness = radiance.mean(0, keepdim=True)
-    colour, wanted = ((r / r.mean(0, keepdim=True)).log() for r in (radiance, around))
-    colour = colour.lerp(wanted, share.expand_as(colour)).exp()
-    drawn = brightness * colour / colour.mean(0, keepdim=True)
+    colour, wanted = (r / r.mean(0, keepdim=True) for r in (radiance, around))
+    drawn = brightness * colour.lerp(wanted, share.expand_as(colour))
     light.log_radiance.copy_(drawn.clamp(min=LEAST_RADIANCE).log())

@@ -164,6 +164,25 @@ def test_a_lamp_gives_its_colour_to_what_is_around_it_and_keeps_it():
         torch.testing.assert_close(colours(light)[:, 32, column], lamp, rtol=0.02, atol=0)
 
 
+def test_colours_that_are_drawn_together_often_keep_the_energy_of_each_channel():
+    """A white light, three tenths of whose texels are red; logarithms would make it ever whiter or redder."""
+    light = EnvironmentMap(64)
+    torch.manual_seed(0)
+    red = torch.rand(64, 128) < 0.3
+    light.log_radiance.data.fill_(0.0)
+    light.log_radiance.data[1:, red] = -7.0
+
+    def around():
+        return map_smoothing(12.0)(light.radiance().detach())[:, 16:48]
+
+    before, contrast = around(), colours(light).std()
+    for _ in range(30):
+        draw_colours_together(light, 6.0, 0.08 * ALL)
+    torch.testing.assert_close(around(), before, rtol=0.05, atol=0)
+    torch.testing.assert_close(around().mean((1, 2)), before.mean((1, 2)), rtol=0.005, atol=0)
+    assert colours(light).std() < 0.5 * contrast
+
+
 def test_colours_are_drawn_together_by_the_share_of_each_texel():
     light, share = coloured(), torch.zeros(64, 128)
     own = light.log_radiance.detach().clone()
@@ -171,9 +190,9 @@ def test_colours_are_drawn_together_by_the_share_of_each_texel():
         draw_colours_together(light, sigma, share if sigma == 6 else ALL)
         torch.testing.assert_close(light.log_radiance.detach(), own, atol=1e-5, rtol=0)
     share[:, 64:] = 0.25
-    before = colours(light).log()
+    before = colours(light)
     draw_colours_together(light, 6.0, share)
-    after = colours(light).log()
+    after = colours(light)
     left, right = ((a[1, 20:44, at : at + 48].std()) for a, at in ((after, 8), (after, 72)))
     assert left == pytest.approx(float(before[1, 20:44, 8:56].std()), rel=1e-3)
     assert right == pytest.approx(0.75 * float(before[1, 20:44, 72:120].std()), rel=0.02)
