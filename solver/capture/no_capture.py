@@ -61,10 +61,10 @@ def nothing_in(folder: Path, usual: Sequence[str]) -> CaptureError:
     remedy = "give the camera file itself, or solve the cameras from the photos"
     problem = "there is no camera file in this folder"
     above = next((file for name in usual if (file := folder.parent / name).is_file()), None)
-    archives = (file for file in sorted(folder.glob("*")) if file.suffix.lower() in _ARCHIVES)
-    archive = next(archives, None)
+    files = (file for file in sorted(folder.glob("*")) if file.suffix.lower() in _ARCHIVES)
+    archive = next(filter(zipfile.is_zipfile, files), None)
     table = next(filter(is_table_without_lenses, sorted(folder.glob("*.csv"))), None)
-    if archive is not None and zipfile.is_zipfile(archive):
+    if archive is not None:
         remedy = f"unpack {archive.name}, and give its folder"
     elif above is not None:
         remedy = f"give {folder.parent}, which has {above.name}"

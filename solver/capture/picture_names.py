@@ -65,8 +65,11 @@ def agreement(one: Sequence[str], other: Sequence[str]) -> int:
 
 
 def pictures_below(folder: Path, extensions: tuple[str, ...] = EXTENSIONS) -> Iterator[Path]:
-    """Pictures below a folder, not deeper than `DEEPEST`; each folder counts once, whatever links to it."""
+    """Pictures below a folder, not deeper than `DEEPEST`; each folder counts once, whatever links to it.
+    Those of a hidden layer come last, and only if no other picture is called so."""
     start, seen, been = len(folder.parts), 0, set()
+    layer: list[Path] = []
+    names: set[str] = set()
     for place, folders, files in os.walk(folder, followlinks=True):
         real = os.path.realpath(place)
         if real in been:
@@ -81,8 +84,14 @@ def pictures_below(folder: Path, extensions: tuple[str, ...] = EXTENSIONS) -> It
             seen += 1
             if seen > MOST_FILES:
                 return
-            if Path(name).suffix.lower() in extensions and not name.startswith("."):
+            if Path(name).suffix.lower() not in extensions or name.startswith("."):
+                continue
+            if _LAYER in Path(place).parts[start:]:
+                layer.append(Path(place) / name)
+            else:
+                names.add(stem_of(name))
                 yield Path(place) / name
+    yield from (path for path in layer if stem_of(path.name) not in names)
 
 
 def pictures_in(folder: Path) -> list[Path]:

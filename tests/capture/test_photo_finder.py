@@ -358,6 +358,7 @@ def test_an_archive_is_to_be_unpacked(tmp_path, name):
         archive.writestr("transforms.json", "{}")
     with pytest.raises(CaptureError, match="this is an archive; unpack it"):
         read_capture(tmp_path / name)
+    (tmp_path / "a film.r3d").write_bytes(b"RED2")
     with pytest.raises(CaptureError, match=f"no camera file.*unpack {name}"):
         read_capture(tmp_path)
 

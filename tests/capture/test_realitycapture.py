@@ -14,6 +14,7 @@ from PIL import Image
 
 from solver.capture.errors import CaptureError
 from solver.capture.formats import realitycapture
+from solver.capture.photo_finder import PhotoFinder
 from solver.capture.read import read_capture, reader_of
 from tests.capture.programs import (
     COUNT,
@@ -180,24 +181,33 @@ def test_a_table_whose_lenses_have_k1_alone_is_refused_as_of_the_division_model(
     division = dict(LENS, k2=0, k3=0, t1=0, t2=0)
     with pytest.raises(CaptureError, match="k1.*division.*set Brown"):
         read_capture(write_table(tmp_path, write(division)))
+    straight = write(dict(division, k1=0)).splitlines()[1:2]
+    one_straight = "\n".join(
+        [*write(division).splitlines()[:1], *straight, *write(division).splitlines()[2:]]
+    )
+    with pytest.raises(CaptureError, match="k1.*division.*set Brown"):
+        read_capture(write_table(tmp_path, one_straight))
     read_capture(write_table(tmp_path, write(dict(division, k1=0))))
     read_capture(write_table(tmp_path, write(dict(division, k2=1e-4))))
 
 
 def test_longitudes_and_latitudes_are_refused_and_lengths_far_away_are_not(tmp_path):
-    def at(x, y, size):
+    def at(x, y, size, height=1.0):
         lines = [HEADER]
         for index in range(COUNT):
             cells = row(index, LENS).split(",")
             place = table_pose(index)[:3, 3]
-            cells[1:3] = repr(x + size * place[0]), repr(y + size * place[1])
+            moved = x + size * place[0], y + size * place[1], height * place[2]
+            cells[1:4] = (repr(float(value)) for value in moved)
             lines.append(",".join(cells))
         return write_table(tmp_path, "\n".join(lines))
 
     with pytest.raises(CaptureError, match="longitudes and latitudes.*Euclidean or a projected"):
         read_capture(at(-34.82878, -7.16331, 1e-5))
-    for x, y, size in ((512345.0, 5412345.0, 1.0), (30.0, -7.0, 1.0), (0.0, 0.0, 1e-5)):
-        assert len(read_capture(at(x, y, size)).cameras) == COUNT
+    for x, y, size in (
+        (512345.0, 5412345.0, 1.0), (30.0, -7.0, 1.0), (0.0, 0.0, 1e-5), (150.0, 40.0, 0.02),
+    ):  # fmt: skip
+        assert len(read_capture(at(x, y, size, size)).cameras) == COUNT
 
 
 def test_photos_in_realitycaptures_layer_of_geometry_are_found_with_their_masks(tmp_path):
@@ -208,6 +218,33 @@ def test_photos_in_realitycaptures_layer_of_geometry_are_found_with_their_masks(
     for item in read_capture(tmp_path).cameras:
         assert item.image_path.parent.name == ".geometry"
         assert item.mask_path == tmp_path / ".mask" / item.image_path.name
+
+
+def test_a_layer_of_geometry_beside_the_photos_themselves_does_not_count(tmp_path):
+    write_table(tmp_path, table())
+    for layer in (tmp_path / ".geometry", tmp_path / "photos" / ".geometry"):
+        save_photos(layer)
+    cameras = read_capture(tmp_path).cameras
+    assert [item.image_path.parent.name for item in cameras] == ["photos"] * COUNT
+    assert len(PhotoFinder(tmp_path).pictures()) == COUNT
+
+
+def test_rows_without_a_photo_need_no_lens(tmp_path):
+    lines = table().splitlines()
+    cells = lines[2].split(",")
+    cells[0], cells[10:] = "lost.png", [""] * 6
+    lines[2] = ",".join(cells)
+    capture = read_capture(write_table(tmp_path, "\n".join(lines)))
+    assert len(capture.cameras) == COUNT - 1 and "lost.png" in capture.warnings[0]
+
+
+def test_photos_of_another_size_than_an_opencv_compliant_table_has_are_named(tmp_path):
+    text = opencv_table(LENS, (WIDTH, HEIGHT))
+    for size in ((WIDTH // 2, HEIGHT // 2), (2 * WIDTH, 2 * HEIGHT)):
+        with pytest.raises(
+            CaptureError, match="px_pix.*not the centre.*size in which they were aligned"
+        ):
+            read_capture(write_table(tmp_path, text, size))
 
 
 def save_mask(path):

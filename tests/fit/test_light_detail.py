@@ -7,11 +7,12 @@ import pytest
 import torch
 
 from solver.brdf.microfacet import fresnel_schlick
-from solver.fit import light_detail
+from solver.fit import checkpoint, light_detail
 from solver.fit.light_detail import OpenDetail, open_detail
 from solver.fit.presets import settings_for
-from solver.fit.start import new_trainer
-from solver.light.environment import equirect_coordinates
+from solver.fit.start import new_trainer, trainer_for
+from solver.light.environment import EnvironmentMap, equirect_coordinates
+from solver.light.smoothing import draw_colours_together, draw_together
 from tests.fit.test_fit import ball_capture, resumed
 
 SMALL = {
@@ -145,6 +146,28 @@ def test_late_steps_take_lines_from_the_light_that_a_rough_ball_does_not_tell():
     assert smooth < 0.5 * free
 
 
+@pytest.mark.parametrize("which", [0, 1])
+def test_detail_and_colours_have_each_their_share_and_blur(which):
+    detail = OpenDetail(settings_for("draft").light)
+    torch.manual_seed(0)
+    light, expected = EnvironmentMap(256), EnvironmentMap(256)
+    light.log_radiance.data.normal_(0, 0.5)
+    start = light.log_radiance.detach().clone()
+    expected.log_radiance.data.copy_(start)
+    detail.share = torch.zeros(2, 256, 512)
+    detail.share[which] = 0.5
+    detail.take_away(light, 16, 0.01)
+    if which == 0:
+        draw_together(expected, 3.0, torch.tensor(0.5 * 8 * 0.01))
+    else:
+        draw_colours_together(expected, 12.0, torch.tensor(0.5 * 8 * 0.01))
+    torch.testing.assert_close(light.log_radiance, expected.log_radiance, atol=1e-4, rtol=0)
+    assert (light.log_radiance - start).abs().max() > 0.01
+    before = light.log_radiance.detach().clone()
+    detail.take_away(light, 17, 0.01)  # every eighth step
+    assert (light.log_radiance == before).all()
+
+
 def test_late_steps_draw_colours_together_that_a_rough_ball_does_not_tell():
     def colours(**settings):
         trainer, _, _ = ball(**{"field.initial_roughness": "0.8", "fit.rays": "64", **settings})
@@ -202,9 +225,16 @@ def test_a_resumed_fit_goes_on_with_what_it_found_to_be_open(tmp_path):
 def test_a_fit_from_before_colours_were_smooth_goes_on_without(tmp_path):
     trainer, capture, photos = ball(**{"fit.rays": "64", "light.colour_smoothness": "0"})
     trainer.advance(0.7)
-    trainer.open_detail.share = trainer.open_detail.share[0]  # as it was
-    other, _ = resumed(trainer, tmp_path, capture, photos)
-    trainer.open_detail.share = trainer.open_detail.share.expand(2, -1, -1)
+    both, trainer.open_detail.share = trainer.open_detail.share, trainer.open_detail.share[0]
+    checkpoint.save_checkpoint(trainer, tmp_path, 1.0, done=False)
+    trainer.open_detail.share = both
+    scene, state, tensors = checkpoint.load_scene(tmp_path)
+    for name in ("colour_smoothness", "colour_smoothness_width"):
+        del state["settings"]["light"][name]
+    settings = checkpoint.settings_of(state)
+    assert settings.light.colour_smoothness == 0
+    other = trainer_for(scene, capture, photos, settings, trainer.seed)
+    checkpoint.restore(other, state, tensors)
     for one in (trainer, other):
         for step in range(9):
             one.advance(0.701 + step / 1000)

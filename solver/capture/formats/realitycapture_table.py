@@ -41,9 +41,12 @@ _PLACES = (["name", "x", "y"], ["name", "x/lon", "y/lat"])
 """columns that RealityCapture's tables without lenses begin with"""
 _SEPARATORS = (",", ";", "\t")
 """of columns; after all but the comma, Excel writes decimals with a comma where people do"""
+_MOST_OFF = 0.1
+"""of a photo's size that a principal point may be from its centre; of half the size it is half of it"""
 _MOST_DEGREES = (180.0, 90.0)
-_FARTHEST = 1000.0
-"""times their own extent that cameras on degrees may be from the origin before they are longitudes"""
+_FARTHEST, _STEEPEST = 1000.0, 10.0
+"""times their extent that cameras may be from the origin, and that their altitudes may differ, before x and
+y are longitudes and latitudes: altitudes are in metres, of which a degree has a hundred thousand"""
 
 
 def is_table(file: Path) -> bool:
@@ -105,7 +108,7 @@ def read_table(path: Path, name: str, photos: PhotoFinder) -> Capture:
         )  # fmt: skip
     columns, separator = table
     make = _from_angles if all(column in columns for column in _ANGLES) else _from_matrix
-    found, division = [], "k2" in columns
+    found, coefficients = [], []
     try:
         rows = list(enumerate(csv.reader(text.splitlines(), delimiter=separator), 1))
     except csv.Error as error:
@@ -127,10 +130,12 @@ def read_table(path: Path, name: str, photos: PhotoFinder) -> Capture:
                 text = text.replace(",", ".")
             return number(path, f"{where}, {name}", text)
 
-        division = division and bool(value("k1")) and not any(map(value, _OTHERS))
         stated = row[columns["name"]].strip()
-        found.append(make(path, where, stated, photos.find(stated, beside=path), value))
-    if division and found:
+        photo = photos.find(stated, beside=path)
+        found.append(make(path, where, stated, photo, value))
+        if photo is not None:
+            coefficients.append([value(name) for name in (*_RADIAL, *_TANGENTIAL)])
+    if "k2" in columns and len(coefficients) and _k1_alone(np.array(coefficients)):
         raise CaptureError(
             path,
             "k1",
@@ -142,7 +147,11 @@ def read_table(path: Path, name: str, photos: PhotoFinder) -> Capture:
     return assemble(path, name, found, photos, up=UP)
 
 
-_OTHERS = (*_RADIAL[1:], *_TANGENTIAL)
+def _k1_alone(coefficients: np.ndarray) -> bool:
+    """Whether of lenses' coefficients [N, 6] only the first is used; some photos may be straightened."""
+    return bool(coefficients[:, 0].any() and not coefficients[:, 1:].any())
+
+
 Value = Callable[[str], float]
 """a row's number in a column; 0 where the table has no such column"""
 
@@ -163,10 +172,16 @@ def _from_angles(path: Path, where: str, stated: str, photo: Path | None, value:
 def _from_matrix(path: Path, where: str, stated: str, photo: Path | None, value: Value) -> Found:
     intrinsics = None
     if photo is not None:
-        focal, lens = value("f_pix"), polynomial_lens(*_numbers(value, _RADIAL, _TANGENTIAL))
-        intrinsics = Intrinsics(
-            *image_size(photo), focal, focal, value("px_pix"), value("py_pix"), *lens
-        )
+        (width, height), focal = image_size(photo), value("f_pix")
+        cx, cy = value("px_pix"), value("py_pix")
+        if max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > _MOST_OFF:
+            raise CaptureError(
+                path, f"{where}, px_pix",
+                f"{cx:g}, {cy:g} is not the centre of {photo.name}, which has {width} × {height} pixels",
+                "give the photos in the size in which they were aligned",
+            )  # fmt: skip
+        lens, distortion = polynomial_lens(*_numbers(value, _RADIAL, _TANGENTIAL))
+        intrinsics = Intrinsics(width, height, focal, focal, cx, cy, lens, distortion)
     rotation, translation = _numbers(value, _CELLS, ("tx", "ty", "tz"))
     from_world = np.column_stack([np.reshape(rotation, (3, 3)), translation])
     pose = invert_pose(rigid_pose(path, f"{where}, R00", from_world))
@@ -195,10 +210,11 @@ def _check_no_degrees(path: Path, found: list[Found]) -> None:
     """
     if not found:
         return
-    places = np.stack([one.camera_to_world[:2, 3] for one in found])
-    extent = np.ptp(places, axis=0).max()
-    far = np.abs(places.mean(0)).max() > _FARTHEST * extent > 0
-    if far and (np.abs(places) <= _MOST_DEGREES).all():
+    places = np.stack([one.camera_to_world[:3, 3] for one in found])
+    east, north, up = np.ptp(places, axis=0)
+    far = np.abs(places[:, :2].mean(0)).max() > _FARTHEST * max(east, north) > 0
+    steep = up > _STEEPEST * max(east, north)
+    if far and steep and (np.abs(places[:, :2]) <= _MOST_DEGREES).all():
         raise CaptureError(
             path, "x, y", "they are longitudes and latitudes in degrees",
             "export in a local Euclidean or a projected coordinate system, in metres",
