@@ -41,7 +41,7 @@ MOST = {
 RISING = ("field.sizes", "field.size_starts", "fit.neural_fade", "fit.emission_fade")
 DECIDED_ELSEWHERE = {
     "render.neural": "fit.neural_start and fit.neural_fade", "render.emission": "fit.emission_fade",
-    "render.neighbour_distance": "fit.neighbour_distance",
+    "render.neighbour_distance": "fit.neighbour_distance", "render.widening_gradient": "fit.unbiased",
 }  # fmt: skip
 """settings that a fit overwrites by others"""
 

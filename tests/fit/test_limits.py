@@ -38,7 +38,7 @@ def test_every_preset_keeps_within_the_limits(preset):
         ("fit.neural_fade=0.9,0.1", "rise"), ("field.sizes=64,32,16", "rise"),
         ("fit.background=whte", "choose one of auto"), ("fit.exposure=gian", "white_balance"),
         ("render.retrace_choice=nosy", "systematic, noisy"), ("fit.checkpoint_every=inf", "finite"),
-        ("render.neural=0.5", "fit.neural_start"), ("photos.most_pixels=-1", "0 or more"),
+        ("render.neural=0.5", "fit.neural_start"), ("render.widening_gradient=no", "fit.unbiased"), ("photos.most_pixels=-1", "0 or more"),
         ("field.step_smoothing=0.05,0", "two zeros"), ("photos.colour_space=aces", "auto, srgb, linear"),
     ],
 )  # fmt: skip
