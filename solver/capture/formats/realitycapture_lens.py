@@ -8,8 +8,8 @@ With s the longer side of the photo in pixels:
     u = w / 2 + s (f / 36 x' + skew y' + px)
     v = h / 2 + s (f / 36 aspect y' + py)
 
-so t1 and t2 are OpenCV's p2 and p1. The division model is another formula, x' = x / (1 + k1 r²), and is not
-read.
+so t1 and t2 are OpenCV's p2 and p1. The division model is another formula, and not read: as it is
+described, x' = x / (1 + k1 r²), a wide lens whose lines bend outwards has k1 > 0, but in files k1 < 0.
 """
 
 from __future__ import annotations
