@@ -66,16 +66,15 @@ def solver_python(chosen: str = "", runtime_folder: str = "") -> Path:
     bpy wheel in the solver's environment).
 
     Raises:
-        RuntimeMissing: none of them is there.
+        RuntimeMissing: none of them is there, or the one that was chosen cannot be run.
     """
     variable = f"the environment variable {PYTHON_VARIABLE}"
     for candidate, place in ((chosen, "the preferences"), (variable_python(), variable)):
         if candidate:
-            if Path(candidate).is_file():
+            if os.access(candidate, os.X_OK) and Path(candidate).is_file():
                 return Path(candidate)
-            raise RuntimeMissing(
-                f"The solver's Python {candidate} does not exist; correct it in {place}."
-            )
+            what = "cannot be run" if Path(candidate).is_file() else "does not exist"
+            raise RuntimeMissing(f"The solver's Python {candidate} {what}; correct it in {place}.")
     environment = managed_runtime(runtime_folder) / ENVIRONMENT
     if (environment / RECORD).is_file() and environment_python(environment).is_file():
         base = _base_of(environment)

@@ -6,14 +6,25 @@ import bpy
 
 from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import create_job, new_job_root
-from ..nmf_addon.jobs.monitor import monitor
+from ..nmf_addon.jobs.monitor import WAITS, monitor
 from ..nmf_addon.properties import chosen_overrides
 from ..nmf_addon.runtime import RuntimeMissing
-from ..nmf_addon.scene.capture_collection import LAST_JOB, active_capture, to_capture_space
+from ..nmf_addon.scene.capture_collection import (
+    active_capture,
+    remember_job,
+    to_capture_space,
+)
 from ..nmf_addon.scene.images import stored_path
 from ..nmf_addon.scene.region import region_problem
 from ..solver.capture.errors import CaptureError
 from ..solver.job.folder import JobError, JobFolder
+
+
+def _busy() -> str:
+    """Why no job can begin now; empty if one can."""
+    if monitor.running:
+        return "A job is running"
+    return f"Of the last job: {WAITS}" if monitor.waits_to_install else ""
 
 
 class NMF_OT_reconstruct(bpy.types.Operator):
@@ -26,8 +37,8 @@ class NMF_OT_reconstruct(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """With a capture and no job running."""
-        cls.poll_message_set("A job is running" if monitor.running else "Import a capture first")
-        return not monitor.running and active_capture(context) is not None
+        cls.poll_message_set(_busy() or "Import a capture first")
+        return not _busy() and active_capture(context) is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Write the job and start it."""
@@ -50,8 +61,7 @@ class NMF_OT_reconstruct(bpy.types.Operator):
         settings.job = stored_path(job.root)
         if collection != context.scene.collection:
             settings.capture = collection
-        if not collection.library:
-            collection[LAST_JOB] = job.root.name
+        remember_job(collection, job.root.name)
         return {"FINISHED"}
 
 
@@ -65,8 +75,8 @@ class NMF_OT_resume(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """With a job that does not run."""
-        cls.poll_message_set("A job is running" if monitor.running else "There is no job to resume")
-        return not monitor.running and monitor.job is not None
+        cls.poll_message_set(_busy() or "There is no job to resume")
+        return not _busy() and monitor.job is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the job again."""

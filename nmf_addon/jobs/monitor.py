@@ -14,12 +14,14 @@ from .. import thumbnails
 from ..names import BASE_PACKAGE
 from ..runtime import bootstrap_script, clean_environment
 from ..scene.images import stored_path
+from ..scene.replace import installed_before
 from .model import JobModel, model_of_folder
 from .process import JobProcess, start_job, take_in
 
 INTERVAL = 0.2  # seconds
 LOOK_AGAIN = 3.0  # seconds between looks at a job that another process works on
 SILENCE = 60.0  # seconds without news before the panel says so
+WAITS = "its object is not in the scene yet; leave Edit Mode, or let the render end, first"
 NOT_NOW = "can't modify blend data in this state"  # what Blender says of an operator while it draws
 _log = logging.getLogger(BASE_PACKAGE)
 
@@ -57,11 +59,13 @@ class Monitor:
         """Start or resume a job.
 
         Raises:
-            JobError: another job is running.
+            JobError: another job is running, or its result waits to be installed.
             OSError: the Python cannot be started.
         """
         if self.running:
             raise JobError(f"{self.job.root}: a job is running; cancel it first.")
+        if self.waits_to_install:
+            raise JobError(f"{self.job.root}: {WAITS}.")
         self.process = start_job(python, bootstrap_script(), job, clean_environment())
         self.job, self.model = job, JobModel(resumable=job.has_checkpoint())
         self.waits_to_install, self.of_this_file = False, True
@@ -149,15 +153,17 @@ class Monitor:
         self.waits_to_install = False
         thumbnails.clear()
         job = JobFolder(bpy.path.abspath(folder)) if folder else None
-        if job is not None and job.request_path.is_file():
+        if job is not None and _is_there(job):
             self.job, self.model = job, model_of_folder(job)
             thumbnails.show(job.preview_dir / "render.png")
             if self.model.state == "elsewhere":
                 _tick_soon()
+            elif self.model.state == "done" and installed_before(job, bpy.context.scene) is None:
+                self.model.text = "Done; Install Result brings its object"
 
     def is_named_by_file(self) -> bool:
         """True if a scene of the open .blend says that the job is its own."""
-        named = [bpy.path.abspath(scene.nmf.job) for scene in bpy.data.scenes if scene.nmf.job]
+        named = [bpy.path.abspath(scene.nmf.job) for scene in _scenes_with_jobs()]
         return self.job is not None and any(Path(path) == self.job.root for path in named)
 
     def shut_down(self) -> None:
@@ -171,6 +177,23 @@ class Monitor:
 
 
 monitor = Monitor()
+
+
+def _is_there(job: JobFolder) -> bool:
+    try:
+        return job.request_path.is_file()
+    except OSError:  # a folder that may not be looked into
+        return False
+
+
+def _scenes_with_jobs() -> list[bpy.types.Scene]:
+    """The file's own scenes that name a job, that of the context first."""
+    scenes = (scene for scene in bpy.data.scenes if scene.nmf.job and not scene.library)
+    return sorted(scenes, key=lambda scene: scene != bpy.context.scene)
+
+
+def _job_of_file() -> str:
+    return next((scene.nmf.job for scene in _scenes_with_jobs()), "")
 
 
 def _install_result(job: JobFolder) -> None:
@@ -202,7 +225,7 @@ def _tick() -> float | None:
 
 def _look_at_open_file() -> None:
     """Take up the job of a file that was open already when the extension came."""
-    monitor.look_at(bpy.context.scene.nmf.job)
+    monitor.look_at(_job_of_file())
     redraw_panels()
 
 
@@ -210,7 +233,7 @@ def _look_at_open_file() -> None:
 def _on_load(path: str) -> None:
     """Another file was opened, or the same one once more."""
     monitor.of_this_file = monitor.is_named_by_file()
-    monitor.look_at(bpy.context.scene.nmf.job)
+    monitor.look_at(_job_of_file())
 
 
 @persistent
@@ -219,9 +242,8 @@ def _before_save(path: str) -> None:
     if monitor.running and monitor.of_this_file and not monitor.is_named_by_file():
         bpy.context.scene.nmf.job = str(monitor.job.root)
     _jobs.clear()
-    for scene in bpy.data.scenes:
-        if scene.nmf.job:
-            _jobs[scene.name] = Path(bpy.path.abspath(scene.nmf.job))
+    for scene in _scenes_with_jobs():
+        _jobs[scene.name] = Path(bpy.path.abspath(scene.nmf.job))
     _store_jobs(path)
 
 
@@ -236,7 +258,7 @@ _jobs: dict[str, Path] = {}
 
 
 def _store_jobs(blend: str) -> None:
-    for scene in bpy.data.scenes:
+    for scene in _scenes_with_jobs():
         job = _jobs.get(scene.name)
         if job is None:
             continue

@@ -14,6 +14,7 @@ from ...solver.job.folder import JobError, JobFolder
 from ...solver.job.inputs import moved_cameras
 from .cameras import photo_of, photo_path, to_solver
 from .capture_collection import photo_cameras, to_capture_space
+from .evaluated import settle
 from .job_capture import from_file
 
 STILL_THERE = 1e-3
@@ -31,7 +32,7 @@ def adjust_cameras(job: JobFolder, collection: bpy.types.Collection) -> int:
         return 0
     if not moved:
         return 0
-    bpy.context.view_layer.update()
+    settle(collection)
     to_space = from_file(collection, source)
     to_space = np.eye(4) if to_space is None else to_space
     pairs = {

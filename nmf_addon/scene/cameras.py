@@ -47,10 +47,18 @@ def add_camera(
     data[DISTORTION] = list(camera.distortion) or [0.0]
     data[ASPECT] = camera.fy / camera.fx
     if camera.mask_path is not None:
-        data[MASK] = str(camera.mask_path)
+        data[MASK] = _beside(camera.mask_path, camera.image_path)
     item = bpy.data.objects.new(camera.name, data)
     item.matrix_world = Matrix(camera.camera_to_world.tolist())
     return item
+
+
+def _beside(mask: Path, photo: Path) -> str:
+    """A mask as seen from its photo's folder, so that both may move; as it is on another drive."""
+    try:
+        return os.path.relpath(mask, photo.parent)
+    except ValueError:
+        return str(mask)
 
 
 def _fit_sensor(data: bpy.types.Camera, camera: Camera, frame: float) -> None:
@@ -164,9 +172,10 @@ def to_solver(item: bpy.types.Object, to_capture: Matrix) -> Camera:
             path, f"photo of {item.name}", "the photo does not exist", "relink the background image"
         )
     mask = item.data.get(MASK)
+    mask_path = Path(os.path.normpath(path.parent / mask)) if mask else None
     return camera_of(
         item.data, to_capture @ item.matrix_world, name=item.name, image_path=path, width=width,
-        height=height, mask_path=Path(mask) if mask else None,
+        height=height, mask_path=mask_path,
     )  # fmt: skip
 
 

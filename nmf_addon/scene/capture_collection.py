@@ -23,13 +23,14 @@ from ...solver.capture.placement import placed, suggest_placement
 from ...solver.capture.read import read_capture
 from .background import is_distorted, turn_of, undistorted_copy
 from .cameras import add_camera, frame_of, photo_of, photo_path, to_solver
+from .evaluated import settle
 from .images import load_image, nothing_left_behind
 from .region import new_region_box, place_box, region_box
 
 SOURCE, ROOT, WARNINGS = "nmf_source", "nmf_root", "nmf_warnings"
 FILE_TO_CAPTURE, FINDINGS = "nmf_file_to_capture", "nmf_findings"
-LAST_JOB = "nmf_last_job"
-"""name of the job folder that the capture was last reconstructed in"""
+JOBS = "nmf_last_job"
+"""names of the job folders that the capture was reconstructed in, a line each, the last one last"""
 MOST_POINTS = 200_000
 
 
@@ -117,6 +118,19 @@ def _unseen_empty(name: str, root: bpy.types.Object) -> bpy.types.Object:
     return item
 
 
+def jobs_of(collection: bpy.types.Collection) -> list[str]:
+    """Names of the job folders that a capture was reconstructed in, the last one last."""
+    return str(collection.get(JOBS, "")).splitlines()
+
+
+def remember_job(collection: bpy.types.Collection, name: str) -> None:
+    """Let a capture know a job folder that it is reconstructed in."""
+    if not collection.library:
+        collection[JOBS] = "\n".join(
+            [*(other for other in jobs_of(collection) if other != name), name]
+        )
+
+
 def warnings_of(collection: bpy.types.Collection) -> list[str]:
     """What reading the capture had to say."""
     return [str(text) for text in collection.get(WARNINGS, ())]
@@ -193,9 +207,20 @@ def root_of(collection: bpy.types.Collection) -> bpy.types.Object | None:
 
 
 def to_capture_space(collection: bpy.types.Collection) -> Matrix:
-    """World to capture space."""
+    """World to capture space.
+
+    Raises:
+        CaptureError: the capture's empty has a scale of 0.
+    """
     root = root_of(collection)
-    return root.matrix_world.inverted() if root is not None else Matrix.Identity(4)
+    if root is None:
+        return Matrix.Identity(4)
+    try:
+        return root.matrix_world.inverted()
+    except ValueError as error:
+        raise CaptureError(
+            root.name, "scale", "it is 0", "give the capture's empty another scale"
+        ) from error
 
 
 def placement_of(collection: bpy.types.Collection) -> list[list[float]]:
@@ -204,7 +229,7 @@ def placement_of(collection: bpy.types.Collection) -> list[list[float]]:
     root = root_of(collection)
     if root is None:
         return [list(row) for row in Matrix.Identity(4)]
-    bpy.context.view_layer.update()
+    settle(collection)
     place, turn, scale = root.matrix_world.decompose()
     even = abs(math.prod(scale)) ** (1 / 3)
     return [list(row) for row in Matrix.LocRotScale(place, turn, Vector((even, even, even)))]
@@ -216,7 +241,7 @@ def write_capture(collection: bpy.types.Collection, folder: Path) -> Path:
     Raises:
         CaptureError: no cameras, or photos missing.
     """
-    bpy.context.view_layer.update()
+    settle(collection)
     items = photo_cameras(collection)
     if not items:
         raise CaptureError(
@@ -241,6 +266,7 @@ def add_region_box(
     existing = region_box(collection)
     if existing is not None:
         return existing
+    settle(collection)
     matrix = to_capture_space(collection)
     cameras = [to_solver(item, matrix) for item in photo_cameras(collection)]
     return new_region_box(collection, region_seen_by(cameras), root_of(collection))
@@ -255,7 +281,7 @@ def region_of(collection: bpy.types.Collection) -> dict[str, list[float]] | None
     box = region_box(collection)
     if box is None:
         return None
-    bpy.context.view_layer.update()
+    settle(collection)
     matrix = np.array(to_capture_space(collection) @ box.matrix_world)
     size = box.empty_display_size
     corners = np.array(np.meshgrid(*[(-size, size)] * 3)).reshape(3, -1)

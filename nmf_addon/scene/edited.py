@@ -18,8 +18,18 @@ def mark_as_made(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -
 
 
 def is_edited(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> bool:
-    """True if a data-block is another than when it was marked; False of one that never was."""
-    return AS_MADE in block and block[AS_MADE] != fingerprint_of(block)
+    """True if a data-block is another than when it was marked, or shows a picture that was painted on and
+    is not saved; False of one that never was marked."""
+    if AS_MADE not in block:
+        return False
+    return block[AS_MADE] != fingerprint_of(block) or _has_unsaved_paint(block)
+
+
+def _has_unsaved_paint(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> bool:
+    if isinstance(block, bpy.types.Mesh):
+        return False
+    images = (getattr(node, "image", None) for node in block.node_tree.nodes)
+    return any(image is not None and image.is_dirty for image in images)
 
 
 def fingerprint_of(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> str:

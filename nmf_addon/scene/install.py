@@ -18,7 +18,7 @@ from .images import nothing_left_behind
 from .job_capture import file_placement
 from .material import build_material
 from .pictures import named_pictures
-from .replace import JOB, images_of, installed_before, replace_asset
+from .replace import JOB, check_not_edited, images_of, installed_before, replace_asset
 from .result import job_of_result, read_manifest, read_ply
 from .selection import make_active
 from .world import build_world, turn_with
@@ -52,7 +52,8 @@ def install_result(
             scene. None: in the context's scene.
 
     Raises:
-        JobError: no complete result, or one of its files is missing or damaged; nothing is added.
+        JobError: no complete result, one of its files is missing or damaged, or what it was installed as is
+            in Edit Mode; nothing is added.
         RuntimeError: Blender cannot read one of its pictures; nothing is added.
     """
     job = job_of_result(job_root)
@@ -62,6 +63,8 @@ def install_result(
     name = job.root.name
     scene = (collection and scene_of(collection)) or context.scene
     earlier = installed_before(job, scene)
+    if earlier is not None:
+        check_not_edited(earlier)
     data = bpy.data
     with nothing_left_behind(
         data.objects, data.meshes, data.materials, data.node_groups, data.images, data.worlds

@@ -13,10 +13,10 @@ from ...solver.capture.placement import counted_from
 from ...solver.job.folder import JobError, JobFolder
 from .capture_collection import (
     FILE_TO_CAPTURE,
-    LAST_JOB,
     SOURCE,
     active_capture,
     is_capture,
+    jobs_of,
     photo_paths,
     root_of,
 )
@@ -34,7 +34,7 @@ def capture_of_job(context: bpy.types.Context, job: JobFolder) -> bpy.types.Coll
         return None
 
     def remembers(capture: bpy.types.Collection) -> bool:
-        return capture.get(LAST_JOB) == job.root.name
+        return job.root.name in jobs_of(capture)
 
     active = active_capture(context)
     # Collections that captures were sorted into hold the same cameras; those that were imported go first.

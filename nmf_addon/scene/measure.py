@@ -83,4 +83,7 @@ def scale_to(
     factor = distance / (second - first).length
     about = Matrix.Translation(first) @ Matrix.Scale(factor, 4) @ Matrix.Translation(-first)
     root.matrix_world = about @ root.matrix_world
+    for data in {item.data for item in collection.all_objects if item.type == "CAMERA"}:
+        if not data.library:
+            data.clip_start, data.clip_end = factor * data.clip_start, factor * data.clip_end
     return factor

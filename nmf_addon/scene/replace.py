@@ -6,7 +6,7 @@ from pathlib import Path
 
 import bpy
 
-from ...solver.job.folder import JobFolder
+from ...solver.job.folder import JobError, JobFolder
 from .edited import is_edited
 
 JOB = "nmf_job"
@@ -28,6 +28,18 @@ def _is_of(block: bpy.types.ID, job: JobFolder) -> bool:
     if not path:
         return False
     return Path(path) == job.root or (Path(path).name == job.root.name and not Path(path).exists())
+
+
+def check_not_edited(item: bpy.types.Object) -> None:
+    """Raise `JobError` if the mesh of an object is in Edit Mode or the like, in whatever scene: there
+    Blender would drop the object together with its mesh."""
+    users = [other for other in bpy.data.objects if other.data == item.data and other.users_scene]
+    for other in users:
+        if other.mode != "OBJECT":
+            raise JobError(
+                f"{other.name} is in {other.mode.replace('_', ' ').title()} Mode in the scene "
+                f"{other.users_scene[0].name}: switch to Object Mode there, then install it again."
+            )
 
 
 def replace_asset(

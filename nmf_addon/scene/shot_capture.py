@@ -17,6 +17,7 @@ from ...solver.capture.image_header import image_size
 from .cameras import camera_of
 from .capture_collection import import_captures
 from .clip_lens import lens_of
+from .evaluated import evaluated
 from .shot import Shot
 
 STANDS_STILL = 1e-6
@@ -87,17 +88,18 @@ def cameras_along(
     progress.progress_begin(0, len(photos))
     cameras: list[Camera] = []
     try:
-        for number, (frame, path) in enumerate(sorted(photos.items())):
-            progress.progress_update(number)
-            scene.frame_set(frame)
-            seen = item.evaluated_get(context.evaluated_depsgraph_get())
-            width, height = _size(path, shot)
-            camera = camera_of(
-                seen.data, seen.matrix_world, width, height, aspect=aspect,
-                name=path.stem, image_path=path, lens=lens, distortion=distortion,
-            )  # fmt: skip
-            if not cameras or _has_moved(cameras[-1], camera):
-                cameras.append(camera)
+        with evaluated(item):
+            for number, (frame, path) in enumerate(sorted(photos.items())):
+                progress.progress_update(number)
+                scene.frame_set(frame)
+                seen = item.evaluated_get(context.evaluated_depsgraph_get())
+                width, height = _size(path, shot)
+                camera = camera_of(
+                    seen.data, seen.matrix_world, width, height, aspect=aspect,
+                    name=path.stem, image_path=path, lens=lens, distortion=distortion,
+                )  # fmt: skip
+                if not cameras or _has_moved(cameras[-1], camera):
+                    cameras.append(camera)
     finally:
         progress.progress_end()
         scene.frame_set(int(before // 1), subframe=before % 1)

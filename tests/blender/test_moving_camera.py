@@ -96,6 +96,20 @@ def test_a_moving_camera_becomes_one_for_each_picture_where_it_stood(
         assert path == film.with_stem(name(FIRST_NUMBER + frame - 1))
 
 
+def test_a_camera_that_no_viewport_shows_and_the_scene_does_not_look_through_moves_as_well(
+    film, camera
+):
+    put_sequence_behind(camera, film)
+    bpy.context.scene.camera = None
+    camera.hide_viewport = True
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.open_mainfile(filepath=bpy.data.filepath)
+    camera = bpy.data.objects["Walk"]
+    bpy.context.view_layer.objects.active = camera
+    assert bpy.ops.nmf.use_moving_camera() == {"FINISHED"}
+    assert len(made()) == COUNT and camera.hide_viewport
+
+
 def test_only_some_frames_are_taken_and_evenly(film, camera):
     put_sequence_behind(camera, film, start=3)
     assert bpy.ops.nmf.use_moving_camera(first=1, last=7, count=3) == {"FINISHED"}

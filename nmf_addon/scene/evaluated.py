@@ -1,0 +1,48 @@
+"""Where objects are that Blender does not look at, because viewports do not show them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import bpy
+
+
+@contextmanager
+def evaluated(*shown: bpy.types.Collection | bpy.types.Object) -> Iterator[None]:
+    """Objects, and those of collections, stand where they are inside of this.
+
+    Of a file that was opened, what is disabled in viewports has no `matrix_world` but the identity, and
+    none that follows a parent or an animation later on.
+    """
+    blocks = [block for block in _in_the_way(shown) if block.hide_viewport]
+    for block in blocks:
+        block.hide_viewport = False
+    try:
+        bpy.context.view_layer.update()
+        yield
+    finally:
+        for block in blocks:
+            block.hide_viewport = True
+
+
+def settle(collection: bpy.types.Collection) -> None:
+    """Let all objects of a collection have their `matrix_world`, as they stand now."""
+    with evaluated(collection):
+        pass
+
+
+def _in_the_way(
+    shown: tuple[bpy.types.Collection | bpy.types.Object, ...],
+) -> list[bpy.types.Collection | bpy.types.Object]:
+    """What may hide any of these: themselves, what is in them, and collections around them."""
+    items = {block for block in shown if isinstance(block, bpy.types.Object)}
+    collections = {block for block in shown if isinstance(block, bpy.types.Collection)}
+    for collection in list(collections):
+        collections |= set(collection.children_recursive)
+        items |= set(collection.all_objects)
+    around = {
+        c for c in bpy.data.collections
+        if collections & set(c.children_recursive) or items & set(c.objects)
+    }  # fmt: skip
+    return [*collections, *around, *items]

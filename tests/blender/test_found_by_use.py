@@ -1,0 +1,213 @@
+"""What people met in long sessions: hidden captures, moved projects, results that wait, several scenes."""
+
+import json
+import shutil
+from pathlib import Path
+
+import bpy
+import fake_capture
+import numpy as np
+import pytest
+
+
+def results():
+    return [item for item in bpy.data.objects if item.get("nmf_job")]
+
+
+def written(monitor):
+    """Cameras' places [N, 3] and the region of the job that was begun."""
+    cameras = json.loads(
+        (monitor.job.root / "capture" / "transforms_train.json").read_text("utf-8")
+    )
+    places = [np.array(frame["transform_matrix"])[:3, 3] for frame in cameras["frames"]]
+    return np.stack(places), monitor.job.request.region
+
+
+def reopened():
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.open_mainfile(filepath=bpy.data.filepath)
+
+
+def hide(capture, how):
+    if how == "collection":
+        capture.hide_viewport = True
+    elif how == "above":
+        above = bpy.data.collections.new("References")
+        bpy.context.scene.collection.children.link(above)
+        above.children.link(capture)
+        bpy.context.scene.collection.children.unlink(capture)
+        above.hide_viewport = True
+    else:
+        for item in capture.objects:
+            item.hide_viewport = True
+
+
+@pytest.mark.parametrize("how", ["collection", "above", "objects"])
+def test_cameras_that_no_viewport_shows_are_where_they_stand(
+    capture, monitor, fake_solver, tick, how
+):
+    bpy.ops.nmf.reconstruct()
+    places, region = written(monitor)
+    tick()
+    bpy.context.scene.camera = None
+    hide(capture, how)
+    reopened()
+    capture = bpy.context.scene.nmf.capture
+    hidden = [block.name for block in (capture, *capture.objects) if block.hide_viewport]
+    assert bpy.ops.nmf.reconstruct() == {"FINISHED"}
+    found, found_region = written(monitor)
+    np.testing.assert_allclose(found, places, atol=1e-5)
+    np.testing.assert_allclose(found_region["max"], region["max"], atol=1e-5)
+    assert [block.name for block in (capture, *capture.objects) if block.hide_viewport] == hidden
+    tick()
+
+
+def test_a_capture_whose_empty_has_no_size_gets_an_error(capture, extension, fake_solver):
+    extension("scene.capture_collection").root_of(capture).scale = (0, 0, 0)
+    with pytest.raises(RuntimeError, match="scale.*it is 0"):
+        bpy.ops.nmf.reconstruct()
+
+
+def test_masks_are_found_after_a_project_has_moved(extension, monitor, fake_solver, tick, tmp_path):
+    project = tmp_path / "project"
+    path = fake_capture.write_capture(project / "photos")
+    photos = sorted(p for p in path.parent.rglob("*") if p.suffix in (".png", ".jpg"))
+    for photo in photos:
+        mask = project / "photos" / "masks" / f"{photo.stem}.png"
+        mask.parent.mkdir(exist_ok=True)
+        shutil.copy(photo, mask)
+    bpy.ops.wm.save_as_mainfile(filepath=str(project / "scene.blend"))
+    bpy.ops.nmf.import_capture(filepath=str(path))
+    bpy.ops.file.make_paths_relative()
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.read_homefile(use_empty=True)
+    moved = tmp_path / "elsewhere"
+    project.rename(moved)
+    bpy.ops.wm.open_mainfile(filepath=str(moved / "scene.blend"))
+    bpy.ops.nmf.reconstruct()
+    cameras = monitor.job.root / "capture" / "transforms_train.json"
+    frames = json.loads(cameras.read_text("utf-8"))["frames"]
+    for frame in frames:
+        mask = (cameras.parent / frame["mask_path"]).resolve()
+        assert mask.is_file() and moved.resolve() in mask.parents
+    tick()
+
+
+def test_no_job_begins_while_a_result_waits(capture, monitor, fake_solver, tick):
+    bpy.ops.nmf.reconstruct()
+    tick()
+    monitor.waits_to_install = True  # as in Edit Mode, which needs a window
+    assert not bpy.ops.nmf.reconstruct.poll() and not bpy.ops.nmf.resume.poll()
+    with pytest.raises(Exception, match="not in the scene yet"):
+        monitor.start(Path("python"), monitor.job)
+    tick()
+    assert len(results()) == 1 and bpy.ops.nmf.reconstruct.poll()
+
+
+def test_a_file_whose_result_never_came_says_how_it_comes(capture, monitor, fake_solver, tick):
+    bpy.ops.nmf.reconstruct()
+    tick()
+    reopened()
+    assert monitor.model.state == "done" and "Install Result" not in monitor.model.text
+    for item in results():
+        bpy.data.objects.remove(item)
+    reopened()
+    assert monitor.model.state == "done" and "Install Result" in monitor.model.text
+
+
+def test_an_object_that_is_edited_in_another_scene_is_not_lost(capture, fake_solver, tick):
+    bpy.ops.nmf.reconstruct()
+    tick()
+    (item,) = results()
+    name, job = item.name, item["nmf_job"]
+    bpy.context.view_layer.objects.active = item
+    bpy.ops.object.mode_set(mode="EDIT")
+    scene = bpy.context.scene
+    bpy.context.window.scene = bpy.data.scenes.new("Other")
+    with pytest.raises(RuntimeError, match=f"{name} is in Edit Mode in the scene {scene.name}"):
+        bpy.ops.nmf.install_result(job=job)
+    bpy.context.window.scene = scene
+    assert bpy.data.objects[name].mode == "EDIT"
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert bpy.ops.nmf.install_result(job=job) == {"FINISHED"}
+
+
+def test_paint_that_is_not_saved_is_kept(capture, fake_solver, tick):
+    bpy.ops.nmf.reconstruct()
+    tick()
+    (item,) = results()
+    image = next(n.image for n in item.active_material.node_tree.nodes if n.type == "TEX_IMAGE")
+    image.pixels[0] = 0.123
+    assert image.is_dirty
+    bpy.ops.nmf.install_result(job=item["nmf_job"])
+    before = next(m for m in bpy.data.materials if m.name.endswith("before"))
+    kept = [n.image for n in before.node_tree.nodes if n.type == "TEX_IMAGE"]
+    assert any(k.pixels[0] == pytest.approx(0.123, abs=0.01) and k.is_dirty for k in kept)
+
+
+def test_cameras_of_a_scaled_capture_clip_at_its_scale(capture, extension):
+    cameras = [item for item in capture.objects if item.type == "CAMERA"]
+    before = cameras[0].data.clip_start, cameras[0].data.clip_end
+    points = [item.matrix_world.translation.copy() for item in cameras[:2]]
+    distance = 0.01 * (points[0] - points[1]).length
+    extension("scene.measure").scale_to(capture, points, distance)
+    for item in cameras:
+        found = item.data.clip_start, item.data.clip_end
+        np.testing.assert_allclose(found, [0.01 * value for value in before], rtol=1e-4)
+
+
+def test_an_older_job_comes_to_the_capture_it_was_made_from(capture, fake_solver, tick, monitor):
+    bpy.ops.nmf.reconstruct()
+    first = str(monitor.job.root)
+    tick()
+    bpy.ops.nmf.reconstruct()
+    tick()
+    source = capture["nmf_source"]
+    bpy.ops.nmf.import_capture(filepath=source)
+    other = bpy.context.scene.nmf.capture
+    assert other != capture
+    (item,) = (item for item in results() if item["nmf_job"] == first)
+    bpy.data.objects.remove(item)
+    bpy.ops.nmf.install_result(job=first)
+    (item,) = (item for item in results() if item["nmf_job"] == first)
+    assert item.users_collection == (capture,)
+
+
+def test_a_job_of_any_scene_is_taken_up_from_a_file(capture, monitor, fake_solver, tick):
+    bpy.ops.nmf.reconstruct()
+    tick()
+    root = monitor.job.root
+    bpy.context.window.scene = bpy.data.scenes.new("Other")
+    reopened()
+    assert bpy.context.scene.name == "Other" and monitor.job.root == root
+
+
+def test_a_linked_scene_of_the_same_name_does_not_change_the_job(
+    capture, fake_solver, tick, tmp_path
+):
+    scene = bpy.context.scene
+    bpy.ops.nmf.reconstruct()
+    tick()
+    mine, scene.nmf.job = scene.nmf.job, str(tmp_path / "another job")
+    other = tmp_path / "other.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(other), copy=True)
+    scene.nmf.job = mine
+    with bpy.data.libraries.load(str(other), link=True) as (there, here):
+        here.scenes = there.scenes[:1]
+    (linked,) = (scene for scene in bpy.data.scenes if scene.library)
+    scene.background_set = linked
+    assert linked.name == scene.name and linked.nmf.job != mine
+    bpy.ops.wm.save_mainfile()
+    assert scene.nmf.job == mine
+
+
+def test_a_python_that_cannot_be_run_is_named_before_a_job_is_written(
+    capture, fake_solver, tmp_path, monkeypatch
+):
+    python = tmp_path / "python"
+    python.write_text("no program")
+    python.chmod(0o600)
+    monkeypatch.setenv("NMF_SOLVER_PYTHON", str(python))
+    with pytest.raises(RuntimeError, match="python cannot be run; correct it in"):
+        bpy.ops.nmf.reconstruct()
+    assert not (tmp_path / "nmf_jobs").exists()
