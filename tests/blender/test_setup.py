@@ -314,8 +314,8 @@ def test_a_python_that_makes_environments_without_a_python_is_not_taken(
 def test_the_persons_choice_comes_first(part, tmp_path, monkeypatch):
     runtime = part("runtime")
     chosen, variable = tmp_path / "chosen", tmp_path / "variable"
-    chosen.touch()
-    variable.touch()
+    for python in (chosen, variable):
+        python.touch(0o700)
     monkeypatch.setenv("NMF_SOLVER_PYTHON", str(variable))
     assert runtime.solver_python(str(chosen)) == chosen
     assert runtime.solver_python() == variable
