@@ -9,8 +9,10 @@ import argparse
 import importlib
 import io
 import math
+import os
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from . import __version__
@@ -23,6 +25,9 @@ from .preflight.command import add_check, add_pictures
 from .session import KNOWN_FAILURES, explain, session
 from .threads import prepare_runtimes
 
+DECODER = "fit.decoder"
+"""the setting that is a path, of another job"""
+
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; returns the exit code."""
@@ -33,8 +38,15 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     options.began = time.monotonic()
     prepare_runtimes()
+    code = FAILED
     try:
-        return options.run(options)
+        code = options.run(options)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:
+        # Whoever read what is printed has gone; what is left of it would be told once more at the exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return code
     except Exception as error:
         code, message = explain(error)
         if code == FAILED and not isinstance(error, KNOWN_FAILURES):
@@ -183,11 +195,11 @@ def _reconstruct(options: argparse.Namespace) -> int:
         asked = {
             "capture": str(options.capture.absolute()), "preset": options.preset,
             "device": options.device, "seed": options.seed, "photos": _absolute(options.photos),
-            "masks": _absolute(options.masks), "overrides": overrides_of(options.sets) or None,
+            "masks": _absolute(options.masks), "overrides": _overrides(options.sets) or None,
         }  # fmt: skip
         take_up(job, asked, options.time_limit)
         return _run_job(job, options.began)
-    preset, overrides = options.preset or "draft", overrides_of(options.sets)
+    preset, overrides = options.preset or "draft", _overrides(options.sets)
     settings_for(preset, overrides)
     device = options.device or "auto"
     # Bad input is refused, and a package that is missing told, before a folder is made.
@@ -200,6 +212,21 @@ def _reconstruct(options: argparse.Namespace) -> int:
         photos=_absolute(options.photos), masks=_absolute(options.masks), code_version=__version__,
     )  # fmt: skip
     return _run_job(JobFolder.create(options.out, request), options.began)
+
+
+def _say(result: object) -> None:
+    """Print what a command that is done has to say, also if whoever read it has gone, as `head` does."""
+    with suppress(BrokenPipeError):
+        print(result, flush=True)
+
+
+def _overrides(sets: list[str]) -> dict[str, str]:
+    """As `overrides_of`; a path holds from wherever the job is run later."""
+    overrides = overrides_of(sets)
+    if overrides.get(DECODER):
+        overrides[DECODER] = os.path.abspath(overrides[DECODER])
+        JobFolder.open(Path(overrides[DECODER]))
+    return overrides
 
 
 def _absolute(path: Path | None) -> str | None:
@@ -222,7 +249,7 @@ def _run_job(job: JobFolder, began: float, events: bool = False, has_parent: boo
     if run.code == CANCELLED:
         print(f"Cancelled; continue with --resume ({job.root}).", file=sys.stderr)
     elif not events:
-        print(manifest)
+        _say(manifest)
     return run.code
 
 
@@ -276,7 +303,7 @@ def _export(options: argparse.Namespace) -> int:
             bake_again(job, out, overrides, told)
     else:
         export_result(job, out)
-    print(out)
+    _say(out)
     return DONE
 
 
@@ -288,7 +315,7 @@ def _compile(options: argparse.Namespace) -> int:
     with plain_bar() as told:
         for device in dict.fromkeys(("cpu", choose_device("auto"))):
             compile_ahead(device, lambda done: told(done, "compiling"))
-    print("The solver's loops are compiled.")
+    _say("The solver's loops are compiled.")
     return DONE
 
 

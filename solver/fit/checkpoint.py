@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
 from ..brdf.neural import NeuralTerm
@@ -94,6 +95,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     part.mkdir(parents=True, exist_ok=True)
     save_file({k: v.detach().contiguous().cpu() for k, v in tensors.items()}, part / TENSORS)
     write_json_atomic(part / STATE, state)
+    shutil.copymode(part / STATE, part / TENSORS)  # safetensors lets nobody else read its files
     old = set_aside(folder)
     if folder.exists():  # else the last one is still set aside
         shutil.rmtree(old, ignore_errors=True)
@@ -103,20 +105,41 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
 
 
 def read_state(folder: Path) -> dict | None:
-    """The checkpoint's JSON; None if there is no checkpoint. Repairs an interrupted renaming."""
+    """The checkpoint's JSON; None if there is no checkpoint. Repairs an interrupted renaming.
+
+    Raises:
+        JobError: it is damaged.
+    """
     old = set_aside(folder)
     if not (folder / STATE).is_file() and (old / STATE).is_file():
         shutil.rmtree(folder, ignore_errors=True)
         replace_file(old, folder)
     path = folder / STATE
-    return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
+    try:
+        return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
+    except ValueError as error:
+        raise _damaged(path, error) from error
+
+
+def _damaged(path: Path, error: Exception) -> JobError:
+    return JobError(
+        f"{path}: the checkpoint cannot be read ({error}); delete the folder {path.parent.name} beside the "
+        "result to begin the fit again."
+    )
+
+
+def _tensors_of(path: Path) -> dict[str, torch.Tensor]:
+    try:
+        return load_file(path)
+    except (SafetensorError, FileNotFoundError) as error:
+        raise _damaged(path, error) from error
 
 
 def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str, torch.Tensor]]:
     """The scene of a checkpoint, its JSON state and all its tensors.
 
     Raises:
-        JobError: there is no checkpoint.
+        JobError: there is no checkpoint, or a damaged one.
     """
     state = read_state(folder)
     if state is None:
@@ -125,7 +148,7 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
     # where they are: not every device has them.
     tensors = {
         name: values.clone() if values.dtype == torch.float64 else values.to(device, copy=True)
-        for name, values in load_file(folder / TENSORS).items()
+        for name, values in _tensors_of(folder / TENSORS).items()
     }
     shape = state["field"]
     field = MicrofacetField(
@@ -215,6 +238,12 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> 
         )
     if trainer.exposures is not None:
         prefix = "exposures."
+        known, photos = len(tensors[f"{prefix}log_gain"]), len(trainer.exposures.log_gain)
+        if known != photos:
+            raise JobError(
+                f"The fit knows the exposures of {known} photos, and there are {photos} now; put back "
+                "those that are missing, or begin another job."
+            )
         trainer.exposures.restore(
             {key.removeprefix(prefix): v for key, v in tensors.items() if key.startswith(prefix)}
         )

@@ -30,7 +30,7 @@ from ..capture.photos import (
     srgb_to_linear,
 )
 from ..capture.read import read_capture
-from ..job.folder import JobFolder, write_json_atomic
+from ..job.folder import JobError, JobFolder, write_json_atomic
 from ..metrics.image import flip, lpips, ms_ssim, psnr, ssim
 from ..metrics.material import environment_errors, weighted_mae
 from ..metrics.normals import normal_mae, normal_mae_masked
@@ -66,6 +66,10 @@ def evaluate_job(
     Raises:
         CaptureError, JobError: unusable cameras, photos or job.
     """
+    if out is not None and out.is_dir():
+        raise JobError(
+            f"{out}: this is a folder; name a file for the scores, such as metrics.json."
+        )
     capture = read_capture(cameras, photos=photos_folder, fewest=1)
     scene, settings = load_job(job)
     if not job.is_complete():

@@ -59,6 +59,11 @@ def run_job(
         Cancelled: asked to stop.
     """
     started = time.monotonic() if began is None else began
+
+    def told(done: float, text: str = "") -> None:
+        progress.fraction(done, text)
+        _stop_if_asked(control)
+
     request = job.request
     settings = settings_for(request.preset, request.overrides)
     device = (
@@ -72,16 +77,14 @@ def run_job(
     for warning in capture.warnings:
         progress.warning(warning)
     photos = load_photos(
-        capture, lambda done, count: progress.fraction(done / count), settings.photos,
+        capture,
+        lambda done, count: told(done / count),
+        settings.photos,
         settings.photos.most_pixels,
-    )  # fmt: skip
+    )
     capture = at_sizes_of(photos, capture)
     if settings.fit.use_masks:
         _tell_of_missing_masks(capture, photos, progress)
-
-    def told(done: float, text: str = "") -> None:
-        progress.fraction(done, text)
-        _stop_if_asked(control)
 
     progress.stage("compile", "compiling kernels (once on this machine)")
     if fast(torch.empty(0, device=device)):

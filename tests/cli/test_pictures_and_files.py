@@ -210,3 +210,8 @@ def test_an_export_that_fails_leaves_nothing_that_looks_complete(job, tmp_path, 
     monkeypatch.undo()
     (tmp_path / "asset").mkdir()
     assert (export_result(JobFolder.open(job), tmp_path / "asset") / "manifest.json").is_file()
+
+
+def test_scores_are_not_written_to_a_folder(job, cameras, tmp_path):
+    result = solver("evaluate", job, "--cameras", cameras, "--out", tmp_path)
+    assert result.returncode == 2 and "this is a folder; name a file" in result.stderr

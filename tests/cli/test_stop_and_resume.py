@@ -124,3 +124,81 @@ def test_another_capture_is_not_resumed_in_this_ones_job(job, tmp_path):
     other = make_capture(tmp_path)
     result = solver("reconstruct", other, "--out", job, "--resume")
     assert result.returncode == 2 and "was begun with the capture" in result.stderr
+
+
+def test_cancel_is_heard_while_photos_are_read(tmp_path):
+    job = JobFolder.create(tmp_path / "job", JobRequest(str(DUCK)))
+    progress, control = Mock(), SimpleNamespace(should_stop=False)
+
+    def read_one(*_):
+        control.should_stop = True
+
+    progress.fraction.side_effect = read_one
+    with pytest.raises(Cancelled):
+        run_job(job, progress, control)
+    assert progress.fraction.call_count == 1
+    assert [call.args[0] for call in progress.stage.call_args_list] == ["photos"]
+
+
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [("state.json", lambda f: os.truncate(f, 1000)), ("scene.safetensors", lambda f: os.truncate(f, 1000)),
+     ("scene.safetensors", os.remove)],
+)  # fmt: skip
+def test_a_damaged_checkpoint_is_named_with_the_way_out(tmp_path, job, name, damage):
+    broken = tmp_path / "job"
+    shutil.copytree(job, broken)
+    damage(broken / "checkpoint" / name)
+    result = solver("run", broken)
+    assert result.returncode == 2 and "Traceback" not in result.stderr
+    assert name in result.stderr and "delete the folder checkpoint" in result.stderr
+    shutil.rmtree(broken / "checkpoint")
+    assert solver("run", broken).returncode == 0
+
+
+def test_a_checkpoint_can_be_read_by_whoever_can_read_the_rest_of_a_job(job):
+    modes = {path.stat().st_mode for path in (job / "checkpoint").iterdir()}
+    assert modes == {(job / "job.json").stat().st_mode}
+
+
+def test_a_fit_of_exposures_does_not_go_on_without_some_of_its_photos(tmp_path):
+    capture = tmp_path / "capture"
+    shutil.copytree(DUCK, capture, ignore=shutil.ignore_patterns("test*", "relight*", "*test.json"))
+    few = [*TINY, "--set", "fit.steps=2", "--set", "fit.exposure=gain"]
+    root = tmp_path / "job"
+    assert solver("reconstruct", capture, "--out", root, *few).returncode == 0
+    state = root / "checkpoint" / "state.json"
+    state.write_text(state.read_text().replace('"done": true', '"done": false'))
+    min((capture / "train").glob("*.png")).unlink()
+    result = solver("run", root)
+    assert result.returncode == 2 and "Traceback" not in result.stderr
+    assert "exposures of" in result.stderr and "put back" in result.stderr
+
+
+def test_a_reader_that_hangs_up_does_not_make_a_finished_run_a_failure(tmp_path, job):
+    for unbuffered in ("", "1"):
+        out, ours = os.pipe()
+        os.close(out)
+        result = subprocess.run(
+            [sys.executable, "-m", "solver", "export", job, "--out", tmp_path / f"out{unbuffered}"],
+            cwd=ROOT, stdin=subprocess.DEVNULL, stdout=ours, stderr=subprocess.PIPE, timeout=300,
+            env=os.environ | {"PYTHONUNBUFFERED": unbuffered}, check=False,
+        )  # fmt: skip
+        os.close(ours)
+        assert result.returncode == 0 and not result.stderr, result.stderr
+        assert (tmp_path / f"out{unbuffered}" / "manifest.json").is_file()
+
+
+def test_a_decoder_is_another_job_wherever_this_one_is_run_later(tmp_path, job):
+    few = [*TINY, "--set", "fit.steps=2"]
+    missing = solver(
+        "reconstruct", DUCK, "--out", tmp_path / "a", *few, "--set", "fit.decoder=nowhere"
+    )
+    assert missing.returncode == 2 and "nowhere" in missing.stderr
+    assert not (tmp_path / "a").exists()
+    relative = os.path.relpath(job, ROOT)
+    given = solver(
+        "reconstruct", DUCK, "--out", tmp_path / "b", *few, "--set", f"fit.decoder={relative}"
+    )
+    assert given.returncode == 0, given.stderr
+    assert JobFolder.open(tmp_path / "b").request.overrides["fit.decoder"] == str(job)
