@@ -46,8 +46,8 @@ class NMF_OT_check_capture(bpy.types.Operator):
             if found is not None and not found.library:
                 found[FINDINGS] = json.dumps(report)
                 box = region_box(found)
-                is_here = found in bpy.context.scene.collection.children_recursive
-                if report.get("box") and box is not None and is_as_placed(box) and is_here:
+                can_fit = bpy.ops.nmf.fit_region_box.poll()  # not in a scene without captures
+                if report.get("box") and box is not None and is_as_placed(box) and can_fit:
                     # True: an operator called from Python makes no undo step of its own accord.
                     bpy.ops.nmf.fit_region_box("EXEC_DEFAULT", True, collection=name)
                 else:

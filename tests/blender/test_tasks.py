@@ -140,6 +140,27 @@ def test_a_check_fits_the_region_box_to_the_masks_unless_somebody_has_moved_it(
     np.testing.assert_allclose([found["min"], found["max"]], shown, atol=1e-6)
 
 
+def test_a_check_fits_the_box_of_cameras_in_the_scenes_own_collection(
+    extension, task, capture, fake_solver
+):
+    whole = bpy.context.scene.collection
+    for item in capture.objects:
+        whole.objects.link(item)
+    bpy.data.collections.remove(capture)
+    bpy.ops.nmf.check_capture()
+    task.finish()
+    box = extension("scene.region").region_box(whole)
+    np.testing.assert_allclose(box.scale, (0.5, 0.25, 0.5), atol=1e-6)
+
+
+def test_a_check_ends_well_in_another_scene(extension, task, capture, fake_solver):
+    bpy.ops.nmf.check_capture()
+    bpy.context.window.scene = bpy.data.scenes.new("Other")
+    task.finish()
+    assert task.model.state == "done" and task.model.text.startswith("Check:")
+    assert extension("scene.capture_collection").check_report(capture)["findings"]
+
+
 def test_without_masks_there_is_nothing_to_fit_the_box_to(extension, capture):
     with pytest.raises(
         RuntimeError, match="Press Check Capture first, with photos that have masks"
