@@ -15,6 +15,7 @@ from ...solver.capture.read import JOBS_FOLDER
 from ...solver.job.folder import JobFolder, JobRequest
 from ..names import JOBS_OF_UNSAVED, user_folder
 from ..scene.capture_collection import placement_of, region_of, write_capture
+from ..scene.evaluated import evaluated
 
 RESERVED = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9¹²³]", re.I)
 """names of devices on Windows, with whatever extension; no file can be called so there"""
@@ -61,10 +62,11 @@ def create_job(collection: bpy.types.Collection, root: Path, **settings) -> JobF
     """
     JobFolder.check_new(root)
     folder = root / CAPTURE
-    request = JobRequest(
-        capture=str(folder), region=region_of(collection), placement=placement_of(collection),
-        code_version=__version__, **settings,
-    )  # fmt: skip
-    request.check()
-    request.capture = str(write_capture(collection, folder))
+    with evaluated(collection):  # once for all that follows
+        request = JobRequest(
+            capture=str(folder), region=region_of(collection), placement=placement_of(collection),
+            code_version=__version__, **settings,
+        )  # fmt: skip
+        request.check()
+        request.capture = str(write_capture(collection, folder))
     return JobFolder.create(root, request, may_hold=[CAPTURE])

@@ -68,7 +68,7 @@ class Monitor:
             raise JobError(f"{self.job.root}: {WAITS}.")
         self.process = start_job(python, bootstrap_script(), job, clean_environment())
         self.job, self.model = job, JobModel(resumable=job.has_checkpoint())
-        self.waits_to_install, self.of_this_file = False, True
+        self.of_this_file = True
         thumbnails.show(job.preview_dir / "render.png")
         _tick_soon()
 

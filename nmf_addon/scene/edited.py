@@ -8,6 +8,8 @@ from collections.abc import Iterator
 import bpy
 import numpy as np
 
+from .images import images_of
+
 AS_MADE = "nmf_as_made"
 """fingerprint of a mesh, material or World as it was installed"""
 
@@ -22,14 +24,8 @@ def is_edited(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> b
     is not saved; False of one that never was marked."""
     if AS_MADE not in block:
         return False
-    return block[AS_MADE] != fingerprint_of(block) or _has_unsaved_paint(block)
-
-
-def _has_unsaved_paint(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> bool:
-    if isinstance(block, bpy.types.Mesh):
-        return False
-    images = (getattr(node, "image", None) for node in block.node_tree.nodes)
-    return any(image is not None and image.is_dirty for image in images)
+    images = [] if isinstance(block, bpy.types.Mesh) else images_of(block)
+    return block[AS_MADE] != fingerprint_of(block) or any(image.is_dirty for image in images)
 
 
 def fingerprint_of(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> str:

@@ -9,8 +9,8 @@ import bpy
 
 
 @contextmanager
-def evaluated(*shown: bpy.types.Collection | bpy.types.Object) -> Iterator[None]:
-    """Objects, and those of collections, stand where they are inside of this.
+def evaluated(shown: bpy.types.Collection | bpy.types.Object) -> Iterator[None]:
+    """An object, or all of a collection, stand where they are inside of this.
 
     Of a file that was opened, what is disabled in viewports has no `matrix_world` but the identity, and
     none that follows a parent or an animation later on.
@@ -33,14 +33,13 @@ def settle(collection: bpy.types.Collection) -> None:
 
 
 def _in_the_way(
-    shown: tuple[bpy.types.Collection | bpy.types.Object, ...],
+    shown: bpy.types.Collection | bpy.types.Object,
 ) -> list[bpy.types.Collection | bpy.types.Object]:
-    """What may hide any of these: themselves, what is in them, and collections around them."""
-    items = {block for block in shown if isinstance(block, bpy.types.Object)}
-    collections = {block for block in shown if isinstance(block, bpy.types.Collection)}
-    for collection in list(collections):
-        collections |= set(collection.children_recursive)
-        items |= set(collection.all_objects)
+    """What may hide it: itself, what is in it, and collections around all that."""
+    if isinstance(shown, bpy.types.Object):
+        collections, items = set(), {shown}
+    else:
+        collections, items = {shown, *shown.children_recursive}, set(shown.all_objects)
     around = {
         c for c in bpy.data.collections
         if collections & set(c.children_recursive) or items & set(c.objects)

@@ -51,6 +51,12 @@ def load_picture(path: Path, colour_space: str | None = None) -> bpy.types.Image
     return image
 
 
+def images_of(block: bpy.types.Material | bpy.types.World) -> list[bpy.types.Image]:
+    """Pictures that a material or World shows."""
+    nodes = block.node_tree.nodes
+    return [n.image for n in nodes if n.type in ("TEX_IMAGE", "TEX_ENVIRONMENT") and n.image]
+
+
 @contextmanager
 def nothing_left_behind(*kinds: bpy.types.bpy_prop_collection) -> Iterator[None]:
     """Takes away again what was added meanwhile if something fails.

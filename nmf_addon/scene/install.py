@@ -14,11 +14,11 @@ from ..names import JOBS_OF_UNSAVED, user_folder
 from .adjusted_cameras import adjust_cameras
 from .capture_collection import root_of, scene_of
 from .edited import mark_as_made
-from .images import nothing_left_behind
+from .images import images_of, nothing_left_behind
 from .job_capture import file_placement
 from .material import build_material
 from .pictures import named_pictures
-from .replace import JOB, check_not_edited, images_of, installed_before, replace_asset
+from .replace import JOB, check_not_edited, installed_before, replace_asset
 from .result import job_of_result, read_manifest, read_ply
 from .selection import make_active
 from .world import build_world, turn_with

@@ -8,6 +8,7 @@ import bpy
 
 from ...solver.job.folder import JobError, JobFolder
 from .edited import is_edited
+from .images import images_of
 
 JOB = "nmf_job"
 """path of the job's folder, on all that was installed from it"""
@@ -81,12 +82,6 @@ def replace_asset(
 
 def _is_ours(block: bpy.types.ID, job: str) -> bool:
     return block.get(JOB) == job and not block.library
-
-
-def images_of(block: bpy.types.Material | bpy.types.World) -> list[bpy.types.Image]:
-    """Pictures that a material or World shows."""
-    nodes = block.node_tree.nodes
-    return [n.image for n in nodes if n.type in ("TEX_IMAGE", "TEX_ENVIRONMENT") and n.image]
 
 
 def _supersede(blocks, earlier: bpy.types.ID, new: bpy.types.ID, keep: bool) -> None:
