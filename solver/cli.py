@@ -38,21 +38,29 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     options.began = time.monotonic()
     prepare_runtimes()
-    code = FAILED
     try:
-        code = options.run(options)
-        sys.stdout.flush()
-        return code
-    except BrokenPipeError:
-        # Whoever read what is printed has gone; what is left of it would be told once more at the exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return code
+        return options.run(options)
     except Exception as error:
+        if isinstance(error, BrokenPipeError) and _nobody_reads():
+            return FAILED
         code, message = explain(error)
         if code == FAILED and not isinstance(error, KNOWN_FAILURES):
             raise
         print(message, file=sys.stderr)
         return code
+    finally:
+        _nobody_reads()
+
+
+def _nobody_reads() -> bool:
+    """Whether who read what is printed has gone, as `head` does; then Python's exit says no more of it."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+        return False
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return True
 
 
 def _parser() -> argparse.ArgumentParser:

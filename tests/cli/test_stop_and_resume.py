@@ -12,6 +12,7 @@ from unittest.mock import Mock
 
 import pytest
 
+from solver.cli import main
 from solver.fit.reconstruct import run_job
 from solver.job.control import Cancelled
 from solver.job.folder import JobFolder, JobRequest
@@ -187,6 +188,26 @@ def test_a_reader_that_hangs_up_does_not_make_a_finished_run_a_failure(tmp_path,
         os.close(ours)
         assert result.returncode == 0 and not result.stderr, result.stderr
         assert (tmp_path / f"out{unbuffered}" / "manifest.json").is_file()
+
+
+def test_a_check_whose_reader_hangs_up_says_nothing_of_it():
+    out, ours = os.pipe()
+    os.close(out)
+    result = subprocess.run(
+        [sys.executable, "-m", "solver", "check", DUCK], cwd=ROOT, stdin=subprocess.DEVNULL, stdout=ours,
+        stderr=subprocess.PIPE, text=True, timeout=300, env=os.environ | {"PYTHONUNBUFFERED": ""}, check=False,
+    )  # fmt: skip
+    os.close(ours)
+    assert result.returncode == 0 and "Error" not in result.stderr, result.stderr
+
+
+def test_a_pipe_that_breaks_elsewhere_is_told(monkeypatch, capsys):
+    def broken(options):
+        raise BrokenPipeError("a worker has gone")
+
+    monkeypatch.setattr("solver.cli._doctor", broken)
+    with pytest.raises(BrokenPipeError, match="a worker has gone"):
+        main(["doctor"])
 
 
 def test_a_decoder_is_another_job_wherever_this_one_is_run_later(tmp_path, job):
