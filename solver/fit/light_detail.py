@@ -70,15 +70,13 @@ class OpenDetail:
         """
         if self.share is None or step % self.EVERY != 0:
             return
-        settings, (sigma, wide) = self._settings, self._sigmas(light)
-        part, of_colours = (
-            min(self.EVERY * rate * pull, 1.0)
-            for pull in (settings.smoothness, settings.colour_smoothness)
-        )
-        detail, colours = self.share
-        draw_together(light, sigma, detail * part)
-        if of_colours > 0:
-            draw_colours_together(light, wide, colours * of_colours)
+        draws = draw_together, draw_colours_together
+        pulls = self._settings.smoothness, self._settings.colour_smoothness
+        for draw, sigma, share, pull in zip(
+            draws, self._sigmas(light), self.share, pulls, strict=True
+        ):
+            if pull > 0:
+                draw(light, sigma, share * min(self.EVERY * rate * pull, 1.0))
 
     def _sigmas(self, light: EnvironmentMap) -> tuple[float, float]:
         """Of the blurs of detail and of colours, texels."""

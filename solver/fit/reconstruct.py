@@ -77,11 +77,8 @@ def run_job(
     for warning in capture.warnings:
         progress.warning(warning)
     photos = load_photos(
-        capture,
-        lambda done, count: told(done / count),
-        settings.photos,
-        settings.photos.most_pixels,
-    )
+        capture, lambda done, count: told(done / count), settings.photos, settings.photos.most_pixels
+    )  # fmt: skip
     capture = at_sizes_of(photos, capture)
     if settings.fit.use_masks:
         _tell_of_missing_masks(capture, photos, progress)
