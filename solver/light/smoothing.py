@@ -8,6 +8,7 @@ import torch
 import torch.nn.functional as F
 
 from ..field.smoothing import LEAST_STEP_SIGMA, gaussian
+from ..kernels.backend import fast_on_numba, kernels
 from ..kernels.sending import sent
 from .environment import EnvironmentMap
 
@@ -17,7 +18,7 @@ LEAST_RADIANCE = 1e-30
 
 def map_smoothing(sigma: float) -> Callable[[torch.Tensor], torch.Tensor] | None:
     """What blurs a map [C, H, 2H], or a change of one, by a Gaussian of `sigma` texels, around its seam and
-    up to its poles; None below a third.
+    up to its poles, without gradient; None below a third.
 
     Rough reflections tell only what light is in the mean. Adam's steps are as large for each texel, so that
     the rectangles of the first rays stay in it as a woven pattern (docs/decisions/0035).
@@ -25,17 +26,22 @@ def map_smoothing(sigma: float) -> Callable[[torch.Tensor], torch.Tensor] | None
     if sigma < LEAST_STEP_SIGMA:
         return None
     taps = gaussian(sigma)
-    reach = len(taps) // 2
+    return lambda change: _blurred(change, taps)
 
-    def smooth(change: torch.Tensor) -> torch.Tensor:
-        kernel = sent(taps, change.device)
-        values = F.pad(change[:, None], (reach, reach, 0, 0), mode="circular")
-        values = F.pad(
-            F.conv2d(values, kernel.view(1, 1, 1, -1)), (0, 0, reach, reach), mode="replicate"
-        )
-        return F.conv2d(values, kernel.view(1, 1, -1, 1))[:, 0]
 
-    return smooth
+@torch.no_grad()
+def _blurred(maps: torch.Tensor, taps: torch.Tensor) -> torch.Tensor:
+    """Maps [C, H, 2H] with odd, symmetric taps along both axes."""
+    if fast_on_numba(maps):
+        out = torch.empty_like(maps, memory_format=torch.contiguous_format)
+        kernels("map_blur", maps.device).blur(maps.contiguous(), taps, out)
+        return out
+    reach, kernel = len(taps) // 2, sent(taps, maps.device)
+    values = F.pad(maps[:, None], (reach, reach, 0, 0), mode="circular")
+    values = F.pad(
+        F.conv2d(values, kernel.view(1, 1, 1, -1)), (0, 0, reach, reach), mode="replicate"
+    )
+    return F.conv2d(values, kernel.view(1, 1, -1, 1))[:, 0]
 
 
 @torch.no_grad()

@@ -7,6 +7,7 @@ import torch
 from solver.fit.presets import settings_for
 from solver.fit.schedule import light_step_width
 from solver.fit.start import new_trainer
+from solver.kernels.backend import forced_path
 from solver.light.environment import EnvironmentMap
 from solver.light.smoothing import draw_colours_together, draw_together, map_smoothing
 from tests.fit.test_fit import ball_capture
@@ -29,6 +30,19 @@ def test_it_goes_around_the_seam_and_ends_at_the_poles():
     torch.testing.assert_close(blurred[:, :, 1:4], blurred[:, :, -3:].flip(-1))
     even = torch.ones(3, 32, 64)
     torch.testing.assert_close(map_smoothing(4.0)(even), even)
+
+
+@pytest.mark.parametrize("size", [(3, 24, 48), (1, 32, 64), (2, 3, 6)])
+def test_the_kernel_and_plain_torch_blur_alike(size):
+    torch.manual_seed(0)
+    maps, sigma = torch.randn(size), min(4.0, size[1] / 3)
+    with forced_path("torch"):
+        plain = map_smoothing(sigma)(maps)
+    with forced_path("numba"):
+        torch.testing.assert_close(map_smoothing(sigma)(maps), plain)
+        # What lies otherwise in memory, too.
+        turned = maps.permute(0, 2, 1).contiguous().permute(0, 2, 1)
+        torch.testing.assert_close(map_smoothing(sigma)(turned), plain)
 
 
 def test_a_blur_below_a_third_of_a_texel_is_none():
