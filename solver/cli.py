@@ -41,7 +41,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         return options.run(options)
     except Exception as error:
-        if isinstance(error, BrokenPipeError) and _nobody_reads():
+        if isinstance(error, BrokenPipeError) and _nobody_reads("\n"):
             return FAILED
         code, message = explain(error)
         if code == FAILED and not isinstance(error, KNOWN_FAILURES):
@@ -52,10 +52,15 @@ def main(arguments: list[str] | None = None) -> int:
         _nobody_reads()
 
 
-def _nobody_reads() -> bool:
-    """Whether who read what is printed has gone, as `head` does; then Python's exit says no more of it."""
+def _nobody_reads(attempt: str = "") -> bool:
+    """Whether who read what is printed has gone, as `head` does; then Python's exit says no more of it.
+
+    Args:
+        attempt: written to find out, since a stdout without a buffer has forgotten what it could not write.
+    """
     try:
         if sys.stdout is not None:
+            sys.stdout.write(attempt)
             sys.stdout.flush()
         return False
     except BrokenPipeError:

@@ -201,6 +201,17 @@ def test_a_check_whose_reader_hangs_up_says_nothing_of_it():
     assert result.returncode == 0 and "Error" not in result.stderr, result.stderr
 
 
+def test_without_a_buffer_a_reader_that_hangs_up_is_no_error_either():
+    out, ours = os.pipe()
+    os.close(out)
+    result = subprocess.run(
+        [sys.executable, "-m", "solver", "doctor"], cwd=ROOT, stdin=subprocess.DEVNULL, stdout=ours,
+        stderr=subprocess.PIPE, text=True, timeout=300, env=os.environ | {"PYTHONUNBUFFERED": "1"}, check=False,
+    )  # fmt: skip
+    os.close(ours)
+    assert result.returncode == 1 and "Error" not in result.stderr, result.stderr
+
+
 def test_a_pipe_that_breaks_elsewhere_is_told(monkeypatch, capsys):
     def broken(options):
         raise BrokenPipeError("a worker has gone")
