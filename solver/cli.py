@@ -16,9 +16,10 @@ from contextlib import suppress
 from pathlib import Path
 
 from . import __version__
+from .arguments import placement, rays, seconds, seed
 from .cameras.command import add_frames, add_solve
 from .job.exit_codes import CANCELLED, DONE, FAILED
-from .job.folder import DEVICES, MOST_SEED, JobError, JobFolder, JobRequest, overrides_of
+from .job.folder import DEVICES, JobError, JobFolder, JobRequest, overrides_of
 from .job.resume import take_up
 from .job.status import process_is_alive, read_status
 from .preflight.command import add_check, add_pictures
@@ -84,8 +85,8 @@ def _parser() -> argparse.ArgumentParser:
     new.add_argument("--masks", type=Path, metavar="DIR", help="if not in a folder 'masks' there")
     new.add_argument("--preset", help="draft (as it is without), standard or paper")
     new.add_argument("--device", choices=DEVICES)
-    new.add_argument("--seed", type=_seed)
-    new.add_argument("--time-limit", type=_positive, metavar="SECONDS", help="asset included")
+    new.add_argument("--seed", type=seed)
+    new.add_argument("--time-limit", type=seconds, metavar="SECONDS", help="asset included")
     new.add_argument(
         "--resume", action="store_true", help="continue the job in JOB; only its limit may change"
     )
@@ -109,7 +110,7 @@ def _parser() -> argparse.ArgumentParser:
     compose.add_argument("--cameras", type=Path, required=True, help="camera file")
     compose.add_argument("--out", type=Path, required=True)
     compose.add_argument(
-        "--place", action="append", default=[], type=_placement, metavar="X,Y,Z[,SCALE[,DEGREES]]",
+        "--place", action="append", default=[], type=placement, metavar="X,Y,Z[,SCALE[,DEGREES]]",
         help="where each job's world goes, in order: moved, scaled, turned about +Z",
     )  # fmt: skip
     _add_light(compose)
@@ -120,7 +121,7 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("--cameras", type=Path, required=True, help="camera file with photos")
     evaluate.add_argument("--photos", type=Path, metavar="DIR", help="if not below its folder")
     evaluate.add_argument("--out", type=Path, help="metrics.json")
-    evaluate.add_argument("--rays", type=_rays, default=64, help="secondary rays a pixel")
+    evaluate.add_argument("--rays", type=rays, default=64, help="secondary rays a pixel")
     _add_neural(evaluate)
     evaluate.set_defaults(run=_evaluate)
 
@@ -148,7 +149,7 @@ def _add_light(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--environment", type=Path, help="another light: an equirect EXR, or another job's"
     )
-    command.add_argument("--rays", type=_rays, default=64, help="secondary rays a pixel")
+    command.add_argument("--rays", type=rays, default=64, help="secondary rays a pixel")
     _add_neural(command)
 
 
@@ -157,45 +158,6 @@ def _add_neural(command: argparse.ArgumentParser) -> None:
         "--without-neural", action="store_const", const=0.0, dest="neural",
         help="leave the neural term out: what Cycles can show (draft and standard end so anyway)",
     )  # fmt: skip
-
-
-def _placement(text: str) -> tuple[float, ...]:
-    """x, y, z, scale, degrees."""
-    values = tuple(_number(part) for part in text.split(","))
-    if not 3 <= len(values) <= 5:
-        raise argparse.ArgumentTypeError("write it as X,Y,Z or X,Y,Z,SCALE or X,Y,Z,SCALE,DEGREES")
-    if len(values) > 3 and values[3] <= 0:
-        raise argparse.ArgumentTypeError("SCALE must be positive")
-    return (*values, *(1.0, 0.0)[len(values) - 3 :])
-
-
-def _positive(text: str) -> float:
-    value = _number(text)
-    if value <= 0:
-        raise argparse.ArgumentTypeError("must be a positive number of seconds")
-    return value
-
-
-def _rays(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= 1 << 16:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to {1 << 16}")
-    return int(text)
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal() or int(text) > MOST_SEED:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 0 to {MOST_SEED}")
-    return int(text)
-
-
-def _number(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"'{text}' is no number")
-    return value
 
 
 def _reconstruct(options: argparse.Namespace) -> int:

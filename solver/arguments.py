@@ -1,0 +1,51 @@
+"""What the command line takes: texts to values. All raise ArgumentTypeError with what is wrong."""
+
+from __future__ import annotations
+
+import argparse
+import math
+
+from .job.folder import MOST_SEED
+
+
+def placement(text: str) -> tuple[float, ...]:
+    """x, y, z, scale and degrees, the last two 1 and 0 where they are not given."""
+    values = tuple(number(part) for part in text.split(","))
+    if not 3 <= len(values) <= 5:
+        raise argparse.ArgumentTypeError("write it as X,Y,Z or X,Y,Z,SCALE or X,Y,Z,SCALE,DEGREES")
+    if len(values) > 3 and values[3] <= 0:
+        raise argparse.ArgumentTypeError("SCALE must be positive")
+    return (*values, *(1.0, 0.0)[len(values) - 3 :])
+
+
+def seconds(text: str) -> float:
+    """Seconds."""
+    value = number(text)
+    if value <= 0:
+        raise argparse.ArgumentTypeError("must be a positive number of seconds")
+    return value
+
+
+def rays(text: str) -> int:
+    """Rays a pixel."""
+    if not text.isdecimal() or not 1 <= int(text) <= 1 << 16:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to {1 << 16}")
+    return int(text)
+
+
+def seed(text: str) -> int:
+    """A seed of `JobRequest`."""
+    if not text.isdecimal() or int(text) > MOST_SEED:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 0 to {MOST_SEED}")
+    return int(text)
+
+
+def number(text: str) -> float:
+    """A finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"'{text}' is no number")
+    return value
