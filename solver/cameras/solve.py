@@ -10,7 +10,7 @@ import os
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import chdir, contextmanager, suppress
 from dataclasses import dataclass
@@ -26,6 +26,7 @@ from ..threads import usable_cores
 from .database import evidence_of, numbers, opened, register
 from .diagnosis import Evidence, unplaced
 from .folder import FEWEST_PHOTOS, SolveFolder, SolveRequest
+from .mapping import FEWEST_SEEN_POINTS, Mapper, placed_in
 from .model import finish_model
 from .output import write_cameras
 from .pairs import pairs_of
@@ -35,9 +36,6 @@ from .walk import misled, walked_model
 SHARES = {"features": 0.3, "matching": 0.45, "mapping": 0.2, "adjustment": 0.05}
 SHARES_OF_VIDEO = {"video": 0.15} | {stage: 0.85 * share for stage, share in SHARES.items()}
 FEWEST_FEATURES = 16
-FEWEST_SEEN_POINTS = 15
-"""known points that a photo has to show to be placed, where COLMAP's 30 leave some out: around a corner,
-or on what shines, there are few; half as many have placed 14 of 14 photos of a box where 30 placed 7"""
 _BLOCK_SECONDS = 2.0
 
 
@@ -76,6 +74,9 @@ class Solver:
         self.progress, self.control = progress, control
         self.token = self.colmap.CancellationToken()
         self.threads = usable_cores()
+        self.mapper = Mapper(
+            self.colmap, self.work / "models", request.seed, self.threads, self.token, self._check
+        )
 
     def run(self) -> Solved:
         """Do all that is left to do.
@@ -232,58 +233,10 @@ class Solver:
             photo.file for photo, item in zip(photos, evidence, strict=True)
             if max(item.matches, default=0) >= 2 * FEWEST_SEEN_POINTS
         }  # fmt: skip
-        best = self._largest_model(self.database, joined, told)
+        best = self.mapper.largest_model(self.database, joined, told)
         if best is None or best.num_reg_images() < FEWEST_PHOTOS:
             self._fail(evidence)
         return best
-
-    def _largest_model(self, database: Path, wanted: set[str], told: Callable[[int], None]) -> Any:
-        """The largest model that the matches of a database give, or None; where it lacks some of the photos
-        that are `wanted`, one that asks for less evidence of each, if it has more cameras.
-
-        Args:
-            told: how many cameras have been placed.
-        """
-        best = self._model(database, told, None)
-        if best is not None and wanted <= _placed(best):
-            return best
-        more = self._model(database, told, FEWEST_SEEN_POINTS)
-        if best is None or (more is not None and more.num_reg_images() > best.num_reg_images()):
-            return more
-        return best
-
-    def _model(
-        self, database: Path, told: Callable[[int], None], fewest_seen_points: int | None
-    ) -> Any:
-        """The largest of the models from one go of COLMAP's; None for its own number of points."""
-        output = self.work / "models"
-        output.mkdir(parents=True, exist_ok=True)
-        options = self.colmap.IncrementalPipelineOptions()
-        options.random_seed, options.num_threads = self.request.seed, self.threads
-        options.mapper.random_seed = options.triangulation.random_seed = self.request.seed
-        options.min_model_size, options.extract_colors = FEWEST_PHOTOS, False
-        if fewest_seen_points is not None:
-            options.mapper.abs_pose_min_num_inliers = fewest_seen_points
-        placed = 0
-
-        def again() -> None:
-            nonlocal placed
-            placed = 2
-
-        def one_more() -> None:
-            nonlocal placed
-            placed += 1
-            told(placed)
-
-        found = self.colmap.incremental_mapping(
-            database, Path(), output, options=options,
-            initial_image_pair_callback=again, next_image_callback=one_more,
-            cancellation_token=self.token,
-        )  # fmt: skip
-        self._check()
-        return max(
-            found.values(), key=lambda m: (m.num_reg_images(), m.num_points3D()), default=None
-        )
 
     def _unfolded(self, photos: list[Prepared], model: Any) -> Any:
         """The model, or a better one where things that look alike have misled it."""
@@ -301,7 +254,7 @@ class Solver:
         shutil.copyfile(self.database, copy)
         walked = walked_model(
             self.colmap, copy, model, number, in_one_take,
-            lambda: self._largest_model(copy, _placed(model), told),
+            lambda: self.mapper.largest_model(copy, placed_in(model), told),
         )  # fmt: skip
         if walked is None:
             self.progress.warning(
@@ -330,14 +283,9 @@ class Solver:
 
     def _write(self, photos: list[Prepared], model: Any) -> Solved:
         cameras, points = finish_model(self.colmap, model, photos, self.folder)
-        problem, remedy = unplaced(self._evidence(photos), _placed(model))
+        problem, remedy = unplaced(self._evidence(photos), placed_in(model))
         write_cameras(self.folder, Path(self.request.photos), cameras)
         return Solved(len(photos), len(cameras), points, f"{problem}; {remedy}" if problem else "")
-
-
-def _placed(model: Any) -> set[str]:
-    """Names, in the database or the model's own, of the photos that have a camera in it."""
-    return {image.name for image in model.images.values() if image.has_pose}
 
 
 @contextmanager
