@@ -83,24 +83,7 @@ def assemble(
     there = [item for item in found if photos.serves(item.photo)]
     missing = [item.stated for item in found if not photos.serves(item.photo)]
     if len(there) < photos.fewest or len(missing) > len(there):
-        if missing:
-            other = photos.unreadable(missing[0])
-            if other is not None:
-                raise CaptureError(
-                    other, "", f"photos of this kind ({other.suffix}) cannot be read",
-                    "convert all to JPEG or PNG under the same names",
-                )  # fmt: skip
-            raise CaptureError(
-                source, "photos", f"{len(missing)} of {len(found)} photos are missing, "
-                f"the first is '{shown(missing[0])}'",
-                f"put the photos below {photos.folder}, give the folder of the whole project, or say "
-                "where the photos are",
-            )  # fmt: skip
-        raise CaptureError(
-            source, "cameras",
-            "there is only 1 camera" if len(there) == 1 else f"there are only {len(there)} cameras",
-            f"a reconstruction needs at least {photos.fewest}, better 50",
-        )  # fmt: skip
+        raise _too_few(source, len(found), missing, photos)
     notes = list(warnings)
     if missing:
         notes.insert(0, f"{source.name}: {len(missing)} of {len(found)} listed photos do not exist "
@@ -137,6 +120,28 @@ def assemble(
     return Capture(
         source, tuple(cameras), region_seen_by(cameras, points), tuple(notes), format, points,
         None if up is None else np.array(up, dtype=np.float64), metric,
+    )  # fmt: skip
+
+
+def _too_few(source: Path, count: int, missing: list[str], photos: PhotoFinder) -> CaptureError:
+    """The error that of `count` cameras too few are left without those whose photos are `missing`."""
+    if missing:
+        other = photos.unreadable(missing[0])
+        if other is not None:
+            return CaptureError(
+                other, "", f"photos of this kind ({other.suffix}) cannot be read",
+                "convert all to JPEG or PNG under the same names",
+            )  # fmt: skip
+        return CaptureError(
+            source, "photos", f"{len(missing)} of {count} photos are missing, "
+            f"the first is '{shown(missing[0])}'",
+            f"put the photos below {photos.folder}, give the folder of the whole project, or say "
+            "where the photos are",
+        )  # fmt: skip
+    return CaptureError(
+        source, "cameras",
+        "there is only 1 camera" if count == 1 else f"there are only {count} cameras",
+        f"a reconstruction needs at least {photos.fewest}, better 50",
     )  # fmt: skip
 
 

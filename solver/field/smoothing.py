@@ -19,8 +19,6 @@ PAPER_TAPS = torch.tensor([0.274068619, 0.451862762, 0.274068619])
 """the paper's kernel: a Gaussian of σ = 1 voxel, cut off after one"""
 PAPER_SIGMA = (2 * float(PAPER_TAPS[0])) ** 0.5
 """its standard deviation once cut off, voxels"""
-
-
 LEAST_STEP_SIGMA = 1 / 3
 """voxels; narrower than that, a Gaussian on the grid does nothing"""
 

@@ -46,6 +46,9 @@ _EARTH = (6.3e6, 6.45e6)
 """metres from its centre between which all of its surface lies"""
 _PANORAMAS = ("spherical", "cylindrical")
 _FISHEYES = ("fisheye", "equidistant_fisheye", "equidistant fisheye")
+_DISABLED, _NOT_ALIGNED, _PANORAMA = "disabled", "not aligned", "panoramas"
+_IN_A_RIG = "members of a rig, whose places this file leaves to its first camera,"
+"""what cameras are that are left out"""
 
 
 def recognises(file: Path) -> bool:
@@ -74,24 +77,19 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     sensors = {sensor.get("id"): sensor for sensor in chunk.iter("sensor")}
     lenses: dict[str | None, Intrinsics] = {}
     panoramas = {key for key, sensor in sensors.items() if _kind(sensor) in _PANORAMAS}
-    found, disabled, unaligned, rigged, round_about, parts = [], [], [], [], [], []
+    found, parts = [], []
+    left_out: dict[str, list[str]] = {
+        reason: [] for reason in (_DISABLED, _NOT_ALIGNED, _IN_A_RIG, _PANORAMA)
+    }
     for index, camera in enumerate(chunk.iter("camera")):
         label = camera.get("label") or ""
         where = f"camera {shown(label)}" if label else f"camera {index + 1}"
-        transform = camera.find("transform")
-        if (camera.get("enabled") or "true").strip().lower() in ("false", "0", "no"):
-            disabled.append(label)
+        reason = _why_not(camera, panoramas)
+        if reason is not None:
+            left_out[reason].append(label)
             continue
-        if camera.get("sensor_id") in panoramas:
-            round_about.append(label)
-            continue
-        if transform is None and camera.get("master_id") is not None:
-            rigged.append(label)
-            continue
-        if transform is None or not (transform.text or "").strip():
-            unaligned.append(label)
-            continue
-        matrix = numbers(path, f"{where}, transform", transform.text, 16).reshape(4, 4)
+        text = camera.findtext("transform")
+        matrix = numbers(path, f"{where}, transform", text, 16).reshape(4, 4)
         stated, photo = pictures.find(camera, path)
         key = camera.get("sensor_id")
         if photos.serves(photo) and key not in lenses:
@@ -102,11 +100,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         parts.append("world" if world is not None else str(camera.get("component_id")))
         pose = pose_opengl_from_opencv(matrix if world is None else world @ matrix)
         found.append(Found(where, stated, photo, pose, lenses.get(key)))
-    for names, what in (
-        (disabled, "disabled"), (unaligned, "not aligned"),
-        (rigged, "members of a rig, whose places this file leaves to its first camera,"),
-        (round_about, "panoramas"),
-    ):  # fmt: skip
+    for what, names in left_out.items():
         if names:
             warnings.append(f"{path.name}: {len(names)} cameras are {what} and left out "
                             f"(the first: {shown(names[0])})")  # fmt: skip
@@ -115,17 +109,35 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         found = [item for item, part in zip(found, parts, strict=True) if part == largest]
         warnings.append(f"{path.name}: {len(parts) - len(found)} cameras are in other components, "
                         "whose places are not known, and left out")  # fmt: skip
-    if not found and round_about:
+    if not found and left_out[_PANORAMA]:
         raise CaptureError(
             path, "sensor, type", "all its cameras are panoramas",
             "cut the panoramas into perspective photos, and align those",
         )  # fmt: skip
-    if not found and unaligned:
+    if not found and (unaligned := left_out[_NOT_ALIGNED]):
         raise CaptureError(
             path, "transform", f"none of its {len(unaligned)} cameras is aligned",
             "align the photos in Metashape and export the cameras again",
         )  # fmt: skip
     return assemble(path, NAME, found, photos, up=worlds.up, warnings=tuple(warnings))
+
+
+def _why_not(camera: Element, panoramas: set[str | None]) -> str | None:
+    """Why a camera is left out; None: it is not.
+
+    Args:
+        panoramas: ids of their sensors.
+    """
+    if (camera.get("enabled") or "true").strip().lower() in ("false", "0", "no"):
+        return _DISABLED
+    if camera.get("sensor_id") in panoramas:
+        return _PANORAMA
+    transform = camera.find("transform")
+    if transform is None and camera.get("master_id") is not None:
+        return _IN_A_RIG
+    if transform is None or not (transform.text or "").strip():
+        return _NOT_ALIGNED
+    return None
 
 
 class _Pictures:
