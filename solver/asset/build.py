@@ -23,6 +23,15 @@ from .unwrap import rasterise, unwrap
 
 TURN = 1e-5
 """rad; less moves no light by a hundredth of a texel"""
+TEXTURES = {
+    "albedo": {"file": "albedo.png", "colour_space": "sRGB"},
+    "f0": {"file": "f0.png", "colour_space": "sRGB"},
+    "roughness": {"file": "roughness.png", "colour_space": "Non-Color"},
+    "normal": {"file": "normal.png", "colour_space": "Non-Color", "space": "tangent"},
+    "base_colour": {"file": "base_colour.png", "colour_space": "sRGB"},
+    "metallic": {"file": "metallic.png", "colour_space": "Non-Color"},
+}
+"""as the manifest names them; f0 is written with its scale"""
 
 
 def build_asset(
@@ -94,14 +103,7 @@ def build_asset(
     )  # fmt: skip
     parts = {
         "mesh": "mesh.ply",
-        "textures": {
-            "albedo": {"file": "albedo.png", "colour_space": "sRGB"},
-            "f0": {"file": "f0.png", "colour_space": "sRGB", "scale": f0_scale},
-            "roughness": {"file": "roughness.png", "colour_space": "Non-Color"},
-            "normal": {"file": "normal.png", "colour_space": "Non-Color", "space": "tangent"},
-            "base_colour": {"file": "base_colour.png", "colour_space": "sRGB"},
-            "metallic": {"file": "metallic.png", "colour_space": "Non-Color"},
-        },
+        "textures": {**TEXTURES, "f0": {**TEXTURES["f0"], "scale": f0_scale}},
         "environment": {"file": "environment.exr", "colour_space": "Linear Rec.709"},
         "glb": "asset.glb",
         "placement": placement.tolist(),

@@ -81,8 +81,26 @@ def write_glb(
         for kind, image in images.items()
     ]
     binary.extend(b"\0" * (-len(binary) % 4))
+    document = {
+        "asset": {"version": "2.0", "generator": f"Neural Microfacet Fields {__version__}"},
+        "extensionsUsed": ["KHR_materials_specular"],
+        "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0, "name": name}],
+        "meshes": [{"name": name, "primitives": [{
+            "attributes": {"POSITION": 0, "NORMAL": 1, "TANGENT": 2, "TEXCOORD_0": 3},
+            "indices": 4, "material": 0,
+        }]}],
+        "materials": [_material(name, f0_scale, closed)],
+        "textures": [{"source": i, "sampler": 0} for i in range(len(images))],
+        "samplers": [{"wrapS": _CLAMP_TO_EDGE, "wrapT": _CLAMP_TO_EDGE}], "images": image_entries,
+        "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": len(binary)}],
+    }  # fmt: skip
+    _write_container(path, document, binary)
+
+
+def _material(name: str, f0_scale: float, closed: bool) -> dict[str, Any]:
+    """The material of textures in the order base colour, metalness and roughness, normal, F0."""
     factor = f0_scale / DIELECTRIC_F0
-    material = {
+    return {
         "name": name, "doubleSided": not closed,
         "pbrMetallicRoughness": {
             "baseColorTexture": {"index": 0}, "metallicRoughnessTexture": {"index": 1},
@@ -95,19 +113,10 @@ def write_glb(
             }
         },
     }  # fmt: skip
-    document = {
-        "asset": {"version": "2.0", "generator": f"Neural Microfacet Fields {__version__}"},
-        "extensionsUsed": ["KHR_materials_specular"],
-        "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0, "name": name}],
-        "meshes": [{"name": name, "primitives": [{
-            "attributes": {"POSITION": 0, "NORMAL": 1, "TANGENT": 2, "TEXCOORD_0": 3},
-            "indices": 4, "material": 0,
-        }]}],
-        "materials": [material],
-        "textures": [{"source": i, "sampler": 0} for i in range(len(images))],
-        "samplers": [{"wrapS": _CLAMP_TO_EDGE, "wrapT": _CLAMP_TO_EDGE}], "images": image_entries,
-        "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": len(binary)}],
-    }  # fmt: skip
+
+
+def _write_container(path: Path, document: dict[str, Any], binary: bytes | bytearray) -> None:
+    """Write a GLB of a JSON chunk and a binary one, which has a multiple of four bytes."""
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     total = 12 + 8 + len(text) + 8 + len(binary)
