@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-
-from .job.folder import MOST_SEED
+from collections.abc import Callable
 
 
 def placement(text: str) -> tuple[float, ...]:
@@ -19,25 +18,22 @@ def placement(text: str) -> tuple[float, ...]:
 
 
 def seconds(text: str) -> float:
-    """Seconds."""
+    """Seconds, more than none."""
     value = number(text)
     if value <= 0:
         raise argparse.ArgumentTypeError("must be a positive number of seconds")
     return value
 
 
-def rays(text: str) -> int:
-    """Rays a pixel."""
-    if not text.isdecimal() or not 1 <= int(text) <= 1 << 16:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to {1 << 16}")
-    return int(text)
+def whole_number(least: int, most: int) -> Callable[[str], int]:
+    """What reads whole numbers between these two."""
 
+    def whole(text: str) -> int:
+        if not text.isdecimal() or not least <= int(text) <= most:
+            raise argparse.ArgumentTypeError(f"must be a whole number from {least} to {most}")
+        return int(text)
 
-def seed(text: str) -> int:
-    """A seed of `JobRequest`."""
-    if not text.isdecimal() or int(text) > MOST_SEED:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 0 to {MOST_SEED}")
-    return int(text)
+    return whole
 
 
 def number(text: str) -> float:

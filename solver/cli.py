@@ -16,16 +16,18 @@ from contextlib import suppress
 from pathlib import Path
 
 from . import __version__
-from .arguments import placement, rays, seconds, seed
+from .arguments import placement, seconds, whole_number
 from .cameras.command import add_frames, add_solve
 from .job.exit_codes import CANCELLED, DONE, FAILED
-from .job.folder import DEVICES, JobError, JobFolder, JobRequest, overrides_of
+from .job.folder import DEVICES, MOST_SEED, JobError, JobFolder, JobRequest, overrides_of
 from .job.resume import take_up
 from .job.status import process_is_alive, read_status
 from .preflight.command import add_check, add_pictures
 from .session import KNOWN_FAILURES, explain, session
 from .threads import prepare_runtimes
 
+MOST_RAYS = 1 << 16
+"""secondary rays a pixel"""
 DECODER = "fit.decoder"
 """the setting that is a path, of another job"""
 
@@ -85,7 +87,7 @@ def _parser() -> argparse.ArgumentParser:
     new.add_argument("--masks", type=Path, metavar="DIR", help="if not in a folder 'masks' there")
     new.add_argument("--preset", help="draft (as it is without), standard or paper")
     new.add_argument("--device", choices=DEVICES)
-    new.add_argument("--seed", type=seed)
+    new.add_argument("--seed", type=whole_number(0, MOST_SEED))
     new.add_argument("--time-limit", type=seconds, metavar="SECONDS", help="asset included")
     new.add_argument(
         "--resume", action="store_true", help="continue the job in JOB; only its limit may change"
@@ -121,8 +123,7 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("--cameras", type=Path, required=True, help="camera file with photos")
     evaluate.add_argument("--photos", type=Path, metavar="DIR", help="if not below its folder")
     evaluate.add_argument("--out", type=Path, help="metrics.json")
-    evaluate.add_argument("--rays", type=rays, default=64, help="secondary rays a pixel")
-    _add_neural(evaluate)
+    _add_rendering(evaluate)
     evaluate.set_defaults(run=_evaluate)
 
     export = commands.add_parser("export", help="copy a job's asset files, or bake them anew")
@@ -149,11 +150,13 @@ def _add_light(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--environment", type=Path, help="another light: an equirect EXR, or another job's"
     )
-    command.add_argument("--rays", type=rays, default=64, help="secondary rays a pixel")
-    _add_neural(command)
+    _add_rendering(command)
 
 
-def _add_neural(command: argparse.ArgumentParser) -> None:
+def _add_rendering(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--rays", type=whole_number(1, MOST_RAYS), default=64, help="secondary rays a pixel"
+    )
     command.add_argument(
         "--without-neural", action="store_const", const=0.0, dest="neural",
         help="leave the neural term out: what Cycles can show (draft and standard end so anyway)",

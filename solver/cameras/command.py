@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+from ..arguments import whole_number
 from ..capture.errors import CaptureError
 from ..job.exit_codes import CANCELLED
 from ..job.status import process_is_alive, read_status
@@ -23,6 +24,9 @@ from .folder import (
     is_video,
     photos_below,
 )
+
+MOST_SEED = (1 << 31) - 1
+"""COLMAP's"""
 
 
 def add_solve(commands: argparse._SubParsersAction) -> None:
@@ -50,7 +54,7 @@ def add_solve(commands: argparse._SubParsersAction) -> None:
         "--masks", type=Path, metavar="DIR",
         help="look only at what masks show: for an object that was turned before a still camera",
     )  # fmt: skip
-    solve.add_argument("--seed", type=int, default=0)
+    solve.add_argument("--seed", type=whole_number(0, MOST_SEED), default=0)
     solve.add_argument("--events", action="store_true", help="events on stdout, no bar")
     solve.set_defaults(run=run_solve, sharing="auto")
 

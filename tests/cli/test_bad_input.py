@@ -83,6 +83,8 @@ def test_numbers_that_are_none_are_told_so(job, tmp_path):
         assert result.returncode == 2 and words in result.stderr
     result = solver("render", job, "--cameras", DUCK, "--out", tmp_path / "no", "--rays", 0)
     assert result.returncode == 2 and "from 1 to" in result.stderr
+    result = solver("solve", DUCK, "--out", tmp_path / "no", "--seed", 1 << 31)
+    assert result.returncode == 2 and "from 0 to" in result.stderr
     assert not (tmp_path / "no").exists()
 
 
