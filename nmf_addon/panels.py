@@ -147,16 +147,21 @@ def _draw_moving_camera(
 def _draw_task(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     model = side_task.model
     if side_task.running:
-        layout.label(text="Cancelling…" if model.cancelling else model.text, icon="SORTTIME")
-        column = layout.column(align=True)
-        parts = [f"{100 * model.overall:.0f} %", model.time_left]
-        column.progress(factor=model.overall, text="   ".join(filter(None, parts)), type="BAR")
-        column.operator("nmf.cancel_task", icon="X")
+        _draw_bar(layout, model, "nmf.cancel_task")
     elif model.state in OUTCOME_ICONS:
         _paragraph(layout, context, model.text, icon=OUTCOME_ICONS[model.state])
         for line in short_error(model.error):
             _note(layout, context, line)
         _draw_warnings(layout, context, model)
+
+
+def _draw_bar(layout: bpy.types.UILayout, model: JobModel, cancel: str) -> None:
+    """What is being done, how far it is, and the operator that cancels it."""
+    layout.label(text="Cancelling…" if model.cancelling else model.text, icon="SORTTIME")
+    column = layout.column(align=True)
+    parts = [f"{100 * model.overall:.0f} %", model.time_left]
+    column.progress(factor=model.overall, text="   ".join(filter(None, parts)), type="BAR")
+    column.operator(cancel, icon="X")
 
 
 def _draw_findings(layout: bpy.types.UILayout, context: bpy.types.Context, report: dict) -> None:
@@ -209,11 +214,7 @@ def _draw_settings(layout: bpy.types.UILayout, settings) -> None:
 
 def _draw_progress(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     model = monitor.model
-    layout.label(text="Cancelling…" if model.cancelling else model.text, icon="SORTTIME")
-    parts = [f"{100 * model.overall:.0f} %", model.time_left]
-    column = layout.column(align=True)
-    column.progress(factor=model.overall, text="   ".join(filter(None, parts)), type="BAR")
-    column.operator("nmf.cancel", icon="X")
+    _draw_bar(layout, model, "nmf.cancel")
     if model.psnr is not None and model.stage == "fit":
         _note(layout, context, f"Agreement with the photos: {model.psnr:.1f} dB")
     if monitor.silent_for:
