@@ -12,14 +12,14 @@ import bpy
 def evaluated(shown: bpy.types.Collection | bpy.types.Object) -> Iterator[None]:
     """An object, or all of a collection, stand where they are inside of this.
 
-    Of a file that was opened, what is disabled in viewports has no `matrix_world` but the identity, and
-    none that follows a parent or an animation later on.
+    Of a file that was opened, what is disabled in viewports or in another scene has no `matrix_world` but
+    the identity, and none that follows a parent or an animation later on.
     """
     blocks = [block for block in _in_the_way(shown) if block.hide_viewport]
     for block in blocks:
         block.hide_viewport = False
     try:
-        bpy.context.view_layer.update()
+        _view_layer_of(shown).update()
         yield
     finally:
         for block in blocks:
@@ -30,6 +30,19 @@ def settle(collection: bpy.types.Collection) -> None:
     """Let all objects of a collection have their `matrix_world`, as they stand now."""
     with evaluated(collection):
         pass
+
+
+def _view_layer_of(shown: bpy.types.Collection | bpy.types.Object) -> bpy.types.ViewLayer:
+    """The view layer that the person looks at, or one of a scene that has what that has not."""
+    context = bpy.context
+    there = [scene for scene in bpy.data.scenes if _is_in(shown, scene)]
+    return context.view_layer if context.scene in there or not there else there[0].view_layers[0]
+
+
+def _is_in(shown: bpy.types.Collection | bpy.types.Object, scene: bpy.types.Scene) -> bool:
+    if isinstance(shown, bpy.types.Object):
+        return scene in shown.users_scene
+    return shown in (scene.collection, *scene.collection.children_recursive)
 
 
 def _in_the_way(

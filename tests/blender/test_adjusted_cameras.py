@@ -89,3 +89,21 @@ def test_where_the_captures_file_is_gone_or_broken_the_result_stands_and_no_came
     assert bpy.context.view_layer.objects.active.name == "job"
     for name, pose in poses(capture).items():
         np.testing.assert_array_equal(pose, before[name])
+
+
+def test_cameras_move_in_a_scene_that_was_not_looked_at_since_the_file_was_opened(
+    capture, adjust, extension, tmp_path
+):
+    extension("scene.capture_collection").root_of(capture).location = (0, 5, 0)
+    before = poses(capture)
+    job = finished_job(tmp_path / "job", photos=paths_of_photos(capture))
+    adjust(job)
+    bpy.context.window.scene = bpy.data.scenes.new("Other")
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.open_mainfile(filepath=bpy.data.filepath)
+    assert bpy.ops.nmf.install_result(directory=str(job)) == {"FINISHED"}
+    bpy.context.window.scene = bpy.data.scenes["Scene"]
+    for name, pose in poses(bpy.context.scene.nmf.capture).items():
+        expected = before[name].copy()
+        expected[2, 3] += 0.1
+        np.testing.assert_allclose(pose, expected, atol=1e-5)
