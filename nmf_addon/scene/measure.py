@@ -6,6 +6,7 @@ import bpy
 from mathutils import Matrix, Vector
 
 from .capture_collection import SOURCE, active_capture, capture_collections, root_of
+from .evaluated import settle
 
 LEAST = 1e-6  # distance of two points, Blender units
 
@@ -79,6 +80,7 @@ def scale_to(
         raise MeasureError(
             f"{collection.name} is linked from another file; scale it there, or make a library override."
         )
+    settle(collection)
     first, second = points
     factor = distance / (second - first).length
     about = Matrix.Translation(first) @ Matrix.Scale(factor, 4) @ Matrix.Translation(-first)

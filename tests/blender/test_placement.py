@@ -204,6 +204,19 @@ def test_two_points_of_known_distance_scale_the_capture_about_the_first(extensio
     np.testing.assert_allclose(scene.region_of(capture)["max"], region["max"], atol=1e-4)
 
 
+def test_a_capture_that_no_viewport_shows_is_scaled_where_it_stands(extension, capture):
+    root = extension("scene.capture_collection").root_of(capture)
+    root.location, root.scale, capture.hide_viewport = (1, 2, 3), (2, 2, 2), True
+    bpy.context.scene.camera = None
+    two_empties((0, 0, 0), (1, 0, 0))
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.open_mainfile(filepath=bpy.data.filepath)
+    assert bpy.ops.nmf.set_scale(distance=2.0) == {"FINISHED"}
+    root = extension("scene.capture_collection").root_of(bpy.context.scene.nmf.capture)
+    np.testing.assert_allclose(root.location, (2, 4, 6), atol=1e-5)
+    np.testing.assert_allclose(root.scale, (4, 4, 4), atol=1e-5)
+
+
 def test_the_capture_that_was_measured_is_scaled(extension, capture, result_job, add_capture):
     scene, install = extension("scene.capture_collection"), extension("scene.install")
     item = install.install_result(bpy.context, result_job, capture).object
