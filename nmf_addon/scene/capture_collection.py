@@ -196,9 +196,12 @@ def capture_named(scene: bpy.types.Scene, name: str) -> bpy.types.Collection | N
     return here[0] if here else bpy.data.collections.get(name)
 
 
-def scene_of(collection: bpy.types.Collection) -> bpy.types.Scene | None:
-    """The first scene that a collection is in."""
-    return next((s for s in bpy.data.scenes if collection in s.collection.children_recursive), None)
+def scene_of(
+    collection: bpy.types.Collection, first: bpy.types.Scene | None = None
+) -> bpy.types.Scene | None:
+    """The first scene that a collection is in: `first`, if it is in that, else by name."""
+    there = [s for s in bpy.data.scenes if collection in s.collection.children_recursive]
+    return first if first in there else next(iter(there), None)
 
 
 def root_of(collection: bpy.types.Collection) -> bpy.types.Object | None:

@@ -61,7 +61,7 @@ def install_result(
     positions, normals, uvs, faces = read_ply(job.result_dir / manifest["mesh"])
     pictures = named_pictures(job, manifest)
     name = job.root.name
-    scene = (collection and scene_of(collection)) or context.scene
+    scene = (collection and scene_of(collection, context.scene)) or context.scene
     earlier = installed_before(job, scene)
     if earlier is not None:
         check_not_edited(earlier)

@@ -47,6 +47,18 @@ def test_a_result_and_its_light_come_to_the_scene_of_their_capture(capture, fake
     assert second.world == mine and first.world is not None
 
 
+def test_a_result_of_a_capture_in_two_scenes_is_seen_in_the_one_that_is_looked_at(
+    capture, fake_solver, tick
+):
+    mine, other = bpy.context.scene, bpy.data.scenes.new("Another")  # which comes first by its name
+    other.collection.children.link(capture)
+    other.view_layers[0].layer_collection.children[capture.name].exclude = True
+    bpy.ops.nmf.reconstruct()
+    tick()
+    (item,) = results()
+    assert item.visible_get() and mine.world is not None and other.world is None
+
+
 def test_install_result_does_not_stay_with_the_job_that_was_installed_by_itself():
     """Blender offers an operator's last properties to the next press of its button."""
     properties = bpy.ops.nmf.install_result.get_rna_type().properties
