@@ -13,7 +13,7 @@ from ..nmf_addon.jobs.create import create_job
 from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
 from ..nmf_addon.properties import chosen_overrides
 from ..nmf_addon.runtime import RuntimeMissing
-from ..nmf_addon.scene.capture_collection import FINDINGS, active_capture, capture_named
+from ..nmf_addon.scene.capture_collection import FINDINGS, active_capture, capture_of_number
 from ..nmf_addon.scene.region import is_as_placed, region_box
 from ..solver.capture.errors import CaptureError
 from ..solver.job.folder import JobError
@@ -37,19 +37,19 @@ class NMF_OT_check_capture(bpy.types.Operator):
         """Start the check."""
         collection, settings = active_capture(context), context.scene.nmf
         folder = Path(tempfile.mkdtemp(prefix="nmf-check-", dir=bpy.app.tempdir))
-        name = collection.name
+        number = collection.session_uid
 
         def done(task: SideTask) -> None:
             answer = next(e for e in reversed(task.events) if e.kind == "log")
             report = json.loads(answer.data["text"])
-            found = capture_named(bpy.context.scene, name)
+            found = capture_of_number(number)
             if found is not None and not found.library:
                 found[FINDINGS] = json.dumps(report)
                 box = region_box(found)
                 can_fit = bpy.ops.nmf.fit_region_box.poll()  # not in a scene without captures
                 if report.get("box") and box is not None and is_as_placed(box) and can_fit:
                     # True: an operator called from Python makes no undo step of its own accord.
-                    bpy.ops.nmf.fit_region_box("EXEC_DEFAULT", True, collection=name)
+                    bpy.ops.nmf.fit_region_box("EXEC_DEFAULT", True, collection=number)
                 else:
                     bpy.ops.ed.undo_push(message=NMF_OT_check_capture.bl_label)
             count = sum(finding["level"] == "warning" for finding in report["findings"])

@@ -7,7 +7,7 @@ import bpy
 from ..nmf_addon.scene.capture_collection import (
     active_capture,
     add_region_box,
-    capture_named,
+    capture_of_number,
     fit_region_box,
 )
 from ..nmf_addon.scene.region import region_box
@@ -68,11 +68,13 @@ class NMF_OT_fit_region_box(WithCapture, bpy.types.Operator):
     bl_label = "Fit Box to Masks"
     bl_options = {"REGISTER", "UNDO"}
 
-    collection: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+    collection: bpy.props.IntProperty(
+        description="Its session_uid; 0 for the one in the tab", options={"HIDDEN", "SKIP_SAVE"}
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Move the box."""
-        collection = capture_named(context.scene, self.collection) or active_capture(context)
+        collection = capture_of_number(self.collection) or active_capture(context)
         if fit_region_box(collection) is None:
             self.report({"ERROR"}, "Press Check Capture first, with photos that have masks.")
             return {"CANCELLED"}

@@ -11,7 +11,7 @@ from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import create_job
 from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
 from ..nmf_addon.runtime import RuntimeMissing
-from ..nmf_addon.scene.capture_collection import active_capture, capture_named
+from ..nmf_addon.scene.capture_collection import active_capture, capture_of_number
 from ..nmf_addon.scene.hidden_photos import hidden_cameras, show_pictures
 from ..solver.capture.errors import CaptureError
 from ..solver.job.folder import JobError
@@ -41,10 +41,10 @@ class NMF_OT_show_photos(bpy.types.Operator):
         """Let the solver make the copies."""
         collection = active_capture(context)
         folder = Path(tempfile.mkdtemp(prefix="nmf-pictures-", dir=bpy.app.tempdir))
-        name, said = collection.name, self.said
+        number, said = collection.session_uid, self.said
 
         def done(task: SideTask) -> None:
-            found = capture_named(bpy.context.scene, name)
+            found = capture_of_number(number)
             result = next(event.data for event in task.events if event.kind == "result")
             count = 0 if found is None else show_pictures(found, result["pictures"])
             task.model.text = said or f"{count} photos are shown"

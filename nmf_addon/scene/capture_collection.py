@@ -188,12 +188,11 @@ def active_capture(context: bpy.types.Context) -> bpy.types.Collection | None:
     return next(iter(capture_collections(context.scene)), whole if is_capture(whole) else None)
 
 
-def capture_named(scene: bpy.types.Scene, name: str) -> bpy.types.Collection | None:
-    """The collection of that name, which may be the scene's own; None if it is gone."""
-    whole = scene.collection
-    # A library override has the name of what it overrides, which is in no scene.
-    here = [c for c in (whole, *whole.children_recursive) if c.name == name]
-    return here[0] if here else bpy.data.collections.get(name)
+def capture_of_number(number: int) -> bpy.types.Collection | None:
+    """The collection of a `session_uid`, which renaming and Undo leave as it is, and which may be a scene's
+    own; None if it is gone."""
+    all_there = (*bpy.data.collections, *(scene.collection for scene in bpy.data.scenes))
+    return next((c for c in all_there if c.session_uid == number), None)
 
 
 def scene_of(

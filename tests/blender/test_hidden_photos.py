@@ -69,6 +69,15 @@ def test_copies_stand_behind_the_cameras_and_the_photos_stay_the_solvers(
         bpy.ops.nmf.show_photos()
 
 
+def test_copies_come_to_the_cameras_of_a_capture_that_was_renamed_meanwhile(
+    extension, task, capture, fake_solver
+):
+    bpy.ops.nmf.show_photos()
+    capture.name = "Teapot"
+    task.finish()
+    assert task.model.text == "3 photos are shown"
+
+
 def test_copies_find_their_photos_beside_the_folder_of_the_blend(extension, capture, tmp_path):
     """Blender stores such paths as //../photos/…, and the solver tells them without dots."""
     (tmp_path / "scenes").mkdir()

@@ -153,6 +153,20 @@ def test_a_check_fits_the_box_of_cameras_in_the_scenes_own_collection(
     np.testing.assert_allclose(box.scale, (0.5, 0.25, 0.5), atol=1e-6)
 
 
+def test_what_a_check_finds_comes_to_its_capture_under_another_name(
+    extension, task, capture, fake_solver, add_capture
+):
+    scene, region = extension("scene.capture_collection"), extension("scene.region")
+    name, box = capture.name, region.region_box(capture)
+    bpy.ops.nmf.check_capture()
+    capture.name = "Teapot"
+    other = add_capture("another")
+    other.name = name
+    task.finish()
+    assert scene.check_report(capture)["findings"] and not scene.check_report(other)
+    np.testing.assert_allclose(box.scale, (0.5, 0.25, 0.5), atol=1e-6)
+
+
 def test_a_check_ends_well_in_another_scene(extension, task, capture, fake_solver):
     bpy.ops.nmf.check_capture()
     bpy.context.window.scene = bpy.data.scenes.new("Other")
