@@ -61,15 +61,15 @@ class NMF_OT_use_moving_camera(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Make the capture, or take photos from the video first."""
         item = shot_camera(context)
-        shot, name = shot_of(item, context.scene), item.name
+        shot, name, number = shot_of(item, context.scene), item.name, item.session_uid
         frames = self._frames(shot)
         root = new_job_root(f"{name} cameras", jobs_folder())
         cameras, photos = root / "transforms_train.json", root / "photos"
 
         def done(task: SideTask) -> None:
-            # Found anew: an undo meanwhile has replaced all that Blender had.
+            # Found anew: an undo meanwhile has replaced all that Blender had, and its name may be another.
             here = bpy.context
-            found = here.scene.objects.get(name)
+            found = next((i for i in here.scene.objects if i.session_uid == number), None)
             film = None if found is None else shot_of(found, here.scene)
             if film is None:
                 raise CaptureError(name, "", "the camera or its film is gone", "start again")

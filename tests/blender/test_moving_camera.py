@@ -328,6 +328,15 @@ def test_a_video_that_is_stored_on_its_side_is_refused(task, fake_solver, camera
     assert "80 × 48 pixels, where Blender has 48 × 80" in task.model.error
 
 
+def test_a_camera_that_is_renamed_while_its_photos_are_taken_is_found(
+    task, fake_solver, camera, video
+):
+    bpy.ops.nmf.use_moving_camera(first=4, last=20)
+    camera.name = "Hero"
+    task.finish()
+    assert task.model.text == "3 photos were taken" and len(made()) == 3
+
+
 def test_a_camera_that_is_gone_when_its_photos_are_there_is_named(task, fake_solver, camera, video):
     bpy.ops.nmf.use_moving_camera()
     bpy.data.objects.remove(camera)
