@@ -5,6 +5,8 @@ from __future__ import annotations
 import bpy
 
 NON_COLOUR = "Non-Color"
+SOLVERS_SPACE = "lin_rec709_scene"
+"""linear Rec.709 by its name in the Color Interop Forum's list"""
 NAMES = {
     "sRGB": ("sRGB", "sRGB - Texture", "Utility - sRGB - Texture", "sRGB Encoded Rec.709 (sRGB)"),
     "Linear Rec.709": (
@@ -12,6 +14,8 @@ NAMES = {
         "Utility - Linear - sRGB", "Linear",
     ),
 }  # fmt: skip
+"""of Blender, of ACES 1.3 and 2.0, of ACES 1.2 and before"""
+PLAIN_DISPLAYS = ("sRGB", "sRGB - Display", "ACES")
 """of Blender, of ACES 1.3 and 2.0, of ACES 1.2 and before"""
 PLAIN_VIEWS = ("Standard", "Un-tone-mapped", "sRGB", "Output - sRGB")
 
@@ -31,9 +35,20 @@ def set_colour_space(image: bpy.types.Image, name: str) -> None:
             return
 
 
-def set_plain_view(settings: bpy.types.ColorManagedViewSettings) -> bool:
+def set_plain_view(scene: bpy.types.Scene) -> bool:
     """Show the scene's light as sRGB, without tone mapping; False if there is no such view."""
-    return any(_set(settings, "view_transform", name) for name in PLAIN_VIEWS)
+    # First, for each display has views of its own.
+    any(_set(scene.display_settings, "display_device", name) for name in PLAIN_DISPLAYS)
+    return any(_set(scene.view_settings, "view_transform", name) for name in PLAIN_VIEWS)
+
+
+def foreign_working_space(data: bpy.types.BlendData) -> str:
+    """Name of the space that a file's light is added up and reflected in, if that is another than the
+    solver's linear Rec.709; empty where it is not, or cannot be asked, as before Blender 5.0."""
+    space = getattr(data, "colorspace", None)
+    if getattr(space, "working_space_interop_id", "") in ("", SOLVERS_SPACE):
+        return ""
+    return space.working_space
 
 
 def _set(settings: bpy.types.bpy_struct, field: str, name: str) -> bool:

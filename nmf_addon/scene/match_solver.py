@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from .cameras import ASPECT, fit_photos, photo_of, size_of
-from .colour import set_plain_view
+from .colour import foreign_working_space, set_plain_view
 
 BLACKMAN_HARRIS_WIDTH = 1.5  # pixels
 
@@ -24,6 +24,7 @@ def match_solver(scene: bpy.types.Scene, bounces: int = 2) -> str:
     cycles.diffuse_bounces = cycles.glossy_bounces = cycles.max_bounces
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
     cycles.blur_glossy = 0.0
+    cycles.use_fast_gi = False
     cycles.caustics_reflective = True
     cycles.pixel_filter_type = "BLACKMAN_HARRIS"
     cycles.filter_width = BLACKMAN_HARRIS_WIDTH
@@ -33,11 +34,29 @@ def match_solver(scene: bpy.types.Scene, bounces: int = 2) -> str:
     view.exposure, view.gamma, cycles.film_exposure = 0.0, 1.0, 1.0
     view.use_curve_mapping = view.use_white_balance = False
     scene.render.dither_intensity = 0.0
-    if set_plain_view(view):
+    scene.render.image_settings.color_management = "FOLLOW_SCENE"
+    return " ".join(filter(None, (_view_left(scene), _working_space_left())))
+
+
+def _view_left(scene: bpy.types.Scene) -> str:
+    """Set the plain view; what is to be said if there is none."""
+    if set_plain_view(scene):
         return ""
     return (
-        f"The view transform stays '{view.view_transform}', since this colour configuration has none like "
-        "Blender's 'Standard': renders look different from the photos."
+        f"The view transform stays '{scene.view_settings.view_transform}', since this colour configuration "
+        "has none like Blender's 'Standard': renders look different from the photos."
+    )
+
+
+def _working_space_left() -> str:
+    """What is to be said of the file's working space, which all its scenes share."""
+    space = foreign_working_space(bpy.data)
+    if not space:
+        return ""
+    return (
+        f"The working space stays '{space}', in which saturated colours are reflected otherwise than in "
+        "the solver's: for renders like the photos, set it to Linear Rec.709 in the render properties, "
+        "under Color Management."
     )
 
 

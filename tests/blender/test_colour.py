@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+import types
 from pathlib import Path
 
 import bpy
@@ -118,3 +119,35 @@ def test_match_solver_changes_nothing_without_cycles(extension):
     with pytest.raises(RuntimeError, match="Cycles is switched off"):
         extension("scene.match_solver").match_solver(Scene)
     assert Scene.render.engine == engine
+
+
+def test_match_solver_shows_and_saves_light_as_srgb(extension):
+    scene = bpy.context.scene
+    scene.display_settings.display_device = "Rec.1886"
+    scene.view_settings.view_transform = "AgX"
+    scene.render.image_settings.color_management = "OVERRIDE"
+    scene.cycles.use_fast_gi = True
+    assert extension("scene.match_solver").match_solver(scene) == ""
+    assert scene.display_settings.display_device == "sRGB"
+    assert scene.view_settings.view_transform == "Standard"
+    assert scene.render.image_settings.color_management == "FOLLOW_SCENE"
+    assert not scene.cycles.use_fast_gi
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "told"),
+    [
+        ("ACEScg", "lin_ap1_scene", True),
+        ("Linear Rec.709", "lin_rec709_scene", False),
+        ("Working", "", False),
+    ],
+)
+def test_match_solver_tells_a_working_space_that_is_not_the_solvers(
+    extension, monkeypatch, name, number, told
+):
+    space = types.SimpleNamespace(working_space=name, working_space_interop_id=number)
+    module = extension("scene.match_solver")
+    data = types.SimpleNamespace(data=types.SimpleNamespace(colorspace=space))
+    monkeypatch.setattr(module, "bpy", data)
+    left = module.match_solver(bpy.context.scene)
+    assert left.startswith(f"The working space stays '{name}'") if told else left == ""
