@@ -168,9 +168,11 @@ def to_solver(item: bpy.types.Object, to_capture: Matrix) -> Camera:
     path = photo_path(image)
     width, height = size_of(item) if path.is_file() else (0, 0)
     if width == 0:
-        raise CaptureError(
-            path, f"photo of {item.name}", "the photo does not exist", "relink the background image"
-        )
+        what, way_out = "the photo does not exist", "relink the background image"
+        if image.packed_file is not None:
+            what = "the photo is packed into the .blend"
+            way_out = "unpack it (File > External Data)"
+        raise CaptureError(path, f"photo of {item.name}", what, way_out)
     mask = item.data.get(MASK)
     mask_path = Path(os.path.normpath(path.parent / mask)) if mask else None
     return camera_of(

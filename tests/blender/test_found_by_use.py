@@ -211,3 +211,16 @@ def test_a_python_that_cannot_be_run_is_named_before_a_job_is_written(
     with pytest.raises(RuntimeError, match="python cannot be run; correct it in"):
         bpy.ops.nmf.reconstruct()
     assert not (tmp_path / "nmf_jobs").exists()
+
+
+def test_photos_that_are_in_the_file_alone_are_to_be_unpacked(
+    capture, monitor, fake_solver, tick, tmp_path
+):
+    bpy.ops.file.pack_all()
+    bpy.ops.wm.save_mainfile()
+    shutil.rmtree(tmp_path / "phötos of it")
+    with pytest.raises(RuntimeError, match="is packed into the .blend; unpack it"):
+        bpy.ops.nmf.reconstruct()
+    bpy.ops.file.unpack_all(method="USE_LOCAL")
+    assert bpy.ops.nmf.reconstruct() == {"FINISHED"}
+    tick()
