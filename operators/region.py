@@ -75,7 +75,12 @@ class NMF_OT_fit_region_box(WithCapture, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Move the box."""
         collection = capture_of_number(self.collection) or active_capture(context)
-        if fit_region_box(collection) is None:
+        try:
+            box = fit_region_box(collection)
+        except CaptureError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        if box is None:
             self.report({"ERROR"}, "Press Check Capture first, with photos that have masks.")
             return {"CANCELLED"}
         return {"FINISHED"}

@@ -264,7 +264,11 @@ def photo_paths(collection: bpy.types.Collection) -> set[Path]:
 def add_region_box(
     context: bpy.types.Context, collection: bpy.types.Collection
 ) -> bpy.types.Object:
-    """A box empty around what the cameras look at, for the person to move and scale."""
+    """A box empty around what the cameras look at, for the person to move and scale.
+
+    Raises:
+        CaptureError: a camera cannot be used, or the capture comes from another file.
+    """
     existing = region_box(collection)
     if existing is not None:
         return existing
@@ -310,7 +314,11 @@ def masked_box(report: dict) -> np.ndarray | None:
 
 
 def fit_region_box(collection: bpy.types.Collection) -> bpy.types.Object | None:
-    """Move the region box to where masks show the object, or make one there; None if none do."""
+    """Move the region box to where masks show the object, or make one there; None if none do.
+
+    Raises:
+        CaptureError: there is none yet, and the capture comes from another file.
+    """
     region, box = masked_box(check_report(collection)), region_box(collection)
     if region is None:
         return None

@@ -6,6 +6,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ...solver.capture.errors import CaptureError
+
 REGION, PLACED = "nmf_region", "nmf_placed"
 STRAIGHT = 1e-4  # one minus the cosine of what counts as not turned
 
@@ -13,7 +15,15 @@ STRAIGHT = 1e-4  # one minus the cosine of what counts as not turned
 def new_region_box(
     collection: bpy.types.Collection, region: np.ndarray, root: bpy.types.Object | None
 ) -> bpy.types.Object:
-    """A box of capture space [2, 3] in a collection, under the capture's empty."""
+    """A box of capture space [2, 3] in a collection, under the capture's empty.
+
+    Raises:
+        CaptureError: nothing can be added to the collection in this file.
+    """
+    if collection.library or collection.override_library:
+        raise CaptureError(
+            collection.name, "", "the capture comes from another file", "add the region box there"
+        )
     box = bpy.data.objects.new(f"{collection.name} Region", None)
     box[REGION] = True
     # A region has the capture's axes; a turned box would show another one.

@@ -219,6 +219,22 @@ def test_a_linked_capture_cannot_be_scaled_here(linked_capture, extension):
         bpy.ops.nmf.set_scale(distance=2.0)
 
 
+@pytest.mark.parametrize("is_override", [False, True], ids=["linked", "overridden"])
+def test_a_capture_of_another_file_gets_its_region_box_there(
+    linked_capture, extension, is_override
+):
+    collection = bpy.data.collections[linked_capture]
+    if is_override:
+        layer = bpy.context.view_layer
+        collection = collection.override_hierarchy_create(bpy.context.scene, layer)
+    bpy.context.scene.nmf.capture = collection
+    bpy.data.objects.remove(extension("scene.region").region_box(collection))
+    before = set(bpy.data.objects)
+    with pytest.raises(RuntimeError, match="comes from another file; add the region box there"):
+        bpy.ops.nmf.add_region_box()
+    assert set(bpy.data.objects) == before
+
+
 def test_a_result_comes_to_an_overridden_capture(linked_capture, monitor, fake_solver, tick):
     linked = bpy.data.collections[linked_capture]
     mine = linked.override_hierarchy_create(bpy.context.scene, bpy.context.view_layer)
