@@ -15,6 +15,7 @@ from ..nmf_addon.properties import chosen_overrides
 from ..nmf_addon.runtime import RuntimeMissing
 from ..nmf_addon.scene.capture_collection import FINDINGS, active_capture, capture_of_number
 from ..nmf_addon.scene.region import is_as_placed, region_box
+from ..nmf_addon.words import words_of
 from ..solver.capture.errors import CaptureError
 from ..solver.job.folder import JobError
 
@@ -68,7 +69,7 @@ class NMF_OT_check_capture(bpy.types.Operator):
             words = ["check", str(job.root), "--preset", settings.preset, "--json"]
             side_task.start("Check Capture", python, words, folder, done)
         except (CaptureError, JobError, TaskError, RuntimeMissing, OSError) as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, words_of(error))
             return {"CANCELLED"}
         return {"FINISHED"}
 

@@ -16,6 +16,7 @@ from ..nmf_addon.scene.capture_collection import (
 )
 from ..nmf_addon.scene.images import stored_path
 from ..nmf_addon.scene.region import region_problem
+from ..nmf_addon.words import words_of
 from ..solver.capture.errors import CaptureError
 from ..solver.job.folder import JobError, JobFolder
 
@@ -53,7 +54,7 @@ class NMF_OT_reconstruct(bpy.types.Operator):
             )  # fmt: skip
             monitor.start(python, job)
         except (CaptureError, JobError, RuntimeMissing, OSError) as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, words_of(error))
             return {"CANCELLED"}
         problem = region_problem(collection, to_capture_space(collection))
         if problem:
@@ -84,7 +85,7 @@ class NMF_OT_resume(bpy.types.Operator):
             python = preferences.solver_python()
             monitor.start(python, JobFolder.open(monitor.job.root))
         except (JobError, RuntimeMissing, OSError) as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, words_of(error))
             return {"CANCELLED"}
         context.scene.nmf.job = stored_path(monitor.job.root)
         return {"FINISHED"}

@@ -7,6 +7,7 @@ import bpy
 from ..nmf_addon import preferences, runtime, setup_monitor
 from ..nmf_addon.jobs.monitor import monitor
 from ..nmf_addon.jobs.side_task import side_task
+from ..nmf_addon.words import words_of
 
 
 class NMF_OT_setup_solver(bpy.types.Operator):
@@ -40,7 +41,7 @@ class NMF_OT_setup_solver(bpy.types.Operator):
             arguments = preferences.chosen("pip_arguments")
             setup_monitor.start_setup(folder, python, wheelhouse, arguments)
         except (runtime.RuntimeMissing, OSError) as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, words_of(error))
             return {"CANCELLED"}
         return {"FINISHED"}
 
@@ -88,7 +89,7 @@ class NMF_OT_check_solver(bpy.types.Operator):
         try:
             setup_monitor.start_check(preferences.solver_python())
         except (runtime.RuntimeMissing, OSError) as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, words_of(error))
             return {"CANCELLED"}
         return {"FINISHED"}
 

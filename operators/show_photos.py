@@ -13,6 +13,7 @@ from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
 from ..nmf_addon.runtime import RuntimeMissing
 from ..nmf_addon.scene.capture_collection import active_capture, capture_of_number
 from ..nmf_addon.scene.hidden_photos import hidden_cameras, show_pictures
+from ..nmf_addon.words import words_of
 from ..solver.capture.errors import CaptureError
 from ..solver.job.folder import JobError
 
@@ -56,7 +57,7 @@ class NMF_OT_show_photos(bpy.types.Operator):
             words = ["pictures", str(job.root), "--out", str(folder / "pictures"), "--events"]
             side_task.start(self.bl_label, python, words, folder, done)
         except (CaptureError, JobError, TaskError, RuntimeMissing, OSError) as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, words_of(error))
             return {"CANCELLED"}
         return {"FINISHED"}
 

@@ -11,6 +11,7 @@ from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import jobs_folder, new_job_root
 from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
 from ..nmf_addon.runtime import RuntimeMissing
+from ..nmf_addon.words import words_of
 from ..solver.cameras.folder import (
     FEWEST_PHOTOS,
     MOST_VIDEO_PHOTOS,
@@ -106,7 +107,7 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
             kept = f"Import Capture from {out}"
             side_task.start("Solve Cameras", python, words, jobs_folder() / "logs", done, kept)
         except (TaskError, RuntimeMissing, OSError) as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, words_of(error))
             return {"CANCELLED"}
         return {"FINISHED"}
 

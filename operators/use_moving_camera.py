@@ -10,6 +10,7 @@ from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
 from ..nmf_addon.runtime import RuntimeMissing
 from ..nmf_addon.scene.shot import Shot, shot_camera, shot_of
 from ..nmf_addon.scene.shot_capture import capture_shot, photos_in, pictures_of
+from ..nmf_addon.words import words_of
 from ..solver.cameras.folder import FEWEST_PHOTOS, MOST_VIDEO_PHOTOS, VIDEO_PHOTOS
 from ..solver.capture.errors import CaptureError
 
@@ -96,7 +97,7 @@ class NMF_OT_use_moving_camera(bpy.types.Operator):
                 f"Its photos are in {photos}",
             )  # fmt: skip
         except (CaptureError, TaskError, RuntimeMissing, OSError) as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, words_of(error))
             return {"CANCELLED"}
         return {"FINISHED"}
 

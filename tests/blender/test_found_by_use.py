@@ -224,3 +224,11 @@ def test_photos_that_are_in_the_file_alone_are_to_be_unpacked(
     bpy.ops.file.unpack_all(method="USE_LOCAL")
     assert bpy.ops.nmf.reconstruct() == {"FINISHED"}
     tick()
+
+
+def test_a_place_that_no_job_can_be_written_to_is_told_in_words(capture, fake_solver, tmp_path):
+    (tmp_path / "nmf_jobs").write_text("a file")
+    with pytest.raises(RuntimeError, match=r"Error: [^\[]*nmf_jobs.*: [\w ]+\.\n$"):
+        bpy.ops.nmf.reconstruct()
+    with pytest.raises(RuntimeError, match=r"Error: [^\[]*nmf_jobs.*: [\w ]+\.\n$"):
+        bpy.ops.nmf.solve_cameras(directory=str(tmp_path))
