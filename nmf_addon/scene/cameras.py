@@ -172,6 +172,9 @@ def to_solver(item: bpy.types.Object, to_capture: Matrix) -> Camera:
         if image.packed_file is not None:
             what = "the photo is packed into the .blend"
             way_out = "unpack it (File > External Data)"
+        if not image.filepath:
+            path, what = image.name, "the image is in no file"
+            way_out = "save it in the Image Editor (Image > Save As)"
         raise CaptureError(path, f"photo of {item.name}", what, way_out)
     mask = item.data.get(MASK)
     mask_path = Path(os.path.normpath(path.parent / mask)) if mask else None

@@ -232,3 +232,16 @@ def test_a_place_that_no_job_can_be_written_to_is_told_in_words(capture, fake_so
         bpy.ops.nmf.reconstruct()
     with pytest.raises(RuntimeError, match=r"Error: [^\[]*nmf_jobs.*: [\w ]+\.\n$"):
         bpy.ops.nmf.solve_cameras(directory=str(tmp_path))
+
+
+def test_an_image_that_is_in_no_file_is_named_and_can_be_saved(
+    extension, capture, monitor, fake_solver, tick, tmp_path
+):
+    item = extension("scene.capture_collection").photo_cameras(capture)[0]
+    pasted = item.data.background_images[0].image = bpy.data.images.new("Clipboard", 16, 16)
+    with pytest.raises(RuntimeError, match="Error: Clipboard, photo of r_0: the image is in no"):
+        bpy.ops.nmf.reconstruct()
+    pasted.filepath_raw = str(tmp_path / "pasted.png")
+    pasted.save()
+    assert bpy.ops.nmf.reconstruct() == {"FINISHED"}
+    tick()
