@@ -48,7 +48,9 @@ def undistorted_copy(
     small = bpy.data.images.new(name, *size, alpha=True, float_buffer=photo.is_float)
     small[UNDISTORTED] = True
     if width and height:
-        small.colorspace_settings.name = photo.colorspace_settings.name
+        if not photo.is_float:
+            # Of others, such as PNG of 16 bits, Blender gives linear light whatever their file holds.
+            small.colorspace_settings.name = photo.colorspace_settings.name
         was_loaded = photo.has_data
         source = np.empty(width * height * photo.channels, dtype=np.float32)
         photo.pixels.foreach_get(source)

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 
-def write_pixels(path: Path, pixels: np.ndarray) -> None:
-    """8-bit RGB PNG of pixels [H, W, 3] in [0, 1]."""
+def write_pixels(path: Path, pixels: np.ndarray, bits: int = 8) -> None:
+    """RGB PNG of 8 or 16 bits of pixels [H, W, 3] in [0, 1]."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    data = (np.clip(pixels, 0, 1) * 255 + 0.5).astype(np.uint8)
+    data = (np.clip(pixels, 0, 1) * (2**bits - 1) + 0.5).astype(f">u{bits // 8}")
     height, width = data.shape[:2]
     rows = b"".join(b"\0" + row.tobytes() for row in data)
 
@@ -21,7 +21,7 @@ def write_pixels(path: Path, pixels: np.ndarray) -> None:
         check = struct.pack(">I", zlib.crc32(kind + content))
         return struct.pack(">I", len(content)) + kind + content + check
 
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    header = struct.pack(">IIBBBBB", width, height, bits, 2, 0, 0, 0)
     parts = chunk(b"IHDR", header), chunk(b"IDAT", zlib.compress(rows)), chunk(b"IEND", b"")
     path.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(parts))
 

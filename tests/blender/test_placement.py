@@ -34,6 +34,23 @@ def test_a_distorted_photo_is_shown_without_its_distortion_and_solved_with_it(ex
     assert solver.image_path.is_file() and tmp_path in solver.image_path.parents
 
 
+@pytest.mark.parametrize("bits", [8, 16])
+def test_an_undistorted_photo_has_the_photos_colours_also_when_the_file_is_opened_again(
+    tmp_path, bits
+):
+    path = fake_capture.write_capture(tmp_path / "photos")
+    for photo in (tmp_path / "photos" / "photos").iterdir():
+        fake_capture.write_pixels(photo, np.full((16, 16, 3), (0.5, 0.2, 0.8)), bits)
+    edit(path, lambda c: c.update(k1=0.1, k2=0.02))
+    bpy.ops.nmf.import_capture(filepath=str(path))
+    for _ in range(2):
+        shown, kept = (b.image for b in bpy.data.cameras[0].background_images)
+        middle = slice(4 * (8 * 16 + 8), 4 * (8 * 16 + 8) + 3)
+        np.testing.assert_allclose(shown.pixels[middle], kept.pixels[middle], atol=1e-3)
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+        bpy.ops.wm.open_mainfile(filepath=bpy.data.filepath)
+
+
 def test_undistortion_moves_every_pixel_to_where_its_ray_meets_a_pinhole(extension):
     background = extension("scene.background")
     from neural_microfacet_fields.solver.capture.camera import Camera
