@@ -13,7 +13,8 @@ from .jobs.monitor import monitor
 from .jobs.side_task import side_task
 from .names import BASE_PACKAGE
 from .scene.cameras import photo_of
-from .scene.capture_collection import active_capture, check_report, masked_box
+from .scene.capture_collection import active_capture
+from .scene.findings import check_report, masked_box
 from .scene.hidden_photos import hidden_cameras
 from .scene.region import region_box
 from .scene.shot import shot_camera

@@ -13,7 +13,8 @@ from ..nmf_addon.jobs.create import create_job
 from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
 from ..nmf_addon.properties import chosen_overrides
 from ..nmf_addon.runtime import RuntimeMissing
-from ..nmf_addon.scene.capture_collection import FINDINGS, active_capture, capture_of_number
+from ..nmf_addon.scene.capture_collection import active_capture, capture_of_number
+from ..nmf_addon.scene.findings import keep_report
 from ..nmf_addon.scene.region import is_as_placed, region_box
 from ..nmf_addon.words import words_of
 from ..solver.capture.errors import CaptureError
@@ -44,8 +45,9 @@ class NMF_OT_check_capture(bpy.types.Operator):
             answer = next(e for e in reversed(task.events) if e.kind == "log")
             report = json.loads(answer.data["text"])
             found = capture_of_number(number)
+            if found is not None:
+                keep_report(found, report)
             if found is not None and not found.library:
-                found[FINDINGS] = json.dumps(report)
                 box = region_box(found)
                 can_fit = bpy.ops.nmf.fit_region_box.poll()  # not in a scene without captures
                 if report.get("box") and box is not None and is_as_placed(box) and can_fit:

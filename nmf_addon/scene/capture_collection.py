@@ -6,7 +6,6 @@ collection is the truth the solver is started from.
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 
@@ -24,11 +23,12 @@ from ...solver.capture.read import read_capture
 from .background import is_distorted, turn_of, undistorted_copy
 from .cameras import add_camera, frame_of, photo_of, photo_path, to_solver
 from .evaluated import settle
+from .findings import check_report, masked_box
 from .images import load_image, nothing_left_behind
 from .region import new_region_box, place_box, region_box
 
 SOURCE, ROOT, WARNINGS = "nmf_source", "nmf_root", "nmf_warnings"
-FILE_TO_CAPTURE, FINDINGS = "nmf_file_to_capture", "nmf_findings"
+FILE_TO_CAPTURE = "nmf_file_to_capture"
 JOBS = "nmf_last_job"
 """names of the job folders that the capture was reconstructed in, a line each, the last one last"""
 MOST_POINTS = 200_000
@@ -299,31 +299,21 @@ def region_of(collection: bpy.types.Collection) -> dict[str, list[float]] | None
     return {"min": points.min(1).tolist(), "max": points.max(1).tolist()}
 
 
-def check_report(collection: bpy.types.Collection) -> dict:
-    """What the last check of the capture found (`solver check --json`); {} if there was none."""
-    try:
-        return json.loads(collection.get(FINDINGS, "{}"))
-    except ValueError:
-        return {}
-
-
-def masked_box(report: dict) -> np.ndarray | None:
-    """Where masks show the object, in capture space [2, 3], as a check found it."""
-    box = report.get("box")
-    return None if box is None else np.array([box["min"], box["max"]], dtype=np.float64)
-
-
 def fit_region_box(collection: bpy.types.Collection) -> bpy.types.Object | None:
     """Move the region box to where masks show the object, or make one there; None if none do.
 
     Raises:
-        CaptureError: there is none yet, and the capture comes from another file.
+        CaptureError: the capture comes from another file, where a change would not last.
     """
     region, box = masked_box(check_report(collection)), region_box(collection)
     if region is None:
         return None
     if box is None:
         return new_region_box(collection, region, root_of(collection))
+    if box.library:
+        raise CaptureError(
+            box.name, "", "the capture comes from another file", "fit the region box there"
+        )
     place_box(box, region)
     return box
 

@@ -219,6 +219,17 @@ def test_a_linked_capture_cannot_be_scaled_here(linked_capture, extension):
         bpy.ops.nmf.set_scale(distance=2.0)
 
 
+def test_what_a_check_of_a_linked_capture_found_is_in_the_panel(
+    linked_capture, task, fake_solver, draw
+):
+    bpy.ops.nmf.check_capture()
+    task.finish()
+    assert task.model.text == "Check: 1 warning"
+    assert "r_0: " in draw("capture")[1]
+    with pytest.raises(RuntimeError, match="comes from another file; fit the region box there"):
+        bpy.ops.nmf.fit_region_box()
+
+
 @pytest.mark.parametrize("is_override", [False, True], ids=["linked", "overridden"])
 def test_a_capture_of_another_file_gets_its_region_box_there(
     linked_capture, extension, is_override

@@ -91,12 +91,12 @@ def test_a_folder_that_is_not_there_is_named(extension, tmp_path):
 def test_findings_of_a_check_stay_with_the_capture_and_show_in_its_panel(
     extension, task, capture, fake_solver
 ):
-    scene = extension("scene.capture_collection")
+    findings = extension("scene.findings")
     bpy.context.scene.nmf.device = "cpu"
     assert bpy.ops.nmf.check_capture() == {"FINISHED"}
     task.finish()
     assert task.model.text == "Check: 1 warning"
-    report = json.loads(capture[scene.FINDINGS])
+    report = json.loads(capture[findings.FINDINGS])
     assert report["findings"][0]["photo"] == "r_0" and report["estimate"]["text"].endswith("on cpu")
     assert [f["level"] for f in report["findings"]] == ["warning", "note"]
     assert bpy.context.scene.nmf.job == "", "a check is no job"
