@@ -6,6 +6,8 @@ lens's distortion, so that all that follows knows no lenses.
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -58,9 +60,13 @@ class PairMatches(NamedTuple):
 
 
 def quiet_colmap() -> Any:
-    """COLMAP that logs nothing but its end; imported only when it is used."""
+    """COLMAP that logs nothing but its end, imported only when it is used; SIGTERM stays whose it was."""
+    terminated = signal.getsignal(signal.SIGTERM)
     import pycolmap
 
+    # Its log takes the signal when it is loaded, to print where the process died; for us it is a cancel.
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, terminated)
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     return pycolmap
 

@@ -234,7 +234,7 @@ def test_a_killed_solve_continues_with_what_it_had_and_names_the_photo_that_fits
         read_capture(out)
 
 
-@pytest.mark.parametrize("way", ["line", "file", "hang up"])
+@pytest.mark.parametrize("way", ["line", "file", "hang up", "signal"])
 def test_cancel_ends_a_solve_within_seconds_and_it_can_go_on(way, small_photos, tmp_path):
     out = tmp_path / "cameras"
     process = begin(small_photos, out)
@@ -244,6 +244,10 @@ def test_cancel_ends_a_solve_within_seconds_and_it_can_go_on(way, small_photos, 
         process.stdin.flush()
     elif way == "file":
         (out / "cancel").touch()
+    elif way == "signal":
+        if os.name == "nt":
+            pytest.skip("there it ends a process at once")
+        process.send_signal(signal.SIGTERM)
     else:
         process.stdin.close()
     assert process.wait(30) == 3
