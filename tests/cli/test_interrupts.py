@@ -1,4 +1,4 @@
-"""Ctrl-C is a cancel, whenever it comes and whatever it meets."""
+"""Ctrl-C and SIGTERM are a cancel, whenever they come and whatever they meet."""
 
 import os
 import signal
@@ -53,8 +53,11 @@ sys.exit(solver.start.start())
     assert done.returncode == 3 and "Traceback" not in done.stderr, done.stderr
 
 
-@pytest.mark.parametrize("module", ["solver.cameras", "numpy", "solver.preflight.check"])
-def test_ctrl_c_while_modules_load_is_a_cancel(module):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "module", ["solver.cameras", "numpy", "torch._opaque_base", "solver.preflight.check"]
+)
+def test_a_signal_while_modules_load_is_a_cancel(module, number):
     process = subprocess.Popen(
         [sys.executable, "-X", "importtime", "-m", "solver", "check", str(DUCK)], cwd=ROOT,
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, preexec_fn=listens,
@@ -62,9 +65,32 @@ def test_ctrl_c_while_modules_load_is_a_cancel(module):
     for line in process.stderr:
         if line.rpartition("|")[2].strip() == module:
             break
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     errors = process.communicate(timeout=60)[1]
     assert process.returncode == 3 and "Traceback" not in errors and "Cancelled." in errors, errors
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_that_a_loading_module_would_pass_over_is_a_cancel(tmp_path, number):
+    """A fixed bug: who pressed Ctrl-C in the wrong moment waited for the whole run, which then was none."""
+    (tmp_path / "passes_over.py").write_text(
+        f"import os, time\ntry:\n    os.kill(os.getpid(), {int(number)})\n    time.sleep(5)\n"
+        "except BaseException:\n    pass\n"
+    )
+    script = f"""
+import sys
+import solver.cli, solver.start
+sys.path.insert(0, {str(tmp_path)!r})
+def run(options):
+    import passes_over
+    print("went on", flush=True)
+    return 0
+solver.cli._doctor = run
+sys.argv = ["solver", "doctor"]
+sys.exit(solver.start.start())
+"""
+    done = run(script)
+    assert done.returncode == 3 and not done.stdout and done.stderr == "Cancelled.\n", done
 
 
 def test_ctrl_c_after_the_work_changes_nothing():
