@@ -10,14 +10,17 @@ import importlib
 import io
 import math
 import os
+import select
 import sys
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import TextIO
 
 from . import __version__
 from .arguments import placement, seconds, whole_number
 from .cameras.command import add_frames, add_solve
+from .job.events import say
 from .job.exit_codes import CANCELLED, DONE, FAILED
 from .job.folder import DEVICES, MOST_SEED, JobError, JobFolder, JobRequest, overrides_of
 from .job.resume import take_up
@@ -49,7 +52,7 @@ def main(arguments: list[str] | None = None) -> int:
         code, message = explain(error)
         if code == FAILED and not isinstance(error, KNOWN_FAILURES):
             raise
-        print(message, file=sys.stderr)
+        say(message)
         return code
     finally:
         _nobody_reads()
@@ -65,10 +68,23 @@ def _nobody_reads(attempt: str = "") -> bool:
         if sys.stdout is not None:
             sys.stdout.write(attempt)
             sys.stdout.flush()
-        return False
+            return _has_hung_up(sys.stdout)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return True
+    return False
+
+
+def _has_hung_up(stream: TextIO) -> bool:
+    """Whether nobody reads a pipe, as far as the system tells: unbuffered, it has nothing to flush."""
+    if not hasattr(select, "poll"):  # on Windows
+        return False
+    try:
+        pipe = select.poll()
+        pipe.register(stream.fileno(), select.POLLERR)
+    except (OSError, ValueError):  # what stands in for it has no number
+        return False
+    return any(state & (select.POLLERR | select.POLLHUP) for _, state in pipe.poll(0))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -225,7 +241,7 @@ def _run_job(job: JobFolder, began: float, events: bool = False, has_parent: boo
         manifest = run_job(job, run.progress, run.control, began)
         run.events.emit("result", file="result/manifest.json")
     if run.code == CANCELLED:
-        print(f"Cancelled; continue with --resume ({job.root}).", file=sys.stderr)
+        say(f"Cancelled; continue with --resume ({job.root}).")
     elif not events:
         _say(manifest)
     return run.code

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 from ..arguments import whole_number
 from ..capture.errors import CaptureError
+from ..job.events import say
 from ..job.exit_codes import CANCELLED
 from ..job.status import process_is_alive, read_status
 from ..session import Session, passing_session, session
@@ -95,7 +95,7 @@ def run_frames(options: argparse.Namespace) -> int:
         names = take_photos(video, folder, options.photos, run.told, span)
         run.events.emit("result", photos=list(names))
     if run.code == CANCELLED:
-        print("Cancelled.", file=sys.stderr)
+        say("Cancelled.")
     elif not options.events:
         print(f"{len(names)} photos in {folder}")
     return run.code
@@ -176,7 +176,7 @@ def _run(folder: SolveFolder, request: SolveRequest, events: bool) -> int:
             points=solved.points,
         )  # fmt: skip
     if run.code == CANCELLED:
-        print("Cancelled; the same command continues.", file=sys.stderr)
+        say("Cancelled; the same command continues.")
     elif not events:
         _tell(folder, Path(request.photos), solved)
     return run.code

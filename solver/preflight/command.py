@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..job.events import say
 from ..job.exit_codes import CANCELLED, DONE
 from ..job.folder import DEVICES, JobFolder
 from ..session import passing_session
@@ -96,7 +97,7 @@ def run_pictures(options: argparse.Namespace) -> int:
         pictures = write_pictures(capture, options.out, tell)
         run.events.emit("result", pictures=pictures)
     if run.code == CANCELLED:
-        print("Cancelled.", file=sys.stderr)
+        say("Cancelled.")
     elif not options.events:
         print(f"{len(pictures)} pictures in {options.out}")
     return run.code

@@ -190,15 +190,50 @@ def test_a_reader_that_hangs_up_does_not_make_a_finished_run_a_failure(tmp_path,
         assert (tmp_path / f"out{unbuffered}" / "manifest.json").is_file()
 
 
-def test_a_check_whose_reader_hangs_up_says_nothing_of_it():
+@pytest.mark.parametrize(("unbuffered", "code"), [("", 0), ("1", 1)])
+def test_a_check_whose_reader_hangs_up_says_nothing_of_it(unbuffered, code):
     out, ours = os.pipe()
     os.close(out)
     result = subprocess.run(
         [sys.executable, "-m", "solver", "check", DUCK], cwd=ROOT, stdin=subprocess.DEVNULL, stdout=ours,
-        stderr=subprocess.PIPE, text=True, timeout=300, env=os.environ | {"PYTHONUNBUFFERED": ""}, check=False,
+        stderr=subprocess.PIPE, text=True, timeout=300, env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
+        check=False,
     )  # fmt: skip
     os.close(ours)
-    assert result.returncode == 0 and "Error" not in result.stderr, result.stderr
+    assert result.returncode == code and "Error" not in result.stderr, result.stderr
+
+
+@pytest.mark.skipif(os.name == "nt", reason="closed by a shell of POSIX")
+@pytest.mark.parametrize(
+    ("command", "code"), [(f"check '{DUCK}'", 0), ("check nowhere", 2), ("doctor --nonsense", 2)]
+)
+def test_standard_streams_that_are_closed_change_nothing(command, code):
+    for closed in ("2>&-", "<&- >&- 2>&-"):
+        shell = f'"{sys.executable}" -m solver {command} {closed}'
+        done = subprocess.run(shell, shell=True, cwd=ROOT, timeout=300, stdout=subprocess.DEVNULL)
+        assert done.returncode == code, closed
+
+
+@pytest.mark.skipif(os.name == "nt", reason="closed by a shell of POSIX")
+def test_no_file_gets_the_number_of_a_standard_stream_that_is_closed():
+    script = (
+        "import os, solver.start; solver.start.open_standard_streams(); os._exit(os.dup(0) != 3)"
+    )
+    assert (
+        subprocess.run(
+            f'"{sys.executable}" -c "{script}" <&- >&- 2>&-', shell=True, cwd=ROOT
+        ).returncode
+        == 0
+    )
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a device of POSIX")
+def test_an_error_that_nobody_can_be_told_still_has_its_code():
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "solver", "check", "nowhere"], cwd=ROOT, stderr=full, timeout=300
+        )  # fmt: skip
+    assert done.returncode == 2
 
 
 def test_without_a_buffer_a_reader_that_hangs_up_is_no_error_either():
