@@ -37,6 +37,9 @@ SHARES = {"features": 0.3, "matching": 0.45, "mapping": 0.2, "adjustment": 0.05}
 SHARES_OF_VIDEO = {"video": 0.15} | {stage: 0.85 * share for stage, share in SHARES.items()}
 FEWEST_FEATURES = 16
 _BLOCK_SECONDS = 2.0
+_LEAST_ROOM = 64 << 20
+"""bytes on the disk without which nothing more is begun: COLMAP aborts the process when its database cannot
+grow, and the database its log"""
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,8 @@ class Solver:
         """Do all that is left to do.
 
         Raises:
-            Cancelled: asked to stop; the next run goes on. CaptureError: photos that make no cameras.
+            Cancelled: asked to stop; the next run goes on. CaptureError: photos that make no cameras, or
+                a disk that is full; then the next run goes on, too.
         """
         with chdir(self.folder.root):
             return self._run()
@@ -95,6 +99,7 @@ class Solver:
             self._tell_of_missing_masks(masks, photos)
         shutil.rmtree(self.work, ignore_errors=True)
         self.colmap.set_random_seed(self.request.seed)
+        self._check()
         try:
             with self._stopping():
                 register(self.colmap, self.database, photos, self.request)
@@ -135,9 +140,17 @@ class Solver:
         finally:
             done.set()
 
-    def _check(self) -> None:
+    def _check(self, pictures: int = 0) -> None:
+        """Whether to go on, also with so many pictures that lie in the folder for a while."""
         if self.control.should_stop:
             raise Cancelled
+        needed = _LEAST_ROOM + pictures * 3 * self.request.max_image_size**2
+        free = shutil.disk_usage(self.folder.root).free
+        if free < needed:
+            raise CaptureError(
+                self.folder.root, "", f"the disk is full: {free >> 20} MB are free, and {needed >> 20} MB "
+                "are needed", "free space, and the same command continues",
+            )  # fmt: skip
 
     def _features(self, photos: list[Prepared]) -> None:
         """SIFT features of all photos that have none yet."""
@@ -151,6 +164,7 @@ class Solver:
         block = max(4, 2 * self.threads)
         for first in range(0, len(left), block):
             now = left[first : first + block]
+            self._check(len(now))
             pictures, masks = self.work / "pictures", self.work / "masks"
             for path in (pictures, masks):
                 path.mkdir(parents=True, exist_ok=True)
@@ -220,6 +234,7 @@ class Solver:
     def _map(self, photos: list[Prepared]) -> Any:
         """The largest model that the matches give."""
         self.progress.stage("mapping", "placing cameras")
+        self._check()
         shutil.rmtree(self.folder.sparse_dir, ignore_errors=True)
         most = 0
 

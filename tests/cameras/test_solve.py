@@ -9,15 +9,19 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from solver.cameras.command import request_of
 from solver.cameras.diagnosis import Evidence, unplaced
 from solver.cameras.folder import SolveFolder, SolveRequest, photos_below
 from solver.cameras.pairs import pairs_of
 from solver.cameras.prepare import look_at, write_prepared
+from solver.cameras.solve import Solver
 from solver.capture.errors import CaptureError
 from solver.capture.orientation import as_camera_saw
 from solver.capture.read import read_capture
@@ -261,6 +265,25 @@ def test_cancel_ends_a_solve_within_seconds_and_it_can_go_on(way, small_photos, 
     names = photos_below(small_photos, out)
     changed = tuple((small_photos / name).stat().st_mtime_ns for name in names)
     assert SolveFolder(out).take(SolveRequest(str(small_photos), names, changed)) is True
+
+
+def test_a_solve_ends_before_a_disk_is_full_and_goes_on_when_there_is_room(
+    small_photos, tmp_path, monkeypatch
+):
+    """COLMAP would abort the process."""
+    folder = SolveFolder(tmp_path / "cameras")
+    request = request_of(small_photos, folder)
+    folder.take(request)
+    left = [1 << 40] * 3 + [70 << 20]
+    with monkeypatch.context() as full:
+        full.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=left.pop(0)))
+        with pytest.raises(CaptureError, match="disk is full: 70 MB .* same command continues"):
+            Solver(folder, request, Mock(), SimpleNamespace(should_stop=False)).run()
+    assert not folder.work_dir.exists()
+    assert folder.take(request) is True
+    with sqlite3.connect(folder.database_path) as database:
+        assert database.execute("select count(*) from descriptors").fetchone()[0] > 0
+    assert Solver(folder, request, Mock(), SimpleNamespace(should_stop=False)).run().placed == 12
 
 
 def test_a_folder_with_something_else_in_it_is_left_alone(tmp_path):
