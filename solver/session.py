@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     from .job.progress import Progress
 
 KNOWN_FAILURES = (EmptySurfaceError,)
-_DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
+_DISK_ERRORS = (
+    errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EFBIG,
+)  # fmt: skip
 
 
 @dataclass
@@ -76,6 +78,8 @@ def session(
     except (Cancelled, KeyboardInterrupt):
         run.code = CANCELLED
     except Exception as error:
+        if isinstance(error, OSError) and error.errno in _DISK_ERRORS and error.filename is None:
+            error.filename = str(events_path.parent)  # a write that fails does not tell where
         run.code, message = explain(error)
         with suppress(OSError):
             events.emit("error", code=run.code, message=message)
@@ -116,8 +120,11 @@ def explain(error: Exception) -> tuple[int, str]:
     if isinstance(error, MemoryError) or "out of memory" in text or "can't allocate" in text:
         return OUT_OF_MEMORY, "Out of memory: choose the draft preset or smaller photos."
     if isinstance(error, OSError) and error.errno in _DISK_ERRORS:
-        where = error.filename or "the job folder"
-        return BAD_INPUT, f"{where}: writing failed ({error.strerror}); free space or move the job."
+        where = error.filename or "what was to be written"
+        return (
+            BAD_INPUT,
+            f"{where}: writing failed ({error.strerror}); free space or write elsewhere.",
+        )
     if "no space left" in text or "i/o error" in text:
         return BAD_INPUT, f"The job folder cannot be written ({error}); free space or move the job."
     if isinstance(error, KNOWN_FAILURES):

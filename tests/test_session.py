@@ -4,8 +4,10 @@ import errno
 import os
 from pathlib import Path
 
+import pytest
+
 from solver.capture import triangulate
-from solver.session import passing_session
+from solver.session import explain, passing_session, session
 
 
 def test_a_temporary_folder_that_windows_does_not_let_go_of_costs_no_work(tmp_path, monkeypatch):
@@ -26,3 +28,13 @@ def test_a_temporary_folder_that_windows_does_not_let_go_of_costs_no_work(tmp_pa
         triangulate.compare([], [], [], lambda done: None),
     ]
     assert len(os.listdir(tmp_path)) == 3 and all(map(Path.is_dir, folders))
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EFBIG, errno.EDQUOT])
+def test_a_disk_that_takes_no_more_is_told_with_the_folder(tmp_path, number):
+    """A write that fails tells what it was, but not where."""
+    paths = (tmp_path / name for name in ("events.jsonl", "status.json", "cancel"))
+    with pytest.raises(OSError) as told, session(*paths, to_stdout=False, has_parent=False):
+        raise OSError(number, os.strerror(number))
+    code, message = explain(told.value)
+    assert code == 2 and message.startswith(f"{tmp_path}: ") and "free space" in message

@@ -47,6 +47,9 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
 
     Args:
         seconds: wall time the fit has taken so far. done: the fit is over.
+
+    Raises:
+        JobError, OSError: it cannot be written; the last one stays.
     """
     scene, settings = trainer.scene, trainer.settings
     tensors = {f"scene.{key}": value for key, value in scene.state_dict().items()}
@@ -93,7 +96,12 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     part = folder.with_name(folder.name + ".part")
     shutil.rmtree(part, ignore_errors=True)
     part.mkdir(parents=True, exist_ok=True)
-    save_file({k: v.detach().contiguous().cpu() for k, v in tensors.items()}, part / TENSORS)
+    try:
+        save_file({k: v.detach().contiguous().cpu() for k, v in tensors.items()}, part / TENSORS)
+    except SafetensorError as error:
+        raise JobError(
+            f"{folder.parent}: the checkpoint cannot be written ({error}); free space and resume the job."
+        ) from error
     write_json_atomic(part / STATE, state)
     shutil.copymode(part / STATE, part / TENSORS)  # safetensors lets nobody else read its files
     old = set_aside(folder)

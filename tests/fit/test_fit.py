@@ -2,12 +2,14 @@
 
 import dataclasses
 import os
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
+from safetensors import SafetensorError
 
 from solver.capture.camera import Camera
 from solver.capture.capture import Capture
@@ -186,6 +188,25 @@ def test_settings_that_do_not_fit_each_other_are_told_before_a_job_begins(overri
     assert settings_for("draft", {"field.sizes": "32", "field.size_starts": "0"}).field.sizes == (
         32,
     )
+
+
+def test_the_last_checkpoint_stays_where_a_full_disk_takes_no_other(tmp_path, monkeypatch):
+    trainer, *_ = trained(1)
+    folder = tmp_path / "checkpoint"
+    checkpoint.save_checkpoint(trainer, folder, 1.0, done=False)
+
+    def full(tensors, path):
+        path.write_bytes(b"half")
+        raise SafetensorError("Error while serializing: I/O error: No space left on device")
+
+    monkeypatch.setattr(checkpoint, "save_file", full)
+    trainer.step = 2
+    with pytest.raises(JobError, match=f"^{re.escape(str(tmp_path))}: .*No space.*; free space"):
+        checkpoint.save_checkpoint(trainer, folder, 2.0, done=False)
+    assert checkpoint.load_scene(folder)[1]["step"] == 1
+    monkeypatch.undo()
+    checkpoint.save_checkpoint(trainer, folder, 2.0, done=False)
+    assert checkpoint.load_scene(folder)[1]["step"] == 2
 
 
 def test_a_checkpoint_interrupted_while_renaming_is_found(tmp_path):
