@@ -45,9 +45,10 @@ def main(arguments: list[str] | None = None) -> int:
     options.began = time.monotonic()
     prepare_runtimes()
     try:
+        _check_names(options)
         return options.run(options)
     except Exception as error:
-        if isinstance(error, BrokenPipeError) and _nobody_reads("\n"):
+        if isinstance(error, BrokenPipeError) and _nobody_reads():
             return FAILED
         code, message = explain(error)
         if code == FAILED and not isinstance(error, KNOWN_FAILURES):
@@ -58,15 +59,28 @@ def main(arguments: list[str] | None = None) -> int:
         _nobody_reads()
 
 
-def _nobody_reads(attempt: str = "") -> bool:
-    """Whether who read what is printed has gone, as `head` does; then Python's exit says no more of it.
+def _check_names(options: argparse.Namespace) -> None:
+    """Raises: JobError: a path has bytes that no text has, as Linux allows; not all libraries open it."""
+    for value in vars(options).values():
+        for path in value if isinstance(value, list) else [value]:
+            if isinstance(path, Path) and not _is_text(str(path.absolute())):
+                raise JobError(
+                    f"{path.absolute()}: the name has bytes that are no UTF-8 (escaped here); rename it."
+                )
 
-    Args:
-        attempt: written to find out, since a stdout without a buffer has forgotten what it could not write.
-    """
+
+def _is_text(name: str) -> bool:
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def _nobody_reads() -> bool:
+    """Whether who read what is printed has gone, as `head` does; then Python's exit says no more of it."""
     try:
         if sys.stdout is not None:
-            sys.stdout.write(attempt)
             sys.stdout.flush()
             return _has_hung_up(sys.stdout)
     except BrokenPipeError:

@@ -119,12 +119,15 @@ def explain(error: Exception) -> tuple[int, str]:
     text = str(error).lower()
     if isinstance(error, MemoryError) or "out of memory" in text or "can't allocate" in text:
         return OUT_OF_MEMORY, "Out of memory: choose the draft preset or smaller photos."
-    if isinstance(error, OSError) and error.errno in _DISK_ERRORS:
-        where = error.filename or "what was to be written"
+    if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
         return (
             BAD_INPUT,
-            f"{where}: writing failed ({error.strerror}); free space or write elsewhere.",
+            f"{error.filename}: the name is too long for this disk; give a shorter one.",
         )
+    if isinstance(error, OSError) and error.errno in _DISK_ERRORS:
+        where = error.filename or "what was to be written"
+        remedy = "free space or write elsewhere"
+        return BAD_INPUT, f"{where}: writing failed ({error.strerror}); {remedy}."
     if "no space left" in text or "i/o error" in text:
         return BAD_INPUT, f"The job folder cannot be written ({error}); free space or move the job."
     if isinstance(error, KNOWN_FAILURES):

@@ -1,7 +1,9 @@
 """Input that cannot be used: code 2 and one sentence. And what the machine can do."""
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -130,3 +132,30 @@ def test_a_python_without_the_packages_is_told_which_and_how_to_get_them(how):
     )
     assert result.returncode == 2 and len(result.stderr.strip().splitlines()) == 1
     assert "lacks the package '" in result.stderr and "requirements.txt" in result.stderr
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems' names are text")
+def test_a_name_that_is_no_text_is_refused_and_nothing_is_made(tmp_path):
+    folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/bad\xff"))
+    make_capture(folder)
+    for arguments in (
+        ["check", folder],
+        ["reconstruct", DUCK, "--out", folder / "job"],
+        ["solve", folder],
+    ):
+        result = solver(*arguments)
+        assert result.returncode == 2 and len(result.stderr.splitlines()) == 1, result.stderr
+        assert r"bad\udcff" in result.stderr and "rename it" in result.stderr
+    assert not (folder / "job").exists() and not (folder / "cameras").exists()
+    there = subprocess.run(
+        [sys.executable, "-m", "solver", "check", "."], cwd=folder, capture_output=True, text=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert there.returncode == 2 and "rename it" in there.stderr
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there such a name is none, like others")
+def test_a_name_that_is_too_long_for_the_disk_is_told(tmp_path):
+    for arguments in (["check", tmp_path / ("x" * 300)], ["run", tmp_path / ("x" * 300)]):
+        result = solver(*arguments)
+        assert result.returncode == 2 and "too long for this disk" in result.stderr, result.stderr
