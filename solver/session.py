@@ -59,11 +59,19 @@ def session(
         to_stdout: events go there, too, and there is no bar.
         has_parent: whoever started it speaks on stdin (see `Control`).
         shares: of the time that the stages take (see `Progress`).
+
+    Raises:
+        JobError: another process began in the same moment; one that began before is told by its heartbeat.
     """
-    cancel_path.unlink(missing_ok=True)
     stream = take_stdout_for_events() if to_stdout else None
+    try:
+        events = EventStream(events_path, stream)
+    except BlockingIOError as error:
+        raise JobError(
+            f"{events_path.parent}: another process works here; cancel it, or wait for it."
+        ) from error
+    cancel_path.unlink(missing_ok=True)
     control = Control(cancel_path, has_parent)
-    events = EventStream(events_path, stream)
     heartbeat = Heartbeat(status_path)
     control.start(heartbeat.beat)
     events.emit("hello", version=__version__)

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from solver.capture import triangulate
+from solver.job.folder import JobError
 from solver.session import explain, passing_session, session
 
 
@@ -38,3 +39,20 @@ def test_a_disk_that_takes_no_more_is_told_with_the_folder(tmp_path, number):
         raise OSError(number, os.strerror(number))
     code, message = explain(told.value)
     assert code == 2 and message.startswith(f"{tmp_path}: ") and "free space" in message
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there the heartbeat has to do")
+def test_of_two_processes_that_begin_at_once_one_is_refused_and_harms_nothing(tmp_path):
+    names = ("events.jsonl", "status.json", "cancel")
+    paths = [tmp_path / name for name in names]
+    with session(*paths, to_stdout=False, has_parent=False) as first:
+        paths[2].touch()
+        before = paths[0].read_bytes(), paths[1].read_bytes()
+        with pytest.raises(JobError, match="another process"):
+            with session(*paths, to_stdout=False, has_parent=False):
+                raise AssertionError
+        assert (paths[0].read_bytes(), paths[1].read_bytes()) == before
+        assert paths[2].exists()
+    assert first.code == 0
+    with session(*paths, to_stdout=False, has_parent=False):
+        pass

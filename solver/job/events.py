@@ -31,11 +31,19 @@ class EventStream:
     Args:
         path: the job's `events.jsonl`.
         stream: where the parent listens, or None.
+
+    Raises:
+        BlockingIOError: another process writes them.
     """
 
     def __init__(self, path: Path, stream: TextIO | None = None):
         torn = _ends_within_a_line(path)
         self._file = path.open("a", encoding="utf-8", newline="\n")
+        try:
+            _lock(self._file)
+        except BlockingIOError:
+            self._file.close()
+            raise
         if torn:
             self._file.write("\n")
         self._stream = stream
@@ -64,6 +72,24 @@ class EventStream:
         """Close the file."""
         with self._lock:
             self._file.close()
+
+
+def _lock(file: TextIO) -> None:
+    """Hold a file alone until it is closed, where the system and the disk can; it can be read meanwhile.
+
+    Raises:
+        BlockingIOError: another process holds it.
+    """
+    try:
+        import fcntl
+    except ImportError:  # on Windows what is locked cannot be read, so the heartbeat has to do
+        return
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError:  # not all network drives have locks
+        pass
 
 
 def _finite(value: Any) -> Any:
