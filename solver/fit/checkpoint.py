@@ -13,6 +13,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
 from ..brdf.neural import NeuralTerm
+from ..capture.errors import listed
 from ..capture.turntable import Turntable
 from ..field.field import MicrofacetField
 from ..field.room import Room
@@ -39,6 +40,8 @@ BEFORE = {
     },
 }  # fmt: skip
 """settings as they were, in effect, before there was such a setting"""
+SAME_COLOUR = 0.002
+"""between two mean colours of a photo, sRGB-encoded: decoders differ by less, and another photo by more"""
 TENSORS, STATE = "scene.safetensors", "state.json"
 
 
@@ -63,6 +66,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     tensors |= {f"optimiser.{key}": value for key, value in trainer.optimiser.state().items()}
     if trainer.exposures is not None:
         tensors |= {f"exposures.{key}": v for key, v in trainer.exposures.state().items()}
+        tensors["photos.mean_colours"] = trainer.bank.mean_colours
     state = {
         "step": trainer.step, "fraction": trainer.fraction,
         "level": trainer.level, "steps_at_level": trainer.steps_at_level,
@@ -252,6 +256,7 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> 
                 f"The fit knows the exposures of {known} photos, and there are {photos} now; put back "
                 "those that are missing, or begin another job."
             )
+        _check_photos(trainer, tensors)
         trainer.exposures.restore(
             {key.removeprefix(prefix): v for key, v in tensors.items() if key.startswith(prefix)}
         )
@@ -264,6 +269,19 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> 
     trainer.batching.restore(state["batching"])
     # A new trainer refreshes the grid; the interrupted one would have done so only later.
     _restore_occupancy(trainer.scene, tensors)
+
+
+def _check_photos(trainer: Trainer, tensors: dict[str, torch.Tensor]) -> None:
+    """Raises: JobError: photos are others than those whose exposures are known."""
+    now = trainer.bank.mean_colours
+    before = tensors.get("photos.mean_colours", now).to(now)  # older jobs have none
+    off = ((now - before).abs() > SAME_COLOUR).any(-1).nonzero()[:, 0].tolist()
+    if off:
+        raise JobError(
+            f"The fit knows the exposures of other photos: {listed([str(i + 1) for i in off])} in the "
+            "order of the cameras, counted from 1, changed since; put back those that were there, or begin "
+            "another job."
+        )
 
 
 def settings_of(state: dict) -> Settings:

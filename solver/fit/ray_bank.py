@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -86,6 +87,12 @@ class RayBank:
     @property
     def photo_count(self) -> int:
         return len(self.first_pixel) - 1
+
+    @cached_property
+    def mean_colours(self) -> torch.Tensor:
+        """Each photo's mean colour [P, 3], sRGB-encoded: by it a photo is known again."""
+        photos = self.colour.split(np.diff(self.first_pixel).tolist())
+        return torch.stack([photo.float().mean(0) for photo in photos])
 
     def __len__(self) -> int:
         return self.first_pixel[-1]

@@ -162,7 +162,7 @@ def test_a_checkpoint_can_be_read_by_whoever_can_read_the_rest_of_a_job(job):
     assert modes == {(job / "job.json").stat().st_mode}
 
 
-def test_a_fit_of_exposures_does_not_go_on_without_some_of_its_photos(tmp_path):
+def test_a_fit_of_exposures_does_not_go_on_without_some_of_its_photos_or_with_others(tmp_path):
     capture = tmp_path / "capture"
     shutil.copytree(DUCK, capture, ignore=shutil.ignore_patterns("test*", "relight*", "*test.json"))
     few = [*TINY, "--set", "fit.steps=2", "--set", "fit.exposure=gain"]
@@ -170,7 +170,18 @@ def test_a_fit_of_exposures_does_not_go_on_without_some_of_its_photos(tmp_path):
     assert solver("reconstruct", capture, "--out", root, *few).returncode == 0
     state = root / "checkpoint" / "state.json"
     state.write_text(state.read_text().replace('"done": true', '"done": false'))
-    min((capture / "train").glob("*.png")).unlink()
+    first, second = sorted((capture / "train").glob("*.png"))[:2]
+    kept = first.read_bytes()
+    shutil.copyfile(second, first)
+    result = solver("run", root)
+    assert result.returncode == 2 and "Traceback" not in result.stderr
+    assert (
+        "exposures of other photos: 1 in the order" in result.stderr and "put back" in result.stderr
+    )
+    first.write_bytes(kept)
+    assert solver("run", root).returncode == 0
+    state.write_text(state.read_text().replace('"done": true', '"done": false'))
+    first.unlink()
     result = solver("run", root)
     assert result.returncode == 2 and "Traceback" not in result.stderr
     assert "exposures of" in result.stderr and "put back" in result.stderr
