@@ -23,6 +23,7 @@ from .formats import (
     opendronemap,
     openmvg,
     opensfm,
+    opf,
     polycam,
     pose_folder,
     realitycapture,
@@ -45,8 +46,8 @@ from .picture_names import pictures_below
 
 FORMATS: tuple[ModuleType, ...] = (
     transforms, colmap, metashape, realitycapture, meshroom, openmvg, opensfm, opendronemap,
-    blocks_exchange, polycam, record3d, scanner_app, bundler, visualsfm, neus, sdfstudio, gaussians, llff,
-    mvsnet, pose_folder, nero,
+    blocks_exchange, opf, polycam, record3d, scanner_app, bundler, visualsfm, neus, sdfstudio,
+    gaussians, llff, mvsnet, pose_folder, nero,
 )  # fmt: skip
 """readers, the likeliest first"""
 JOBS_FOLDER = "nmf_jobs"
