@@ -24,6 +24,7 @@ from .formats import (
     openmvg,
     opensfm,
     opf,
+    pix4d,
     polycam,
     pose_folder,
     realitycapture,
@@ -46,7 +47,7 @@ from .picture_names import pictures_below
 
 FORMATS: tuple[ModuleType, ...] = (
     transforms, colmap, metashape, realitycapture, meshroom, openmvg, opensfm, opendronemap,
-    blocks_exchange, opf, polycam, record3d, scanner_app, bundler, visualsfm, neus, sdfstudio,
+    blocks_exchange, opf, pix4d, polycam, record3d, scanner_app, bundler, visualsfm, neus, sdfstudio,
     gaussians, llff, mvsnet, pose_folder, nero,
 )  # fmt: skip
 """readers, the likeliest first"""
