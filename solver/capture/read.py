@@ -31,6 +31,7 @@ from .formats import (
     record3d,
     scanner_app,
     sdfstudio,
+    stray_scanner,
     transforms,
     visualsfm,
 )
@@ -47,8 +48,8 @@ from .picture_names import pictures_below
 
 FORMATS: tuple[ModuleType, ...] = (
     transforms, colmap, metashape, realitycapture, meshroom, openmvg, opensfm, opendronemap,
-    blocks_exchange, opf, pix4d, polycam, record3d, scanner_app, bundler, visualsfm, neus, sdfstudio,
-    gaussians, llff, mvsnet, pose_folder, nero,
+    blocks_exchange, opf, pix4d, polycam, record3d, scanner_app, stray_scanner, bundler, visualsfm,
+    neus, sdfstudio, gaussians, llff, mvsnet, pose_folder, nero,
 )  # fmt: skip
 """readers, the likeliest first"""
 JOBS_FOLDER = "nmf_jobs"
