@@ -63,9 +63,14 @@ def nothing_in(folder: Path, usual: Sequence[str]) -> CaptureError:
     above = next((file for name in usual if (file := folder.parent / name).is_file()), None)
     files = (file for file in sorted(folder.glob("*")) if file.suffix.lower() in _ARCHIVES)
     archive = next(filter(zipfile.is_zipfile, files), None)
+    # DTU's photos for training lie in Rectified/scan1_train, their cameras in Cameras/train.
+    cameras = (parent / "Cameras" / "train" for parent in list(folder.absolute().parents)[:2])
+    dtu = next(filter(Path.is_dir, cameras), None)
     table = next(filter(is_table_without_lenses, sorted(folder.glob("*.csv"))), None)
     if archive is not None:
         remedy = f"unpack {archive.name}, and give its folder"
+    elif dtu is not None:
+        remedy = f"give {dtu}, and this folder as that of the photos"
     elif above is not None:
         remedy = f"give {folder.parent}, which has {above.name}"
     elif (folder / "database.db").is_file():

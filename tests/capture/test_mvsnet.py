@@ -100,6 +100,23 @@ def test_dtus_training_cameras_are_for_a_quarter_of_its_photos(tmp_path):
         np.testing.assert_allclose((camera.fx, camera.fy, camera.cx, camera.cy), 4 * np.array(lens))
 
 
+def test_of_dtus_folders_it_is_said_which_to_give(tmp_path):
+    size, lens = (640, 512), (361.54125, 360.3975, 82.900625, 66.383875)
+    stems = [f"rect_{index + 1:03d}_3_r5000" for index in range(COUNT)]
+    make(tmp_path, "Rectified/scan1_train", lens, size, stems, cams="Cameras/train")
+    scan, cameras = tmp_path / "Rectified" / "scan1_train", tmp_path / "Cameras"
+    write_mvsnet(tmp_path, poses(), (2892.33, 2883.18, 823.205, 619.071), cams="Cameras")
+    with pytest.raises(
+        CaptureError, match="give .*Cameras.train, and this folder as that of the photos"
+    ):
+        read_capture(scan)
+    with pytest.raises(
+        CaptureError, match="cameras are for, or .*Cameras.train for those that DTU's"
+    ):
+        read_capture(cameras, photos=scan)
+    assert len(read_capture(cameras / "train", photos=scan).cameras) == COUNT
+
+
 @pytest.mark.parametrize("scale", [0.5, 2.5, 10.0])
 def test_a_lens_for_photos_of_any_other_size_is_refused(tmp_path, scale):
     folder = make(tmp_path, lens=np.array((80, 82, 49, 31.5)) * scale)

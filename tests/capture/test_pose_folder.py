@@ -142,6 +142,20 @@ def test_the_folder_its_poses_or_any_one_of_its_files_stand_for_all(tmp_path, gi
     assert [camera.name for camera in capture.cameras] == NSVF
 
 
+@pytest.mark.parametrize(
+    "given_as", ["", "extrinsic", "extrinsic/0_train_0003.txt", "intrinsics.txt"]
+)
+def test_nsvfs_matrices_may_be_from_the_world_to_the_camera(tmp_path, given_as):
+    folder = make_nsvf(tmp_path)
+    shutil.rmtree(folder / "pose")
+    for stem, pose in zip(NSVF, poses(), strict=True):
+        write(folder / "extrinsic" / f"{stem}.txt", rows(np.linalg.inv(pose)))
+    check_projection(read_capture(folder / given_as), pinhole(*LENS), poses())
+    write(folder / "extrinsic" / f"{NSVF[1]}.txt", rows(np.diag([1.0, 1, 0, 1])))
+    with pytest.raises(CaptureError, match=r"0_train_0001\.txt: the pose's rotation is singular"):
+        read_capture(folder / given_as)
+
+
 @pytest.mark.parametrize("given_as", ["", "pose", "pose/3.txt", "intrinsic", COLOUR_LENS, ".."])
 def test_so_it_is_with_scannets(tmp_path, given_as):
     make_scannet(tmp_path / "scans" / "scene0000_00")

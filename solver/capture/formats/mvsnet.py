@@ -35,6 +35,8 @@ PATTERNS = ("cams*/*_cam.txt", "[Cc]ameras/*_cam.txt", "*_cam.txt")
 
 _PHOTO_FOLDERS = ("images", "blended_images", "image", "rgb")
 _DTU_PHOTO = "rect_{:03d}_3_r5000"
+_FOR_CUT = "train"
+"""folder of DTU's cameras for photos of 640 × 512 pixels, in that of those for photos of 1600 × 1200"""
 _SMALLER = 4
 """how many times smaller a network's depth maps are than its photos"""
 
@@ -110,7 +112,10 @@ def _size_meant(file: Path, photo: Path, cx: float, cy: float) -> tuple[int, int
         return width, height
     if not is_for_another_size((width, height), _SMALLER * cx, _SMALLER * cy):
         return round(width / _SMALLER), round(height / _SMALLER)
+    remedy = "give the photos that the cameras are for"
+    if (cut := file.with_name(_FOR_CUT)).is_dir():
+        remedy += f", or {cut} for those that DTU's photos for training were cut to"
     raise CaptureError(
         file, "intrinsic", f"its centre ({cx:.6g}, {cy:.6g}) is that of photos of another size than "
-        f"{photo.name}, which has {width} × {height} pixels", "give the photos that the cameras are for",
+        f"{photo.name}, which has {width} × {height} pixels", remedy,
     )  # fmt: skip

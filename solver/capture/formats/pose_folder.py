@@ -4,13 +4,14 @@
     ScanNet: intrinsic/intrinsic_color.txt, pose/0.txt …, color/0.jpg …
     NeRF++:  train/intrinsics/000.txt …, train/pose/000.txt …, train/rgb/000.png …
 
-A pose is a matrix from the camera to the world, with OpenCV's axes; ScanNet's are in metres, and −inf where
-the camera was lost. The lens is a matrix of 3 × 3 or 4 × 4 numbers, or `f cx cy` in the first line, in
-pixels counted from the picture's corner; for photos of which size is not stated. NeRF++ has a lens for each
-photo, and all numbers of a matrix in one line.
-Where names begin with 0_, 1_ or 2_, photos are for training, validation and tests: only the first are read.
-`bbox.txt` has the lowest and the highest x y z of what is to be reconstructed, and a voxel's size.
-https://github.com/facebookresearch/NSVF#dataset (`load_intrinsics` of data_utils.py) and its issue 64;
+A pose is a matrix from the camera to the world, with OpenCV's axes; NSVF also reads those from the world
+to the camera, in a folder `extrinsic`. ScanNet's are in metres, and −inf where the camera was lost. The
+lens is a matrix of 3 × 3 or 4 × 4 numbers, or `f cx cy` in the first line, in pixels counted from the
+picture's corner; for photos of which size is not stated. NeRF++ has a lens for each photo, and all
+numbers of a matrix in one line. Where names begin with 0_, 1_ or 2_, photos are for training, validation
+and tests: only the first are read. `bbox.txt` has the lowest and the highest x y z of what is to be
+reconstructed, and a voxel's size.
+https://github.com/facebookresearch/NSVF#dataset (data_utils.py, shape_dataset.py) and its issue 64;
 https://github.com/sxyu/svox2 (nsvf_dataset.py); https://github.com/ScanNet/ScanNet (SensorData.py);
 https://github.com/Kai-46/nerfplusplus#data
 """
@@ -28,8 +29,8 @@ import numpy as np
 from ..camera_folder import files_in, matrix_of, photo_folder, words_of
 from ..capture import Capture
 from ..errors import CaptureError
-from ..files import is_no_pose, text_head
-from ..frames import pose_opengl_from_opencv
+from ..files import is_no_pose, rigid_pose, text_head
+from ..frames import invert_pose, pose_opengl_from_opencv
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
@@ -41,7 +42,8 @@ _OF_ALL = ("intrinsics.txt", "intrinsic.txt", "intrinsic/intrinsic_color.txt")
 _OF_EACH = "intrinsics"
 PATTERNS = (*_OF_ALL, f"{_OF_EACH}/*.txt", f"train/{_OF_EACH}/*.txt")
 
-_POSE_FOLDERS = ("pose", "poses")
+_FROM_WORLD = "extrinsic"
+_POSE_FOLDERS = ("pose", "poses", _FROM_WORLD)
 _PHOTO_FOLDERS = ("rgb", "color", "images", "image")
 _BOX = "bbox.txt"
 _SPLIT = re.compile(r"[012]_.")
@@ -77,6 +79,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         if is_no_pose(pose):
             lost.append(stated)
             continue
+        if file.parent.name == _FROM_WORLD:
+            pose = invert_pose(rigid_pose(file, "", pose))
         intrinsics = None
         lens = _lens(lens_file.with_name(file.name)) if has_each else of_all
         if photo is not None:
