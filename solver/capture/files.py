@@ -15,6 +15,8 @@ from .errors import CaptureError, shown
 
 LARGEST_TEXT = 1 << 28
 """bytes; a camera file of a thousand photos with all its sparse points has a tenth of that"""
+_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
+"""how text in it begins"""
 
 
 def read_bytes(path: Path, largest: int = LARGEST_TEXT) -> bytes:
@@ -64,8 +66,12 @@ def head_of(path: Path, count: int = 1 << 16) -> bytes:
 
 
 def text_head(path: Path, count: int = 256) -> bytes:
-    """The first bytes of a text file, without a byte order mark and leading blanks."""
-    return head_of(path, count).lstrip(b"\xef\xbb\xbf \r\n\t")
+    """The first bytes of a text file in UTF-8, without a byte order mark and leading blanks; also of one in
+    UTF-16, as Windows' shell writes it."""
+    head = head_of(path, count)
+    if head[:2] in _UTF_16:
+        head = as_text(head, "ignore").encode("utf-8", "ignore")
+    return head.lstrip(b"\xef\xbb\xbf \r\n\t")
 
 
 def json_head(path: Path, count: int = 1 << 20) -> bytes:
@@ -76,7 +82,7 @@ def json_head(path: Path, count: int = 1 << 20) -> bytes:
 
 def as_text(content: bytes, errors: str = "replace") -> str:
     """Text in UTF-8, with or without a byte order mark, or in UTF-16 with one."""
-    encoding = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    encoding = "utf-16" if content[:2] in _UTF_16 else "utf-8-sig"
     return content.decode(encoding, errors)
 
 

@@ -221,6 +221,73 @@ def test_no_term_of_a_lens_is_dropped(values, lens, distortion, tmp_path):
     assert (first.lens, first.distortion) == (lens, distortion)
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "problem"),
+    [
+        (
+            "ftheta_p0",
+            0.0,
+            "ftheta_p0: f-theta lenses are not read; export the cameras with one of OpenCV's",
+        ),
+        (
+            "equirectangular",
+            True,
+            "equirectangular: panoramic lenses are not read; cut the panoramas into",
+        ),
+        (
+            "latlong",
+            True,
+            "latlong: panoramic lenses are not read; cut the panoramas into perspective",
+        ),
+        ("orthographic", True, "orthographic: orthographic lenses are not read"),
+        ("k6", 0.1, "k6: only the lens FULL_OPENCV has such a number; call its camera_model so"),
+    ],
+)
+def test_lenses_of_instant_ngps_own_and_numbers_that_no_model_has_are_refused(
+    tmp_path, key, value, problem
+):
+    with pytest.raises(CaptureError, match=rf"frames\[0\].{problem}"):
+        capture_with(tmp_path, fl_x=20.0, k1=0.1, **{key: value})
+    without = capture_with(tmp_path, fl_x=20.0, k1=0.1, **{key: False if value is True else None})
+    assert without.cameras[0].lens == "opencv"
+
+
+WIDE = {"camera_angle_x": None, "w": 8, "h": 8}
+FIELD = 4 / math.tan(math.radians(25))
+
+
+@pytest.mark.parametrize(
+    ("values", "fx", "fy"),
+    [
+        ({"x_fov": 50.0}, FIELD, FIELD), ({"x_fov": 50.0, "y_fov": 90.0}, FIELD, 4.0),
+        ({"y_fov": 50.0}, FIELD, FIELD), ({"fl_y": 9.0}, 9.0, 9.0), ({"x_fov": 50.0, "fl_x": 7.0}, 7.0, 7.0),
+        ({"camera_angle_y": math.radians(50)}, FIELD, FIELD), ({"x_fov": 50.0, "fl_y": 9.0}, FIELD, 9.0),
+    ],
+)  # fmt: skip
+def test_fields_of_view_may_be_in_degrees_and_of_either_side(tmp_path, values, fx, fy):
+    """As `read_focal_length` of instant-ngp's nerf_loader.cu."""
+    camera = capture_with(tmp_path, **{**WIDE, **values}).cameras[0]
+    assert (camera.fx, camera.fy) == pytest.approx((fx, fy))
+
+
+@pytest.mark.parametrize("degrees", [0, 180, -50, 400])
+def test_what_is_no_field_of_view_is_refused(tmp_path, degrees):
+    with pytest.raises(
+        CaptureError, match="x_fov: .* is no field of view in degrees; give one between"
+    ):
+        capture_with(tmp_path, **WIDE, x_fov=degrees)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le"])
+@pytest.mark.parametrize("given_as", ["folder", "file"])
+def test_files_may_be_in_the_encodings_of_windows_shells(tmp_path, encoding, given_as):
+    folder = make_capture(tmp_path)
+    file = folder / "transforms_train.json"
+    mark = "\ufeff" if encoding == "utf-16-le" else ""
+    file.write_text(mark + file.read_text().replace("\n", "\r\n"), encoding, newline="")
+    assert len(read_capture(folder if given_as == "folder" else file).cameras) == 4
+
+
 LISTED = [0.1, 0.02, 0.003, 0, -0.004, 0.005]  # nerfstudio's order: k1 k2 k3 k4 p1 p2
 POLYNOMIAL = ("opencv", (0.1, 0.02, -0.004, 0.005, 0.003))
 

@@ -4,7 +4,9 @@
 A sidecar NAME.xmp has the rotation from the world to OpenCV's camera axes, row by row, and the
 camera's place. RealityScan writes its values as attributes or as elements, both by turns. The lens is
 that of `realitycapture_lens`; a file with the division model is refused rather than read wrongly.
-The world is right-handed with +Z up.
+The world is right-handed with +Z up. All is for the pixels as they are stored, whatever the EXIF
+orientation: https://github.com/nerfstudio-project/nerfstudio/pull/1261, where photos of RealityCapture's
+own sample fit its table once they are not turned.
 """
 
 from __future__ import annotations

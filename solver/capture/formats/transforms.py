@@ -1,9 +1,9 @@
 """`transforms.json`: the camera file of NeRF-synthetic, instant-ngp and nerfstudio.
 
-All three give camera-to-world matrices with OpenGL camera axes. Intrinsics come as `camera_angle_x`
-or `fl_x` (pixels), for all frames or for each, and so does the lens's distortion. nerfstudio's
-`applied_transform` says how the poses were moved before writing; the world is taken as written, and so
-are the sparse points of `ply_file_path`, which were moved with it.
+All three give camera-to-world matrices with OpenGL camera axes. Intrinsics come as `fl_x` (pixels),
+`camera_angle_x` or instant-ngp's `x_fov`, for all frames or for each, and so does the lens's distortion.
+nerfstudio's `applied_transform` says how the poses were moved before writing; the world is taken as
+written, and so are the sparse points of `ply_file_path`, which were moved with it.
 """
 
 from __future__ import annotations
@@ -233,23 +233,15 @@ def _intrinsics(path: Path, where: str, values: dict, image: Path | None) -> Int
         raise CaptureError(path, f"{where}.w", "the photo has no size", "correct w and h")
     fx, fy = number("fl_x"), number("fl_y")
     if fx is None:
-        angle = number("camera_angle_x")
-        if angle is None:
-            raise CaptureError(
-                path, f"{where}.camera_angle_x",
-                "neither the frame nor the file gives camera_angle_x or fl_x",
-                "add the horizontal field of view in radians as camera_angle_x",
-            )  # fmt: skip
-        if not 0 < angle < math.pi:
-            raise CaptureError(
-                path, "camera_angle_x", f"{angle} is no field of view in radians",
-                "give an angle between 0 and 3.14",
-            )  # fmt: skip
-        fx = 0.5 * width / math.tan(0.5 * angle)
-        vertical = number("camera_angle_y")
-        if fy is None and vertical is not None and 0 < vertical < math.pi:
-            fy = 0.5 * height / math.tan(0.5 * vertical)
-    fy = fx if fy is None else fy
+        fx = _from_angle(path, where, values, "x", width)
+        fy = _from_angle(path, where, values, "y", height) if fy is None else fy
+    if fx is None and fy is None:
+        raise CaptureError(
+            path, f"{where}.camera_angle_x",
+            "neither the frame nor the file gives camera_angle_x or fl_x",
+            "add the horizontal field of view in radians as camera_angle_x",
+        )  # fmt: skip
+    fx, fy = (fy if fx is None else fx), (fx if fy is None else fy)
     if fx <= 0 or fy <= 0:
         raise CaptureError(path, f"{where}.fl_x", "a focal length must be positive", "correct it")
     lens, distortion = read_lens(path, where, values)
@@ -257,3 +249,25 @@ def _intrinsics(path: Path, where: str, values: dict, image: Path | None) -> Int
         width, height, fx, fy, width / 2 if cx is None else cx, height / 2 if cy is None else cy,
         lens, distortion,
     )  # fmt: skip
+
+
+def _from_angle(path: Path, where: str, values: dict, axis: str, pixels: int) -> float | None:
+    """The focal length along an axis, in pixels, of the field of view over so many pixels; None if none is
+    stated. `x_fov` is in degrees, `camera_angle_x` in radians (instant-ngp, nerf_loader.cu)."""
+    key = f"{axis}_fov"
+    degrees = number_of(path, where, values, key)
+    if degrees is not None:
+        if not 0 < degrees < 180:
+            raise CaptureError(
+                path, key, f"{degrees} is no field of view in degrees", "give one between 0 and 180"
+            )
+        return 0.5 * pixels / math.tan(math.radians(0.5 * degrees))
+    key = f"camera_angle_{axis}"
+    angle = number_of(path, where, values, key)
+    if angle is None:
+        return None
+    if not 0 < angle < math.pi:
+        raise CaptureError(
+            path, key, f"{angle} is no field of view in radians", "give an angle between 0 and 3.14"
+        )
+    return 0.5 * pixels / math.tan(0.5 * angle)

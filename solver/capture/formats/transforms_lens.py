@@ -15,6 +15,14 @@ from ..errors import CaptureError
 from ..files import number, numbers
 
 _PANORAMAS = ("EQUIRECTANGULAR", "SPHERICAL")
+_CUT = "cut the panoramas into perspective photos and solve or export their cameras"
+_KINDS = {
+    "ftheta_p0": "f-theta",
+    "latlong": "panoramic",
+    "equirectangular": "panoramic",
+    "orthographic": "orthographic",
+}
+"""keys by which instant-ngp knows lenses of its own"""
 _LENS_OF_MODEL = {
     "PINHOLE": "pinhole",
     "SIMPLE_PINHOLE": "pinhole",
@@ -68,6 +76,12 @@ def read_lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, .
     Raises:
         CaptureError: a model that is not known, or what is no number.
     """
+    for key, kind in _KINDS.items():
+        if values.get(key) is not None and values[key] is not False:
+            remedy = (
+                _CUT if kind == "panoramic" else "export the cameras with one of OpenCV's lenses"
+            )
+            raise CaptureError(path, f"{where}.{key}", f"{kind} lenses are not read", remedy)
     model = values.get("camera_model") or None
     if values.get("is_fisheye") is True:
         model = "OPENCV_FISHEYE"
@@ -75,7 +89,7 @@ def read_lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, .
     if lens is None:
         remedy = f"use one of {', '.join(_LENS_OF_MODEL)}"
         if str(model).upper() in _PANORAMAS:
-            remedy = "cut the panoramas into perspective photos and solve or export their cameras"
+            remedy = _CUT
         raise CaptureError(
             path, f"{where}.camera_model", f"the lens model '{model}' is not supported", remedy
         )
@@ -88,6 +102,12 @@ def read_lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, .
     if str(model).upper() == "FULL_OPENCV":
         keys = _RATIONAL_KEYS  # elsewhere k4 is a power of the radius
     elif lens in ("pinhole", "opencv"):
+        for key in _RATIONAL_KEYS[6:]:
+            if number_of(path, where, values, key):
+                raise CaptureError(
+                    path, f"{where}.{key}", "only the lens FULL_OPENCV has such a number",
+                    "call its camera_model so if it is that, or export the cameras again",
+                )  # fmt: skip
         # Programs that read these files go by the numbers, whatever the model is called.
         k1, k2, p1, p2, k3, k4 = (
             number_of(path, where, values, key) or 0.0 for key in _RATIONAL_KEYS[:6]
