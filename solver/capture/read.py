@@ -14,6 +14,7 @@ from .formats import (
     bundler,
     colmap,
     gaussians,
+    kapture,
     llff,
     meshroom,
     metashape,
@@ -49,7 +50,7 @@ from .picture_names import pictures_below
 FORMATS: tuple[ModuleType, ...] = (
     transforms, colmap, metashape, realitycapture, meshroom, openmvg, opensfm, opendronemap,
     blocks_exchange, opf, pix4d, polycam, record3d, scanner_app, stray_scanner, bundler, visualsfm,
-    neus, sdfstudio, gaussians, llff, mvsnet, pose_folder, nero,
+    neus, sdfstudio, gaussians, llff, mvsnet, pose_folder, nero, kapture,
 )  # fmt: skip
 """readers, the likeliest first"""
 JOBS_FOLDER = "nmf_jobs"

@@ -1,0 +1,162 @@
+"""Kapture, NAVER's format of cameras and other sensors: `sensors/sensors.txt` with others beside it.
+
+Each is a table with commas, and a comment with the version first:
+
+    sensors.txt         identity, name, camera, COLMAP's model, width, height, its parameters
+    records_camera.txt  timestamp, sensor, path of a photo below records_data
+    trajectories.txt    timestamp, sensor or rig, qw qx qy qz tx ty tz
+    rigs.txt            rig, sensor or rig in it, qw qx qy qz tx ty tz
+    ../reconstruction/points3d.txt    x, y, z, colour
+
+A pose is from the world to the sensor, with OpenCV's camera axes, or from the rig to the sensor. Any file
+of the folder stands for it. Photos without a pose are left out; the world has any unit, and any up.
+https://github.com/naver/kapture/blob/main/kapture_format.adoc
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ..capture import Capture
+from ..errors import CaptureError, shown
+from ..files import number, numbers, read_lines, text_head
+from ..frames import invert_pose, pose_opengl_from_opencv
+from ..intake import Found, Intrinsics, assemble, without_pose
+from ..photo_finder import PhotoFinder
+from ..sparse_points import SparsePoints
+from .colmap_model import Sensor, intrinsics_of, pose_matrix
+
+NAME = "Kapture"
+EXTENSIONS = (".txt",)
+PATTERNS = ("sensors/sensors.txt", "sensors.txt", "*/sensors/sensors.txt")
+
+_SENSORS = "sensors.txt"
+_PHOTOS = "records_data"
+_BEGINS = b"# kapture format:"
+_KNOWN = re.compile(rb"# kapture format:\s*1\.\d+\s")
+_DEEPEST = 10
+"""rigs in rigs, as Kapture itself resolves them"""
+_AGAIN = "the file seems cut off or edited; export the data set again"
+
+_Poses = dict[tuple[str, str], np.ndarray | None]
+
+
+def recognises(file: Path) -> bool:
+    """True for the tables of a folder that has one of sensors."""
+    return text_head(file).lower().startswith(_BEGINS) and file.with_name(_SENSORS).is_file()
+
+
+def read(path: Path, photos: PhotoFinder) -> Capture:
+    """Read the cameras that have records, with rigs and sparse points.
+
+    Raises:
+        CaptureError: anything that cannot be used, with file, field and remedy.
+    """
+    sensors_file = path.with_name(_SENSORS)
+    if not _KNOWN.match(text_head(sensors_file).lower()):
+        raise CaptureError(
+            sensors_file, "line 1", "only version 1 of Kapture's format is known here",
+            "export the data set in version 1.1",
+        )  # fmt: skip
+    sensors = {row[0]: (where, row) for where, row in _rows(sensors_file, 3)}
+    records = path.with_name("records_camera.txt")
+    poses = _poses(path.with_name("trajectories.txt"))
+    rigs = _poses(path.with_name("rigs.txt")) if path.with_name("rigs.txt").is_file() else {}
+    lenses: dict[str, Intrinsics] = {}
+    found, lost = [], []
+    for where, (time, key, stated) in _rows(records, 3, 3):
+        from_world = _from_world(time, key, poses, rigs)
+        if from_world is None:
+            lost.append(stated)
+            continue
+        photo = photos.find(f"{_PHOTOS}/{stated}", beside=path)
+        if photos.serves(photo) and key not in lenses:
+            if key not in sensors:
+                raise CaptureError(
+                    records, where, f"there is no sensor '{shown(key)}' in {_SENSORS}", _AGAIN
+                )
+            lenses[key] = _lens(sensors_file, *sensors[key])
+        pose = pose_opengl_from_opencv(invert_pose(from_world))
+        found.append(Found(f"{records.name}, {where}", stated, photo, pose, lenses.get(key)))
+    warnings = without_pose(
+        path,
+        "trajectories.txt",
+        lost,
+        len(found) + len(lost),
+        "solve their cameras, and export it again",
+    )
+    return assemble(
+        path, NAME, found, photos, points=_points(path.parent.parent / "reconstruction"),
+        warnings=warnings,
+    )  # fmt: skip
+
+
+def _rows(path: Path, fewest: int, most: int = 0) -> Iterator[tuple[str, list[str]]]:
+    """The rows of a table, each with the line it is on.
+
+    Args:
+        fewest: columns that there must be.
+        most: columns that there are, the last of which may have commas; 0: any number.
+
+    Raises:
+        CaptureError: the file cannot be read, or a row is too short.
+    """
+    for line, text in read_lines(path):
+        if not text or text.startswith("#"):
+            continue
+        row = [word.strip() for word in text.split(",", most - 1)]
+        if len(row) < fewest:
+            raise CaptureError(path, f"line {line}", f"'{shown(text)}' breaks off", _AGAIN)
+        yield f"line {line}", row
+
+
+def _poses(path: Path) -> _Poses:
+    """Matrices [4, 4] of a table of poses by its first two columns; None for those that are left empty."""
+    found: _Poses = {}
+    for where, (first, second, *words) in _rows(path, 3):
+        if not all(words):
+            found[first, second] = None  # a place without a rotation, or the other way round
+            continue
+        pose = numbers(path, where, words, 7)
+        if not 0.5 < np.linalg.norm(pose[:4]) < 2:
+            raise CaptureError(path, where, "its quaternion is no rotation", _AGAIN)
+        found[first, second] = pose_matrix(tuple(pose))
+    return found
+
+
+def _from_world(
+    time: str, key: str, poses: _Poses, rigs: _Poses, depth: int = 0
+) -> np.ndarray | None:
+    """World to sensor [4, 4] at a time, by its own pose or that of the rig it is in; None if not known."""
+    if (pose := poses.get((time, key))) is not None or depth == _DEEPEST:
+        return pose
+    for (rig, inside), from_rig in rigs.items():
+        if inside == key and from_rig is not None:
+            rig_from_world = _from_world(time, rig, poses, rigs, depth + 1)
+            if rig_from_world is not None:
+                return from_rig @ rig_from_world
+    return None
+
+
+def _lens(path: Path, where: str, row: list[str]) -> Intrinsics:
+    """The lens of a camera's row."""
+    if row[2].lower() != "camera" or len(row) < 6:
+        raise CaptureError(
+            path, where, f"'{shown(', '.join(row))}' is no camera with a lens", _AGAIN
+        )
+    width, height, *parameters = (number(path, where, word) for word in row[4:])
+    return intrinsics_of(path, Sensor(where, row[3], int(width), int(height), tuple(parameters)))
+
+
+def _points(folder: Path) -> np.ndarray | None:
+    """Sparse points [N, 3] of a reconstruction, if there is one."""
+    file, points = folder / "points3d.txt", SparsePoints()
+    if not file.is_file():
+        return None
+    for where, row in _rows(file, 3):
+        points.add(*(number(file, where, word) for word in row[:3]))
+    return points.array()
