@@ -363,3 +363,9 @@ def test_deeply_nested_files_end_in_an_error(tmp_path):
     content = scene()
     content["views"] = {"viewId": nested(500)}
     assert outcome(write(tmp_path, content)) is None
+
+
+def test_alicevisions_binary_form_is_named(tmp_path):
+    (tmp_path / "sfmData.sfm").write_bytes(b"\x14\0\0\0ASFM" + bytes(64))
+    with pytest.raises(CaptureError, match="binary form, which is not read; convert it to JSON by"):
+        read_capture(tmp_path)

@@ -37,7 +37,7 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import entries, json_head, mapping, number, numbers, read_json
+from ..files import entries, head_of, json_head, mapping, number, numbers, read_json
 from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
@@ -61,12 +61,14 @@ _OF_ANGLES = ("none", "radialk1", "radialk3", "radialk3pt")
 """distortions that are known of the type equidistant"""
 _MOST_TO_SEARCH = 1 << 26
 """bytes of a file that are searched for poses; what is larger has points, and so poses"""
+_BINARY = b"ASFM"
+"""identity of AliceVision's FlatBuffers (`FlatBuffersIO.cpp`), from the fifth byte on"""
 _POSES = re.compile(rb'"poses"\s*:\s*\[\s*\{')
 
 
 def recognises(file: Path) -> bool:
-    """True for JSON with AliceVision's views, also if it is cut off."""
-    return b'"viewId"' in json_head(file)
+    """True for JSON with AliceVision's views, also if it is cut off, and for its binary form, to say so."""
+    return b'"viewId"' in json_head(file) or head_of(file, 8)[4:] == _BINARY
 
 
 def last_solved(files: Iterable[Path]) -> Path | None:
@@ -96,6 +98,11 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     Raises:
         CaptureError: anything that cannot be used, with file, field and remedy.
     """
+    if head_of(path, 8)[4:] == _BINARY:
+        raise CaptureError(
+            path, "", "this is AliceVision's binary form, which is not read",
+            "convert it to JSON by Meshroom's node ConvertSfMFormat",
+        )  # fmt: skip
     content = mapping(path, "", read_json(path))
     if "viewpoints" in content or "graph" in content:
         raise CaptureError(
