@@ -19,6 +19,7 @@ from .formats import (
     meshroom,
     metashape,
     mvsnet,
+    nerfies,
     nero,
     neus,
     opendronemap,
@@ -50,7 +51,7 @@ from .picture_names import pictures_below
 FORMATS: tuple[ModuleType, ...] = (
     transforms, colmap, metashape, realitycapture, meshroom, openmvg, opensfm, opendronemap,
     blocks_exchange, opf, pix4d, polycam, record3d, scanner_app, stray_scanner, bundler, visualsfm,
-    neus, sdfstudio, gaussians, llff, mvsnet, pose_folder, nero, kapture,
+    neus, sdfstudio, gaussians, llff, mvsnet, pose_folder, nerfies, nero, kapture,
 )  # fmt: skip
 """readers, the likeliest first"""
 JOBS_FOLDER = "nmf_jobs"

@@ -1,0 +1,113 @@
+"""Captures of Nerfies, which HyperNeRF and DyCheck share: `camera/ID.json` beside `rgb/1x/ID.png`.
+
+A file has the rotation from the world to OpenCV's camera axes, the camera's place, and OpenCV's lens:
+focal length, `pixel_aspect_ratio` (of fy to fx), `skew` (what a unit of y adds, in pixels), radial and
+tangential distortion, in pixels of a photo of `image_size` counted from its corner. Photos made smaller
+lie in `2x`, `4x` and so on. `dataset.json` tells photos for training from those for validation, which are
+left out; `points.npy` has points of the surroundings. All is in the world before `scene.json` scales it.
+
+What moves between the photos, as these captures were made to show, is not reconstructed.
+https://github.com/google/nerfies#datasets and its camera.py
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..brown_lens import polynomial_lens
+from ..camera_folder import files_in
+from ..capture import Capture
+from ..errors import CaptureError
+from ..files import entries, json_head, mapping, number, numbers, read_json, rigid_pose
+from ..frames import invert_pose, pose_opengl_from_opencv
+from ..intake import Found, Intrinsics, assemble
+from ..npy_files import read_npy
+from ..photo_finder import PhotoFinder
+from ..picture_names import numbered, pictures_in
+
+NAME = "Nerfies"
+EXTENSIONS = (".json",)
+PATTERNS = ("camera/*.json", "*/camera/*.json")
+
+_KEYS = (b'"orientation"', b'"position"', b'"focal_length"', b'"radial_distortion"')
+_PHOTOS = "rgb"
+
+
+def recognises(file: Path) -> bool:
+    """True for the JSON of a camera."""
+    head = json_head(file, 1 << 16)
+    return all(key in head for key in _KEYS)
+
+
+def read(path: Path, photos: PhotoFinder) -> Capture:
+    """Read all cameras for training of the folder that a camera's JSON file lies in.
+
+    Raises:
+        CaptureError: anything that cannot be used, with file, field and remedy.
+    """
+    place = path.absolute().parent.parent
+    scales = sorted((place / _PHOTOS).glob("*x"), key=lambda folder: numbered(folder.name))
+    folder = next(filter(pictures_in, scales), place / _PHOTOS / "1x")
+    files = files_in(path.parent, ".json")
+    used = _of_training(place / "dataset.json", files)
+    found = [_camera(file, folder, photos) for file in used]
+    warnings: tuple[str, ...] = ()
+    if len(used) < len(files):
+        warnings = (f"{len(files) - len(used)} photos for validation are left out (dataset.json)",)
+    points, problems = _points(place / "points.npy")
+    return assemble(path, NAME, found, photos, points=points, warnings=warnings + problems)
+
+
+def _of_training(path: Path, files: list[Path]) -> list[Path]:
+    """Those cameras that a list of the data set has for training; all, where there is no such list."""
+    if not path.is_file():
+        return files
+    listed = entries(path, "train_ids", mapping(path, "", read_json(path)).get("train_ids"))
+    wanted = {name for name in listed if isinstance(name, str)}
+    return [file for file in files if file.stem in wanted] or files
+
+
+def _camera(file: Path, folder: Path, photos: PhotoFinder) -> Found:
+    content = mapping(file, "", read_json(file))
+    rotation = np.zeros((3, 4))
+    for row, values in enumerate(entries(file, "orientation", content.get("orientation"))[:3]):
+        rotation[row, :3] = numbers(file, f"orientation[{row}]", values, 3)
+    pose = invert_pose(rigid_pose(file, "orientation", rotation))
+    pose[:3, 3] = numbers(file, "position", content.get("position"), 3)
+    photo = photos.find_in(folder, f"{file.stem}.png")
+    intrinsics = _intrinsics(file, content) if photos.serves(photo) else None
+    stated = f"{_PHOTOS}/{folder.name}/{file.stem}"
+    return Found(file.name, stated, photo, pose_opengl_from_opencv(pose), intrinsics)
+
+
+def _intrinsics(file: Path, content: dict[str, Any]) -> Intrinsics:
+    def value(key: str, default: float) -> float:
+        return default if content.get(key) is None else number(file, key, content[key])
+
+    focal = number(file, "focal_length", content.get("focal_length"))
+    if focal <= 0:
+        raise CaptureError(file, "focal_length", "it is not positive", "export the cameras again")
+    width, height = numbers(file, "image_size", content.get("image_size"), 2)
+    cx, cy = numbers(file, "principal_point", content.get("principal_point"), 2)
+    radial = numbers(file, "radial_distortion", content.get("radial_distortion"), 3)
+    key = "tangential" if "tangential" in content else "tangential_distortion"
+    tangential = numbers(file, key, content.get(key), 2)
+    lens, distortion = polynomial_lens(radial, tangential, value("skew", 0.0) / focal)
+    fy = focal * value("pixel_aspect_ratio", 1.0)
+    return Intrinsics(int(width), int(height), focal, fy, float(cx), float(cy), lens, distortion)
+
+
+def _points(path: Path) -> tuple[np.ndarray | None, tuple[str, ...]]:
+    """Points [N, 3] of the surroundings, and what is to be said about their file."""
+    if not path.is_file():
+        return None, ()
+    try:
+        points = read_npy(path)
+    except CaptureError as error:
+        return None, (str(error),)  # a fit does without them
+    if points.ndim != 2 or points.shape[1] != 3:
+        return None, (f"{path.name}: these are no points, and not used",)
+    return points, ()
