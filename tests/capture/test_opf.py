@@ -1,6 +1,7 @@
 """OPF projects as its specification has them: Pix4D's projection, identities, photos, worlds, hostile files."""
 
 import json
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -194,6 +195,16 @@ def test_what_is_wrong_with_a_file_is_named(tmp_path, file, at, value, problem):
     files = project()
     put(files[file], at, value)
     with pytest.raises(CaptureError, match=problem):
+        read_capture(write(tmp_path, files))
+
+
+@pytest.mark.parametrize("uri", ["x" * 5000, "loop", "\ud800.json"])
+def test_names_that_no_file_can_have_are_not_in_the_folder(tmp_path, uri):
+    files = project()
+    put(files["project.opf"], ("items", 3, "resources", 0, "uri"), uri)
+    with suppress(OSError):  # there are no links everywhere
+        (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    with pytest.raises(CaptureError, match=r"items\[3\].resources: .* is not in its folder; copy"):
         read_capture(write(tmp_path, files))
 
 

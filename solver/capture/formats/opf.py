@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -109,9 +110,8 @@ def _resources(path: Path, items: list, form: str) -> Iterator[tuple[Path, dict[
                 continue
             if not isinstance(uri, str) or "\0" in uri:
                 raise CaptureError(path, field, f"'{shown(uri)}' names no file", _AGAIN)
-            folder = path.absolute().parent
-            file = (folder / unquote(uri)).resolve()
-            if not file.is_relative_to(folder.resolve()) or not file.is_file():
+            file = _beside(path, unquote(uri))
+            if file is None:
                 raise CaptureError(
                     path, field, f"'{shown(uri)}' is not in its folder",
                     "copy the whole project, or export it again",
@@ -123,6 +123,17 @@ def _resources(path: Path, items: list, form: str) -> Iterator[tuple[Path, dict[
                     "export the project with a newer program, or convert it by opf_convert of pyopf",
                 )  # fmt: skip
             yield file, content
+
+
+def _beside(path: Path, name: str) -> Path | None:
+    """The file of that name in a project's folder; None if there is none, or a name leads out of it."""
+    folder = path.absolute().parent.resolve()
+    # A name may be too long for any file, no text that files can have as theirs, or a link to itself.
+    with suppress(OSError, RuntimeError, ValueError):
+        file = (folder / name).resolve()
+        if file.is_relative_to(folder) and file.is_file():
+            return file
+    return None
 
 
 def _uris(path: Path, items: list) -> dict[int, str]:
