@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
+import stat
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,7 +28,7 @@ def read_bytes(path: Path, largest: int = LARGEST_TEXT) -> bytes:
         CaptureError: it cannot be read, or is larger than any camera file.
     """
     try:
-        if path.stat().st_size > largest:
+        if _size(path) > largest:
             raise CaptureError(
                 path, "", f"it has more than {largest >> 20} MB, which no camera file has",
                 "give the camera file",
@@ -34,6 +36,18 @@ def read_bytes(path: Path, largest: int = LARGEST_TEXT) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise no_access(path, error) from error
+
+
+def _size(path: Path) -> int:
+    """Bytes in a file.
+
+    Raises:
+        OSError: there is none, or it is a pipe or a device, as a link may lead to: these never end.
+    """
+    found = path.stat()
+    if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
+        raise OSError(errno.EINVAL, "this is no file, but a pipe or a device")
+    return found.st_size
 
 
 def check_readable(path: Path) -> None:
@@ -58,9 +72,10 @@ def no_access(path: Path, error: OSError) -> CaptureError:
 def head_of(path: Path, count: int = 1 << 16) -> bytes:
     """The first bytes of a file; empty if it cannot be read."""
     try:
+        size = _size(path)
         with path.open("rb") as file:
             # Asked for more than there is, Python sets that much memory aside.
-            return file.read(min(count, path.stat().st_size))
+            return file.read(min(count, size))
     except OSError:
         return b""
 
@@ -111,6 +126,7 @@ def read_lines(path: Path) -> Iterator[tuple[int, str]]:
         CaptureError: it cannot be read, or is not text.
     """
     try:
+        _size(path)
         with path.open("rb") as file:
             for index, raw in enumerate(file, start=1):
                 if b"\0" in raw:
