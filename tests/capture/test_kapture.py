@@ -101,6 +101,17 @@ def test_cameras_of_rigs_in_rigs_stand_where_these_have_them(tmp_path):
     )
 
 
+def test_many_rigs_that_are_all_in_each_other_end(tmp_path):
+    names_of_rigs = [f"rig{index}" for index in range(12)]
+    still = pose_words(np.eye(4))
+    rigs = [f"{a}, {b}, {still}" for a in names_of_rigs for b in names_of_rigs]
+    rigs.append(f"rig0, cam, {still}")
+    check_projection(
+        read_capture(make(tmp_path / "known", device="rig11", rigs=rigs)), reference, poses()
+    )
+    assert outcome(make(tmp_path / "unknown", device="car", rigs=rigs)) is None
+
+
 def test_rigs_in_a_circle_and_empty_poses_are_no_pose(tmp_path):
     rigs = [
         f"a, b, {pose_words(np.eye(4))}",

@@ -38,11 +38,11 @@ _SENSORS = "sensors.txt"
 _PHOTOS = "records_data"
 _BEGINS = b"# kapture format:"
 _KNOWN = re.compile(rb"# kapture format:\s*1\.\d+\s")
-_DEEPEST = 10
-"""rigs in rigs, as Kapture itself resolves them"""
 _AGAIN = "the file seems cut off or edited; export the data set again"
 
 _Poses = dict[tuple[str, str], np.ndarray | None]
+_Rigs = dict[str, list[tuple[str, np.ndarray]]]
+"""of a sensor or rig: the rigs it is in, each with the pose rig to it"""
 
 
 def recognises(file: Path) -> bool:
@@ -65,7 +65,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     sensors = {row[0]: (where, row) for where, row in _rows(sensors_file, 3)}
     records = path.with_name("records_camera.txt")
     poses = _poses(path.with_name("trajectories.txt"))
-    rigs = _poses(path.with_name("rigs.txt")) if path.with_name("rigs.txt").is_file() else {}
+    rigs = _rigs(path.with_name("rigs.txt"))
     lenses: dict[str, Intrinsics] = {}
     found, lost = [], []
     for where, (time, key, stated) in _rows(records, 3, 3):
@@ -128,17 +128,26 @@ def _poses(path: Path) -> _Poses:
     return found
 
 
-def _from_world(
-    time: str, key: str, poses: _Poses, rigs: _Poses, depth: int = 0
-) -> np.ndarray | None:
-    """World to sensor [4, 4] at a time, by its own pose or that of the rig it is in; None if not known."""
-    if (pose := poses.get((time, key))) is not None or depth == _DEEPEST:
-        return pose
-    for (rig, inside), from_rig in rigs.items():
-        if inside == key and from_rig is not None:
-            rig_from_world = _from_world(time, rig, poses, rigs, depth + 1)
-            if rig_from_world is not None:
-                return from_rig @ rig_from_world
+def _rigs(path: Path) -> _Rigs:
+    """What is in which rigs; nothing, where there is no table of them."""
+    found: _Rigs = {}
+    for (rig, member), from_rig in (_poses(path) if path.is_file() else {}).items():
+        if from_rig is not None:
+            found.setdefault(member, []).append((rig, from_rig))
+    return found
+
+
+def _from_world(time: str, key: str, poses: _Poses, rigs: _Rigs) -> np.ndarray | None:
+    """World to sensor [4, 4] at a time, by its own pose or that of the nearest rig it is in; None if not
+    known."""
+    seen, inside = {key}, [(key, np.eye(4))]
+    for device, from_device in inside:  # which grows by the rigs that these are in
+        if (pose := poses.get((time, device))) is not None:
+            return from_device @ pose
+        for rig, from_rig in rigs.get(device, []):
+            if rig not in seen:
+                seen.add(rig)
+                inside.append((rig, from_device @ from_rig))
     return None
 
 
