@@ -119,6 +119,32 @@ def test_other_numbers_are_refused(tmp_path, numbers):
         read_capture(make(tmp_path, numbers))
 
 
+def renumbered(number_of):
+    """The table with other numbers of frames, in the same order."""
+    return re.sub(
+        r"(?<=, )\d{6}(?=, )", lambda match: f"{number_of(int(match[0])):06d}", odometry()
+    )
+
+
+@pytest.mark.parametrize("number_of", [lambda i: 2 * i, lambda i: i + 5, lambda i: i + (i > 7)])
+def test_pictures_in_a_run_are_no_frames_whose_numbers_are_in_none_or_begin_elsewhere(
+    tmp_path, number_of
+):
+    with pytest.raises(
+        CaptureError,
+        match=f"24 numbered pictures may be any of 24 frames.*-start_number {number_of(0)} ",
+    ):
+        read_capture(make(tmp_path, text=renumbered(number_of)))
+    numbers = [number_of(index) for index in range(FRAMES)]
+    capture = read_capture(
+        make(tmp_path, numbers, photos="images", text=renumbered(number_of)),
+        photos=tmp_path / "images",
+    )
+    for camera in capture.cameras:
+        index = numbers.index(int(camera.image_path.stem))
+        np.testing.assert_allclose(camera.position, arkit_poses()[index][:3, 3])
+
+
 def test_a_recording_without_pictures_says_how_to_get_them(tmp_path):
     with pytest.raises(
         CaptureError, match=r"photos are in its video; extract all .* -start_number 0 rgb/%06d"

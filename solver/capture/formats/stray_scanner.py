@@ -41,7 +41,7 @@ _LOST = 5
 """frames that a video may lack, or have more, at its end"""
 _EXTRACT = (
     "extract all its frames into a folder rgb (ffmpeg -noautorotate -i rgb.mp4 -fps_mode passthrough "
-    "-q:v 2 -start_number 0 rgb/%06d.jpg), or solve the cameras from rgb.mp4 itself"
+    "-q:v 2 -start_number {first} rgb/%06d.jpg), or solve the cameras from rgb.mp4 itself"
 )
 _REMEDY = "copy the recording from the phone again"
 
@@ -117,7 +117,7 @@ def _intrinsics(path: Path, where: str, row: dict[str, str], photo: Path) -> Int
     if abs(2 * cx / width - 1) > OFF_CENTRE or abs(2 * cy / height - 1) > OFF_CENTRE:
         raise CaptureError(
             photo, "", f"the picture, of {width} × {height} pixels, was turned or made smaller: the lens's "
-            f"centre is at ({cx:.6g}, {cy:.6g}) ({path.name}, {where})", _EXTRACT,
+            f"centre is at ({cx:.6g}, {cy:.6g}) ({path.name}, {where})", _EXTRACT.format(first=0),
         )  # fmt: skip
     return Intrinsics(width, height, fx, fy, cx, cy)
 
@@ -128,24 +128,28 @@ def _pictures(path: Path, frames: list[int], photos: PhotoFinder) -> dict[int, P
     Raises:
         CaptureError: there are none, or their numbers leave open which frames they are.
     """
+    first, last = min(frames, default=0), max(frames, default=0)
+    extract = _EXTRACT.format(first=first)
     folders = [photos.folder] + [path.absolute().parent / name for name in _PHOTO_FOLDERS]
     within = (folder for folder in folders if folder.is_relative_to(photos.folder))
     folder = next(filter(pictures_in, within), None)
     if folder is None:
         if not photos.wanted:
             return {}
-        raise CaptureError(path, "photos", "a recording's photos are in its video", _EXTRACT)
+        raise CaptureError(path, "photos", "a recording's photos are in its video", extract)
     named = ((re.search(r"\d+$", file.stem), file) for file in pictures_in(folder))
     pictures = {int(match[0]): file for match, file in named if match is not None}
-    first = min(frames, default=0)
     if set(pictures) == {frame + 1 for frame in frames}:
         return {frame - 1: file for frame, file in pictures.items()}  # counted from 1
     in_one_run = max(pictures, default=0) - min(pictures, default=0) + 1 == len(pictures)
     all_there = abs(len(pictures) - len(frames)) <= _LOST
+    # Where lines are missing from the table, a video's frames may be counted with or without them.
+    without_gaps = last - first + 1 == len(frames)
     chosen = not in_one_run and set(pictures) <= set(frames)
-    if first in pictures and (chosen or in_one_run and all_there):
+    in_step = in_one_run and without_gaps and all_there and min(pictures, default=0) == first
+    if first in pictures and (chosen or in_step):
         return pictures
     raise CaptureError(
         folder, "photos", f"its {len(pictures)} numbered pictures may be any of {len(frames)} frames",
-        f"{_EXTRACT}; of them, keep the first and as many others as you like",
+        f"{extract}; of them, keep the first and as many others as you like",
     )  # fmt: skip
