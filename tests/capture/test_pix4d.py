@@ -125,6 +125,15 @@ def test_points_project_as_pix4d_projects_them(tmp_path, given_as):
     check_projection(capture, reference, poses())
 
 
+@pytest.mark.parametrize("equation", ["camera model m = K [R|t] X\n", ""])
+def test_another_projection_or_none_is_refused(tmp_path, equation):
+    text = document().replace("camera model m = K [R|-Rt] X\n", equation)
+    with pytest.raises(
+        CaptureError, match=r"this is not Pix4D's projection, K \[R\|-Rt\] X; the file"
+    ):
+        read_capture(write(tmp_path, text))
+
+
 def test_a_file_that_pix4d_wrote_has_the_projections_it_wrote(tmp_path):
     stems = list(ITS_PMATRICES)
     save_photos(tmp_path / "undistorted_images", stems, (5472, 3648), ".tif")

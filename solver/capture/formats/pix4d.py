@@ -48,6 +48,7 @@ _TITLES = (
     "filename imagewidth imageheight", "camera matrix k [3x3]", "radial distortion [3x1]",
     "tangential distortion [2x1]", "camera position t [3x1]", "camera rotation r [3x3]",
 )  # fmt: skip
+_EQUATION = "[r|-rt]"
 _ENDING = "calibrated_camera_parameters.txt"
 _UNDISTORTED = "undistorted_images"
 _LINES = 10  # of a photo
@@ -74,7 +75,11 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             path, shown(unknown or "titles"), "this is not said of a perspective lens",
             "calibrate the cameras with a perspective lens, or solve them from the photos",
         )  # fmt: skip
-    next(lines, None)  # the equation
+    _, equation = next(lines, (0, ""))
+    if _EQUATION not in equation.replace(" ", "").lower():
+        raise CaptureError(
+            path, shown(equation), "this is not Pix4D's projection, K [R|-Rt] X", _REMEDY
+        )
     found = []
     while block := list(islice(lines, _LINES)):
         found.append(_camera(path, block, photos))
