@@ -137,6 +137,15 @@ def test_photos_are_found_wherever_they_were(tmp_path, form):
     check_projection(read_capture(folder), reference, poses())
 
 
+def test_photos_that_pyopf_undistorted_have_no_distortion(tmp_path):
+    folder = write(tmp_path)
+    save_photos(folder / "images" / "undistort")
+    check_projection(read_capture(folder), reference, poses())
+    capture = read_capture(folder, photos=folder / "images" / "undistort")
+    for camera in capture.cameras:
+        assert (camera.lens, camera.fx, camera.cx, camera.cy) == ("pinhole", FOCAL, *CENTRE)
+
+
 def test_a_blank_in_a_name_may_be_written_as_it_is_or_as_20(tmp_path):
     stems = [f"a 50%25 {name}" for name in names()]
     save_photos(tmp_path / "images", stems)

@@ -17,6 +17,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -38,6 +39,8 @@ _AGAIN = "export the project again"
 _KNOWN = re.compile(r"1\.\d+")
 """versions; those before 1.0 have other fields"""
 _LOCAL = re.compile(r"ENG(INEERING)?CRS|LOCAL_CS", re.I)
+_UNDISTORTED = "undistort"
+"""where opf_undistort writes photos, below those that they were made of"""
 _PAGE = re.compile(r"#page=(\d+)$")
 
 
@@ -64,22 +67,24 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     sizes, taken = _input_cameras(path, items)
     sensors = _by_id(file, "sensors", calibration)
     cameras = _by_id(file, "cameras", calibration)
-    lenses: dict[int, Intrinsics] = {}
+    lenses: dict[tuple[int, bool], Intrinsics] = {}
     found, moving = [], 0
     for identity, (where, camera) in cameras.items():
         if identity not in uris:
             raise CaptureError(file, f"{where}.id", "no camera list has this camera", _AGAIN)
         photo = _photo(path, uris[identity], photos)
         sensor = _identity(file, f"{where}.sensor_id", camera.get("sensor_id"))
-        if photos.serves(photo) and sensor not in lenses:
+        straight = photo is not None and photo.parent.name.lower() == _UNDISTORTED
+        if photos.serves(photo) and (sensor, straight) not in lenses:
             if sensor not in sensors or sensor not in sizes:
                 raise CaptureError(file, f"{where}.sensor_id", "there is no such sensor", _AGAIN)
-            lenses[sensor] = _lens(file, *sensors[sensor], sizes[sensor])
+            lens = _lens(file, *sensors[sensor], sizes[sensor])
+            lenses[sensor, straight] = _without_distortion(lens) if straight else lens
         moving += "rolling_shutter" in camera and any(
             numbers(file, f"{where}.rolling_shutter", camera["rolling_shutter"], 3)
         )
         pose = _pose(file, where, camera)
-        found.append(Found(where, uris[identity], photo, pose, lenses.get(sensor)))
+        found.append(Found(where, uris[identity], photo, pose, lenses.get((sensor, straight))))
     lost = [uris.get(identity, str(identity)) for identity in taken if identity not in cameras]
     warnings = without_pose(
         path,
@@ -211,6 +216,11 @@ def _lens(file: Path, where: str, sensor: dict, size: np.ndarray) -> Intrinsics:
     )  # fmt: skip
     lens, distortion = polynomial_lens(radial, (p1, p2))
     return Intrinsics(*map(int, size), focal, focal, cx, cy, lens, distortion)
+
+
+def _without_distortion(lens: Intrinsics) -> Intrinsics:
+    """The lens of a photo that opf_undistort made."""
+    return replace(lens, lens="pinhole", distortion=())
 
 
 def _pose(file: Path, where: str, camera: dict) -> np.ndarray:
