@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from .bake import fill_texture, gather
 from .files import write_exr, write_fine_png, write_ply, write_png
 from .gltf import write_glb
 from .metallic import metallic_workflow
+from .photo_detail import FINER, Surface, View, with_photo_detail
 from .settings import AssetSettings
 from .surface import SurfaceField, extract_surface
 from .tangent import encode_normals, texel_frames
@@ -37,7 +38,7 @@ TEXTURES = {
 def build_asset(
     field: SurfaceField, environment: np.ndarray, level: float, folder: Path,
     settings: AssetSettings, progress: Callable[[float, str], None], name: str,
-    placement: np.ndarray,
+    placement: np.ndarray, views: Sequence[View] = (),
 ) -> dict[str, Any]:  # fmt: skip
     """Write mesh.ply, textures, environment.exr and asset.glb; returns their part of the manifest.
 
@@ -50,6 +51,7 @@ def build_asset(
         name: of the object in asset.glb.
         placement: [4, 4] similarity from the field's world to the GLB's, which has +Z up until it is
             written.
+        views: photos, and cameras in the field's world, whose detail the albedo gets.
 
     Raises:
         EmptySurfaceError: the field has no surface.
@@ -68,8 +70,12 @@ def build_asset(
     points = texels.interpolate(unwrapped, unwrapped.positions)
     outward = texels.interpolate(unwrapped, unwrapped.normals)
     outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
+    spacing = float(np.sqrt(mesh.area / len(points)))
+    if spacing > FINER * field.voxel:
+        views = ()
+    baking = 0.2 if views else 0.35
     samples = gather(
-        field, points, outward, settings, lambda done: progress(0.5 + 0.35 * done, "baking")
+        field, points, outward, settings, lambda done: progress(0.5 + baking * done, "baking")
     )
     known = field.known(vertices, facing)
     around = spread_into_unknown(mesh, at_vertices, known)
@@ -77,6 +83,12 @@ def build_asset(
         samples, around, known, unwrapped, texels,
         lambda chosen: field.known(points[chosen], outward[chosen]),
     )  # fmt: skip
+    if views:
+        surface = Surface(points, outward, spacing, field.voxel, samples.f0)
+        samples = with_photo_detail(
+            samples, surface, field.diffuse_response(points, samples.normals, samples.f0), views,
+            lambda done: progress(0.7 + 0.15 * done, "detail of the photos"),
+        )  # fmt: skip
     progress(0.85, "writing files")
 
     def texture(values: np.ndarray) -> np.ndarray:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,15 @@ import numpy as np
 import torch
 
 from ..capture.camera import Camera
+from ..capture.capture import evenly_taken
 from ..render.image import ray_peaks
-from ..render.scene import RenderSettings, Scene
+from ..render.probing import refresh_probes
+from ..render.scene import RenderSettings, Scene, SharedTables
+from ..render.shade import diffuse_fresnel
 from .build import build_asset
 from .errors import EmptySurfaceError
 from .far_light import light_from_afar
+from .photo_detail import View, are_finer
 from .settings import AssetSettings
 from .sight import cosines_seen_by
 
@@ -22,6 +27,11 @@ MAX_RAYS = 400_000
 MIN_BORDER_RAYS = 50
 FEWEST_PHOTOS = 3
 """that must show a place for it to be seen: what one or two show, they would show at many a depth"""
+MOST_TURNS = 8
+"""of a turntable, whose lights are taken in the mean"""
+USUAL_COSINE = 0.8
+"""between normals and the ways to cameras that face them"""
+POINTS_AT_ONCE = 1 << 17
 LEAST_COSINES = 0.5
 """sum of the cosines at which photos show a place, from which on they tell of what it is made"""
 
@@ -74,6 +84,31 @@ class SceneSurface:
         materials = self._field.materials(self._field.features(self._box_points(points)))
         return tuple(values.cpu().numpy() for values in materials)
 
+    @torch.no_grad()
+    def diffuse_response(
+        self, points: np.ndarray, normals: np.ndarray, f0: np.ndarray
+    ) -> np.ndarray:
+        """Diffuse radiance [N, 3] that surfaces of an albedo of 1 send; all [N, 3].
+
+        On a turntable, in the mean of its turns.
+        """
+        scene = self._scene
+        some = [self._cameras[i] for i in evenly_taken(len(self._cameras), MOST_TURNS)]
+        turns = (None,) if scene.turntable is None else [scene.turn_for(camera) for camera in some]
+        lights = SharedTables.of(scene, turns).lights
+        response = np.empty((len(points), 3), np.float32)
+        for first in range(0, len(points), POINTS_AT_ONCE):
+            part = slice(first, first + POINTS_AT_ONCE)
+            at, facing, reflecting = (
+                torch.from_numpy(np.ascontiguousarray(values[part])).float().to(scene.device)
+                for values in (points, normals, f0)
+            )
+            light = sum(scene.irradiance(at, None, facing, one) for one in lights) / len(lights)
+            cosine = torch.full_like(at[:, 0], USUAL_COSINE)
+            sent = diffuse_fresnel(reflecting, cosine) * light / math.pi
+            response[part] = sent.cpu().numpy()
+        return response
+
     def seen(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """[N] true where enough photos show the surface at points [N, 3] with outward normals [N, 3]."""
         return self._shown(points, normals, lambda cosines: cosines > 0, FEWEST_PHOTOS)
@@ -98,14 +133,23 @@ class SceneSurface:
         return total >= enough
 
 
+def has_finer_photos(scene: Scene, cameras: Sequence[Camera], asset: AssetSettings) -> bool:
+    """Whether the albedo gets detail from photos: those of most cameras, in the scene's world and at the
+    sizes of the fit, are finer than its field."""
+    middle = scene.field.centre.cpu().numpy()
+    return asset.photo_detail and are_finer(cameras, middle, scene.field.voxel)
+
+
 def asset_of(
     scene: Scene, render: RenderSettings, cameras: list[Camera], folder: Path, asset: AssetSettings,
     progress: Callable[[float, str], None], name: str, placement: np.ndarray,
+    views: Sequence[View] = (),
 ) -> dict[str, Any]:  # fmt: skip
     """Write a scene's asset; returns its part of the manifest (see `build_asset`).
 
     Args:
         cameras: of the photos it was fitted to, in the scene's world, at the sizes it was fitted at.
+        views: photos whose detail the albedo gets (see `has_finer_photos`).
         name: of the object in asset.glb.
         placement: [4, 4] similarity from the scene's world to the GLB's.
 
@@ -114,7 +158,9 @@ def asset_of(
     """
     level = surface_level(scene, render, cameras)
     surface, light = SceneSurface(scene, cameras), light_from_afar(scene, cameras).image()
-    return build_asset(surface, light, level, folder, asset, progress, name, placement)
+    if views and render.diffuse_visibility:
+        refresh_probes(scene)  # those of a fit are of some steps before its end
+    return build_asset(surface, light, level, folder, asset, progress, name, placement, views)
 
 
 def surface_level(scene: Scene, settings: RenderSettings, cameras: list[Camera]) -> float:

@@ -16,6 +16,8 @@ class AssetSettings:
     """triangles after decimation"""
     texture_size: int = 1024
     """texels per edge of each texture"""
+    photo_detail: bool = True
+    """the albedo gets from the photos what is finer than the field's voxels, where their pixels are"""
     floater_share: float = 0.01
     """connected parts with less than this share of the largest part's area are dropped, unless photos show
     most of them and they are more than dust"""

@@ -48,6 +48,11 @@ class SurfaceField(Protocol):
     def materials(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Albedo [N, 3], GGX α [N], F0 [N, 3]."""
 
+    def diffuse_response(
+        self, points: np.ndarray, normals: np.ndarray, f0: np.ndarray
+    ) -> np.ndarray:
+        """Diffuse radiance [N, 3] that surfaces of an albedo of 1 send; all [N, 3]."""
+
 
 def extract_surface(field: SurfaceField, level: float, settings: AssetSettings) -> trimesh.Trimesh:
     """The decimated isosurface of extinction `level` in world coordinates, normals outward.

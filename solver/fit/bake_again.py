@@ -9,12 +9,13 @@ import numpy as np
 
 from .. import __version__
 from ..asset.export import new_folder
-from ..asset.from_scene import asset_of
+from ..asset.from_scene import asset_of, has_finer_photos
 from ..capture.placement import counted_from
 from ..job.folder import JobFolder, write_json_atomic
 from ..job.inputs import capture_of, placement_of
 from .errors import SettingsError
-from .load import load_job
+from .exposure import photo_views
+from .load import held_out_photos, load_job, log_gain_of_job
 from .settings import overridden
 
 
@@ -47,10 +48,13 @@ def bake_again(
     placement = manifest.get("placement")
     if placement is None:  # a result from before there was one
         placement = counted_from(placement_of(job.request, capture), scene.origin)
+    views = []
+    if has_finer_photos(scene, cameras, settings.asset):
+        views = photo_views(cameras, held_out_photos(job, capture, settings), log_gain_of_job(job))
     with new_folder(out) as part:
         parts = asset_of(
             scene, settings.render, cameras, part, settings.asset, progress, job.root.name,
-            np.asarray(placement, dtype=np.float64),
+            np.asarray(placement, dtype=np.float64), views,
         )  # fmt: skip
         del parts["triangles"]
         manifest.pop("report", None)

@@ -147,6 +147,15 @@ def _tensors_of(path: Path) -> dict[str, torch.Tensor]:
         raise _damaged(path, error) from error
 
 
+def read_tensor(folder: Path, name: str) -> torch.Tensor | None:
+    """One tensor of a checkpoint; None if it has none of this name.
+
+    Raises:
+        JobError: it is damaged.
+    """
+    return _tensors_of(folder / TENSORS).get(name)
+
+
 def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str, torch.Tensor]]:
     """The scene of a checkpoint, its JSON state and all its tensors.
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 import torch
 
+from ..asset.photo_detail import View
+from ..capture.camera import Camera
 from ..capture.photos import Photo
 from ..metrics.scale import LeastSquaresFactor
 from ..render.image import RenderedView
@@ -63,6 +66,21 @@ class Exposures:
         self.optimiser.restore(
             {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
         )
+
+
+def photo_views(
+    cameras: Sequence[Camera], photos: Sequence[Photo], log_gain: torch.Tensor | None
+) -> list[View]:
+    """Photos as the asset looks at them, of cameras in the scene's world.
+
+    Args:
+        log_gain: [P, 1 or 3] logarithms of the photos' exposures; None: all are alike.
+    """
+    gains = np.ones((len(photos), 3)) if log_gain is None else log_gain.exp().cpu().numpy()
+    return [
+        View(camera, photo.pixels, photo.is_hdr, gain)
+        for camera, photo, gain in zip(cameras, photos, gains, strict=True)
+    ]
 
 
 def brought_to(view: RenderedView, photo: Photo, background: str, kind: str) -> RenderedView:

@@ -49,6 +49,15 @@ def background_of_job(job: JobFolder) -> str:
     return checkpoint.read_state(job.checkpoint_dir)["background"]
 
 
+def log_gain_of_job(job: JobFolder) -> torch.Tensor | None:
+    """Logarithms [P, C] of the exposures of a job's photos; None: it has not looked for any.
+
+    Raises:
+        JobError: no checkpoint.
+    """
+    return checkpoint.read_tensor(job.checkpoint_dir, "exposures.log_gain")
+
+
 def held_out_photos(job: JobFolder, capture: Capture, settings: Settings) -> list[Photo]:
     """Photos to compare a job's pictures with, loaded and cut out as those of its fit were.
 

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from .. import __version__
-from ..asset.from_scene import asset_of
+from ..asset.from_scene import asset_of, has_finer_photos
 from ..capture.capture import Capture
 from ..capture.photos import Photo, at_sizes_of, load_photos
 from ..capture.placement import counted_from
@@ -26,6 +26,7 @@ from ..kernels.compile_ahead import compile_ahead
 from . import checkpoint
 from .clock import FitClock
 from .devices import choose_device, device_at_hand
+from .exposure import photo_views
 from .isolation import Isolated, isolated
 from .presets import settings_for
 from .preview import write_previews
@@ -117,9 +118,12 @@ def run_job(
     left = None
     if request.time_limit is not None:
         left = request.time_limit - before - (time.monotonic() - started)
+    scene = trainer.scene
+    cameras = [camera.seen_from(scene.origin) for camera in capture.cameras]
     finish = finish_within(
-        request.time_limit, trainer.scene, settings, capture.cameras if trainer.fog else ()
-    )
+        request.time_limit, scene, settings, capture.cameras if trainer.fog else (),
+        len(cameras) if has_finer_photos(scene, cameras, settings.asset) else 0,
+    )  # fmt: skip
     limit = None
     if left is not None:
         limit = limit_of_fit(request.time_limit, left, finish, trainer, progress)
@@ -132,8 +136,6 @@ def run_job(
     # What is there is not complete from here on, until its manifest is written again.
     job.manifest_path.unlink(missing_ok=True)
     progress.stage("asset", "mesh and textures")
-    scene = trainer.scene
-    cameras = [camera.seen_from(scene.origin) for camera in capture.cameras]
     less = finish.what_is_less(settings)
     if less is not None:
         progress.warning(less)
@@ -141,6 +143,7 @@ def run_job(
         scene, settings.render, cameras, job.result_dir,
         replace(settings.asset, texture_size=finish.texture_size), told, job.root.name,
         counted_from(placement, scene.origin),
+        photo_views(cameras, photos, trainer.log_gain) if finish.photo_detail else (),
     )  # fmt: skip
 
     progress.stage("report", "report")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import torch
 
+from ..asset.photo_detail import MOST_VIEWS
 from ..capture.camera import Camera
 from ..job.events import clock
 from ..job.progress import Progress
@@ -22,6 +23,8 @@ from .trainer import Trainer
 # for what does not depend on the textures (measured: 18 s where a lookup takes 0.29 µs).
 _LOOKUPS_PER_TEXEL = 30.0
 _OTHER_LOOKUPS = 30_000_000
+# A photo whose detail textures get (measured: 0.25 s of 1024² texels where a lookup takes 0.29 µs).
+_LOOKUPS_PER_TEXEL_OF_A_PHOTO = 0.8
 # Without masks each pixel of the report shows something, and the surface is looked at from all photos
 # (measured on *fox*: 40 to 60 s with the rest, the more the longer the fit was).
 _LOOKUPS_PER_SHOWN_PIXEL, _LOOKUPS_PER_PHOTO = 800, 1_100_000
@@ -51,11 +54,13 @@ class Finish:
 
     Attributes:
         texture_size: texels per edge. report_pixels: of a view of the report, at most.
+        photo_detail: whether the albedo gets detail from photos.
         seconds, lookup: for all of that, and for a lookup of the surface here; 0 where there is no limit.
     """
 
     texture_size: int
     report_pixels: int
+    photo_detail: bool
     seconds: float
     lookup: float
 
@@ -72,26 +77,31 @@ class Finish:
 
 
 def finish_within(
-    limit: float | None, scene: Scene, settings: Settings, cameras: Sequence[Camera] = ()
-) -> Finish:
+    limit: float | None, scene: Scene, settings: Settings, cameras: Sequence[Camera] = (),
+    finer_photos: int = 0,
+) -> Finish:  # fmt: skip
     """Mesh, textures and report as a time limit leaves room for them; a trial of lookups tells how long
     they take.
 
     Args:
         limit: seconds for the whole job; None: there is none, and nothing is tried.
         cameras: of the photos, where these have no masks.
+        finer_photos: how many there are whose detail the albedo gets.
     """
     lookup = 0.0 if limit is None else _seconds_of_a_lookup(scene)
+    finer_photos = min(finer_photos, MOST_VIEWS)
     for shrink, fewer in _HURRIES:
+        detail = finer_photos > 0 and shrink == 1
         size = max(round(settings.asset.texture_size * shrink), _LEAST_TEXTURE)
         size, pixels = min(size, settings.asset.texture_size), round(MOST_PIXELS * fewer)
         lookups = _LOOKUPS_PER_TEXEL * size**2 + _OTHER_LOOKUPS
+        lookups += _LOOKUPS_PER_TEXEL_OF_A_PHOTO * size**2 * finer_photos * detail
         shown = sum(min(c.width * c.height, pixels) for c in cameras[:VIEWS])
         lookups += _LOOKUPS_PER_SHOWN_PIXEL * shown + _LOOKUPS_PER_PHOTO * len(cameras)
         if scene.environment.floor is not None:
             lookups += _LOOKUPS_OF_FLOOR
         beside = 0.0 if limit is None or scene.device.type == "cpu" else _SECONDS_BESIDE_A_CARD
-        finish = Finish(size, pixels, lookups * lookup + beside, lookup)
+        finish = Finish(size, pixels, detail, lookups * lookup + beside, lookup)
         # Of what the processor does beside a card, smaller textures and pictures spare nothing.
         if limit is None or finish.seconds - beside <= FINISHING * limit:
             break

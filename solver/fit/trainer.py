@@ -247,7 +247,7 @@ class Trainer:
         # Each step under turned lights has tables of them all.
         steps = steps if self.turns is None else 1
         plan = self._plan(pixel_grid(self.settings, self.fraction))
-        random, log_gain = self.random.at(self.step), self._log_gain()
+        random, log_gain = self.random.at(self.step), self.log_gain
         drawn = [self.pixels.draw(plan.sizes) for _ in range(steps)]
         return [(self.pixels.chunks(plan, some, random, log_gain), some.turns) for some in drawn]
 
@@ -274,7 +274,7 @@ class Trainer:
         """Add a step's gradients to those of the scene; returns what chunks found, and whether their counts
         are those of the step."""
         drawn = self.pixels.draw(plan.sizes)
-        log_gain = self._log_gain()
+        log_gain = self.log_gain
         if self.replay is None:
             chunks = self.pixels.chunks(plan, drawn, self.random.at(self.step), log_gain)
             return add_gradients(self.scene, self.loss, chunks, drawn.turns), True
@@ -290,7 +290,8 @@ class Trainer:
             compute, self.optimiser.clear, drawn.pixels, drawn.colours, streams
         )  # fmt: skip
 
-    def _log_gain(self) -> torch.Tensor | None:
+    @property
+    def log_gain(self) -> torch.Tensor | None:
         """[photos, C] of the photos' exposures, where those are found."""
         return None if self.exposures is None else self.exposures.log_gain.detach()
 
