@@ -1,10 +1,13 @@
-"""What the command line takes: texts to values. All raise ArgumentTypeError with what is wrong."""
+"""What the command line takes: texts to values, all raising ArgumentTypeError with what is wrong; paths."""
 
 from __future__ import annotations
 
 import argparse
 import math
 from collections.abc import Callable
+from pathlib import Path
+
+from .job.folder import JobError
 
 
 def placement(text: str) -> tuple[float, ...]:
@@ -45,3 +48,21 @@ def number(text: str) -> float:
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"'{text}' is no number")
     return value
+
+
+def check_names(options: argparse.Namespace) -> None:
+    """Raises: JobError: a path has bytes that no text has, as Linux allows; not all libraries open it."""
+    for value in vars(options).values():
+        for path in value if isinstance(value, list) else [value]:
+            if isinstance(path, Path) and not _is_text(str(path.absolute())):
+                raise JobError(
+                    f"{path.absolute()}: the name has bytes that are no UTF-8 (escaped here); rename it."
+                )
+
+
+def _is_text(name: str) -> bool:
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True

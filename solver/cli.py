@@ -7,26 +7,21 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import io
 import math
 import os
-import select
-import sys
 import time
-from contextlib import suppress
 from pathlib import Path
-from typing import TextIO
 
 from . import __version__
-from .arguments import placement, seconds, whole_number
+from .arguments import check_names, placement, seconds, whole_number
 from .cameras.command import add_frames, add_solve
-from .job.events import say
 from .job.exit_codes import CANCELLED, DONE, FAILED
 from .job.folder import DEVICES, MOST_SEED, JobError, JobFolder, JobRequest, overrides_of
 from .job.resume import take_up
 from .job.status import process_is_alive, read_status
 from .preflight.command import add_check, add_pictures
 from .session import KNOWN_FAILURES, explain, session
+from .streams import escape_missing_letters, nobody_reads, print_result, say
 from .threads import prepare_runtimes
 
 MOST_RAYS = 1 << 16
@@ -37,18 +32,15 @@ DECODER = "fit.decoder"
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; returns the exit code."""
-    for stream in (sys.stdout, sys.stderr):
-        # A path with letters that a console does not have must not end a run that is done.
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
+    escape_missing_letters()
     options = _parser().parse_args(arguments)
     options.began = time.monotonic()
     prepare_runtimes()
     try:
-        _check_names(options)
+        check_names(options)
         return options.run(options)
     except Exception as error:
-        if isinstance(error, BrokenPipeError) and _nobody_reads():
+        if isinstance(error, BrokenPipeError) and nobody_reads():
             return FAILED
         code, message = explain(error)
         if code == FAILED and not isinstance(error, KNOWN_FAILURES):
@@ -56,49 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
         say(message)
         return code
     finally:
-        _nobody_reads()
-
-
-def _check_names(options: argparse.Namespace) -> None:
-    """Raises: JobError: a path has bytes that no text has, as Linux allows; not all libraries open it."""
-    for value in vars(options).values():
-        for path in value if isinstance(value, list) else [value]:
-            if isinstance(path, Path) and not _is_text(str(path.absolute())):
-                raise JobError(
-                    f"{path.absolute()}: the name has bytes that are no UTF-8 (escaped here); rename it."
-                )
-
-
-def _is_text(name: str) -> bool:
-    try:
-        name.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
-
-
-def _nobody_reads() -> bool:
-    """Whether who read what is printed has gone, as `head` does; then Python's exit says no more of it."""
-    try:
-        if sys.stdout is not None:
-            sys.stdout.flush()
-            return _has_hung_up(sys.stdout)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return True
-    return False
-
-
-def _has_hung_up(stream: TextIO) -> bool:
-    """Whether nobody reads a pipe, as far as the system tells: unbuffered, it has nothing to flush."""
-    if not hasattr(select, "poll"):  # on Windows
-        return False
-    try:
-        pipe = select.poll()
-        pipe.register(stream.fileno(), select.POLLERR)
-    except (OSError, ValueError):  # what stands in for it has no number
-        return False
-    return any(state & (select.POLLERR | select.POLLHUP) for _, state in pipe.poll(0))
+        nobody_reads()
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -222,12 +172,6 @@ def _reconstruct(options: argparse.Namespace) -> int:
     return _run_job(JobFolder.create(options.out, request), options.began)
 
 
-def _say(result: object) -> None:
-    """Print what a command that is done has to say, also if whoever read it has gone, as `head` does."""
-    with suppress(BrokenPipeError):
-        print(result, flush=True)
-
-
 def _overrides(sets: list[str]) -> dict[str, str]:
     """As `overrides_of`; a path holds from wherever the job is run later."""
     overrides = overrides_of(sets)
@@ -257,7 +201,7 @@ def _run_job(job: JobFolder, began: float, events: bool = False, has_parent: boo
     if run.code == CANCELLED:
         say(f"Cancelled; continue with --resume ({job.root}).")
     elif not events:
-        _say(manifest)
+        print_result(manifest)
     return run.code
 
 
@@ -311,7 +255,7 @@ def _export(options: argparse.Namespace) -> int:
             bake_again(job, out, overrides, told)
     else:
         export_result(job, out)
-    _say(out)
+    print_result(out)
     return DONE
 
 
@@ -323,7 +267,7 @@ def _compile(options: argparse.Namespace) -> int:
     with plain_bar() as told:
         for device in dict.fromkeys(("cpu", choose_device("auto"))):
             compile_ahead(device, lambda done: told(done, "compiling"))
-    _say("The solver's loops are compiled.")
+    print_result("The solver's loops are compiled.")
     return DONE
 
 

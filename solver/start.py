@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 
 from .interrupts import listen, stop_listening, was_interrupted
-from .job.events import say
 from .job.exit_codes import BAD_INPUT, CANCELLED
+from .streams import open_standard_streams, say
 
 REQUIREMENTS = Path(__file__).with_name("requirements.txt")
 
@@ -27,23 +26,6 @@ def start() -> int:
         raise
     finally:
         stop_listening()
-
-
-def open_standard_streams() -> None:
-    """Let standard streams that a process was started without lead nowhere.
-
-    Else the first files that are opened get their numbers, and what a library writes to number 2, an
-    error's, goes into a file of the job's.
-    """
-    for number, name in enumerate(("stdin", "stdout", "stderr")):
-        if getattr(sys, name) is None:
-            nowhere = os.open(os.devnull, os.O_RDWR)
-            if nowhere != number:
-                os.dup2(nowhere, number)
-                os.close(nowhere)
-            setattr(
-                sys, name, open(number, "w" if number else "r", encoding="utf-8", closefd=False)
-            )
 
 
 def _start() -> int:

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from ..arguments import whole_number
 from ..capture.errors import CaptureError
-from ..job.events import say
 from ..job.exit_codes import CANCELLED
 from ..job.status import process_is_alive, read_status
 from ..session import Session, passing_session, session
+from ..streams import say
 from .folder import (
     CAMERA_MODELS,
     FEWEST_PHOTOS,

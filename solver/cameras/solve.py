@@ -6,7 +6,6 @@ and what a stopped or killed solve has put into the database is not computed aga
 
 from __future__ import annotations
 
-import os
 import shutil
 import threading
 import time
@@ -22,6 +21,7 @@ from ..capture.mask_finder import none_fits
 from ..capture.photo_matches import quiet_colmap
 from ..job.control import Cancelled, Control
 from ..job.progress import Progress
+from ..streams import silent_stderr
 from ..threads import usable_cores
 from .database import evidence_of, numbers, opened, register
 from .diagnosis import Evidence, unplaced
@@ -31,15 +31,13 @@ from .model import finish_model
 from .output import write_cameras
 from .pairs import pairs_of
 from .prepare import Prepared, look_at, write_prepared
+from .room import check_room
 from .walk import misled, walked_model
 
 SHARES = {"features": 0.3, "matching": 0.45, "mapping": 0.2, "adjustment": 0.05}
 SHARES_OF_VIDEO = {"video": 0.15} | {stage: 0.85 * share for stage, share in SHARES.items()}
 FEWEST_FEATURES = 16
 _BLOCK_SECONDS = 2.0
-_LEAST_ROOM = 64 << 20
-"""bytes on the disk without which nothing more is begun: COLMAP aborts the process when its database cannot
-grow, and the database its log"""
 
 
 @dataclass(frozen=True)
@@ -144,13 +142,7 @@ class Solver:
         """Whether to go on, also with so many pictures that lie in the folder for a while."""
         if self.control.should_stop:
             raise Cancelled
-        needed = _LEAST_ROOM + pictures * 3 * self.request.max_image_size**2
-        free = shutil.disk_usage(self.folder.root).free
-        if free < needed:
-            raise CaptureError(
-                self.folder.root, "", f"the disk is full: {free >> 20} MB are free, and {needed >> 20} MB "
-                "are needed", "free space, and the same command continues",
-            )  # fmt: skip
+        check_room(self.folder.root, pictures, self.request.max_image_size)
 
     def _features(self, photos: list[Prepared]) -> None:
         """SIFT features of all photos that have none yet."""
@@ -284,7 +276,7 @@ class Solver:
         self.progress.stage("adjustment", "adjusting all cameras")
         options = self.colmap.BundleAdjustmentOptions()
         options.print_summary = False
-        with _silent():
+        with silent_stderr():
             self.colmap.bundle_adjustment(model, options, cancellation_token=self.token)
         self._check()
         self.progress.fraction(1.0, "cameras solved")
@@ -301,16 +293,3 @@ class Solver:
         problem, remedy = unplaced(self._evidence(photos), placed_in(model))
         write_cameras(self.folder, Path(self.request.photos), cameras)
         return Solved(len(photos), len(cameras), points, f"{problem}; {remedy}" if problem else "")
-
-
-@contextmanager
-def _silent() -> Iterator[None]:
-    """Without what native code writes to stderr: pycolmap 4.2's bundle adjustment turns its log on."""
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 2)
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)

@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from .events import say
+from ..streams import say
 from .exit_codes import CANCELLED
 from .standard_input import next_bytes
 

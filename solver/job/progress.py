@@ -9,7 +9,8 @@ from contextlib import contextmanager
 
 from tqdm import tqdm
 
-from .events import EventStream, clock, say
+from ..streams import say
+from .events import EventStream, clock
 from .status import Heartbeat
 
 # Shares of the whole run, for one bar over all stages (draft on two cores).

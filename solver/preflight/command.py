@@ -8,10 +8,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..job.events import say
 from ..job.exit_codes import CANCELLED, DONE
 from ..job.folder import DEVICES, JobFolder
 from ..session import passing_session
+from ..streams import say
 
 if TYPE_CHECKING:
     import numpy as np

@@ -227,9 +227,7 @@ def test_standard_streams_that_are_closed_change_nothing(command, code):
 
 @pytest.mark.skipif(os.name == "nt", reason="closed by a shell of POSIX")
 def test_no_file_gets_the_number_of_a_standard_stream_that_is_closed():
-    script = (
-        "import os, solver.start; solver.start.open_standard_streams(); os._exit(os.dup(0) != 3)"
-    )
+    script = "import os, solver.streams; solver.streams.open_standard_streams(); os._exit(os.dup(0) != 3)"
     assert (
         subprocess.run(
             f'"{sys.executable}" -c "{script}" <&- >&- 2>&-', shell=True, cwd=ROOT

@@ -162,7 +162,8 @@ def test_what_libraries_print_never_reaches_the_event_stream(tmp_path):
 import os, sys
 sys.path.insert(0, {str(ROOT)!r})
 from pathlib import Path
-from solver.job.events import EventStream, take_stdout_for_events
+from solver.job.events import EventStream
+from solver.streams import take_stdout_for_events
 stream = take_stdout_for_events()
 out = EventStream(Path({str(tmp_path / "events.jsonl")!r}), stream)
 print("a library's banner", flush=True)

@@ -1,0 +1,95 @@
+"""Standard streams as a process finds them: closed, lacking letters, or with nobody at the other end."""
+
+from __future__ import annotations
+
+import io
+import os
+import select
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import TextIO
+
+
+def open_standard_streams() -> None:
+    """Let standard streams that a process was started without lead nowhere.
+
+    Else the first files that are opened get their numbers, and what a library writes to number 2, an
+    error's, goes into a file of the job's.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            if nowhere != number:
+                os.dup2(nowhere, number)
+                os.close(nowhere)
+            setattr(
+                sys, name, open(number, "w" if number else "r", encoding="utf-8", closefd=False)
+            )
+
+
+def escape_missing_letters() -> None:
+    """A path with letters that a console does not have must not end a run that is done."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def say(text: str) -> None:
+    """Tell a person on stderr, if anybody listens there still."""
+    with suppress(OSError, ValueError):
+        print(text, file=sys.stderr, flush=True)
+
+
+def print_result(result: object) -> None:
+    """Print what a command that is done has to say, also if whoever read it has gone, as `head` does."""
+    with suppress(BrokenPipeError):
+        print(result, flush=True)
+
+
+def nobody_reads() -> bool:
+    """Whether who read what is printed has gone, as `head` does; then Python's exit says no more of it."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+            return _has_hung_up(sys.stdout)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return True
+    return False
+
+
+def _has_hung_up(stream: TextIO) -> bool:
+    """Whether nobody reads a pipe, as far as the system tells: unbuffered, it has nothing to flush."""
+    if not hasattr(select, "poll"):  # on Windows
+        return False
+    try:
+        pipe = select.poll()
+        pipe.register(stream.fileno(), select.POLLERR)
+    except (OSError, ValueError):  # what stands in for it has no number
+        return False
+    return any(state & (select.POLLERR | select.POLLHUP) for _, state in pipe.poll(0))
+
+
+def take_stdout_for_events() -> TextIO:
+    """Reserve file descriptor 1 for events and send every other print to stderr.
+
+    Call before libraries are imported that might print.
+    """
+    sys.stdout.flush()
+    stream = os.fdopen(os.dup(1), "w", encoding="utf-8", newline="\n")
+    os.dup2(2, 1)
+    return stream
+
+
+@contextmanager
+def silent_stderr() -> Iterator[None]:
+    """Without what native code writes to stderr: pycolmap 4.2's bundle adjustment turns its log on."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
