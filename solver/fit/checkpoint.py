@@ -49,7 +49,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     """Write the trainer's state; a reader finds the old or the new checkpoint, never a mixture.
 
     Args:
-        seconds: wall time the fit has taken so far. done: the fit is over.
+        seconds: wall time the job has taken so far, whenever it ran. done: the fit is over.
 
     Raises:
         JobError, OSError: it cannot be written; the last one stays.
@@ -131,6 +131,13 @@ def read_state(folder: Path) -> dict | None:
         return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
     except ValueError as error:
         raise _damaged(path, error) from error
+
+
+def keep_seconds(folder: Path, seconds: float) -> None:
+    """Let a checkpoint, if there is one, know what the job has taken since it was written."""
+    state = read_state(folder)
+    if state is not None:
+        write_json_atomic(folder / STATE, {**state, "seconds": seconds})
 
 
 def _damaged(path: Path, error: Exception) -> JobError:

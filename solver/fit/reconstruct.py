@@ -53,13 +53,23 @@ def run_job(
 
     Args:
         began: when it was asked for, by `time.monotonic`: a time limit counts from there, imports
-            included. None: now.
+            included, and what the job took before it was stopped. None: now.
 
     Raises:
         CaptureError, JobError, SettingsError: bad input.
         Cancelled: asked to stop.
     """
-    started = time.monotonic() if began is None else began
+    state = checkpoint.read_state(job.checkpoint_dir)
+    began = (time.monotonic() if began is None else began) - (state["seconds"] if state else 0.0)
+    try:
+        return _run(job, progress, control, began)
+    except Cancelled:
+        checkpoint.keep_seconds(job.checkpoint_dir, time.monotonic() - began)
+        raise
+
+
+def _run(job: JobFolder, progress: Progress, control: Control, began: float) -> Path:
+    """As `run_job`; it began when it would have been, had it never been stopped."""
 
     def told(done: float, text: str = "") -> None:
         progress.fraction(done, text)
@@ -114,10 +124,9 @@ def run_job(
     _stop_if_asked(control)
 
     progress.stage("fit")
-    before = state["seconds"] if state else 0.0
     left = None
     if request.time_limit is not None:
-        left = request.time_limit - before - (time.monotonic() - started)
+        left = request.time_limit - (time.monotonic() - began)
     scene = trainer.scene
     cameras = [camera.seen_from(scene.origin) for camera in capture.cameras]
     finish = finish_within(
@@ -128,7 +137,7 @@ def run_job(
     if left is not None:
         limit = limit_of_fit(request.time_limit, left, finish, trainer, progress)
     if not (state and state["done"]):
-        fit(trainer, job, progress, control, limit, before)
+        fit(trainer, job, progress, control, limit, began)
     short_of = too_few_steps(trainer.step, settings.fit.steps, trainer.fog)
     if short_of is not None:
         progress.warning(short_of)
@@ -148,7 +157,7 @@ def run_job(
 
     progress.stage("report", "report")
     numbers = {
-        "seconds": round(before + time.monotonic() - started, 1), "steps": trainer.step,
+        "seconds": round(time.monotonic() - began, 1), "steps": trainer.step,
         "photos": len(photos), "triangles": parts.pop("triangles"),
     }  # fmt: skip
     report = write_job_report(
@@ -194,13 +203,13 @@ def _at_start(
 
 def fit(
     trainer: Trainer, job: JobFolder, progress: Progress, control: Control,
-    limit: float | None, seconds_before: float,
+    limit: float | None, began: float,
 ) -> None:  # fmt: skip
     """Optimise to the end of the schedule, with previews and checkpoints on the way.
 
     Args:
         limit: seconds of wall time for this fit, or None to count steps.
-        seconds_before: time a resumed fit took already.
+        began: when the job did, by `time.monotonic`, or would have, had it never been stopped.
 
     Raises:
         Cancelled: asked to stop; a checkpoint is written first.
@@ -211,7 +220,7 @@ def fit(
     last_preview = last_checkpoint = time.monotonic()
     smooth_error, preview_took = None, 0.0
     while True:
-        now, elapsed, done = time.monotonic(), timer.elapsed, timer.fraction(trainer.step)
+        now, done = time.monotonic(), timer.fraction(trainer.step)
         if done >= 1:
             break
         terms = trainer.advance(done)
@@ -226,9 +235,7 @@ def fit(
         psnr = -10 * math.log10(max(smooth_error, LEAST_ERROR))
         progress.fit(trainer.step, steps, done, timer.seconds_left(trainer.step), psnr)
         if control.should_stop:
-            checkpoint.save_checkpoint(
-                trainer, job.checkpoint_dir, seconds_before + elapsed, done=False
-            )
+            checkpoint.save_checkpoint(trainer, job.checkpoint_dir, now - began, done=False)
             progress.checkpoint(trainer.step)
             raise Cancelled
         if now - last_preview > max(settings.fit.preview_every, PREVIEW_PAUSE * preview_took):
@@ -238,13 +245,11 @@ def fit(
         if now - last_checkpoint > settings.fit.checkpoint_every:
             # On Windows somebody may have the last one open, and lets go of it before another.
             with suppress(PermissionError):
-                checkpoint.save_checkpoint(
-                    trainer, job.checkpoint_dir, seconds_before + elapsed, done=False
-                )
+                checkpoint.save_checkpoint(trainer, job.checkpoint_dir, now - began, done=False)
                 progress.checkpoint(trainer.step)
             last_checkpoint = time.monotonic()
     trainer.finish()
-    seconds = seconds_before + timer.elapsed
+    seconds = time.monotonic() - began
     checkpoint.save_checkpoint(trainer, job.checkpoint_dir, seconds, done=True)
     progress.checkpoint(trainer.step)
     _show(trainer, job, progress)

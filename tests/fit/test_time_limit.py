@@ -4,10 +4,13 @@ import dataclasses
 import math
 import time
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
+from solver.fit import reconstruct
 from solver.fit.batching import Batching
+from solver.fit.checkpoint import read_state
 from solver.fit.presets import DRAFT
 from solver.fit.time_limit import (
     Finish,
@@ -17,7 +20,10 @@ from solver.fit.time_limit import (
     seconds_to_fit,
     too_few_steps,
 )
+from solver.job.control import Cancelled
+from solver.job.folder import JobFolder, JobRequest
 from tests.capture.test_capture import camera
+from tests.cli.command import DUCK, TINY
 from tests.fit.test_standing import Heard
 from tests.render.scenes import ball
 
@@ -114,3 +120,38 @@ def test_a_lookup_takes_time_whatever_the_coarsest_clock_says(monkeypatch):
     monkeypatch.setattr(time, "monotonic", lambda: 1000.0)
     finish = finish_within(math.inf, ball(), DRAFT)
     assert finish.lookup > 0 and seconds_from_fog(finish.lookup) > 0
+
+
+def test_a_limit_counts_what_a_job_took_each_time_it_was_run_start_up_included(
+    tmp_path, monkeypatch
+):
+    """A fixed bug: of runs that were stopped only the fit's seconds were known to those that went on."""
+    overrides = dict(text.split("=") for text in [*TINY[1::2], "fit.steps=9000"])
+    request = JobRequest(str(DUCK), overrides=overrides, time_limit=1000)
+    job = JobFolder.create(tmp_path / "job", request)
+    left = []
+
+    def told(whole, seconds, *_):
+        left.append(seconds)
+        return 600.0
+
+    monkeypatch.setattr(reconstruct, "limit_of_fit", told)
+
+    def stopped(stage, began_before):
+        """Run the job until this stage; it was asked for so many seconds ago."""
+        progress, control = Mock(), SimpleNamespace(should_stop=False)
+
+        def begun(name, *_):
+            control.should_stop = name == stage
+
+        progress.stage.side_effect = begun
+        asked = time.monotonic() - began_before
+        with pytest.raises(Cancelled):
+            reconstruct.run_job(job, progress, control, asked)
+        return time.monotonic() - asked
+
+    took = 0.0
+    for stage, start_up in (("fit", 100), ("geometry", 30), ("fit", 200)):
+        took += stopped(stage, start_up)
+        assert read_state(job.checkpoint_dir)["seconds"] == pytest.approx(took, abs=1.0)
+    assert left[0] < 900 and left[1] < 1000 - 100 - 30 - 200
