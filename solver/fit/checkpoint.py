@@ -13,7 +13,6 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
 from ..brdf.neural import NeuralTerm
-from ..capture.errors import listed
 from ..capture.turntable import Turntable
 from ..field.field import MicrofacetField
 from ..field.room import Room
@@ -24,6 +23,7 @@ from ..light.irradiance import Arriving
 from ..render.probes import Nodes
 from ..render.probing import PASSING_STEPS
 from ..render.scene import Scene
+from .same_photos import COLOURS, check_exposed
 from .settings import Settings
 from .trainer import Trainer
 
@@ -40,8 +40,6 @@ BEFORE = {
     },
 }  # fmt: skip
 """settings as they were, in effect, before there was such a setting"""
-SAME_COLOUR = 0.002
-"""between two mean colours of a photo, sRGB-encoded: decoders differ by less, and another photo by more"""
 TENSORS, STATE = "scene.safetensors", "state.json"
 
 
@@ -63,10 +61,10 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     tensors |= _probe_tensors(scene)
     if trainer.open_detail.share is not None:
         tensors["light.open_detail"] = trainer.open_detail.share
+    tensors[COLOURS] = trainer.bank.mean_colours
     tensors |= {f"optimiser.{key}": value for key, value in trainer.optimiser.state().items()}
     if trainer.exposures is not None:
         tensors |= {f"exposures.{key}": v for key, v in trainer.exposures.state().items()}
-        tensors["photos.mean_colours"] = trainer.bank.mean_colours
     state = {
         "step": trainer.step, "fraction": trainer.fraction,
         "level": trainer.level, "steps_at_level": trainer.steps_at_level,
@@ -253,7 +251,11 @@ def _restore_probes(scene: Scene, tensors: dict[str, torch.Tensor]) -> None:
 
 
 def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> None:
-    """Bring a trainer made with the checkpoint's scene to the checkpoint's state."""
+    """Bring a trainer made with the checkpoint's scene to the checkpoint's state.
+
+    Raises:
+        JobError: its photos are others than those whose exposures the checkpoint knows.
+    """
     trainer.step, trainer.level = state["step"], state["level"]
     # Under a time limit more of the fit is done than the steps say. Jobs of version 0.1 have only those.
     trainer.fraction = state.get("fraction", trainer.step / trainer.settings.fit.steps)
@@ -266,13 +268,7 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> 
         )
     if trainer.exposures is not None:
         prefix = "exposures."
-        known, photos = len(tensors[f"{prefix}log_gain"]), len(trainer.exposures.log_gain)
-        if known != photos:
-            raise JobError(
-                f"The fit knows the exposures of {known} photos, and there are {photos} now; put back "
-                "those that are missing, or begin another job."
-            )
-        _check_photos(trainer, tensors)
+        check_exposed(tensors, len(tensors[f"{prefix}log_gain"]), trainer.bank.mean_colours)
         trainer.exposures.restore(
             {key.removeprefix(prefix): v for key, v in tensors.items() if key.startswith(prefix)}
         )
@@ -285,19 +281,6 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> 
     trainer.batching.restore(state["batching"])
     # A new trainer refreshes the grid; the interrupted one would have done so only later.
     _restore_occupancy(trainer.scene, tensors)
-
-
-def _check_photos(trainer: Trainer, tensors: dict[str, torch.Tensor]) -> None:
-    """Raises: JobError: photos are others than those whose exposures are known."""
-    now = trainer.bank.mean_colours
-    before = tensors.get("photos.mean_colours", now).to(now)  # older jobs have none
-    off = ((now - before).abs() > SAME_COLOUR).any(-1).nonzero()[:, 0].tolist()
-    if off:
-        raise JobError(
-            f"The fit knows the exposures of other photos: {listed([str(i + 1) for i in off])} in the "
-            "order of the cameras, counted from 1, changed since; put back those that were there, or begin "
-            "another job."
-        )
 
 
 def settings_of(state: dict) -> Settings:

@@ -31,6 +31,7 @@ from .isolation import Isolated, isolated
 from .presets import settings_for
 from .preview import write_previews
 from .report import write_job_report
+from .same_photos import what_changed
 from .settings import Settings
 from .snapshots import write_figure, write_snapshot
 from .start import new_trainer, trainer_for
@@ -118,6 +119,10 @@ def _run(job: JobFolder, progress: Progress, control: Control, began: float) -> 
         scene, state, tensors = checkpoint.load_scene(job.checkpoint_dir, device)
         trainer = trainer_for(scene, capture, photos, settings, request.seed, start.light.held)
         checkpoint.restore(trainer, state, tensors)
+        names = [camera.name for camera in capture.cameras]
+        changed = what_changed(tensors, trainer.bank.mean_colours, names)
+        if changed is not None:
+            progress.warning(changed)
     else:
         trainer = _at_start(request, settings, start, region, device, progress, told)
     settings = trainer.settings

@@ -187,6 +187,25 @@ def test_a_fit_of_exposures_does_not_go_on_without_some_of_its_photos_or_with_ot
     assert "exposures of" in result.stderr and "put back" in result.stderr
 
 
+def test_photos_that_changed_while_a_job_rested_are_told(tmp_path):
+    capture = tmp_path / "capture"
+    shutil.copytree(DUCK, capture, ignore=shutil.ignore_patterns("test*", "relight*", "*test.json"))
+    root = tmp_path / "job"
+    few = [*TINY, "--set", "fit.steps=2"]
+    assert solver("reconstruct", capture, "--out", root, *few).returncode == 0
+    first, second = sorted((capture / "train").glob("*.png"))[:2]
+    shutil.copyfile(second, first)
+    result = solver("run", root)
+    assert result.returncode == 0
+    assert result.stderr == (
+        f"Warning: photos changed since the job began ({first.stem}), so its result mixes old and new "
+        "ones.\n"
+    )
+    first.unlink()
+    result = solver("run", root)
+    assert result.returncode == 0 and "and goes on with" in result.stderr, result.stderr
+
+
 def test_a_reader_that_hangs_up_does_not_make_a_finished_run_a_failure(tmp_path, job):
     for unbuffered in ("", "1"):
         out, ours = os.pipe()
