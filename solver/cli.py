@@ -15,6 +15,7 @@ from pathlib import Path
 from . import __version__
 from .arguments import check_names, placement, seconds, whole_number
 from .cameras.command import add_frames, add_solve
+from .interrupts import work_is_done
 from .job.exit_codes import CANCELLED, DONE, FAILED
 from .job.folder import DEVICES, MOST_SEED, JobError, JobFolder, JobRequest, overrides_of
 from .job.resume import take_up
@@ -197,6 +198,7 @@ def _run_job(job: JobFolder, began: float, events: bool = False, has_parent: boo
         from .fit.reconstruct import run_job
 
         manifest = run_job(job, run.progress, run.control, began)
+        work_is_done()
         run.events.emit("result", file="result/manifest.json")
     if run.code == CANCELLED:
         say(f"Cancelled; continue with --resume ({job.root}).")

@@ -13,6 +13,7 @@ from types import FrameType
 from .job.exit_codes import CANCELLED
 
 _interrupted = False
+_done = False
 
 
 def listen() -> None:
@@ -38,6 +39,12 @@ def was_interrupted() -> bool:
     return _interrupted
 
 
+def work_is_done() -> None:
+    """What was asked for is there: from now on Ctrl-C and SIGTERM change nothing about how it ended."""
+    global _done
+    _done = True
+
+
 def stop_listening() -> None:
     """The work is over: Ctrl-C changes nothing about how it ended, and SIGTERM is what it ever was."""
     if threading.current_thread() is threading.main_thread():
@@ -48,6 +55,8 @@ def stop_listening() -> None:
 
 def _remember(number: int, frame: FrameType | None) -> None:
     global _interrupted
+    if _done:
+        return
     _interrupted = True
     if _is_loading(frame):
         with suppress(OSError):

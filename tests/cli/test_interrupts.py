@@ -7,6 +7,7 @@ import sys
 
 import pytest
 
+from solver.job.status import read_status
 from tests.cli.command import DUCK, ROOT
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="a child cannot be sent Ctrl-C alone")
@@ -133,3 +134,34 @@ sys.exit(solver.start.start())
 """
     done = run(script)
     assert done.returncode == 3 and "Traceback" not in done.stderr, done.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("moment", ["telling the result", "telling the state", "printing"])
+def test_a_signal_once_a_job_is_done_changes_nothing(tmp_path, moment, number):
+    """A fixed bug: for some milliseconds it made the code that of a cancel, and the state stayed done."""
+    script = f"""
+import os, sys
+import solver.cli, solver.start
+from solver.fit import reconstruct
+from solver.job.events import EventStream
+from solver.job.folder import JobFolder, JobRequest
+from solver.job.status import Heartbeat
+def pressing(moment, work):
+    def pressed(*arguments, **named):
+        if {moment!r} == moment and arguments[-1] in ("result", "done", "the manifest"):
+            for _ in range(3):
+                os.kill(os.getpid(), {int(number)})
+        return work(*arguments, **named)
+    return pressed
+reconstruct.run_job = lambda *arguments: "the manifest"
+EventStream.emit = pressing("telling the result", EventStream.emit)
+Heartbeat.update = pressing("telling the state", Heartbeat.update)
+solver.cli.print_result = pressing("printing", solver.cli.print_result)
+JobFolder.create({str(tmp_path / "job")!r}, JobRequest("nowhere"))
+sys.argv = ["solver", "run", {str(tmp_path / "job")!r}]
+sys.exit(solver.start.start())
+"""
+    done = run(script)
+    assert done.returncode == 0 and done.stdout == "the manifest\n" and not done.stderr, done
+    assert read_status(tmp_path / "job" / "status.json")["state"] == "done"
