@@ -22,7 +22,14 @@ from .job.resume import take_up
 from .job.status import process_is_alive, read_status
 from .preflight.command import add_check, add_pictures
 from .session import KNOWN_FAILURES, explain, session
-from .streams import escape_missing_letters, nobody_reads, print_result, say
+from .streams import (
+    escape_missing_letters,
+    flush_stdout,
+    naming_stdout,
+    nobody_reads,
+    print_result,
+    say,
+)
 from .threads import prepare_runtimes
 
 MOST_RAYS = 1 << 16
@@ -39,7 +46,9 @@ def main(arguments: list[str] | None = None) -> int:
     prepare_runtimes()
     try:
         check_names(options)
-        return options.run(options)
+        code = options.run(options)
+        flush_stdout()
+        return code
     except Exception as error:
         if isinstance(error, BrokenPipeError) and nobody_reads():
             return FAILED
@@ -276,7 +285,9 @@ def _compile(options: argparse.Namespace) -> int:
 def _doctor(options: argparse.Namespace) -> int:
     from .doctor import loading_errors, report
 
-    print(report(), flush=True)
+    with naming_stdout():
+        print(report(), flush=True)
     errors = loading_errors()
-    print("\n".join(errors or ["All packages load."]))
+    with naming_stdout():
+        print("\n".join(errors or ["All packages load."]))
     return FAILED if errors else DONE

@@ -26,9 +26,13 @@ if TYPE_CHECKING:
     from .job.progress import Progress
 
 KNOWN_FAILURES = (EmptySurfaceError,)
-_DISK_ERRORS = (
-    errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EFBIG,
-)  # fmt: skip
+_REMEDIES = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free space or write elsewhere"),
+    **dict.fromkeys(
+        (errno.EROFS, errno.EACCES, errno.EPERM), "make it writable or write elsewhere"
+    ),
+}
+"""of a disk that takes nothing, by the number of its error"""
 
 
 @dataclass
@@ -87,7 +91,7 @@ def session(
     except (Cancelled, KeyboardInterrupt):
         run.code = CANCELLED
     except Exception as error:
-        if isinstance(error, OSError) and error.errno in _DISK_ERRORS and error.filename is None:
+        if isinstance(error, OSError) and error.errno in _REMEDIES and error.filename is None:
             error.filename = str(events_path.parent)  # a write that fails does not tell where
         run.code, message = explain(error)
         with suppress(OSError):
@@ -133,10 +137,12 @@ def explain(error: Exception) -> tuple[int, str]:
             BAD_INPUT,
             f"{error.filename}: the name is too long for this disk; give a shorter one.",
         )
-    if isinstance(error, OSError) and error.errno in _DISK_ERRORS:
+    if isinstance(error, OSError) and error.errno in _REMEDIES:
         where = error.filename or "what was to be written"
-        remedy = "free space or write elsewhere"
-        return BAD_INPUT, f"{where}: writing failed ({error.strerror}); {remedy}."
+        return (
+            BAD_INPUT,
+            f"{where}: writing failed ({error.strerror}); {_REMEDIES[error.errno]}.",
+        )
     if "no space left" in text or "i/o error" in text:
         return BAD_INPUT, f"The job folder cannot be written ({error}); free space or move the job."
     if isinstance(error, KNOWN_FAILURES):

@@ -41,21 +41,45 @@ def say(text: str) -> None:
         print(text, file=sys.stderr, flush=True)
 
 
+@contextmanager
+def naming_stdout() -> Iterator[None]:
+    """Let an error of what is printed in the body say where it was, for by itself it does not."""
+    try:
+        yield
+    except OSError as error:
+        error.filename = "standard output"
+        raise
+
+
 def print_result(result: object) -> None:
-    """Print what a command that is done has to say, also if whoever read it has gone, as `head` does."""
-    with suppress(BrokenPipeError):
+    """Print what a command that is done has to say, also if whoever read it has gone, as `head` does.
+
+    Raises:
+        OSError: it cannot be written; it says that it was standard output.
+    """
+    with suppress(BrokenPipeError), naming_stdout():
         print(result, flush=True)
 
 
+def flush_stdout() -> None:
+    """Write what was printed; raises as `print_result`."""
+    if sys.stdout is not None:
+        with suppress(BrokenPipeError), naming_stdout():
+            sys.stdout.flush()
+
+
 def nobody_reads() -> bool:
-    """Whether who read what is printed has gone, as `head` does; then Python's exit says no more of it."""
+    """Whether who read what is printed has gone, as `head` does.
+
+    What cannot be written, also for want of space, goes nowhere, so that Python's exit says no more of it.
+    """
     try:
         if sys.stdout is not None:
             sys.stdout.flush()
             return _has_hung_up(sys.stdout)
-    except BrokenPipeError:
+    except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return True
+        return isinstance(error, BrokenPipeError)
     return False
 
 

@@ -41,6 +41,13 @@ def test_a_disk_that_takes_no_more_is_told_with_the_folder(tmp_path, number):
     assert code == 2 and message.startswith(f"{tmp_path}: ") and "free space" in message
 
 
+@pytest.mark.parametrize("number", [errno.EROFS, errno.EACCES, errno.EPERM])
+def test_a_place_that_is_not_to_be_written_to_is_told_so(number):
+    code, message = explain(OSError(number, os.strerror(number), "/there/file"))
+    assert code == 2 and "space" not in message
+    assert message.startswith("/there/file: ") and "make it writable" in message
+
+
 @pytest.mark.skipif(os.name == "nt", reason="there the heartbeat has to do")
 def test_of_two_processes_that_begin_at_once_one_is_refused_and_harms_nothing(tmp_path):
     names = ("events.jsonl", "status.json", "cancel")

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING
 from ..job.exit_codes import CANCELLED, DONE
 from ..job.folder import DEVICES, JobFolder
 from ..session import passing_session
-from ..streams import say
+from ..streams import naming_stdout, say
 
 if TYPE_CHECKING:
     import numpy as np
 
     from ..capture.capture import Capture
+    from .check import Report
 
 
 def add_check(commands: argparse._SubParsersAction) -> None:
@@ -67,9 +68,15 @@ def run_check(options: argparse.Namespace) -> int:
     told = _progress if sys.stderr.isatty() else None
     device = options.device or ("auto" if job is None else job.request.device)
     report = check(capture, preset, told, region, overrides, device)
-    if options.json:
-        print(json.dumps(report.as_json(), allow_nan=False))
-        return DONE
+    with naming_stdout():
+        if options.json:
+            print(json.dumps(report.as_json(), allow_nan=False))
+        else:
+            _print(report, capture)
+    return DONE
+
+
+def _print(report: Report, capture: Capture) -> None:
     for finding in report.findings:
         print(finding.line())
     if report.box is not None:
@@ -77,7 +84,6 @@ def run_check(options: argparse.Namespace) -> int:
         print(f"box: masks show the object between {low} and {high}")
     print(f"cameras: {len(capture.cameras)} of {capture.source} ({capture.format})")
     print(report.estimate.line())
-    return DONE
 
 
 def run_pictures(options: argparse.Namespace) -> int:

@@ -264,6 +264,22 @@ def test_an_error_that_nobody_can_be_told_still_has_its_code():
     assert done.returncode == 2
 
 
+@pytest.mark.skipif(os.name == "nt", reason="a device of POSIX")
+@pytest.mark.parametrize("command", ["doctor", "export", "check"])
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_standard_output_that_is_full_is_told(command, unbuffered, tmp_path, job):
+    arguments = {"export": [job, "--out", tmp_path / "out"], "check": [DUCK], "doctor": []}[command]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "solver", command, *arguments], cwd=ROOT, stdin=subprocess.DEVNULL,
+            stdout=full, stderr=subprocess.PIPE, text=True, timeout=300,
+            env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
+        )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.startswith("standard output: writing failed (No space left on device); free")
+    assert len(done.stderr.splitlines()) == 1
+
+
 def test_without_a_buffer_a_reader_that_hangs_up_is_no_error_either():
     out, ours = os.pipe()
     os.close(out)
