@@ -1,7 +1,8 @@
-"""The asset's files: mesh.ply, textures, environment.exr."""
+"""The asset's files: mesh.ply, textures, environment.exr; written beside, renamed."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,13 @@ from PIL import Image
 from ..capture.colour import REC709
 from ..job.folder import replace_file
 from .unwrap import UnwrappedMesh
+
+
+def remove_parts(folder: Path) -> None:
+    """Remove files below a folder that a process which was stopped has not renamed into place."""
+    for part in [*folder.rglob("*.part"), *folder.rglob("*.part.*")]:
+        with suppress(OSError):  # on Windows somebody may look at it
+            part.unlink(missing_ok=True)
 
 
 def write_ply(path: Path, mesh: UnwrappedMesh) -> None:

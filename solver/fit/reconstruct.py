@@ -13,6 +13,7 @@ import numpy as np
 import torch
 
 from .. import __version__
+from ..asset.files import remove_parts
 from ..asset.from_scene import asset_of, has_finer_photos
 from ..capture.capture import Capture
 from ..capture.photos import Photo, at_sizes_of, load_photos
@@ -149,6 +150,7 @@ def _run(job: JobFolder, progress: Progress, control: Control, began: float) -> 
 
     # What is there is not complete from here on, until its manifest is written again.
     job.manifest_path.unlink(missing_ok=True)
+    remove_parts(job.result_dir)
     progress.stage("asset", "mesh and textures")
     less = finish.what_is_less(settings)
     if less is not None:

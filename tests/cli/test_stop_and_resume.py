@@ -104,7 +104,18 @@ def test_cancel_is_heard_while_the_asset_is_made_and_a_result_from_before_is_com
     with pytest.raises(Cancelled):
         run_job(JobFolder.open(again), progress, control)
     assert not (again / "result" / "manifest.json").exists()
+    # As of a process that was killed while it wrote them.
+    for name in (
+        "mesh.ply.part",
+        "albedo.part.png",
+        "manifest.json.12.part",
+        "report/view.part.png",
+    ):
+        (again / "result" / name).touch()
     assert solver("reconstruct", DUCK, "--out", again, "--resume").returncode == 0
+    assert {path.name for path in (again / "result").rglob("*")} == {
+        path.name for path in (job / "result").rglob("*")
+    }
 
 
 @pytest.mark.parametrize(
