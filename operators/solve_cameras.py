@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from ..solver.cameras.folder import (
     SolveFolder,
     is_video,
 )
+from ..solver.capture.errors import CaptureError
 from ..solver.capture.image_header import EXTENSIONS
 from ..solver.capture.picture_names import VIDEOS
 
@@ -50,6 +52,13 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         name="Video Photos", default=VIDEO_PHOTOS, min=FEWEST_PHOTOS, max=MOST_VIDEO_PHOTOS,
         description="How many to take from a video: each is the sharpest frame of its part",
     )  # fmt: skip
+    # No subtype: the file browser cannot open another one.
+    masks: bpy.props.StringProperty(
+        name="Masks",
+        description="Folder of masks, as seen from the photos' folder (masks, ../masks) or a whole path: "
+        "only what they show is looked at. For an object that was turned before a camera that stood still, "
+        "with anything still behind it",
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -66,7 +75,7 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         """The file browser's sidebar."""
         column = self.layout.column()
         column.use_property_split, column.use_property_decorate = True, False
-        for name in ("sequential", "single_camera", "video_photos"):
+        for name in ("sequential", "single_camera", "video_photos", "masks"):
             column.prop(self, name)
         column.label(text="Pick the photos' folder, or a video", icon="INFO")
 
@@ -82,17 +91,25 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
                 {"ERROR"}, f"{missing}: there is no such folder; choose the photos' folder."
             )
             return {"CANCELLED"}
+        try:
+            masks = None if not self.masks.strip() else _masks_of(source, self.masks.strip())
+        except CaptureError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
         name = source.stem if of_video else source.name
         out = _unfinished(source) or new_job_root(f"{name} cameras", jobs_folder())
         words = ["solve", str(source), "--out", str(out), "--events"]
         words += ["--matcher", "sequential"] if self.sequential else []
         words += ["--single-camera"] if self.single_camera else []
         words += ["--video-photos", str(self.video_photos)] if of_video else []
+        words += ["--masks", str(masks)] if masks else []
         photos = SolveFolder(out).video_photos_dir if of_video else source
 
         def done(task: SideTask) -> None:
             # True: an operator called from Python makes no undo step of its own accord.
-            bpy.ops.nmf.import_capture("EXEC_DEFAULT", True, filepath=str(out), photos=str(photos))
+            bpy.ops.nmf.import_capture(
+                "EXEC_DEFAULT", True, filepath=str(out), photos=str(photos), masks=str(masks or "")
+            )
             result = next(e.data for e in task.events if e.kind == "result")
             said = f"{result.get('placed')} of {result.get('photos')} photos have a camera"
             task.model.text, warnings = said, task.model.warnings
@@ -109,7 +126,26 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         except (TaskError, RuntimeMissing, OSError) as error:
             self.report({"ERROR"}, words_of(error))
             return {"CANCELLED"}
+        if masks:  # the field keeps what was typed for the photos before
+            self.report({"INFO"}, f"Only what the masks in {masks} show is looked at")
         return {"FINISHED"}
+
+
+def _masks_of(source: Path, stated: str) -> Path:
+    """The folder of masks that a person has stated for a folder of photos.
+
+    Raises:
+        CaptureError: there is none, or `source` is a video, whose photos are yet to be taken.
+    """
+    if is_video(source):
+        raise CaptureError(
+            source, "masks", "photos that are yet to be taken from a video have no masks",
+            "leave Masks empty, or solve a folder of photos",
+        )  # fmt: skip
+    masks = Path(os.path.normpath(source / bpy.path.abspath(stated)))
+    if not masks.is_dir():
+        raise CaptureError(masks, "masks", "there is no such folder", "check its path")
+    return masks
 
 
 def _unfinished(photos: Path) -> Path | None:

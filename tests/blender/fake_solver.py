@@ -180,7 +180,8 @@ def solve(photos: Path, out: Path) -> int:
     control = Control(out / "cancel")
     control.start()
     out.mkdir(parents=True, exist_ok=True)
-    write_json_atomic(out / "solve.json", {"photos": str(photos)})
+    masks = sys.argv[sys.argv.index("--masks") + 1] if "--masks" in sys.argv else None
+    write_json_atomic(out / "solve.json", {"photos": str(photos), "masks": masks})
     events = EventStream(out / "events.jsonl", stream)
     mode, pause = os.environ.get("NMF_FAKE_MODE", "normal"), 0.02
     if photos.is_file():

@@ -1,12 +1,16 @@
 """Solve Cameras and Check Capture: background tasks with a stand-in for the solver."""
 
 import json
+import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import fake_capture
 import numpy as np
 import pytest
+from drawing import Layout
+from mathutils import Matrix
 
 
 @pytest.fixture
@@ -54,6 +58,41 @@ def test_cameras_of_a_video_are_imported_with_the_photos_taken_from_it(
     photo = extension("scene.cameras").photo_of(cameras[0])
     job = tmp_path / "nmf_jobs" / "Walk_ö_cameras"
     assert Path(bpy.path.abspath(photo.filepath)).parent == job / "photos"
+
+
+@pytest.mark.parametrize("stated", ["../silhouettes", "//scan ö/silhouettes", "whole"])
+def test_masks_go_to_the_solver_and_to_the_capture(
+    extension, task, photos, fake_solver, tmp_path, capfd, stated
+):
+    masks = photos.with_name("silhouettes")
+    shutil.copytree(photos, masks)
+    stated = str(masks) if stated == "whole" else stated
+    result = bpy.ops.nmf.solve_cameras(directory=str(photos), masks=f" {stated} ")
+    assert result == {"FINISHED"}
+    assert f"Only what the masks in {masks} show" in capfd.readouterr().out
+    task.finish()
+    (begun,) = (tmp_path / "nmf_jobs").glob("*/solve.json")
+    assert json.loads(begun.read_text("utf-8"))["masks"] == str(masks)
+    cameras = extension("scene.capture_collection").photo_cameras(bpy.context.scene.nmf.capture)
+    solver = [extension("scene.cameras").to_solver(item, Matrix()) for item in cameras]
+    assert [c.mask_path for c in solver] == [masks / c.image_path.name for c in solver]
+
+
+def test_masks_that_are_of_no_use_are_told_before_the_solver_starts(task, photos, tmp_path):
+    with pytest.raises(RuntimeError, match=r"nowhere, masks: there is no such folder"):
+        bpy.ops.nmf.solve_cameras(directory=str(photos), masks="nowhere")
+    (tmp_path / "walk.mp4").write_bytes(b"frames")
+    with pytest.raises(RuntimeError, match="from a video have no masks; leave Masks empty"):
+        bpy.ops.nmf.solve_cameras(filepath=str(tmp_path / "walk.mp4"), masks=str(photos))
+    assert not task.running
+
+
+def test_the_file_browser_asks_for_masks_and_keeps_them_for_the_next_time():
+    shown, settings = Layout(), bpy.ops.nmf.solve_cameras.get_rna_type()
+    browser = SimpleNamespace(layout=shown, bl_rna=settings)
+    bpy.types.NMF_OT_solve_cameras.draw(browser, bpy.context)
+    assert ("prop", "masks") in shown.drawn
+    assert not settings.properties["masks"].is_skip_save
 
 
 def test_a_photo_that_is_picked_stands_for_its_folder(task, photos, fake_solver):
