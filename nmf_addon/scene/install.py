@@ -9,13 +9,14 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ...solver.job.folder import JobError, JobFolder
+from ...solver.capture.placement import counted_from
+from ...solver.job.folder import JobFolder
 from ..names import JOBS_OF_UNSAVED, user_folder
 from .adjusted_cameras import adjust_cameras
 from .capture_collection import root_of, scene_of
 from .edited import mark_as_made
 from .images import images_of, nothing_left_behind
-from .job_capture import file_placement
+from .job_space import job_space
 from .material import build_material
 from .pictures import named_pictures
 from .replace import JOB, check_not_edited, installed_before, replace_asset
@@ -106,7 +107,7 @@ def _place(
         matrix = _upright(manifest)
     else:
         item.parent = root_of(collection)
-        matrix = _from_file(job, manifest, collection)
+        matrix = _in_capture(job, manifest, collection)
     if matrix is not None:
         frame = bpy.data.objects.new(f"{item.name} Frame", None)
         frame.empty_display_type, frame.parent, frame.matrix_local = "ARROWS", item.parent, matrix
@@ -144,15 +145,11 @@ def _upright(manifest: dict) -> Matrix | None:
     return None if matrix == Matrix.Identity(4) else matrix
 
 
-def _from_file(job: JobFolder, manifest: dict, collection: bpy.types.Collection) -> Matrix | None:
-    """Where in the capture's space the coordinates of a result are that was made from the capture's own
-    file, outside Blender; None if it was made from the capture as it stands here."""
-    try:
-        capture = JobFolder.open(job.root).request.capture
-    except JobError:
-        return None
+def _in_capture(job: JobFolder, manifest: dict, collection: bpy.types.Collection) -> Matrix | None:
+    """Where in the capture's space the coordinates of a result are; None if they are the same."""
+    matrix = job_space(job, collection)
     origin = np.array(manifest.get("origin", (0.0, 0.0, 0.0)), dtype=np.float64)
-    return file_placement(collection, Path(capture), origin)
+    return None if matrix is None else Matrix(counted_from(matrix, origin))
 
 
 def build_mesh(name, positions, normals, uvs, faces) -> bpy.types.Mesh:

@@ -1,4 +1,4 @@
-"""Which capture a job was made from, and where the job's coordinates are in it."""
+"""Which capture a job was made from."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from mathutils import Matrix
 
-from ...solver.capture.placement import counted_from
 from ...solver.job.folder import JobError, JobFolder
 from .capture_collection import (
     FILE_TO_CAPTURE,
@@ -53,20 +51,11 @@ def capture_of_job(context: bpy.types.Context, job: JobFolder) -> bpy.types.Coll
     return None
 
 
-def file_placement(
-    collection: bpy.types.Collection, capture: Path, origin: np.ndarray
-) -> Matrix | None:
-    """From coordinates of the capture's file, counted from `origin` [3], to capture space.
+def from_file(collection: bpy.types.Collection, capture: Path) -> np.ndarray | None:
+    """From coordinates of the capture's file to capture space as it was made, [4, 4] in double precision.
 
     None if the collection was not imported from the file (or folder) `capture`.
     """
-    matrix = from_file(collection, capture)
-    return None if matrix is None else Matrix(counted_from(matrix, origin))
-
-
-def from_file(collection: bpy.types.Collection, capture: Path) -> np.ndarray | None:
-    """From coordinates of the capture's file to capture space, [4, 4] in double precision; None as
-    `file_placement`."""
     root = root_of(collection)
     if root is None or FILE_TO_CAPTURE not in root or not _is_imported_from(collection, capture):
         return None

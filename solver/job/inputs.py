@@ -29,15 +29,12 @@ def capture_of(job: JobFolder) -> Capture:
     return replace(capture, cameras=adjusted(job.cameras_path, capture.cameras))
 
 
-def moved_cameras(job: JobFolder) -> list[tuple[Camera, Camera]]:
-    """Cameras as a job's capture has them, each with what it became when it was adjusted to its photo;
-    none if the job adjusted none.
+def cameras_of(job: JobFolder) -> list[tuple[Camera, Camera]]:
+    """Cameras as a job's capture has them, each with what it became if it was adjusted to its photo.
 
     Raises:
         CaptureError, JobError: as `capture_of`.
     """
-    if not job.cameras_path.is_file():
-        return []
     given = _given(job).cameras
     return list(zip(given, adjusted(job.cameras_path, given), strict=True))
 

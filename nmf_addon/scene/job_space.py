@@ -1,0 +1,105 @@
+"""Where the coordinates of a job are in its capture, as that stands now."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...solver.capture.errors import CaptureError
+from ...solver.capture.frames import scale_and_rotation
+from ...solver.job.folder import JobError, JobFolder
+from ...solver.job.inputs import cameras_of
+from .cameras import photo_of, photo_path
+from .capture_collection import photo_cameras, to_capture_space
+from .evaluated import settle
+from .job_capture import from_file
+
+STILL_THERE = 1e-3
+"""difference of a matrix, over the capture's size, up to which a camera stands where the job saw it"""
+
+
+def job_space(job: JobFolder, collection: bpy.types.Collection) -> np.ndarray | None:
+    """The similarity [4, 4], in double precision, from a job's coordinates to the space of its capture,
+    which is that of the capture's empty; None where both are the same.
+
+    They differ where the job was made from the capture's own file, outside Blender, and where the empty's
+    transform was applied (Ctrl+A) since: that gives it another space under cameras that stay.
+    """
+    try:
+        matrix = from_file(collection, Path(JobFolder.open(job.root).request.capture))
+        return _moved_since(job, collection) if matrix is None else matrix
+    except (CaptureError, JobError):  # the job's capture is gone
+        return None
+
+
+def _moved_since(job: JobFolder, collection: bpy.types.Collection) -> np.ndarray | None:
+    """What has moved the cameras of a job in their capture's space as one; None if nothing has.
+
+    Raises:
+        CaptureError, JobError: the job's cameras cannot be read, or the empty has a scale of 0.
+    """
+    settle(collection)
+    to_capture = to_capture_space(collection)
+    poses = {
+        photo_path(photo_of(item)).resolve(): np.array((to_capture @ item.matrix_world).normalized())
+        for item in photo_cameras(collection)
+    }  # fmt: skip
+    pairs = {given.image_path.resolve(): (given, found) for given, found in cameras_of(job)}
+    common = [path for path in pairs if path in poses]
+    if len(common) < 2:  # of one camera no scale could be told
+        return None
+    now = np.stack([poses[path] for path in common])
+    # As the job was given them, and as an installation has adjusted them.
+    before = [np.stack([pairs[path][which].camera_to_world for path in common]) for which in (0, 1)]
+    size = size_of(now)
+    if any(_most(~stands_elsewhere(there, now, size)) for there in before):
+        return None
+    motions = (_common_motion(there, now, size) for there in before)
+    return next((motion for motion in motions if motion is not None), None)
+
+
+def stands_elsewhere(poses: np.ndarray, others: np.ndarray, size: float) -> np.ndarray:
+    """Which of some poses [..., 4, 4] differ from others, in a capture of a size."""
+    allowed = STILL_THERE * np.array([1.0, 1.0, 1.0, size])
+    return (np.abs(poses - others) > allowed).any(axis=(-2, -1))
+
+
+def size_of(poses: np.ndarray) -> float:
+    """How far cameras [N, 4, 4] are from their middle, at most."""
+    positions = poses[:, :3, 3]
+    return float(np.linalg.norm(positions - positions.mean(0), axis=1).max())
+
+
+def _most(which: np.ndarray) -> bool:
+    """True for more than a half."""
+    return bool(2 * which.sum() > len(which))
+
+
+def _common_motion(before: np.ndarray, now: np.ndarray, size: float) -> np.ndarray | None:
+    """The similarity [4, 4] that most of some poses [N, 4, 4] have moved by; None if there is none.
+
+    It is sought from one camera after the other, as a person may have moved some by hand.
+    """
+    places, others = before[:, :3, 3], now[:, :3, 3]
+    for one in range(len(now)):
+        apart = np.linalg.norm(places - places[one], axis=1)
+        far = apart > STILL_THERE * apart.max()
+        ratios = np.linalg.norm(others[far] - others[one], axis=1) / apart[far]
+        scale = np.median(ratios) if far.any() else 0.0
+        if scale == 0:  # they stand at one place
+            continue
+        motion = np.eye(4)
+        motion[:3, :3] = scale * now[one, :3, :3] @ before[one, :3, :3].T
+        motion[:3, 3] = others[one] - motion[:3, :3] @ places[one]
+        if _most(~stands_elsewhere(_moved(motion, before), now, size)):
+            return motion
+    return None
+
+
+def _moved(matrix: np.ndarray, poses: np.ndarray) -> np.ndarray:
+    """Poses [N, 4, 4] moved by a similarity, which leaves them rigid."""
+    moved = matrix @ poses
+    moved[:, :3, :3] /= scale_and_rotation(matrix)[0]
+    return moved
