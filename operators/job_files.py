@@ -1,4 +1,4 @@
-"""The last job's files: open its folder or report, copy what a question needs."""
+"""A job's files: open its folder or report, copy what a question needs."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ import bpy
 from ..nmf_addon import preferences, runtime
 from ..nmf_addon.jobs.monitor import monitor
 from ..nmf_addon.jobs.process import log_tail
+from ..nmf_addon.scene.replace import JOB
+from ..nmf_addon.scene.result import job_of_result
 from ..solver import __version__
 from ..solver.job.folder import JobError, JobFolder
 
 
 class NMF_OT_open_job_folder(bpy.types.Operator):
-    """Show the last job's folder with its mesh, textures, light and log"""
+    """Show the folder of the active object's job, else of the last one: mesh, textures, light and log"""
 
     bl_idname = "nmf.open_job_folder"
     bl_label = "Open Job Folder"
@@ -24,15 +26,16 @@ class NMF_OT_open_job_folder(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         """With a job."""
         cls.poll_message_set("There is no job yet")
-        return monitor.job is not None
+        return bool(_installed_from(context)) or monitor.job is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Open it."""
-        return _open(self, monitor.job.root)
+        return _open(self, _job_meant(context).root)
 
 
 class NMF_OT_open_report(bpy.types.Operator):
-    """Show the last job's report in the web browser: photos beside renders, and the numbers"""
+    """Show the report of the active object's job, else of the last one, in the web browser: photos beside
+    renders, and the numbers"""
 
     bl_idname = "nmf.open_report"
     bl_label = "Open Report"
@@ -41,11 +44,12 @@ class NMF_OT_open_report(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         """With a finished job."""
         cls.poll_message_set("There is no finished job yet")
-        return monitor.job is not None and monitor.model.state == "done"
+        is_done = monitor.job is not None and monitor.model.state == "done"
+        return bool(_installed_from(context)) or is_done
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Open it."""
-        return _open(self, monitor.job.result_dir / "report.html")
+        return _open(self, _job_meant(context).result_dir / "report.html")
 
 
 class NMF_OT_copy_report(bpy.types.Operator):
@@ -100,6 +104,21 @@ def _asked_for(job: JobFolder) -> list[tuple[Path, str]]:
     named = [(request.photos, "PHOTOS"), (request.masks, "MASKS"), (request.capture, "CAPTURE")]
     folders = [(Path(folder), name) for folder, name in named if folder]
     return [(folder, name) for folder, name in folders if not folder.is_relative_to(job.root)]
+
+
+def _installed_from(context: bpy.types.Context) -> str:
+    """Path of the job that the active object was installed from; empty if it is no result."""
+    item = context.view_layer.objects.active
+    return "" if item is None else str(item.get(JOB, ""))
+
+
+def _job_meant(context: bpy.types.Context) -> JobFolder:
+    """The active object's job, else the last one; also of a project that has moved since."""
+    path = _installed_from(context)
+    last = monitor.job
+    if not path or (last and last.root.name == Path(path).name and not Path(path).exists()):
+        return last
+    return job_of_result(Path(path))
 
 
 def _open(operator: bpy.types.Operator, path: Path) -> set[str]:

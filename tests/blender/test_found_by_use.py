@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import bpy
@@ -245,3 +246,27 @@ def test_an_image_that_is_in_no_file_is_named_and_can_be_saved(
     pasted.save()
     assert bpy.ops.nmf.reconstruct() == {"FINISHED"}
     tick()
+
+
+def test_the_report_and_the_folder_are_those_of_the_result_that_is_active(
+    capture, monitor, fake_solver, tick, result_job, package, monkeypatch
+):
+    opened = []
+    job_files = sys.modules[f"{package.__name__}.operators.job_files"]
+    monkeypatch.setattr(job_files, "_open", lambda _, path: opened.append(path) or {"FINISHED"})
+    bpy.ops.nmf.install_result(directory=str(result_job))
+    assert bpy.ops.nmf.open_report() == {"FINISHED"}, "although no job was run here"
+    bpy.ops.nmf.reconstruct()
+    tick()
+    last = monitor.job.root
+    bpy.ops.nmf.open_job_folder()
+    bpy.ops.nmf.install_result(directory=str(result_job))
+    bpy.ops.nmf.open_job_folder()
+    bpy.context.view_layer.objects.active = bpy.context.scene.camera
+    bpy.ops.nmf.open_report()
+    (own,) = (item for item in results() if item["nmf_job"] == str(last))
+    bpy.context.view_layer.objects.active = own
+    own["nmf_job"] = f"/before/the project moved/{last.name}"
+    bpy.ops.nmf.open_job_folder()
+    report = Path("result", "report.html")
+    assert opened == [result_job / report, last, result_job, last / report, last]
