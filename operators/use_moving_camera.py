@@ -63,19 +63,25 @@ class NMF_OT_use_moving_camera(bpy.types.Operator):
         """Make the capture, or take photos from the video first."""
         item = shot_camera(context)
         shot, name, number = shot_of(item, context.scene), item.name, item.session_uid
+        scene_number = context.scene.session_uid
         frames = self._frames(shot)
         root = new_job_root(f"{name} cameras", jobs_folder())
         cameras, photos = root / "transforms_train.json", root / "photos"
 
         def done(task: SideTask) -> None:
             # Found anew: an undo meanwhile has replaced all that Blender had, and its name may be another.
-            here = bpy.context
-            found = next((i for i in here.scene.objects if i.session_uid == number), None)
-            film = None if found is None else shot_of(found, here.scene)
+            scenes = sorted(bpy.data.scenes, key=lambda scene: scene.session_uid != scene_number)
+            there = ((s, i) for s in scenes for i in s.objects if i.session_uid == number)
+            scene, found = next(there, (None, None))
+            film = None if found is None else shot_of(found, scene)
             if film is None:
                 raise CaptureError(name, "", "the camera or its film is gone", "start again")
             pictures = photos_in(film, photos)
-            here.scene.nmf.capture = capture_shot(here, found, film, pictures, cameras)
+            # The person may be looking at another scene by now.
+            looked_at = bpy.context.scene == scene
+            layer = bpy.context.view_layer if looked_at else scene.view_layers[0]
+            with bpy.context.temp_override(scene=scene, view_layer=layer):
+                scene.nmf.capture = capture_shot(bpy.context, found, film, pictures, cameras)
             task.model.text = f"{len(pictures)} photos were taken"
             bpy.ops.ed.undo_push(message=NMF_OT_use_moving_camera.bl_label)
 

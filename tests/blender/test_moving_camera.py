@@ -342,3 +342,19 @@ def test_a_camera_that_is_gone_when_its_photos_are_there_is_named(task, fake_sol
     bpy.data.objects.remove(camera)
     task.finish()
     assert task.model.error.startswith("Walk: the camera or its film is gone")
+
+
+def test_a_capture_comes_to_the_scene_of_its_camera_while_another_is_looked_at(
+    task, fake_solver, camera, video
+):
+    mine, other = bpy.context.scene, bpy.data.scenes.new("Another")  # first by its name
+    bpy.ops.nmf.use_moving_camera(first=4, last=20)
+    bpy.context.window.scene = other
+    task.finish()
+    assert task.model.text == "3 photos were taken", task.model.error
+    assert other.nmf.capture is None and not other.collection.children
+    capture = mine.nmf.capture
+    assert capture in list(mine.collection.children) and bpy.context.scene == other
+    places = {round(i.matrix_world.translation.x, 3) for i in capture.objects if i.type == "CAMERA"}
+    assert len(places) == 3, "each stands where the moving one stood"
+    assert mine.frame_current == 1
