@@ -40,10 +40,12 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Import all that was picked, or nothing."""
+        paths = self._paths()
+        if not paths:  # of a script; the file browser has a folder at least
+            self.report({"ERROR"}, "There is no path; give a camera file or a folder as filepath")
+            return {"CANCELLED"}
         try:
-            made = import_captures(
-                context, self._paths(), _folder(self.photos), _folder(self.masks)
-            )
+            made = import_captures(context, paths, _folder(self.photos), _folder(self.masks))
         except CaptureError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -72,14 +74,14 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
         column.label(text="A folder may be picked as well", icon="INFO")
 
     def _paths(self) -> list[Path]:
-        """The files that were picked, or the folder."""
+        """The files that were picked, or the folder; empty if there is neither."""
         folder = Path(bpy.path.abspath(self.directory)) if self.directory else None
         names = [entry.name for entry in self.files if entry.name]
         if folder is not None and names:
             return [folder / name for name in names]
         if self.filepath:
             return [Path(bpy.path.abspath(self.filepath))]
-        return [folder or Path()]
+        return [] if folder is None else [folder]
 
 
 def _folder(text: str) -> Path | None:

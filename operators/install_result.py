@@ -42,7 +42,11 @@ class NMF_OT_install_result(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Install with the capture the job was made from, else by itself."""
-        folder = Path(bpy.path.abspath(self.job or self.directory))
+        stated = self.job or self.directory
+        if not stated:  # of a script; the file browser has a folder
+            self.report({"ERROR"}, "There is no path; give the folder of a finished job as job")
+            return {"CANCELLED"}
+        folder = Path(bpy.path.abspath(stated))
         try:
             asset = install_result(context, folder, capture_of_job(context, job_of_result(folder)))
         except (JobError, RuntimeError) as error:

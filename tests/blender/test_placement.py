@@ -98,6 +98,18 @@ def test_a_folder_is_imported_by_what_it_holds(extension, tmp_path):
     assert bpy.ops.nmf.import_capture(filepath=str(path.parent)) == {"FINISHED"}
 
 
+def test_a_script_that_names_no_path_gets_an_error_and_not_what_lies_in_its_folder(
+    tmp_path, monkeypatch
+):
+    path = fake_capture.write_capture(tmp_path / "photos")
+    monkeypatch.chdir(path.parent)
+    for words in ({}, {"filepath": ""}, {"directory": "", "files": [{"name": ""}]}):
+        with pytest.raises(RuntimeError, match="There is no path; give a camera file or a folder"):
+            bpy.ops.nmf.import_capture(**words)
+    assert not bpy.data.collections
+    assert bpy.ops.nmf.import_capture(directory=str(path.parent)) == {"FINISHED"}
+
+
 def test_cameras_follow_the_capture_under_an_empty_that_viewports_do_not_show(extension, capture):
     """Where a parent is shown, a dashed line leads to it from each of its children."""
     scene = extension("scene.capture_collection")
