@@ -53,7 +53,7 @@ class NMF_scene(bpy.types.PropertyGroup):
             ("gain", "Even Out", "Find each photo's exposure: the camera was on automatic"),
             (
                 "white_balance",
-                "Even Out With Colour",
+                "Even Out with Colour",
                 "Find each photo's exposure and white balance",
             ),
         ),

@@ -42,7 +42,7 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
         """Import all that was picked, or nothing."""
         paths = self._paths()
         if not paths:  # of a script; the file browser has a folder at least
-            self.report({"ERROR"}, "There is no path; give a camera file or a folder as filepath")
+            self.report({"ERROR"}, "There is no path; give a camera file or a folder as filepath.")
             return {"CANCELLED"}
         try:
             made = import_captures(context, paths, _folder(self.photos), _folder(self.masks))
@@ -92,7 +92,7 @@ class NMF_FH_capture(bpy.types.FileHandler):
     """Drop of camera files into the 3D View."""
 
     bl_idname = "NMF_FH_capture"
-    bl_label = "Capture for a microfacet field"
+    bl_label = "Capture for Microfacet Field"
     bl_import_operator = "nmf.import_capture"
     bl_file_extensions = ";".join(CAMERA_FILES)
 
@@ -105,7 +105,7 @@ class NMF_FH_capture(bpy.types.FileHandler):
 def draw_menu(self, context: bpy.types.Context) -> None:
     """Entry of File › Import."""
     self.layout.operator(
-        NMF_OT_import_capture.bl_idname, text="Capture for Microfacet Field (photos with cameras)"
+        NMF_OT_import_capture.bl_idname, text="Capture for Microfacet Field (Photos with Cameras)"
     )
 
 

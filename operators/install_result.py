@@ -44,7 +44,7 @@ class NMF_OT_install_result(bpy.types.Operator):
         """Install with the capture the job was made from, else by itself."""
         stated = self.job or self.directory
         if not stated:  # of a script; the file browser has a folder
-            self.report({"ERROR"}, "There is no path; give the folder of a finished job as job")
+            self.report({"ERROR"}, "There is no path; give the folder of a finished job as job.")
             return {"CANCELLED"}
         folder = Path(bpy.path.abspath(stated))
         try:

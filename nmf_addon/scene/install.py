@@ -73,7 +73,7 @@ def install_result(
         mesh = build_mesh(name, positions, normals, uvs, faces)
         material = build_material(name, pictures, manifest["textures"])
         mesh.materials.append(material)
-        world = build_world(f"{name} light", pictures["environment"])
+        world = build_world(f"{name} Light", pictures["environment"])
         if job.root.is_relative_to(user_folder(JOBS_OF_UNSAVED, create=False)):
             # That goes with the extension, and what is made of the result may outlive that.
             for image in (*images_of(material), *images_of(world)):

@@ -44,7 +44,8 @@ def build_material(name: str, pictures: dict[str, Path], textures: dict) -> bpy.
     images = {}
     for row, key in enumerate(SHOWN):
         if key in pictures:
-            images[key] = _texture_node(tree, key, pictures[key], textures[key]["colour_space"])
+            label = key.replace("_", " ").title()
+            images[key] = _texture_node(tree, label, pictures[key], textures[key]["colour_space"])
             images[key].location = (-900, 860 - 280 * row)
 
     f0 = _mix_multiply(tree, images["f0"].outputs["Color"], float(textures["f0"]["scale"]))

@@ -45,6 +45,39 @@ def test_every_operator_and_property_explains_itself(extension):
             )
 
 
+def shown_properties(extension):
+    """All that panels and dialogs may show; without an add-on there are no preferences."""
+    classes = extension("registration")._classes
+    groups = [bpy.types.Scene.bl_rna.properties["nmf"].fixed_type]
+    for cls in classes:
+        if issubclass(cls, bpy.types.Operator):
+            groups.append(getattr(bpy.ops.nmf, cls.bl_idname.removeprefix("nmf.")).get_rna_type())
+    for group in groups:
+        for item in group.properties:
+            if item.is_runtime and not item.is_hidden and item.identifier != "name":
+                yield item
+
+
+def test_names_are_in_title_case_and_descriptions_are_no_sentences_with_a_full_stop(extension):
+    """As Blender's own are."""
+    classes = extension("registration")._classes
+    names = {getattr(cls, "bl_label", "") for cls in classes} - {""}
+    for item in shown_properties(extension):
+        assert item.description and not item.description.endswith("."), item.identifier
+        names.add(item.name)
+        if item.type == "ENUM":
+            names |= {choice.name for choice in item.enum_items}
+            assert not any(choice.description.endswith(".") for choice in item.enum_items)
+    assert {"Solve Cameras", "Even Out with Colour", "Masks"} <= names
+    small = {"a", "and", "for", "of", "to", "with"}
+    for name in names:
+        first, *others = name.split()
+        assert first[0] == first[0].upper() or first == "pip", name
+        for word in others:
+            assert word in small or word[0] == word[0].upper(), name
+            assert word.lower() not in small or word.islower() or word == others[-1], name
+
+
 def test_the_import_operator_does_what_its_function_does(duck):
     assert bpy.ops.nmf.import_capture(filepath=str(duck / "transforms_train.json")) == {"FINISHED"}
     collection = bpy.context.scene.nmf.capture

@@ -61,7 +61,7 @@ def test_a_job_installed_again_shows_what_it_holds_now(install, result_job):
     fake_result.write_png(result_job / "result" / "albedo.png", (255, 0, 0))
     fake_result.write_exr(result_job / "result" / "environment.exr", value=3.0)
     install()
-    assert tuple(image_of(item, "albedo").pixels[:3]) == (1, 0, 0)
+    assert tuple(image_of(item, "Albedo").pixels[:3]) == (1, 0, 0)
     assert copy.data == item.data and item.data.vertices[0].co.x != 77
     nodes = bpy.context.scene.world.node_tree.nodes
     light = next(n.image for n in nodes if n.type == "TEX_ENVIRONMENT")

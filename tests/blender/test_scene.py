@@ -248,12 +248,12 @@ def test_the_material_has_an_exact_output_for_cycles_and_a_portable_one(extensio
         n.label: n.image.colorspace_settings.name for n in tree.nodes if n.type == "TEX_IMAGE"
     }
     assert spaces == {
-        "albedo": "sRGB",
-        "f0": "sRGB",
-        "roughness": "Non-Color",
-        "normal": "Non-Color",
-        "base_colour": "sRGB",
-        "metallic": "Non-Color",
+        "Albedo": "sRGB",
+        "F0": "sRGB",
+        "Roughness": "Non-Color",
+        "Normal": "Non-Color",
+        "Base Colour": "sRGB",
+        "Metallic": "Non-Color",
     }
 
 
@@ -265,7 +265,7 @@ def test_a_result_of_before_metals_had_textures_is_a_plastic_with_its_f0(extensi
     path.write_text(json.dumps(manifest))
     tree = extension("scene.install").install_result(bpy.context, result_job).material.node_tree
     principled = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
-    assert principled.inputs["Base Color"].links[0].from_node.label == "albedo"
+    assert principled.inputs["Base Color"].links[0].from_node.label == "Albedo"
     assert not principled.inputs["Metallic"].links and principled.inputs["Specular Tint"].links
 
 

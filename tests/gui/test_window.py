@@ -66,7 +66,7 @@ def test_reconstruct_is_pressed_and_shows_progress_and_a_preview(report):
 
 def test_the_result_is_installed_by_itself_and_one_undo_takes_it_back(report):
     assert report["done"] and len(report["installed"]) == 1
-    assert report["world"].endswith("light")
+    assert report["world"].endswith("Light")
     assert report["after_undo"] == []
 
 
