@@ -6,6 +6,7 @@ import bpy
 
 from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import create_job, new_job_root
+from ..nmf_addon.jobs.model import model_of_folder
 from ..nmf_addon.jobs.monitor import WAITS, monitor
 from ..nmf_addon.properties import chosen_overrides
 from ..nmf_addon.runtime import RuntimeMissing
@@ -81,9 +82,14 @@ class NMF_OT_resume(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the job again."""
+        job = monitor.job
+        if model_of_folder(job).state == "elsewhere":  # begun since the panel has looked
+            monitor.look_at(str(job.root))
+            self.report({"ERROR"}, f"{job.root}: another process works on this job.")
+            return {"CANCELLED"}
         try:
             python = preferences.solver_python()
-            monitor.start(python, JobFolder.open(monitor.job.root))
+            monitor.start(python, JobFolder.open(job.root))
         except (JobError, RuntimeMissing, OSError) as error:
             self.report({"ERROR"}, words_of(error))
             return {"CANCELLED"}

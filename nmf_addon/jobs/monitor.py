@@ -88,7 +88,8 @@ class Monitor:
         if self.running or self.waits_to_install:
             return INTERVAL
         if self.model.state == "elsewhere":
-            self.model = model_of_folder(self.job)
+            if model_of_folder(self.job).state != "elsewhere":
+                self.look_at(str(self.job.root))
             redraw_panels()
         return LOOK_AGAIN if self.model.state == "elsewhere" else None
 

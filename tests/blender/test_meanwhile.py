@@ -11,6 +11,8 @@ import pytest
 from mathutils import Euler, Matrix
 from picking import select_two_vertices
 
+from solver.job.status import read_status
+
 
 def results():
     return [item for item in bpy.data.objects if item.get("nmf_job")]
@@ -121,6 +123,39 @@ def test_a_job_of_another_process_is_looked_at_until_it_ends(
     process.popen.wait(10)
     assert monitor.tick() is None
     assert monitor.model.state == "cancelled" and monitor.model.resumable
+
+
+def test_a_job_that_another_process_ends_well_offers_its_object(
+    capture, monitor, fake_solver, tick
+):
+    fake_solver("normal", pause=0.1)
+    bpy.ops.nmf.reconstruct()
+    tick(lambda: monitor.model.psnr is not None)
+    process, monitor.process = monitor.process, None
+    monitor.look_at(bpy.context.scene.nmf.job)
+    assert monitor.model.state == "elsewhere"
+    process.popen.wait(20)
+    assert monitor.tick() is None
+    assert monitor.model.text == "Done; Install Result brings its object" and not results()
+
+
+def test_a_job_that_another_blender_has_resumed_is_not_resumed_here_as_well(
+    capture, monitor, fake_solver, tick
+):
+    stop_in_the_fit(monitor, tick, fake_solver)
+    mine, root = monitor.model, bpy.context.scene.nmf.job
+    fake_solver("silent")
+    bpy.ops.nmf.resume()
+    tick(lambda: read_status(monitor.job.status_path).get("state") == "preparing")
+    process, monitor.process, monitor.model = monitor.process, None, mine
+    with pytest.raises(RuntimeError, match="another process works on this job"):
+        bpy.ops.nmf.resume()
+    assert monitor.model.state == "elsewhere" and not monitor.running
+    assert bpy.context.scene.nmf.job == root
+    process.close()
+    process.popen.wait(10)
+    monitor.tick()
+    assert monitor.model.state == "cancelled"
 
 
 def test_a_job_whose_folder_is_gone_is_told_in_a_sentence(capture, monitor, fake_solver, tick):
