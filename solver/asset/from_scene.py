@@ -133,11 +133,17 @@ class SceneSurface:
         return total >= enough
 
 
-def has_finer_photos(scene: Scene, cameras: Sequence[Camera], asset: AssetSettings) -> bool:
+def has_finer_photos(
+    scene: Scene, cameras: Sequence[Camera], asset: AssetSettings, size: int | None = None
+) -> bool:
     """Whether the albedo gets detail from photos: those of most cameras, in the scene's world and at the
-    sizes of the fit, are finer than its field."""
-    middle = scene.field.centre.cpu().numpy()
-    return asset.photo_detail and are_finer(cameras, middle, scene.field.voxel)
+    sizes of the fit, are finer than its field.
+
+    Args:
+        size: nodes per axis that the field will have; None: those it has.
+    """
+    voxel = 2 * scene.field.half_size / ((size or scene.field.size) - 1)
+    return asset.photo_detail and are_finer(cameras, scene.field.centre.cpu().numpy(), voxel)
 
 
 def asset_of(

@@ -135,9 +135,10 @@ def _run(job: JobFolder, progress: Progress, control: Control, began: float) -> 
         left = request.time_limit - (time.monotonic() - began)
     scene = trainer.scene
     cameras = [camera.seen_from(scene.origin) for camera in capture.cameras]
+    finer = has_finer_photos(scene, cameras, settings.asset, settings.field.sizes[-1])
     finish = finish_within(
         request.time_limit, scene, settings, capture.cameras if trainer.fog else (),
-        len(cameras) if has_finer_photos(scene, cameras, settings.asset) else 0,
+        len(cameras) if finer else 0,
     )  # fmt: skip
     limit = None
     if left is not None:
