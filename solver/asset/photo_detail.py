@@ -30,6 +30,9 @@ FEWEST_VIEWS = 3
 """from which on all of what they show counts; of one alone nothing does"""
 ROUNDS = 5
 """of robust means"""
+HIDDEN = 3.0
+"""by how much their noise is more than it seems, since they let go of what is far off (Gaussian noise in
+three to six views)"""
 POINTS_AT_ONCE = 1 << 17
 LEAST_COSINE = 0.35
 """between a surface's normal and the way to a camera whose photo counts"""
@@ -154,7 +157,8 @@ def _robust(weight: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
         independent = 1 - (trusted**2).sum(0) / sums**2
         trusted = weight / (1 + square / np.maximum(spread, 1e-12))
     alone = (weight > 0).sum(0) < 2
-    return mean, np.where(alone, mean**2, variance / np.maximum(independent, 1e-3))
+    noise = HIDDEN * variance / np.maximum(independent, 1e-3)
+    return mean, np.where(alone, mean**2, noise)
 
 
 def _residual(
@@ -166,12 +170,14 @@ def _residual(
     distance = np.linalg.norm(towards, axis=1)
     cosine = np.einsum("tk,tk->t", towards, surface.normals) / np.maximum(distance, 1e-12)
     index = np.flatnonzero(cosine > 0)
-    index = index[camera.in_frame(surface.points[index])]
+    places, depth = camera.project(surface.points[index])
+    size = camera.height, camera.width
+    # No comparison holds for NaN, which is where no lens sees.
+    inside = (depth > 0) & ((places >= 0) & (places < size[::-1])).all(1)
+    index, places = index[inside], places[inside]
     if len(index) == 0:
         return index, np.zeros(0), np.zeros((0, 3))
     distance, cosine = distance[index], cosine[index]
-    places, _ = camera.project(surface.points[index])
-    size = camera.height, camera.width
     per_unit = 1 / (camera.pixel_angle * np.median(distance))  # pixels
     edge = max(1.0, 2 * surface.spacing * per_unit)
     slope = np.sqrt(np.maximum(1 - cosine**2, 0)) / np.maximum(cosine, LEAST_COSINE)

@@ -54,15 +54,15 @@ class Finish:
 
     Attributes:
         texture_size: texels per edge. report_pixels: of a view of the report, at most.
-        photo_detail: whether the albedo gets detail from photos.
         seconds, lookup: for all of that, and for a lookup of the surface here; 0 where there is no limit.
+        photo_detail: whether the albedo gets detail from photos.
     """
 
     texture_size: int
     report_pixels: int
-    photo_detail: bool
     seconds: float
     lookup: float
+    photo_detail: bool = False
 
     def what_is_less(self, settings: Settings) -> str | None:
         """What is smaller for a limit's sake, one clause; None: nothing is."""
@@ -101,7 +101,7 @@ def finish_within(
         if scene.environment.floor is not None:
             lookups += _LOOKUPS_OF_FLOOR
         beside = 0.0 if limit is None or scene.device.type == "cpu" else _SECONDS_BESIDE_A_CARD
-        finish = Finish(size, pixels, detail, lookups * lookup + beside, lookup)
+        finish = Finish(size, pixels, lookups * lookup + beside, lookup, detail)
         # Of what the processor does beside a card, smaller textures and pictures spare nothing.
         if limit is None or finish.seconds - beside <= FINISHING * limit:
             break

@@ -7,9 +7,11 @@ import pytest
 import torch
 
 from solver.asset.errors import EmptySurfaceError
-from solver.asset.from_scene import SceneSurface, surface_level
+from solver.asset.from_scene import SceneSurface, has_finer_photos, surface_level
+from solver.asset.settings import AssetSettings
 from solver.asset.surface import marching_cubes
 from solver.capture.camera import Camera
+from solver.light.environment import EnvironmentMap
 from solver.render.image import ray_peaks
 from solver.render.scene import RenderSettings
 from tests.capture.test_capture import pose
@@ -113,3 +115,20 @@ def test_what_fewer_than_three_photos_show_is_not_seen():
     for count, seen in ((2, False), (3, True)):
         surface = SceneSurface(scene, cameras()[:count])
         assert surface.seen(0.5 * normal, normal) == seen
+
+
+def test_the_diffuse_response_is_the_irradiance_that_no_fresnel_has_sent_back():
+    scene = ball(environment=EnvironmentMap(16, 2.0))
+    points = np.array([[0.5, 0.0, 0.0], [0.0, -0.5, 0.0], [0.0, 0.0, 0.5]])
+    f0 = np.array([[0.04] * 3, [0.5] * 3, [1.0] * 3])
+    response = SceneSurface(scene, cameras()).diffuse_response(points, 2 * points, f0)
+    # An even light of 2 is an irradiance of 2 π; near the normal, little but F0 is sent back.
+    np.testing.assert_allclose(response, 2 * (1 - f0), rtol=0.02, atol=1e-6)
+
+
+def test_photos_are_finer_than_a_field_by_the_size_it_has_or_will_have():
+    scene, some = ball(), cameras()
+    assert has_finer_photos(scene, some, AssetSettings())
+    assert not has_finer_photos(scene, some, AssetSettings(photo_detail=False))
+    assert not has_finer_photos(scene, some, AssetSettings(), size=256)
+    assert not has_finer_photos(scene, [], AssetSettings())
