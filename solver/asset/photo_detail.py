@@ -254,7 +254,9 @@ def _sampled(view: View, places: np.ndarray, spacing: float) -> tuple[np.ndarray
     """Colours [K, 3] of a photo at places [K, 2], pixels; which [K] show the object alone, unclipped."""
     colours, alpha = view.pixels[..., :3], view.pixels[..., 3]
     if spacing > 1.5:
-        colours = scipy.ndimage.gaussian_filter(colours, (0.4 * spacing, 0.4 * spacing, 0))
+        sigma = 0.4 * spacing
+        cover = np.maximum(scipy.ndimage.gaussian_filter(alpha, sigma), 1e-6)
+        colours = scipy.ndimage.gaussian_filter(colours, (sigma, sigma, 0)) / cover[..., None]
     bad = scipy.ndimage.minimum_filter(alpha, 5) < LEAST_ALPHA
     if not view.is_hdr:
         bad |= scipy.ndimage.maximum_filter(view.pixels[..., :3].max(-1), 3) > SATURATED

@@ -165,6 +165,16 @@ def test_what_stands_before_the_wall_does_not_come_onto_it():
     assert rms(detail[: len(hidden)][beside]) > 0.05
 
 
+def test_photos_far_finer_than_texels_are_not_dark_at_outlines():
+    pattern = painted()
+    even = np.full_like(pattern, 0.5)
+    small = wall()
+    few = Surface(small.points, small.normals, 4 * SPACING, VOXEL, small.f0)
+    views = [view(i, RESPONSE * even) for i in range(8)]
+    detail = photo_detail(few, np.full_like(small.points, 0.5 * RESPONSE), views, lambda done: None)
+    assert np.abs(detail).max() < 1e-3
+
+
 def test_only_photos_that_are_finer_than_voxels_have_any_detail():
     cameras = [camera(i) for i in range(5)]
     pixel = DISTANCE / FOCAL
