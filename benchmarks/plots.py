@@ -18,6 +18,7 @@ def line_charts(path: Path, charts: list[dict], columns: int) -> None:
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     count = -(-len(charts) // columns)
     figure, axes = plt.subplots(
@@ -30,6 +31,10 @@ def line_charts(path: Path, charts: list[dict], columns: int) -> None:
         axis.set_ylabel(chart["y"])
         if chart.get("log_x"):
             axis.set_xscale("log")
+            # As many labels as find room beside each other: decades, halves and fifths.
+            axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axis.xaxis.set_major_formatter("{x:g}")
+            axis.xaxis.set_minor_formatter(NullFormatter())
         else:
             axis.set_ylim(0, 1.08 * axis.get_ylim()[1])
         axis.grid(alpha=0.3)
