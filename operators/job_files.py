@@ -10,7 +10,7 @@ import bpy
 from ..nmf_addon import preferences, runtime
 from ..nmf_addon.jobs.monitor import monitor
 from ..nmf_addon.jobs.process import log_tail
-from ..nmf_addon.scene.replace import JOB
+from ..nmf_addon.scene.replace import JOB, is_of
 from ..nmf_addon.scene.result import job_of_result
 from ..solver import __version__
 from ..solver.job.folder import JobError, JobFolder
@@ -114,9 +114,8 @@ def _installed_from(context: bpy.types.Context) -> str:
 
 def _job_meant(context: bpy.types.Context) -> JobFolder:
     """The active object's job, else the last one; also of a project that has moved since."""
-    path = _installed_from(context)
-    last = monitor.job
-    if not path or (last and last.root.name == Path(path).name and not Path(path).exists()):
+    path, last = _installed_from(context), monitor.job
+    if not path or (last and is_of(context.view_layer.objects.active, last)):
         return last
     return job_of_result(Path(path))
 

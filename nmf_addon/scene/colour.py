@@ -30,16 +30,14 @@ def set_colour_space(image: bpy.types.Image, name: str) -> None:
     if name == NON_COLOUR:
         settings.is_data = True
         return
-    for known in NAMES.get(name, (name,)):
-        if _set(settings, "name", known):
-            return
+    _set_first(settings, "name", NAMES.get(name, (name,)))
 
 
 def set_plain_view(scene: bpy.types.Scene) -> bool:
     """Show the scene's light as sRGB, without tone mapping; False if there is no such view."""
     # First, for each display has views of its own.
-    any(_set(scene.display_settings, "display_device", name) for name in PLAIN_DISPLAYS)
-    return any(_set(scene.view_settings, "view_transform", name) for name in PLAIN_VIEWS)
+    _set_first(scene.display_settings, "display_device", PLAIN_DISPLAYS)
+    return _set_first(scene.view_settings, "view_transform", PLAIN_VIEWS)
 
 
 def foreign_working_space(data: bpy.types.BlendData) -> str:
@@ -51,10 +49,13 @@ def foreign_working_space(data: bpy.types.BlendData) -> str:
     return space.working_space
 
 
-def _set(settings: bpy.types.bpy_struct, field: str, name: str) -> bool:
-    """Set a field if the configuration knows the name, which cannot be asked in all versions."""
-    try:
-        setattr(settings, field, name)
-    except TypeError:
-        return False
-    return True
+def _set_first(settings: bpy.types.bpy_struct, field: str, names: tuple[str, ...]) -> bool:
+    """Set a field to the first of some names that the configuration knows, which cannot be asked in all
+    versions; False if it knows none."""
+    for name in names:
+        try:
+            setattr(settings, field, name)
+        except TypeError:
+            continue
+        return True
+    return False

@@ -18,12 +18,12 @@ def installed_before(job: JobFolder, scene: bpy.types.Scene) -> bpy.types.Object
     """The object that a job was installed as, if it still is in a scene; that of `scene`, if it has one."""
     for item in (*scene.objects, *bpy.data.objects):
         editable = item.type == "MESH" and not item.library and not item.data.library
-        if editable and item.users_scene and _is_of(item, job):
+        if editable and item.users_scene and is_of(item, job):
             return item
     return None
 
 
-def _is_of(block: bpy.types.ID, job: JobFolder) -> bool:
+def is_of(block: bpy.types.ID, job: JobFolder) -> bool:
     """True if a data-block was installed from a job, also one that has moved since."""
     path = block.get(JOB)
     if not path:

@@ -7,7 +7,7 @@ import json
 import math
 import stat
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -262,6 +262,16 @@ def rigid_pose(path: Path, field: str, value: Any) -> np.ndarray:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = u @ vt, matrix[:3, 3]
     return pose
+
+
+def check_quaternion(path: Path, field: str, quaternion: Sequence[float], remedy: str) -> None:
+    """Make sure that four numbers, in whatever order, are about a unit quaternion.
+
+    Raises:
+        CaptureError: they are not.
+    """
+    if not 0.5 < np.linalg.norm(quaternion) < 2:
+        raise CaptureError(path, field, "its quaternion is no rotation", remedy)
 
 
 def is_no_pose(value: Any) -> bool:

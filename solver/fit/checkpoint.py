@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors import SafetensorError
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 
 from ..brdf.neural import NeuralTerm
@@ -158,7 +158,12 @@ def read_tensor(folder: Path, name: str) -> torch.Tensor | None:
     Raises:
         JobError: it is damaged.
     """
-    return _tensors_of(folder / TENSORS).get(name)
+    path = folder / TENSORS
+    try:
+        with safe_open(path, "pt") as file:
+            return file.get_tensor(name) if name in file.keys() else None  # noqa: SIM118 (no mapping)
+    except (SafetensorError, FileNotFoundError) as error:
+        raise _damaged(path, error) from error
 
 
 def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str, torch.Tensor]]:

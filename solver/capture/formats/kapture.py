@@ -23,7 +23,7 @@ import numpy as np
 
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import number, numbers, read_lines, text_head
+from ..files import check_quaternion, number, numbers, read_lines, text_head
 from ..frames import invert_pose, pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
@@ -122,8 +122,7 @@ def _poses(path: Path) -> _Poses:
             found[first, second] = None  # a place without a rotation, or the other way round
             continue
         pose = numbers(path, where, words, 7)
-        if not 0.5 < np.linalg.norm(pose[:4]) < 2:
-            raise CaptureError(path, where, "its quaternion is no rotation", _AGAIN)
+        check_quaternion(path, where, pose[:4], _AGAIN)
         found[first, second] = pose_matrix(tuple(pose))
     return found
 

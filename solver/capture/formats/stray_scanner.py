@@ -21,7 +21,7 @@ import numpy as np
 from ..camera_folder import LARGEST_FILE
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import as_text, number, numbers, read_bytes, read_lines, text_head
+from ..files import as_text, check_quaternion, number, numbers, read_bytes, read_lines, text_head
 from ..frames import pose_opengl_from_opencv, rotation_from_quaternion
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
@@ -88,8 +88,7 @@ def _rows(path: Path) -> dict[int, tuple[str, dict[str, str]]]:
 def _pose(path: Path, where: str, row: dict[str, str]) -> np.ndarray:
     """Camera to world [4, 4] with OpenGL's axes."""
     x, y, z, *quaternion = (number(path, f"{where}, {name}", row.get(name)) for name in _POSE)
-    if not 0.5 < np.linalg.norm(quaternion) < 2:
-        raise CaptureError(path, where, "its quaternion is no rotation", _REMEDY)
+    check_quaternion(path, where, quaternion, _REMEDY)
     pose = np.eye(4)
     pose[:3, :3] = rotation_from_quaternion(np.roll(quaternion, 1))
     pose[:3, 3] = x, y, z
