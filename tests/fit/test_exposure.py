@@ -7,8 +7,9 @@ import pytest
 import torch
 
 from solver.capture.photos import Photo
+from solver.fit import checkpoint
 from solver.fit.errors import SettingsError
-from solver.fit.exposure import Exposures, brought_to, exposures_for
+from solver.fit.exposure import Exposures, brought_to, exposures_for, photo_views
 from solver.fit.presets import settings_for
 from solver.fit.preview import display, over_plain
 from solver.fit.schedule import picture_settings
@@ -66,6 +67,18 @@ def test_a_checkpoint_carries_the_exposures_on(tmp_path):
     losses = [t.advance(0.5)["image"] for t in (trainer, other)]
     assert losses[0] == pytest.approx(losses[1], rel=1e-5)
     torch.testing.assert_close(other.exposures.log_gain, trainer.exposures.log_gain)
+
+
+def test_a_texture_that_is_baked_later_knows_the_exposures_of_the_fit(tmp_path):
+    trainer, _, capture, photos, _ = fitted(np.tile(GAINS[:, None], 3), "gain", steps=8)
+    checkpoint.save_checkpoint(trainer, tmp_path / "checkpoint", 1.0, done=True)
+    kept = checkpoint.read_tensor(tmp_path / "checkpoint", "exposures.log_gain")
+    torch.testing.assert_close(kept, trainer.log_gain)
+    gains = [view.gain for view in photo_views(capture.cameras, photos, kept)]
+    np.testing.assert_allclose(gains, trainer.exposures.gains().numpy(), rtol=1e-6)
+    assert checkpoint.read_tensor(tmp_path / "checkpoint", "none of this name") is None
+    plain = photo_views(capture.cameras, photos, None)
+    assert all((view.gain == 1).all() for view in plain)
 
 
 def test_photos_without_rays_keep_their_exposure_but_for_the_common_mean():
