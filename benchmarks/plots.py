@@ -12,7 +12,7 @@ def line_charts(path: Path, charts: list[dict], columns: int) -> None:
 
     Args:
         charts: each with 'x' and 'y', the axes' labels, 'lines', points [(x, y), …] by the name of a
-            line, and, if wanted, 'log_x'.
+            line, and, if wanted, 'log_x' and 'dashed', more lines, of a name's colour each.
     """
     import matplotlib
 
@@ -25,8 +25,12 @@ def line_charts(path: Path, charts: list[dict], columns: int) -> None:
         count, columns, figsize=(SIZE * columns, 0.8 * SIZE * count), squeeze=False
     )
     for axis, chart in zip(axes.flat, charts, strict=False):
+        colours = {}
         for name, points in chart["lines"].items():
             axis.plot(*zip(*points, strict=True), marker="o", markersize=3, label=name)
+            colours[name] = axis.lines[-1].get_color()
+        for name, points in chart.get("dashed", {}).items():
+            axis.plot(*zip(*points, strict=True), linestyle="--", linewidth=1, color=colours[name])
         axis.set_xlabel(chart["x"])
         axis.set_ylabel(chart["y"])
         if chart.get("log_x"):
