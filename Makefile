@@ -3,6 +3,7 @@
 # make benchmark     docs/benchmarks.md of SCENES="DIR DIR=PAPERNAME …" [SETTINGS="…"] [PRESET=draft]
 # make benchmark-kernels, make benchmark-curves: docs/kernels.md, docs/curves.md
 # make benchmark-scaling docs/scaling.md of CAPTURE (in NeRF-synthetic's layout)
+# make benchmark-promises docs/promises.md of SCENES: limits kept, times left [LIMITS="60 120"]
 # make benchmark-step    a step of the fit on every path of a device [DEVICE=cuda] [CAPTURE=DIR]
 # make extension     dist/….zip, to install in Blender make clean       remove what was made
 #
@@ -22,7 +23,7 @@ STAMP := .venv/.complete
 REQUIREMENTS := solver/requirements.txt requirements/development.txt requirements/constraints.txt
 BLENDER_TOOL = $(shell find .venv/lib -path '*bl_pkg/cli/blender_ext.py' 2>/dev/null | head -n 1)
 
-.PHONY: help environment demo clean-demo benchmark benchmark-kernels benchmark-curves benchmark-scaling benchmark-step test test-solver test-blender test-window lint extension clean
+.PHONY: help environment demo clean-demo benchmark benchmark-kernels benchmark-curves benchmark-scaling benchmark-promises benchmark-step test test-solver test-blender test-window lint extension clean
 
 help:
 	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
@@ -87,6 +88,10 @@ benchmark-step: $(STAMP)
 
 benchmark-scaling: $(STAMP)
 	$(BIN)/python benchmarks/scaling.py --scene $(CAPTURE) --preset $(PRESET)
+
+LIMITS ?= 60 120
+benchmark-promises: $(STAMP)
+	$(BIN)/python benchmarks/promises.py --scenes $(SCENES) --limits $(LIMITS) --preset $(PRESET)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
