@@ -46,7 +46,7 @@ def last_step(job: Path) -> int:
 
 
 def errors_of_time_left(job: Path) -> list[float]:
-    """How much too long (above 0) or short each time left of a job's fit was, as a share of the true one."""
+    """How much too long (above 0) or short each time left of a fit was, as a share of the true one."""
     events = _events(job)
     begun = next(i for i, e in enumerate(events) if _is_stage(e) and e.data["name"] == "fit")
     end = next(i for i in range(begun + 1, len(events)) if _is_stage(events[i]))
