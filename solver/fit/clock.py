@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 from itertools import pairwise
+from typing import NamedTuple
 
-from .schedule import emission_share, pixel_grid
+from .schedule import PROBE_TURNS, emission_share, pixel_grid, probe_turn
 from .settings import Settings
 
 # A step costs about as much as 1 + (G/194)² on a grid of G nodes per axis: rays, and passes over
@@ -19,10 +20,20 @@ LEAST_STEPS_FROM_FOG = 200
 """steps, however short a limit is: with 120 the fog of a whole fit stayed thin, and there was no surface"""
 
 
+class Renewals(NamedTuple):
+    """What probes and the light's detail took, which are renewed far more often early in a fit."""
+
+    done: int = 0
+    seconds: float = 0.0
+
+
+NO_RENEWALS = Renewals()
+
+
 def work_done(
     settings: Settings, fraction: float, fog: bool = False, on_card: bool = False
 ) -> float:
-    """Share of a fit's time that its first `fraction` takes: steps on coarse grids are faster.
+    """Share of all steps' time that a fit's first `fraction` takes: those on coarse grids are faster.
 
     Args:
         fog: it starts as one (see `Trainer`).
@@ -69,7 +80,7 @@ class FitClock:
         self.settings, self.begun, self.limit, self.fog = settings, begun, limit, fog
         self.on_card = on_card
         self.started = time.monotonic()
-        self._first: tuple[float, float] | None = None
+        self._first: tuple[float, float, Renewals] | None = None
 
     @property
     def elapsed(self) -> float:
@@ -86,16 +97,27 @@ class FitClock:
             by_time = min(by_time, step / LEAST_STEPS_FROM_FOG)
         return max(done, by_time)
 
-    def seconds_left(self, step: int) -> float | None:
-        """Seconds until the fit is over; None while nobody can tell. To be asked after every step."""
-        elapsed, work = self.elapsed, self._work(self.fraction(step))
+    def seconds_left(self, step: int, renewed: Renewals = NO_RENEWALS) -> float | None:
+        """Seconds until the fit is over; None while nobody can tell. To be asked after every step.
+
+        Args:
+            renewed: since the start; what that takes is no part of a step.
+        """
+        elapsed, fraction = self.elapsed, self.fraction(step)
+        work = self._work(fraction)
         if self._first is None:
-            # A card takes seconds for its first step, and none of the others does.
-            self._first = (elapsed, work) if self.on_card else (0.0, self._work(self.begun))
-        since, share = elapsed - self._first[0], work - self._first[1]
+            # The first step takes longer than others: on a card seconds, also where a fit goes on.
+            begun = 0.0, self._work(self.begun), NO_RENEWALS
+            self._first = (elapsed, work, renewed) if self.on_card or step == 1 else begun
+        first, work_before, before = self._first
+        since, share = elapsed - first, work - work_before
         if since < self.PATIENCE or share <= 0:
             return None
-        by_work = since / max(share, 1e-3) * (1 - work)
+        renewing = renewed.seconds - before.seconds
+        by_work = (since - renewing) / max(share, 1e-3) * (1 - work)
+        if renewed.done > before.done:
+            left = PROBE_TURNS - 1 - probe_turn(fraction)
+            by_work += max(left, 0) * renewing / (renewed.done - before.done)
         return by_work if self.limit is None else min(by_work, max(self.limit - elapsed, 0.0))
 
     def _work(self, fraction: float) -> float:

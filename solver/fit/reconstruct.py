@@ -241,7 +241,8 @@ def fit(
         before = terms["image"] if smooth_error is None else smooth_error
         smooth_error = (1 - SMOOTHING) * before + SMOOTHING * terms["image"]
         psnr = -10 * math.log10(max(smooth_error, LEAST_ERROR))
-        progress.fit(trainer.step, steps, done, timer.seconds_left(trainer.step), psnr)
+        left = timer.seconds_left(trainer.step, trainer.renewed)
+        progress.fit(trainer.step, steps, done, left, psnr)
         if control.should_stop:
             checkpoint.save_checkpoint(trainer, job.checkpoint_dir, now - began, done=False)
             progress.checkpoint(trainer.step)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import time
 from contextlib import nullcontext
 
 import torch
@@ -17,6 +18,7 @@ from ..render.scene import Scene
 from .adam import Adam
 from .batching import Batching, room_on
 from .chunk import SURROUNDED, ChunkLoss, Taken
+from .clock import NO_RENEWALS, Renewals
 from .exposure import exposures_for
 from .far_light import FarLight
 from .light_colours import colour_coarsely
@@ -86,7 +88,7 @@ class Trainer:
         self.level = 0
         self.steps_at_level = 0
         self.fraction_at_level = self.fraction = 0.0
-        self.probe_turn = -1
+        self.probe_turn, self.renewed = -1, NO_RENEWALS
         self.open_detail = OpenDetail(settings.light)
         # The tables of a light that turns are others in each step.
         self.replay = replay_for(scene.device) if turns is None else None
@@ -215,11 +217,7 @@ class Trainer:
         if self.step % self.OCCUPANCY_EVERY == 0:
             self.refresh_occupancy()
         if probe_turn(fraction) != self.probe_turn:
-            self.probe_turn = probe_turn(fraction)
-            self.refresh_probes()
-            if self.open_detail.wanted(fraction) and not self._light_is_shown:
-                pixels = self.some_pixels(self.open_detail.STEPS)
-                self.open_detail.look(self.scene, self.loss, pixels)
+            self._renew(fraction)
         plan = self._begin_period(pixel_grid(self.settings, fraction))
         self.scene.field.smoothing = smoothing_width(self.settings.field, plan.fraction)
         found, counted = self._gradients(plan)
@@ -236,6 +234,17 @@ class Trainer:
         image = sum(taken.image * share for taken, share in zip(found, plan.shares, strict=True))
         image = float(image) if self.replay is None else self.replay.told_before(image)
         return {"image": image, "rays": sum(plan.rays)}
+
+    def _renew(self, fraction: float) -> None:
+        """Renew probes, and what is known of the light's detail."""
+        began = time.monotonic()
+        self.probe_turn = probe_turn(fraction)
+        self.refresh_probes()
+        if self.open_detail.wanted(fraction) and not self._light_is_shown:
+            pixels = self.some_pixels(self.open_detail.STEPS)
+            self.open_detail.look(self.scene, self.loss, pixels)
+        done, seconds = self.renewed
+        self.renewed = Renewals(done + 1, seconds + time.monotonic() - began)
 
     @property
     def _light_is_shown(self) -> bool:
