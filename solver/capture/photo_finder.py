@@ -172,7 +172,7 @@ class PhotoFinder:
         if isinstance(stated, str) and stated:
             base = self.folder if beside is None else beside.parent
             found = self._at(base, stated) or self._at(self.folder, stated)
-            return found or self.masks.of(photo) or base.joinpath(*parts_of(stated))
+            return found or self.masks.of(photo) or _missing_in(base, stated)
         return self.masks.of(photo)
 
     def pictures(self) -> list[Path]:
@@ -236,3 +236,11 @@ class PhotoFinder:
         own = path.relative_to(self.folder).parts
         same_name = plain(own[-1]) == plain(parts[-1])
         return agreement(folders_of(own), folders_of(parts)), int(same_name), developed(path)
+
+
+def _missing_in(folder: Path, stated: str) -> Path:
+    """Where in a folder a picture would be that a file names and that is not there: for the error that says
+    so, and never outside of the folder, as a name with a drive of Windows in its midst would be."""
+    folder = Path(os.path.normpath(folder))
+    path = Path(os.path.normpath(folder.joinpath(*parts_of(stated))))
+    return path if path.is_relative_to(folder) else folder / "mask"

@@ -6,7 +6,7 @@ import os
 import re
 import unicodedata
 from collections.abc import Iterator, Sequence
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from .errors import CaptureError
 from .image_header import EXTENSIONS, image_size
@@ -21,6 +21,7 @@ DEEPEST, MOST_FILES = 6, 200_000
 _LAYER = ".geometry"
 """folder of the photos themselves, among RealityCapture's layers; other folders that are hidden are left"""
 _THUMBNAILS = re.compile(r"thumb|preview", re.I)
+_DRIVE = re.compile(r"[a-z]:", re.I)
 
 
 def plain(name: str) -> str:
@@ -44,9 +45,10 @@ def stem_of(name: str) -> str:
 
 
 def parts_of(stated: str) -> list[str]:
-    """The parts of a path that a file of any system states, without what leads out of a folder."""
-    parts = PurePosixPath(stated.replace("\\", "/")).parts
-    return [part for part in parts if part not in (".", "..", "/")]
+    """The parts of a path that a file of any system states, without what leads out of a folder: steps
+    upwards, a drive, and the slashes that a root or a server begins with."""
+    parts = stated.replace("\\", "/").split("/")
+    return [part for part in parts if part not in ("", ".", "..") and not _DRIVE.fullmatch(part)]
 
 
 def folders_of(parts: Sequence[str]) -> list[str]:

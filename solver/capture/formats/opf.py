@@ -14,6 +14,7 @@ https://pix4d.github.io/opf-spec, https://github.com/Pix4D/pyopf (examples/compu
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from contextlib import suppress
@@ -135,9 +136,12 @@ def _beside(path: Path, name: str) -> Path | None:
     folder = path.absolute().parent.resolve()
     # A name may be too long for any file, no text that files can have as theirs, or a link to itself.
     with suppress(OSError, RuntimeError, ValueError):
-        file = (folder / name).resolve()
-        if file.is_relative_to(folder) and file.is_file():
-            return file
+        # Whoever asks what a path of another computer leads to has asked that computer.
+        file = Path(os.path.normpath(folder / name))
+        if file.is_relative_to(folder):
+            file = file.resolve()
+            if file.is_relative_to(folder) and file.is_file():
+                return file
     return None
 
 
