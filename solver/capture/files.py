@@ -8,6 +8,7 @@ import math
 import stat
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ from .errors import CaptureError, shown
 
 LARGEST_TEXT = 1 << 28
 """bytes; a camera file of a thousand photos with all its sparse points has a tenth of that"""
+LONGEST_LINE = 1 << 24
+"""bytes; COLMAP writes all observations of a photo into one, and half a million of them have that many"""
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 """how text in it begins"""
 
@@ -123,16 +126,21 @@ def read_lines(path: Path) -> Iterator[tuple[int, str]]:
     (names of photos, in another encoding) stay as Python's file names have them.
 
     Raises:
-        CaptureError: it cannot be read, or is not text.
+        CaptureError: it cannot be read, is not text, or has a line longer than any camera file's.
     """
     try:
         _size(path)
         with path.open("rb") as file:
-            for index, raw in enumerate(file, start=1):
+            pieces = iter(partial(file.readline, LONGEST_LINE + 1), b"")
+            for index, raw in enumerate(pieces, start=1):
+                where = f"line {index}"
                 if b"\0" in raw:
-                    raise CaptureError(
-                        path, f"line {index}", "this is not text", "give a camera file"
+                    raise CaptureError(path, where, "this is not text", "give a camera file")
+                if len(raw) > LONGEST_LINE:
+                    problem = (
+                        f"it has more than {LONGEST_LINE >> 20} MB, which no camera file's has"
                     )
+                    raise CaptureError(path, where, problem, "give a camera file")
                 if index == 1:
                     raw = raw.removeprefix(b"\xef\xbb\xbf")
                 yield index, raw.decode("utf-8", "surrogateescape").strip()

@@ -1,17 +1,20 @@
-"""Files that camera files lie beside, or are said to be: what is no file at all never ends."""
+"""Files that camera files lie beside, or are said to be: what is no file at all never ends, nor do some lines."""
 
 import os
+import tracemalloc
 
 import pytest
 
 from solver.capture.errors import CaptureError
-from solver.capture.files import head_of, read_bytes, read_lines
-
-pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such files")
+from solver.capture.files import LONGEST_LINE, head_of, read_bytes, read_lines
+from solver.capture.read import read_capture
+from tests.capture.programs import names, save_photos
 
 
 @pytest.fixture(params=["pipe", "device"])
 def endless(tmp_path, request):
+    if not hasattr(os, "mkfifo"):
+        pytest.skip("Windows has no such files")
     file = tmp_path / "trajectories.txt"
     os.mkfifo(tmp_path / "pipe")
     file.symlink_to(tmp_path / "pipe" if request.param == "pipe" else os.devnull)
@@ -24,3 +27,61 @@ def test_pipes_and_devices_are_not_read(endless):
     with pytest.raises(CaptureError, match=r"cannot be read \(this is no file, but a pipe"):
         list(read_lines(endless))
     assert head_of(endless) == b""
+
+
+@pytest.mark.parametrize("filling", [b"", b"7"], ids=["nothing", "digits"])
+def test_a_line_of_gigabytes_is_refused_without_being_held(tmp_path, filling):
+    file = tmp_path / "points3D.txt"
+    with file.open("wb") as out:
+        out.write(b"# a list\n" + filling * (LONGEST_LINE + 5))
+        out.truncate(1 << 30)  # of what was not written, disks have nothing
+    tracemalloc.start()
+    with pytest.raises(
+        CaptureError, match=r"points3D.txt, line 2: (this is not text|.*more than 16 MB)"
+    ):
+        list(read_lines(file))
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 8 * LONGEST_LINE
+
+
+HEADS = {
+    "sparse/images.txt": b"1 1 0 0 0 0 0 4 1 a.png\n",
+    "sparse/points3D.txt": b"1 0 0 0 9 9 9 0.1\n",
+    "bundle.out": b"# Bundle file v0.3\n5 0\n",
+    "model.nvm": b"NVM_V3\n\n5\n",
+    "sensors/trajectories.txt": b"# kapture format: 1.1\n",
+    "odometry.csv": b"timestamp, frame, x, y, z, qx, qy, qz, qw\n",
+}
+
+
+@pytest.mark.parametrize("name", HEADS)
+def test_no_reader_holds_a_line_of_gigabytes(tmp_path, name):
+    save_photos(tmp_path)
+    photos = [f"{stem}.png" for stem in names()]
+    beside = {
+        "sparse/cameras.txt": "1 PINHOLE 96 64 70 60 48 32\n",
+        "sparse/images.txt": "".join(
+            f"{i + 1} 1 0 0 0 {i} 0 4 1 {p}\n\n" for i, p in enumerate(photos)
+        ),
+        "sparse/points3D.txt": "",
+        "list.txt": "\n".join(photos),
+        "sensors/sensors.txt": "# kapture format: 1.1\ncam, , camera, PINHOLE, 96, 64, 70, 60, 48, 32\n",
+        "sensors/records_camera.txt": "".join(f"{i}, cam, {p}\n" for i, p in enumerate(photos)),
+        "camera_matrix.csv": "70,0,48\n0,70,32\n0,0,1\n",
+    }
+    for other, text in beside.items():
+        if other.split("/")[:-1] == name.split("/")[:-1]:
+            (tmp_path / other).parent.mkdir(exist_ok=True)
+            (tmp_path / other).write_text(text)
+    with (tmp_path / name).open("wb") as out:
+        out.write(HEADS[name])
+        out.truncate(1 << 30)
+    tracemalloc.start()
+    try:
+        said = " ".join(read_capture(tmp_path).warnings)
+    except CaptureError as error:
+        said = str(error)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert name.split("/")[-1] in said and most < 8 * LONGEST_LINE
