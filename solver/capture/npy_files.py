@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import tokenize
 import warnings
 import zipfile
 import zlib
@@ -61,7 +62,14 @@ def _array(path: Path, field: str, content: bytes) -> np.ndarray:
             warnings.simplefilter("ignore")  # of files that Python 2 wrote
             shape, by_columns, kind = _HEADERS[np.lib.format.read_magic(stream)](stream)
         array = array_of(content[stream.tell() :], kind, shape, by_columns)
-    except (ValueError, KeyError, TypeError, OverflowError, SyntaxError) as error:
+    except (
+        ValueError,
+        KeyError,
+        TypeError,
+        OverflowError,
+        SyntaxError,
+        tokenize.TokenError,  # of a header that Python 2 might have written
+    ) as error:
         raise CaptureError(path, field, "this is no array of numbers", _REMEDY) from error
     if not np.isfinite(array).all():
         raise CaptureError(path, field, "it holds a value that is not a number", _REMEDY)

@@ -4,7 +4,6 @@ import json
 import re
 import sys
 
-import numpy as np
 import pytest
 from PIL import Image
 
@@ -12,26 +11,11 @@ from solver.capture.errors import CaptureError
 from solver.capture.photo_finder import PhotoFinder
 from solver.capture.picture_names import parts_of
 from solver.capture.read import read_capture
-from tests.capture import (
-    blocks,
-    colmap_models,
-    test_bundler,
-    test_kapture,
-    test_meshroom,
-    test_metashape,
-    test_nerfies,
-    test_opendronemap,
-    test_openmvg,
-    test_opensfm,
-    test_opf,
-    test_radiance_fields,
-    test_realitycapture,
-    test_sdfstudio,
-    test_visualsfm,
-)
-from tests.capture.programs import COUNT, HEIGHT, WIDTH, names, poses, save_photos
+from tests.capture.every_format import MAKERS
+from tests.capture.programs import COUNT, save_photos
 
-POINTS = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+NAMING = list(MAKERS)[: list(MAKERS).index("COLMAP, binary")]
+"""formats whose files are text and name other files"""
 WAYS_OUT = {
     "whole path": "{place}/{name}",
     "two slashes": "/{place}/{name}",
@@ -43,66 +27,6 @@ WAYS_OUT = {
     "coded address": "%2e%2e/secret/{name}",
 }
 _TEXTS = (".json", ".opf", ".sfm", ".xml", ".txt", ".csv", ".out", ".nvm", ".geojson")
-
-
-def make_transforms(folder):
-    save_photos(folder)
-    save_photos(folder, [f"{name}_seen" for name in names()])
-    (folder / "points.ply").write_text(f"{POINTS}end_header\n0 0 0\n")
-    frames = [
-        {"file_path": f"{name}.png", "mask_path": f"{name}_seen.png", "transform_matrix": pose.tolist()}
-        for name, pose in zip(names(), poses() @ np.diag([1.0, -1, -1, 1]), strict=True)
-    ]  # fmt: skip
-    content = {"fl_x": 80, "w": WIDTH, "h": HEIGHT, "ply_file_path": "points.ply", "frames": frames}
-    (folder / "transforms.json").write_text(json.dumps(content))
-
-
-def make_blocks(folder):
-    photos = [
-        blocks.photo(i, pose, inside=f"<MaskPath>{name}_seen.png</MaskPath>")
-        for i, (name, pose) in enumerate(zip(names(), poses(), strict=True))
-    ]
-    blocks.write(folder, blocks.document([blocks.group(photos)]))
-    save_photos(folder / "photos", [f"{name}_seen" for name in names()])
-
-
-def make_nerfies(folder):
-    ids = test_nerfies.IDS
-    test_nerfies.make(folder)
-    (folder / "dataset.json").write_text(
-        json.dumps({"ids": ids, "train_ids": ids, "val_ids": [], "count": COUNT})
-    )
-
-
-MAKERS = {
-    "transforms.json": lambda folder, solved: make_transforms(folder),
-    "COLMAP": lambda folder, solved: colmap_models.write(
-        solved(folder, names=[f"{name}.png" for name in names()]), folder, "txt"
-    ),
-    "Bundler": lambda folder, solved: test_bundler.export(
-        solved(folder, "SIMPLE_PINHOLE", (70, 32, 24)), folder / "bundle.out", "list.txt"
-    ),
-    "VisualSFM": lambda folder, solved: test_visualsfm.export(
-        solved(folder, "SIMPLE_PINHOLE", (70, 32, 24)), folder / "model.nvm"
-    ),
-    "Meshroom": lambda folder, solved: test_meshroom.write(folder, test_meshroom.scene(folder=".")),
-    "OpenMVG": lambda folder, solved: test_openmvg.write(folder, test_openmvg.scene(root=".")),
-    "OpenSfM": lambda folder, solved: test_opensfm.write(folder, test_opensfm.scene()),
-    "OpenDroneMap": lambda folder, solved: test_opendronemap.write(
-        folder, test_opendronemap.shots()
-    ),
-    "Metashape": lambda folder, solved: test_metashape.write(folder, test_metashape.simple()),
-    "RealityCapture": lambda folder, solved: test_realitycapture.write_table(
-        folder, test_realitycapture.table()
-    ),
-    "BlocksExchange": lambda folder, solved: make_blocks(folder),
-    "Kapture": lambda folder, solved: test_kapture.make(folder),
-    "OPF": lambda folder, solved: test_opf.write(folder),
-    "SDFStudio": lambda folder, solved: test_sdfstudio.write(folder, test_sdfstudio.scene()),
-    "splat": lambda folder, solved: test_radiance_fields.make_splat(folder),
-    "Nerfies": lambda folder, solved: make_nerfies(folder),
-}
-"""formats whose files name other files"""
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +71,7 @@ def lead_out(folder, form):
 
 
 @pytest.mark.parametrize("way", WAYS_OUT)
-@pytest.mark.parametrize("program", MAKERS)
+@pytest.mark.parametrize("program", NAMING)
 def test_no_name_in_a_camera_file_leads_out_of_its_folder(tmp_path, solved, opened, program, way):
     for folder in (tmp_path / "capture", tmp_path / "secret"):
         folder.mkdir()

@@ -229,6 +229,14 @@ def test_an_arrays_stated_size_sets_no_memory_aside(tmp_path, shape):
         read_capture(folder / "poses_bounds.npy")
 
 
+@pytest.mark.parametrize("bracket", [b"(", b"[", b"{", b"'"])
+def test_a_header_that_cannot_be_taken_apart_is_named(tmp_path, bracket):
+    file = make_llff(tmp_path) / "poses_bounds.npy"
+    file.write_bytes(file.read_bytes().replace(b"(5, 17), } ", bracket + b"(5, 17), }", 1))
+    with pytest.raises(CaptureError, match="this is no array of numbers"):
+        read_capture(file)
+
+
 def test_an_archive_that_unpacks_to_gigabytes_is_refused(tmp_path):
     folder = make_neus(tmp_path)
     with zipfile.ZipFile(folder / "cameras_sphere.npz", "w", zipfile.ZIP_DEFLATED) as archive:
