@@ -20,6 +20,9 @@ LARGEST_TEXT = 1 << 28
 """bytes; a camera file of a thousand photos with all its sparse points has a tenth of that"""
 LONGEST_LINE = 1 << 24
 """bytes; COLMAP writes all observations of a photo into one, and half a million of them have that many"""
+MOST_IN_JSON, MOST_IN_XML = LARGEST_TEXT >> 5, LARGEST_TEXT >> 4
+"""lists and objects, or elements, in a file; with nothing inside they take twenty times the memory of their
+text. Those that say where a point is and who sees it are longer than 32 bytes, and 16, in the mean."""
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 """how text in it begins"""
 
@@ -154,16 +157,16 @@ def read_json(path: Path) -> Any:
     Raises:
         CaptureError: as `read_text`; also with the line where the JSON breaks off.
     """
+    text = read_text(path)
+    _check_inside(path, text.count("[") + text.count("{"), MOST_IN_JSON, "lists and objects")
     try:
-        return json.loads(read_text(path))
+        return json.loads(text)
     except json.JSONDecodeError as error:
         raise CaptureError(
             path, f"line {error.lineno}", f"this is not valid JSON ({error.msg})",
             "the file seems cut off or edited; export it again",
         ) from error  # fmt: skip
     except (RecursionError, ValueError) as error:
-        if isinstance(error, CaptureError):
-            raise
         problem = "its JSON is nested too deeply or holds a number of absurd length"
         raise CaptureError(path, "", problem, "export it again") from error
 
@@ -175,8 +178,10 @@ def read_xml(path: Path) -> ElementTree.Element:
         CaptureError: as `read_bytes`; also with the line where the XML breaks off.
     """
     content = read_bytes(path)
-    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+    plain = content.replace(b"\0", b"")  # also of UTF-16
+    if b"<!DOCTYPE" in plain or b"<!ENTITY" in plain:
         raise CaptureError(path, "DOCTYPE", "no camera file has one", "export it again")
+    _check_inside(path, plain.count(b"</") + plain.count(b"/>"), MOST_IN_XML, "elements")
     try:
         return ElementTree.fromstring(content)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
@@ -187,6 +192,19 @@ def read_xml(path: Path) -> ElementTree.Element:
         ) from error  # fmt: skip
     except RecursionError as error:
         raise CaptureError(path, "", "its XML is nested too deeply", "export it again") from error
+
+
+def _check_inside(path: Path, count: int, most: int, what: str) -> None:
+    """Make sure that a file has no more inside than memory is there for.
+
+    Raises:
+        CaptureError: it has.
+    """
+    if count > most:
+        raise CaptureError(
+            path, "", f"it has more than {most >> 20} million {what}, which no camera file has",
+            "give the camera file",
+        )  # fmt: skip
 
 
 def number(path: Path, field: str, value: Any) -> float:

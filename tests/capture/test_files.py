@@ -6,7 +6,16 @@ import tracemalloc
 import pytest
 
 from solver.capture.errors import CaptureError
-from solver.capture.files import LONGEST_LINE, head_of, read_bytes, read_lines
+from solver.capture.files import (
+    LONGEST_LINE,
+    MOST_IN_JSON,
+    MOST_IN_XML,
+    head_of,
+    read_bytes,
+    read_json,
+    read_lines,
+    read_xml,
+)
 from solver.capture.read import read_capture
 from tests.capture.programs import names, save_photos
 
@@ -85,3 +94,35 @@ def test_no_reader_holds_a_line_of_gigabytes(tmp_path, name):
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert name.split("/")[-1] in said and most < 8 * LONGEST_LINE
+
+
+@pytest.mark.parametrize(
+    "read, most, start, piece, end",
+    [
+        (read_json, MOST_IN_JSON, b'{"frames": [', b"[],", b"[]]}"),
+        (read_json, MOST_IN_JSON, b'{"frames": [', b"{},", b"{}]}"),
+        (read_xml, MOST_IN_XML, b"<document>", b"<a/>", b"</document>"),
+        (read_xml, MOST_IN_XML, b"<document>", b"<a></a>", b"</document>"),
+    ],
+)
+def test_millions_of_values_without_anything_in_them_are_refused_before_they_are_made(
+    tmp_path, read, most, start, piece, end
+):
+    file = tmp_path / "cameras"
+    file.write_bytes(start + piece * most + end)
+    tracemalloc.start()
+    with pytest.raises(CaptureError, match="more than (8|16) million"):
+        read(file)
+    held = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert held < 3 * file.stat().st_size
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
+def test_xml_that_defines_entities_is_refused_in_any_encoding(tmp_path, encoding):
+    file = tmp_path / "cameras.xml"
+    file.write_bytes('<!DOCTYPE d [<!ENTITY a "b">]><document>&a;</document>'.encode(encoding))
+    with pytest.raises(CaptureError, match="DOCTYPE: no camera file has one"):
+        read_xml(file)
+    file.write_bytes("<document><chunk>ä</chunk></document>".encode(encoding))
+    assert read_xml(file).findtext("chunk") == "ä"
