@@ -7,18 +7,20 @@ Only `photos` and `masks` import this module: Blender's Python need not have the
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import OpenImageIO
 
-from .colour import rec709_from_chromaticities
+from .colour import PRIMARIES, rec709_from_chromaticities
 from .decoded import Decoded
 from .errors import CaptureError, shown
-from .heif import decode_heif
+from .heif import check_transfer, decode_heif
 from .icc import profile_unless_srgb
 from .image_header import image_orientation, image_size, is_heif, is_raw
 from .orientation import oriented
+from .png_header import png_colours
 from .raw import decode_raw
 
 _MOST_CHANNELS = 64
@@ -26,6 +28,8 @@ _TYPES = {
     "uint8": "uint8", "uint16": "uint16",
     "half": "float", "float": "float", "double": "float",
 }  # fmt: skip
+_LINEAR = 8
+"""the transfer function that is none, in ITU-T H.273"""
 
 
 def decode(path: Path, least: int = 0) -> Decoded:
@@ -110,15 +114,31 @@ def _decode(path: Path) -> Decoded:
             image_orientation(path) if is_webp else spec.get_int_attribute("Orientation", 1)
         )
         profile = spec.getattribute("ICCProfile")
-        return Decoded(
+        decoded = Decoded(
             pixels, alpha, associated=not straight,
             linear=str(spec.getattribute("oiio:ColorSpace") or "").startswith("lin"),
             orientation=orientation if 1 <= orientation <= 8 else 1,
             profile=None if profile is None else profile_unless_srgb(bytes(profile)),
             channels=tuple(spec.channelnames),
         )  # fmt: skip
+        stated = png_colours(path) if file.format_name() == "png" else None
+        return decoded if stated is None else _in_colours(path, decoded, *stated)
     finally:
         file.close()
+
+
+def _in_colours(path: Path, decoded: Decoded, primaries: int, transfer: int) -> Decoded:
+    """A PNG in the colours that it states by H.273's numbers, which go before all else that it says.
+
+    Raises:
+        CaptureError: its light is coded for HDR screens.
+    """
+    check_transfer(path, transfer)
+    chromaticities = PRIMARIES.get(primaries)
+    return replace(
+        decoded, profile=None, linear=transfer == _LINEAR,
+        matrix=None if chromaticities is None else rec709_from_chromaticities(chromaticities),
+    )  # fmt: skip
 
 
 def _in_display_window(pixels: np.ndarray, spec: OpenImageIO.ImageSpec) -> np.ndarray:

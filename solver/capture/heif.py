@@ -33,11 +33,7 @@ def decode_heif(path: Path) -> Decoded:
     """
     with path.open("rb") as file:
         header = read_heif_header(file)
-    if header.transfer in HDR:
-        raise CaptureError(
-            path, "transfer", f"its light is coded for HDR screens ({HDR[header.transfer]})",
-            "convert the photos to JPEG, or to linear OpenEXR",
-        )  # fmt: skip
+    check_transfer(path, header.transfer)
     pixels, mode, profile = _of_avif(path, header.turn) if header.is_avif else _of_heic(path)
     if pixels.shape[1::-1] != (header.width, header.height):
         raise ValueError("its picture has another size than its header says")
@@ -49,6 +45,22 @@ def decode_heif(path: Path) -> Decoded:
         matrix=None if primaries is None else rec709_from_chromaticities(primaries),
         channels=tuple(mode.upper()),
     )  # fmt: skip
+
+
+def check_transfer(path: Path, transfer: int | None) -> None:
+    """Make sure that a photo has light on a scale of its own.
+
+    Args:
+        transfer: the number of its transfer function in ITU-T H.273.
+
+    Raises:
+        CaptureError: its light is coded for HDR screens.
+    """
+    if transfer in HDR:
+        raise CaptureError(
+            path, "transfer", f"its light is coded for HDR screens ({HDR[transfer]})",
+            "convert the photos to JPEG, or to linear OpenEXR",
+        )  # fmt: skip
 
 
 def _of_heic(path: Path) -> tuple[np.ndarray, str, bytes | None]:
