@@ -34,7 +34,7 @@ def read_bytes(path: Path, largest: int = LARGEST_TEXT) -> bytes:
         CaptureError: it cannot be read, or is larger than any camera file.
     """
     try:
-        if _size(path) > largest:
+        if file_size(path) > largest:
             raise CaptureError(
                 path, "", f"it has more than {largest >> 20} MB, which no camera file has",
                 "give the camera file",
@@ -44,7 +44,7 @@ def read_bytes(path: Path, largest: int = LARGEST_TEXT) -> bytes:
         raise no_access(path, error) from error
 
 
-def _size(path: Path) -> int:
+def file_size(path: Path) -> int:
     """Bytes in a file.
 
     Raises:
@@ -78,7 +78,7 @@ def no_access(path: Path, error: OSError) -> CaptureError:
 def head_of(path: Path, count: int = 1 << 16) -> bytes:
     """The first bytes of a file; empty if it cannot be read."""
     try:
-        size = _size(path)
+        size = file_size(path)
         with path.open("rb") as file:
             # Asked for more than there is, Python sets that much memory aside.
             return file.read(min(count, size))
@@ -132,7 +132,7 @@ def read_lines(path: Path) -> Iterator[tuple[int, str]]:
         CaptureError: it cannot be read, is not text, or has a line longer than any camera file's.
     """
     try:
-        _size(path)
+        file_size(path)
         with path.open("rb") as file:
             pieces = iter(partial(file.readline, LONGEST_LINE + 1), b"")
             for index, raw in enumerate(pieces, start=1):

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from .errors import CaptureError
+from .files import file_size
 from .heif_header import has_heif_brand, read_heif_header
 from .jpeg_header import jpeg_exif, jpeg_size
 from .raw_header import RAW, is_raw_photo, raw_exif, raw_focal_35mm, raw_orientation
@@ -52,7 +53,7 @@ def image_size(path: Path) -> tuple[int, int]:
         UnknownSize: it is a camera raw photo, and this is Blender.
     """
     try:
-        with path.open("rb") as file:
+        with _opened(path) as file:
             size = _raw_size(path) if is_raw_photo(file, path.suffix) else _size(file)
             file.seek(0)
             pointer = size is None and file.read(len(_LFS_POINTER)) == _LFS_POINTER
@@ -82,11 +83,21 @@ def image_size(path: Path) -> tuple[int, int]:
     return width, height
 
 
+def _opened(path: Path) -> BinaryIO:
+    """A file to read from.
+
+    Raises:
+        OSError: it cannot be read, or is a pipe or a device, for which reading may wait for ever.
+    """
+    file_size(path)
+    return path.open("rb")
+
+
 def image_orientation(path: Path) -> int:
     """EXIF's orientation of a JPEG, WebP, TIFF or raw photo, 1 to 8; 1, as it lies, where its header states
     none."""
     try:
-        with path.open("rb") as file:
+        with _opened(path) as file:
             head = file.read(24)
             file.seek(0)
             if head[:2] == b"\xff\xd8":
@@ -106,7 +117,7 @@ def image_orientation(path: Path) -> int:
 def focal_of_raw(path: Path) -> int:
     """The focal length, mm, that EXIF of a raw photo states for full-frame cameras; 0 if it does not."""
     try:
-        with path.open("rb") as file:
+        with _opened(path) as file:
             exif = raw_exif(file)
             return 0 if exif is None else raw_focal_35mm(exif)
     except (OSError, struct.error, ValueError):
@@ -116,7 +127,7 @@ def focal_of_raw(path: Path) -> int:
 def may_have_alpha(path: Path) -> bool:
     """False for a file that certainly has no alpha channel: JPEG, HDR, raw, what says so in its header."""
     try:
-        with path.open("rb") as file:
+        with _opened(path) as file:
             head = file.read(26)
             file.seek(0)
             if has_webp_mark(head):
@@ -147,7 +158,7 @@ def developed(path: Path) -> int:
 def is_heif(path: Path) -> bool:
     """True for a HEIC or AVIF file, by its content; phones' programs give some of them other names."""
     try:
-        with path.open("rb") as file:
+        with _opened(path) as file:
             return has_heif_brand(file.read(24))
     except OSError:
         return False
@@ -156,7 +167,7 @@ def is_heif(path: Path) -> bool:
 def is_raw(path: Path) -> bool:
     """True for a camera raw photo, by its content."""
     try:
-        with path.open("rb") as file:
+        with _opened(path) as file:
             return is_raw_photo(file, path.suffix)
     except OSError:
         return False

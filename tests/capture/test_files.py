@@ -1,8 +1,11 @@
 """Files that camera files lie beside, or are said to be: what is no file at all never ends, nor do some lines."""
 
+import json
 import os
 import tracemalloc
+from contextlib import suppress
 
+import numpy as np
 import pytest
 
 from solver.capture.errors import CaptureError
@@ -16,8 +19,17 @@ from solver.capture.files import (
     read_lines,
     read_xml,
 )
+from solver.capture.image_header import (
+    focal_of_raw,
+    image_orientation,
+    image_size,
+    is_heif,
+    is_raw,
+    may_have_alpha,
+)
+from solver.capture.photos import load_photos
 from solver.capture.read import read_capture
-from tests.capture.programs import names, save_photos
+from tests.capture.programs import names, poses, save_photos
 
 
 @pytest.fixture(params=["pipe", "device"])
@@ -36,6 +48,35 @@ def test_pipes_and_devices_are_not_read(endless):
     with pytest.raises(CaptureError, match=r"cannot be read \(this is no file, but a pipe"):
         list(read_lines(endless))
     assert head_of(endless) == b""
+
+
+@pytest.mark.parametrize(
+    "read", [image_size, image_orientation, may_have_alpha, is_raw, is_heif, focal_of_raw]
+)
+def test_the_header_of_a_photo_that_is_a_pipe_is_not_waited_for(endless, read):
+    photo = endless.with_name("a.png")
+    endless.rename(photo)
+    with suppress(CaptureError):
+        assert read(photo) in (0, 1, True, False)
+
+
+@pytest.mark.parametrize("masks", [False, True])
+def test_a_pipe_among_photos_or_masks_is_named(tmp_path, endless, masks):
+    frames = [
+        {"file_path": f"{name}.png", "transform_matrix": pose.tolist()}
+        for name, pose in zip(names(), poses() @ np.diag([1.0, -1, -1, 1]), strict=True)
+    ]
+    (tmp_path / "transforms.json").write_text(json.dumps({"fl_x": 80, "frames": frames}))
+    save_photos(tmp_path)
+    name = f"{names()[1]}.png"
+    if masks:
+        save_photos(tmp_path / "masks")
+    place = tmp_path / "masks" / name if masks else tmp_path / name
+    place.unlink()
+    endless.rename(place)
+    told = "the mask does not exist" if masks else "this is no file, but a pipe or a device"
+    with pytest.raises(CaptureError, match=f"{name}.*{told}"):
+        load_photos(read_capture(tmp_path))
 
 
 @pytest.mark.parametrize("filling", [b"", b"7"], ids=["nothing", "digits"])
