@@ -18,12 +18,12 @@ from .decoded import Decoded
 from .errors import CaptureError, shown
 from .heif import check_transfer, decode_heif
 from .icc import profile_unless_srgb
-from .image_header import image_orientation, image_size, is_heif, is_raw
+from .image_header import MOST_PIXELS, image_orientation, image_size, is_heif, is_raw
 from .orientation import oriented
 from .png_header import png_colours
 from .raw import decode_raw
 
-_MOST_CHANNELS = 64
+_MOST_CHANNELS, _MOST_VALUES = 64, 4 * MOST_PIXELS
 _TYPES = {
     "uint8": "uint8", "uint16": "uint16",
     "half": "float", "float": "float", "double": "float",
@@ -95,6 +95,11 @@ def _decode(path: Path) -> Decoded:
             raise CaptureError(
                 path, "", "its pixels are of a kind that no photo has",
                 "export it with 8 or 16 bits, or in floating point",
+            )  # fmt: skip
+        if spec.width * spec.height * spec.nchannels > _MOST_VALUES:
+            raise CaptureError(
+                path, "channels", f"it has {spec.nchannels} of {spec.width} × {spec.height} pixels, "
+                "which no memory is there for", "export it with R, G, B and A alone",
             )  # fmt: skip
         pixels = file.read_image(0, 0, 0, spec.nchannels, kind)
         problem = file.geterror()

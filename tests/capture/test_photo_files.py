@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
+from solver.capture import decoding
 from solver.capture.decoding import decode
 from solver.capture.errors import CaptureError
 from solver.capture.image_header import image_orientation, image_size, may_have_alpha
@@ -70,6 +71,19 @@ def test_a_header_that_claims_a_huge_picture_costs_nothing(tmp_path, name):
         assert tracemalloc.get_traced_memory()[1] < 1 << 20
     finally:
         tracemalloc.stop()
+
+
+@pytest.mark.parametrize("name", ["a.exr", "a.tif"])
+def test_a_photo_of_more_channels_than_memory_is_refused_before_it_is_decoded(
+    tmp_path, monkeypatch, name
+):
+    write(tmp_path / name, np.zeros((6, 10, 60), np.float32))
+    assert decode(tmp_path / name).pixels.size
+    monkeypatch.setattr(decoding, "_MOST_VALUES", 6 * 10 * 4)
+    with pytest.raises(CaptureError, match=f"{name}, channels: it has 60 of 10 × 6 pixels"):
+        decode(tmp_path / name)
+    write(tmp_path / name, ramp(np.float32, 4))
+    assert decode(tmp_path / name).pixels.shape == (6, 10, 4)
 
 
 @pytest.mark.parametrize("order", "<>")
