@@ -17,12 +17,13 @@ from .capture_collection import root_of, scene_of
 from .edited import mark_as_made
 from .images import images_of, nothing_left_behind
 from .job_space import job_space
+from .light_axes import light_by
 from .material import build_material
 from .pictures import named_pictures
 from .replace import JOB, check_not_edited, installed_before, replace_asset
 from .result import job_of_result, read_manifest, read_ply
 from .selection import make_active
-from .world import build_world, turn_with
+from .world import build_world
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ def install_result(
         block[JOB] = str(job.root)
     moved = adjust_cameras(job, collection) if collection is not None else 0
     if item.parent is not None:
-        turn_with(world, item.parent)
+        _light(world, item, job, manifest, collection)
     for block in (world, material, mesh):
         mark_as_made(block)
     shown = context.scene if context.scene in item.users_scene else item.users_scene[0]
@@ -114,6 +115,19 @@ def _place(
         home.objects.link(frame)
         item.parent = frame
     return item
+
+
+def _light(
+    world: bpy.types.World, item: bpy.types.Object, job: JobFolder, manifest: dict,
+    collection: bpy.types.Collection | None,
+) -> None:  # fmt: skip
+    """Let a result's light turn with its capture, or with what stands the result upright."""
+    root = root_of(collection) if collection is not None else None
+    if root is None or (item.parent != root and item.parent.parent == root):
+        light_by(world, item, item.parent, Matrix.Identity(4))
+    else:
+        matrix = _in_capture(job, manifest, collection)
+        light_by(world, item, root, matrix or Matrix.Identity(4))
 
 
 def _home(

@@ -12,7 +12,7 @@ from ...solver.capture.frames import scale_and_rotation
 from ...solver.job.folder import JobError, JobFolder
 from ...solver.job.inputs import cameras_of
 from .cameras import photo_of, photo_path
-from .capture_collection import photo_cameras, to_capture_space
+from .capture_collection import photo_cameras, root_of, to_capture_space
 from .evaluated import settle
 from .job_capture import from_file
 
@@ -29,9 +29,28 @@ def job_space(job: JobFolder, collection: bpy.types.Collection) -> np.ndarray | 
     """
     try:
         matrix = from_file(collection, Path(JobFolder.open(job.root).request.capture))
-        return _moved_since(job, collection) if matrix is None else matrix
+        if matrix is not None:
+            return _moved_since_import(collection) @ matrix
+        return _moved_since(job, collection)
     except (CaptureError, JobError):  # the job's capture is gone
         return None
+
+
+def _moved_since_import(collection: bpy.types.Collection) -> np.ndarray:
+    """What has moved a capture's cameras in its space as one, [4, 4].
+
+    They hang on an empty of their own, which had the capture's space at first, and which Blender keeps in
+    place when the transform of the capture's empty is applied.
+
+    Raises:
+        CaptureError: the capture's empty has a scale of 0.
+    """
+    above = {item.parent for item in photo_cameras(collection)}
+    axes = above.pop() if len(above) == 1 else None
+    if axes is None or axes.parent != root_of(collection):
+        return np.eye(4)
+    settle(collection)
+    return np.array(to_capture_space(collection) @ axes.matrix_world)
 
 
 def _moved_since(job: JobFolder, collection: bpy.types.Collection) -> np.ndarray | None:

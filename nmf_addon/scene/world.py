@@ -55,6 +55,16 @@ def turn_with(world: bpy.types.World, item: bpy.types.Object) -> None:
         target.rotation_mode, target.transform_space = "XYZ", "WORLD_SPACE"
 
 
+def turns_with(world: bpy.types.World) -> bpy.types.Object | None:
+    """What a World's light turns with; None if that is gone, or it never did."""
+    data = world.node_tree and world.node_tree.animation_data
+    for curve in data.drivers if data else ():
+        for variable in curve.driver.variables:
+            if variable.type == "TRANSFORMS":
+                return variable.targets[0].id
+    return None
+
+
 def _relit_before(path: Path) -> bpy.types.World | None:
     """The World that `relight` made of an HDRI, showing what the file holds now."""
     for world in bpy.data.worlds:
