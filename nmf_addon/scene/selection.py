@@ -1,4 +1,4 @@
-"""What is selected and active."""
+"""What is selected and active, and seen in Local View."""
 
 from __future__ import annotations
 
@@ -14,4 +14,16 @@ def make_active(item: bpy.types.Object, view_layer: bpy.types.ViewLayer) -> bool
         other.select_set(False, view_layer=view_layer)
     item.select_set(True, view_layer=view_layer)
     view_layer.objects.active = item
+    show_in_local_views(item)
     return item.select_get(view_layer=view_layer)
+
+
+def show_in_local_views(item: bpy.types.Object) -> None:
+    """Let 3D Views in Local View show an object, as Blender does with what is new."""
+    for window in bpy.context.window_manager.windows:
+        if window.view_layer.objects.get(item.name) != item:
+            continue
+        for area in window.screen.areas:
+            for space in area.spaces:
+                if space.type == "VIEW_3D" and space.local_view:
+                    item.local_view_set(space, True)
