@@ -13,9 +13,12 @@ from mathutils import Matrix
 from ...solver.capture.camera import Camera
 from ...solver.capture.errors import CaptureError
 from ...solver.capture.image_header import UnknownSize, image_size
+from .images import stored_path
 
 SENSOR_WIDTH = 36.0  # mm; only its ratio to the focal length matters
 LENS, DISTORTION, ASPECT, MASK = "nmf_lens", "nmf_distortion", "nmf_fy_over_fx", "nmf_mask"
+MASK_FILES = "nmf_mask_files"
+"""where the mask lay when the camera was imported, for a photo that is no longer beside it"""
 SIZE = "nmf_size"
 """the camera's width and height, pixels; its photo's may be swapped in the file (EXIF orientation)"""
 FILMS = ("SEQUENCE", "MOVIE")
@@ -48,6 +51,7 @@ def add_camera(
     data[ASPECT] = camera.fy / camera.fx
     if camera.mask_path is not None:
         data[MASK] = _beside(camera.mask_path, camera.image_path)
+        data[MASK_FILES] = sorted({stored_path(camera.mask_path), str(camera.mask_path)})
     item = bpy.data.objects.new(camera.name, data)
     item.matrix_world = Matrix(camera.camera_to_world.tolist())
     return item
@@ -59,6 +63,17 @@ def _beside(mask: Path, photo: Path) -> str:
         return os.path.relpath(mask, photo.parent)
     except ValueError:
         return str(mask)
+
+
+def _mask_of(data: bpy.types.Camera, photo: Path) -> Path | None:
+    """The mask of a photo: beside that, or where both lay before the photo was packed and unpacked."""
+    if not data.get(MASK):
+        return None
+    beside = Path(os.path.normpath(photo.parent / data[MASK]))
+    before = [
+        Path(bpy.path.abspath(path, library=data.library)) for path in data.get(MASK_FILES, ())
+    ]
+    return next((path for path in (beside, *before) if path.is_file()), beside)
 
 
 def _fit_sensor(data: bpy.types.Camera, camera: Camera, frame: float) -> None:
@@ -176,11 +191,9 @@ def to_solver(item: bpy.types.Object, to_capture: Matrix) -> Camera:
             path, what = image.name, "the image is in no file"
             way_out = "save it in the Image Editor (Image > Save As)"
         raise CaptureError(path, f"photo of {item.name}", what, way_out)
-    mask = item.data.get(MASK)
-    mask_path = Path(os.path.normpath(path.parent / mask)) if mask else None
     return camera_of(
         item.data, to_capture @ item.matrix_world, name=item.name, image_path=path, width=width,
-        height=height, mask_path=mask_path,
+        height=height, mask_path=_mask_of(item.data, path),
     )  # fmt: skip
 
 

@@ -241,7 +241,7 @@ def write_capture(collection: bpy.types.Collection, folder: Path) -> Path:
     """Write the collection's cameras for the solver; returns the camera file.
 
     Raises:
-        CaptureError: no cameras, or photos missing.
+        CaptureError: no cameras, or photos or masks missing.
     """
     settle(collection)
     items = photo_cameras(collection)
@@ -252,7 +252,14 @@ def write_capture(collection: bpy.types.Collection, folder: Path) -> Path:
         )  # fmt: skip
     matrix = to_capture_space(collection)
     path = folder / "transforms_train.json"
-    write_transforms(path, [to_solver(item, matrix) for item in items])
+    cameras = [to_solver(item, matrix) for item in items]
+    for camera in cameras:
+        if camera.mask_path is not None and not camera.mask_path.is_file():
+            raise CaptureError(
+                camera.mask_path, f"mask of {camera.name}", "it does not exist",
+                "put the masks back, or import the capture anew",
+            )  # fmt: skip
+    write_transforms(path, cameras)
     return path
 
 
