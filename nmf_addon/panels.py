@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
-
 import bpy
 
 from ..solver.job.events import clock
@@ -18,8 +16,9 @@ from .scene.findings import check_report, masked_box
 from .scene.hidden_photos import hidden_cameras
 from .scene.region import region_box
 from .scene.shot import shot_camera
+from .wrapping import note, paragraph, units
 
-UNIT = 20  # pixels of a button's height at a resolution scale of 1
+NARROW = 12.0  # button heights of panels in which two buttons beside each other are cut off
 ERROR_LINES = 3
 MOST_FINDINGS = 6
 OUTCOME_ICONS = {"done": "CHECKMARK", "cancelled": "PAUSE", "failed": "ERROR", "lost": "ERROR",
@@ -53,13 +52,16 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
             row.operator("nmf.import_capture", icon="IMPORT")
             layout.operator("nmf.solve_cameras", icon="CON_CAMERASOLVER")
             _draw_moving_camera(layout, context, True)
-            _note(layout, context, "Photos with known cameras, from COLMAP, Metashape, RealityScan, "
+            note(layout, context, "Photos with known cameras, from COLMAP, Metashape, RealityScan, "
                   "Meshroom, transforms.json and others; or drop a camera file here. Photos alone, "
                   "or a video: Solve Cameras.")  # fmt: skip
             _draw_task(layout, context)
             return
-        row = layout.row(align=True)
+        narrow = units(context) < NARROW
+        column = layout.column(align=True)
+        row = column.row(align=True)
         row.prop(context.scene.nmf, "capture", text="", placeholder=collection.name)
+        row = column.row(align=True) if narrow else row
         row.operator("nmf.import_capture", text="", icon="IMPORT")
         row.operator("nmf.solve_cameras", text="", icon="CON_CAMERASOLVER")
         _draw_moving_camera(row, context, False)
@@ -78,9 +80,9 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
             row.operator("nmf.select_region_box", icon="CUBE")
             if masked_box(report) is not None:
                 row.operator("nmf.fit_region_box", text="", icon="MOD_MASK")
-        row = layout.row(align=True)
-        row.operator("nmf.set_scale", icon="DRIVER_DISTANCE")
-        row.operator("nmf.check_capture", icon="VIEWZOOM")
+        pair = layout.column(align=True) if narrow else layout.row(align=True)
+        pair.operator("nmf.set_scale", icon="DRIVER_DISTANCE")
+        pair.operator("nmf.check_capture", icon="VIEWZOOM")
         _draw_task(layout, context)
         _draw_findings(layout, context, report)
 
@@ -148,17 +150,20 @@ def _draw_moving_camera(
 def _draw_task(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     model = side_task.model
     if side_task.running:
-        _draw_bar(layout, model, "nmf.cancel_task")
+        _draw_bar(layout, context, model, "nmf.cancel_task")
     elif model.state in OUTCOME_ICONS:
-        _paragraph(layout, context, model.text, icon=OUTCOME_ICONS[model.state])
+        paragraph(layout, context, model.text, icon=OUTCOME_ICONS[model.state])
         for line in short_error(model.error):
-            _note(layout, context, line)
+            note(layout, context, line)
         _draw_warnings(layout, context, model)
 
 
-def _draw_bar(layout: bpy.types.UILayout, model: JobModel, cancel: str) -> None:
+def _draw_bar(
+    layout: bpy.types.UILayout, context: bpy.types.Context, model: JobModel, cancel: str
+) -> None:
     """What is being done, how far it is, and the operator that cancels it."""
-    layout.label(text="Cancelling…" if model.cancelling else model.text, icon="SORTTIME")
+    doing = "Cancelling…" if model.cancelling else model.text
+    paragraph(layout, context, doing, icon="SORTTIME")
     column = layout.column(align=True)
     parts = [f"{100 * model.overall:.0f} %", model.time_left]
     column.progress(factor=model.overall, text="   ".join(filter(None, parts)), type="BAR")
@@ -174,18 +179,18 @@ def _draw_findings(layout: bpy.types.UILayout, context: bpy.types.Context, repor
     for finding in findings[:MOST_FINDINGS]:
         about = f"{finding['photo']}: " if finding.get("photo") else ""
         icon = "ERROR" if finding.get("level") == "warning" else "INFO"
-        _paragraph(box, context, about + finding.get("text", ""), icon=icon)
+        paragraph(box, context, about + finding.get("text", ""), icon=icon)
     if len(findings) > MOST_FINDINGS:
-        _note(box, context, f"and {len(findings) - MOST_FINDINGS} more")
+        note(box, context, f"and {len(findings) - MOST_FINDINGS} more")
     if report.get("estimate", {}).get("text"):
-        _paragraph(box, context, report["estimate"]["text"], icon="TIME")
+        paragraph(box, context, report["estimate"]["text"], icon="TIME")
 
 
 def _draw_missing_solver(
     layout: bpy.types.UILayout, context: bpy.types.Context, problem: str
 ) -> None:
     box = layout.box()
-    _paragraph(box, context, problem, icon="INFO")
+    paragraph(box, context, problem, icon="INFO")
     if preferences.chosen_python():
         # What is set up here would not be used.
         shown = box.operator("preferences.addon_show", text="Open Preferences", icon="PREFERENCES")
@@ -193,9 +198,9 @@ def _draw_missing_solver(
         return
     if runtime.variable_python():
         return
-    _note(box, context, f"Once per computer: {preferences.SIZE_TEXT} are downloaded into a "
+    note(box, context, f"Once per computer: {preferences.SIZE_TEXT} are downloaded into a "
           "private folder. Nothing of Blender's is changed.")  # fmt: skip
-    preferences.draw_setup(box)
+    preferences.draw_setup(box, context)
 
 
 def _draw_settings(layout: bpy.types.UILayout, settings) -> None:
@@ -210,16 +215,16 @@ def _draw_settings(layout: bpy.types.UILayout, settings) -> None:
     row.prop(settings, "use_time_limit", text="")
     limited = row.row()
     limited.enabled = settings.use_time_limit
-    limited.prop(settings, "time_limit", text="Minutes")
+    limited.prop(settings, "time_limit", text="min")
 
 
 def _draw_progress(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     model = monitor.model
-    _draw_bar(layout, model, "nmf.cancel")
+    _draw_bar(layout, context, model, "nmf.cancel")
     if model.psnr is not None and model.stage == "fit":
-        _note(layout, context, f"Agreement with the photos: {model.psnr:.1f} dB")
+        note(layout, context, f"Agreement with the photos: {model.psnr:.1f} dB")
     if monitor.silent_for:
-        _note(layout, context, f"No news for {clock(monitor.silent_for)}; the solver still runs.")
+        note(layout, context, f"No news for {clock(monitor.silent_for)}; the solver still runs.")
     _draw_warnings(layout, context, model)
 
 
@@ -228,9 +233,9 @@ def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
     if model.state not in OUTCOME_ICONS:
         return
     box = layout.box()
-    _paragraph(box, context, model.text, icon=OUTCOME_ICONS[model.state])
+    paragraph(box, context, model.text, icon=OUTCOME_ICONS[model.state])
     for line in short_error(model.error):
-        _note(box, context, line)
+        note(box, context, line)
     _draw_warnings(box, context, model)
     if model.state in ("cancelled", "failed", "lost"):
         row = box.row(align=True)
@@ -249,16 +254,16 @@ def short_error(text: str) -> list[str]:
 
 def _draw_warnings(layout: bpy.types.UILayout, context: bpy.types.Context, model: JobModel) -> None:
     for text in model.warnings[:2]:
-        _paragraph(layout, context, text, icon="ERROR")
+        paragraph(layout, context, text, icon="ERROR")
     if len(model.warnings) > 2:
-        _note(layout, context, f"and {len(model.warnings) - 2} more warnings in the log")
+        note(layout, context, f"and {len(model.warnings) - 2} more warnings in the log")
 
 
 def _draw_preview(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     pictures = thumbnails.icons()
     if not pictures:
         return
-    scale = max((_units(context) - 1.5) / len(pictures), 2.0)
+    scale = max((units(context) - 1.5) / len(pictures), 2.0)
     row = layout.row(align=True)
     for name, icon in pictures:
         column = row.column(align=True)
@@ -266,29 +271,6 @@ def _draw_preview(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
         caption = column.row()
         caption.active, caption.alignment = False, "CENTER"
         caption.label(text=name)
-
-
-def _units(context: bpy.types.Context) -> float:
-    """Width of the sidebar's panels in button heights."""
-    scale = context.preferences.system.ui_scale or 1.0  # 0 before a window is there
-    return context.region.width / (UNIT * scale) - 1.5
-
-
-def _note(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:
-    column = layout.column(align=True)
-    column.active = False
-    _paragraph(column, context, text)
-
-
-def _paragraph(
-    layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE"
-) -> None:
-    """A label in as many lines as the sidebar is narrow."""
-    column = layout.column(align=True)
-    column.scale_y = 0.85
-    characters = max(int((_units(context) - (1.5 if icon != "NONE" else 0.5)) * 2.7), 16)
-    for number, line in enumerate(textwrap.wrap(text, characters) or [""]):
-        column.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
 
 
 classes = (NMF_PT_capture, NMF_PT_reconstruct, NMF_PT_result)

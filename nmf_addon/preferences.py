@@ -10,8 +10,10 @@ from . import runtime
 from .compat import PATH_OPTIONS
 from .names import BASE_PACKAGE
 from .setup_monitor import setup_state
+from .wrapping import letters, paragraph
 
 SIZE_TEXT = "1 to 4 GB"
+CANCEL = 2.5  # button heights that the bar's ends and the button beside it take
 
 
 # Blender evaluates the annotations below where lambdas would not find this module's names.
@@ -71,16 +73,16 @@ class NMF_preferences(bpy.types.AddonPreferences):
                 versions = f"Python {record.get('python')}, torch {record.get('torch') or '–'}"
                 detail.label(text=versions, icon="BLANK1")
         else:
-            box.label(text=problem, icon="ERROR")
+            paragraph(box, context, problem, icon="ERROR")
         # While an own Python is wrong, what is set up here would not be used.
         offered = python is not None or not self.python
         if offered:
-            draw_setup(box, again=python is not None)
+            draw_setup(box, context, again=python is not None)
         if offered and not setup_state().running:
             note = box.column()
             note.active = False
             folder = runtime.managed_runtime(chosen_runtime())
-            note.label(text=f"Downloads {SIZE_TEXT} into {folder}", icon="BLANK1")
+            paragraph(note, context, f"Downloads {SIZE_TEXT} into {folder}", icon="BLANK1")
         column = layout.column()
         column.use_property_split, column.use_property_decorate = True, False
         column.prop(self, "python", placeholder="Built by Set Up Solver")
@@ -92,12 +94,16 @@ class NMF_preferences(bpy.types.AddonPreferences):
         column.prop(self, "pip_arguments")
 
 
-def draw_setup(layout: bpy.types.UILayout, again: bool = False) -> None:
+def draw_setup(layout: bpy.types.UILayout, context: bpy.types.Context, again: bool = False) -> None:
     """The set-up's button, progress or error, and what a check found; here and in the sidebar."""
     state = setup_state()
     if state.running:
+        fits = len(state.text) <= letters(context, CANCEL)
+        if not fits:
+            paragraph(layout, context, state.text)
         row = layout.row(align=True)
-        row.progress(text=state.text, factor=state.fraction, type="BAR")
+        share = f"{100 * state.fraction:.0f} %"
+        row.progress(text=state.text if fits else share, factor=state.fraction, type="BAR")
         row.operator("nmf.cancel_setup", text="", icon="X")
         return
     row = layout.row()
@@ -110,12 +116,12 @@ def draw_setup(layout: bpy.types.UILayout, again: bool = False) -> None:
     if state.error:
         column.alert = True
         what = "The solver does not start:" if state.is_check else "The set-up did not work:"
-        column.label(text=what, icon="ERROR")
+        paragraph(column, context, what, icon="ERROR")
         for line in state.error.splitlines()[-6:]:
-            column.label(text=line)
+            paragraph(column, context, line)
     elif state.is_check:
         for line in state.log:
-            column.label(text=line, icon="BLANK1")
+            paragraph(column, context, line, icon="BLANK1")
     if state.error or (state.is_check and state.log):
         layout.operator("nmf.copy_setup_log", icon="COPYDOWN")
 

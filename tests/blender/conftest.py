@@ -160,17 +160,22 @@ def task(extension):
         item.process.popen.kill()
 
 
+def context_of_width(width):
+    """What panels ask of a context, in a region of a width in pixels."""
+    return types.SimpleNamespace(
+        scene=bpy.context.scene, region=types.SimpleNamespace(width=width),
+        preferences=bpy.context.preferences, collection=bpy.context.collection,
+        view_layer=bpy.context.view_layer,
+    )  # fmt: skip
+
+
 @pytest.fixture
 def draw(extension):
     """Draw a panel; returns what it drew and all its words."""
 
-    def run(name):
+    def run(name, width=280):
         panel = types.SimpleNamespace(layout=Layout())
-        context = types.SimpleNamespace(
-            scene=bpy.context.scene, region=types.SimpleNamespace(width=280),
-            preferences=bpy.context.preferences, collection=bpy.context.collection,
-            view_layer=bpy.context.view_layer,
-        )  # fmt: skip
+        context = context_of_width(width)
         getattr(extension("panels"), f"NMF_PT_{name}").draw(panel, context)
         drawn = panel.layout.drawn
         words = " ".join(item[1] for item in drawn if item[0] in ("label", "progress"))

@@ -6,6 +6,7 @@ import json
 
 import bpy
 import pytest
+from conftest import context_of_width
 from drawing import Layout
 
 
@@ -101,9 +102,9 @@ def test_the_set_up_shows_its_progress_and_its_error(draw, extension, not_set_up
 def draw_setup(extension):
     """Draw the preferences' part about a solver that is set up; returns what it drew and its words."""
 
-    def run():
+    def run(width=900):
         layout = Layout()
-        extension("preferences").draw_setup(layout, again=True)
+        extension("preferences").draw_setup(layout, context_of_width(width), again=True)
         return layout.drawn, " ".join(item[1] for item in layout.drawn if item[0] == "label")
 
     return run
@@ -120,6 +121,29 @@ def test_what_a_check_of_the_solver_found_stands_in_the_preferences(
     assert ("operator", "nmf.copy_setup_log") in drawn
     state.error = "No module named torch"
     assert "The solver does not start" in draw_setup()[1]
+
+
+def test_in_a_narrow_sidebar_no_text_is_cut_off(
+    draw, draw_setup, capture, extension, monitor, fake_solver, tick, monkeypatch
+):
+    narrow, most = 220, 24
+    labels = lambda drawn: [item[1] for item in drawn if item[0] == "label"]  # noqa: E731
+    module = extension("setup_monitor")
+    text = "Downloading nvidia_cudnn_cu12 (190 MB of 2500 MB)"
+    state = module.SetupState(running=True, fraction=0.4, text=text)
+    monkeypatch.setattr(module, "_state", state)
+    drawn, words = draw_setup(narrow)
+    assert ("progress", "40 %", 0.4) in drawn and words == text
+    assert max(map(len, labels(drawn))) <= most
+    state.running, state.error = False, "ERROR: Could not install packages: no space left on device"
+    drawn, words = draw_setup(narrow)
+    assert state.error in words and max(map(len, labels(drawn))) <= most
+    fake_solver("normal", pause=0.05)
+    bpy.ops.nmf.reconstruct()
+    monitor.model.text = extension("jobs.model").STAGE_TEXTS["compile"]
+    drawn, words = draw("reconstruct", narrow)
+    assert monitor.model.text in words and max(map(len, labels(drawn))) <= most
+    tick()
 
 
 def test_a_running_job_shows_stage_time_preview_and_cancel(

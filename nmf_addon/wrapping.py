@@ -1,0 +1,43 @@
+"""Texts in as many lines as a region is narrow: Blender cuts off what does not fit into one."""
+
+from __future__ import annotations
+
+import textwrap
+
+import bpy
+
+UNIT = 20  # pixels of a button's height at a resolution scale of 1
+LETTERS = 2.7  # of an average width, in a unit
+
+
+def units(context: bpy.types.Context) -> float:
+    """Width of a region's panels in button heights."""
+    scale = context.preferences.system.ui_scale or 1.0  # 0 before a window is there
+    return context.region.width / (UNIT * scale) - 1.5
+
+
+def letters(context: bpy.types.Context, taken: float = 0.5) -> int:
+    """How many letters a line of a region's panels holds.
+
+    Args:
+        taken: what else is in the line, in button heights.
+    """
+    return max(int((units(context) - taken) * LETTERS), 16)
+
+
+def paragraph(
+    layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE"
+) -> None:
+    """A label in lines."""
+    column = layout.column(align=True)
+    column.scale_y = 0.85
+    fit = letters(context, 1.5 if icon != "NONE" else 0.5)
+    for number, line in enumerate(textwrap.wrap(text, fit) or [""]):
+        column.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
+
+
+def note(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:
+    """A greyed label in lines."""
+    column = layout.column(align=True)
+    column.active = False
+    paragraph(column, context, text)
