@@ -26,6 +26,7 @@ from ..solver.job.resume import take_up
 from . import preferences
 from .jobs.create import create_job, last_job_root, new_job_root
 from .jobs.process import run_blocking, start_job
+from .reports import reason_of
 from .runtime import RuntimeMissing, bootstrap_script, clean_environment
 from .scene.capture_collection import import_capture, photo_paths
 from .scene.install import InstalledAsset, install_result
@@ -188,7 +189,7 @@ def save(out: Path) -> None:
         # Not compressed: Blender does not notice when a compressed file is cut off by a full disk.
         bpy.ops.wm.save_as_mainfile(filepath=str(out), compress=False)
     except RuntimeError as error:
-        reason = str(error).removeprefix("Error: ").strip()
+        reason = reason_of(error)
         raise RuntimeError(
             f"{out}: Blender could not save it ({reason}); make room, then run the same command "
             "with --resume."

@@ -12,6 +12,7 @@ from bpy.app.handlers import persistent
 from ...solver.job.folder import JobError, JobFolder
 from .. import thumbnails
 from ..names import BASE_PACKAGE
+from ..reports import reason_of
 from ..runtime import bootstrap_script, clean_environment
 from ..scene.images import stored_path
 from ..scene.replace import installed_before
@@ -143,7 +144,7 @@ class Monitor:
                 return
             _log.error("installing %s failed: %s", self.job.root, error)
             self.model.state, self.model.text = "failed", "The result could not be installed"
-            self.model.error = str(error).removeprefix("Error: ").strip()
+            self.model.error = reason_of(error)
         redraw_panels()
 
     def look_at(self, folder: str) -> None:

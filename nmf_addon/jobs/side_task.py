@@ -12,6 +12,7 @@ from bpy.app.handlers import persistent
 
 from ...solver.job.events import Event
 from ..names import BASE_PACKAGE
+from ..reports import reason_of
 from ..runtime import bootstrap_script, clean_environment
 from .model import JobModel
 from .monitor import INTERVAL, lose_sight, redraw_panels
@@ -114,7 +115,7 @@ class SideTask:
         except Exception as error:  # whatever fails, the panel has to say so
             _log.exception("%s: the result could not be used", self.title)
             self.model.state, self.model.text = "failed", f"{self.title}: the result is of no use"
-            self.model.error = str(error).removeprefix("Error: ").strip()
+            self.model.error = reason_of(error)
 
     def shut_down(self) -> None:
         """Blender quits or the extension is disabled: hang up on the child."""
