@@ -136,7 +136,7 @@ class Monitor:
         self.waits_to_install = False
         try:
             _install_result(self.job)
-            self.model.text = "Done"
+            self.model.text = _where(self.job)
         except RuntimeError as error:
             if NOT_NOW in str(error):
                 # It draws, or a render has just begun, which a timer is not told.
@@ -203,6 +203,16 @@ def _install_result(job: JobFolder) -> None:
     with bpy.context.temp_override(window=windows[0] if windows else None):
         # True: an operator called from Python makes no undo step of its own accord.
         bpy.ops.nmf.install_result("EXEC_DEFAULT", True, job=str(job.root))
+
+
+def _where(job: JobFolder) -> str:
+    """That a job is done, and in which scene its object is if the person looks at another."""
+    windows = bpy.context.window_manager.windows
+    scene = windows[0].scene if windows else bpy.context.scene
+    item = installed_before(job, scene)
+    if item is None or scene in item.users_scene:
+        return "Done"
+    return f"Done; its object is in the scene {item.users_scene[0].name}"
 
 
 def _is_moving_something(window: bpy.types.Window) -> bool:

@@ -413,3 +413,11 @@ def test_the_solver_is_not_set_up_anew_while_it_runs(capture, monitor, fake_solv
     bpy.ops.nmf.cancel()
     tick()
     assert bpy.ops.nmf.setup_solver.poll()
+
+
+def test_a_result_that_comes_to_another_scene_says_where(capture, monitor, fake_solver, tick):
+    scene = bpy.context.scene
+    bpy.ops.nmf.reconstruct()
+    bpy.context.window.scene = bpy.data.scenes.new("Another")
+    tick()
+    assert monitor.model.text == f"Done; its object is in the scene {scene.name}"
