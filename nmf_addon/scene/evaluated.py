@@ -7,6 +7,8 @@ from contextlib import contextmanager
 
 import bpy
 
+from .light_axes import AXES
+
 
 @contextmanager
 def evaluated(shown: bpy.types.Collection | bpy.types.Object) -> Iterator[None]:
@@ -53,6 +55,9 @@ def _in_the_way(
         collections, items = set(), {shown}
     else:
         collections, items = {shown, *shown.children_recursive}, set(shown.all_objects)
+        # What something hangs on is evaluated with that. Once it was seen, Blender would go on drawing
+        # lines to it from all that hang on it; and nobody asks where the axes of lights are.
+        items -= {item.parent for item in items} | {item for item in items if AXES in item}
     around = {
         c for c in bpy.data.collections
         if collections & set(c.children_recursive) or items & set(c.objects)

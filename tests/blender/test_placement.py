@@ -125,6 +125,19 @@ def test_cameras_follow_the_capture_under_an_empty_that_viewports_do_not_show(ex
         np.testing.assert_allclose(np.array(item.matrix_world), np.array(move) @ matrix, atol=1e-5)
 
 
+def test_what_viewports_do_not_show_above_the_cameras_is_not_shown_to_find_where_they_stand(
+    extension, capture, fake_solver, tick
+):
+    """Viewports would go on drawing lines to it afterwards."""
+    scene = extension("scene.capture_collection")
+    (above,) = {item.parent for item in scene.photo_cameras(capture)}
+    bpy.ops.nmf.reconstruct()
+    tick()
+    (axes,) = (item for item in capture.objects if "nmf_light_axes" in item)
+    with extension("scene.evaluated").evaluated(capture):
+        assert above.hide_viewport and axes.hide_viewport
+
+
 def test_the_recovered_light_turns_with_the_capture(extension, capture, result_job, tmp_path):
     """The world is seen along +X; turned a quarter about Z, what was seen along −Y is there."""
     scene = extension("scene.capture_collection")
