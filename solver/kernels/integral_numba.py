@@ -13,16 +13,18 @@ import numba
 import numpy as np
 
 from .compiling import function, inlined, kernel, serial_kernel
-from .vectors_numba import minus, plus, times, triple
+from .lanes import fetch
+from .three_lanes import read, write_columns, write_row
+from .vectors_numba import times
 
 BANDS = 8  # of rows; the tasks of a scatter
 WORTH_BANDS = 4  # threads: rectangles reach over several bands, whose tasks all compute them
 
 
 @inlined
-def column(x, width):
+def column(x, width, turns_per_column):
     """Whole turns, texel and fraction of a continuous column; columns wrap around."""
-    turns = math.floor(x / width)
+    turns = math.floor(x * turns_per_column)
     x -= turns * width
     i = min(int(x), width - 1)
     return turns, i, x - i
@@ -30,32 +32,31 @@ def column(x, width):
 
 @inlined
 def corner(table, i, f, j, g):
-    """Prefix sums [3] at column i + f and row j + g, and their slopes by column and row."""
-    left, right = triple(table, j, i), triple(table, j, i + 1)
-    below_left, below_right = triple(table, j + 1, i), triple(table, j + 1, i + 1)
-    step, below_step = minus(right, left), minus(below_right, below_left)
-    value, below = plus(left, f, step), plus(below_left, f, below_step)
-    by_y = minus(below, value)
-    return plus(value, g, by_y), plus(step, g, minus(below_step, step)), by_y
+    """Prefix sums at column i + f and row j + g, and their slopes by column and row."""
+    left, below_left = read(table, j, i), read(table, j + 1, i)
+    step, below_step = read(table, j, i + 1) - left, read(table, j + 1, i + 1) - below_left
+    value = left + f * step
+    by_y = below_left + f * below_step - value
+    return value + g * by_y, step + g * (below_step - step), by_y
 
 
 @inlined
 def slab(table, width, height, x0, x1, y):
-    """Integrals [3] over columns x0..x1 and rows 0..y, y in [0, H]; their slopes by shift, by half the
-    width, and by y."""
+    """Integrals over columns x0..x1 and rows 0..y, y in [0, H]; their slopes by shift, by half the width,
+    and by y."""
     turns0, i0, f0 = x0
     turns1, i1, f1 = x1
     j = min(int(y), height - 1)
     g = y - j
     right, right_x, right_y = corner(table, i1, f1, j, g)
     left, left_x, left_y = corner(table, i0, f0, j, g)
-    value, by_y = minus(right, left), minus(right_y, left_y)
+    value, by_y = right - left, right_y - left_y
     if turns1 != turns0:
-        around, below = triple(table, j, width), triple(table, j + 1, width)
-        step = minus(below, around)
-        value = plus(value, turns1 - turns0, plus(around, g, step))
-        by_y = plus(by_y, turns1 - turns0, step)
-    return value, minus(right_x, left_x), plus(right_x, 1.0, left_x), by_y
+        around = read(table, j, width)
+        step = read(table, j + 1, width) - around
+        value = value + (turns1 - turns0) * (around + g * step)
+        by_y = by_y + (turns1 - turns0) * step
+    return value, right_x - left_x, right_x + left_x, by_y
 
 
 called_slab = function(slab.py_func)
@@ -65,21 +66,15 @@ called_slab = function(slab.py_func)
 @function
 def slab_over_poles(table, width, height, x0, x1, far0, far1, y):
     """`slab` for y in [−H, 2H]: past a pole the map goes on half a turn away (`far`), mirrored."""
-    zero = (0.0, 0.0, 0.0)
     if y < 0.0:
         value, by_x, by_w, by_y = called_slab(table, width, height, far0, far1, -y)
-        return minus(zero, value), minus(zero, by_x), minus(zero, by_w), by_y
+        return -1.0 * value, -1.0 * by_x, -1.0 * by_w, by_y
     if y > height:
         bottom = float(height)
         a, a_x, a_w, _ = called_slab(table, width, height, x0, x1, bottom)
         b, b_x, b_w, _ = called_slab(table, width, height, far0, far1, bottom)
         d, d_x, d_w, by_y = called_slab(table, width, height, far0, far1, 2.0 * height - y)
-        return (
-            minus(plus(a, 1.0, b), d),
-            minus(plus(a_x, 1.0, b_x), d_x),
-            minus(plus(a_w, 1.0, b_w), d_w),
-            by_y,
-        )
+        return a + b - d, a_x + b_x - d_x, a_w + b_w - d_w, by_y
     return called_slab(table, width, height, x0, x1, y)
 
 
@@ -98,36 +93,51 @@ def row_integral_over_poles(rows, y, height):
 
 
 @function
-def rectangle(table, rows, x, y, columns, lines, mean, slope, n):
-    """Write the mean [n, 3] over a rectangle around (x, y), and its slopes [n, 3, 4] by x, y, columns and
-    lines."""
+def rectangle(table, rows, x, y, columns, lines, share, mean, slope, n):
+    """Write a share of the mean [n, 3] over a rectangle around (x, y), and of its slopes [n, 3, 4] by x, y,
+    columns and lines."""
     height, width = table.shape[0] - 1, table.shape[1] - 1
+    per_width = 1.0 / width
     left, right, y0, y1 = x - 0.5 * columns, x + 0.5 * columns, y - 0.5 * lines, y + 0.5 * lines
-    x0, x1 = column(left, width), column(right, width)
+    x0, x1 = column(left, width, per_width), column(right, width, per_width)
     below, below_slope = row_integral_over_poles(rows, y1, height)
     above, above_slope = row_integral_over_poles(rows, y0, height)
     if y0 >= 0.0 and y1 <= height:
         a, a_x, a_w, a_y = slab(table, width, height, x0, x1, y1)
         b, b_x, b_w, b_y = slab(table, width, height, x0, x1, y0)
     else:
-        far0, far1 = column(left + 0.5 * width, width), column(right + 0.5 * width, width)
+        far0 = column(left + 0.5 * width, width, per_width)
+        far1 = column(right + 0.5 * width, width, per_width)
         a, a_x, a_w, a_y = slab_over_poles(table, width, height, x0, x1, far0, far1, y1)
         b, b_x, b_w, b_y = slab_over_poles(table, width, height, x0, x1, far0, far1, y0)
-    per_area = 1.0 / (columns * (below - above))
-    area_slope = per_area * columns * (below_slope - above_slope)
-    lines_slope = 0.5 * per_area * columns * (below_slope + above_slope)
-    m = times(per_area, minus(a, b))
-    by_x, by_y = times(per_area, minus(a_x, b_x)), times(per_area, minus(a_y, b_y))
-    by_columns, by_lines = (
-        times(0.5 * per_area, minus(a_w, b_w)),
-        times(0.5 * per_area, plus(a_y, 1.0, b_y)),
-    )
-    for c in range(3):
-        mean[n, c] = m[c]
-        slope[n, c, 0] = by_x[c]
-        slope[n, c, 1] = by_y[c] - m[c] * area_slope
-        slope[n, c, 2] = by_columns[c] - m[c] / columns
-        slope[n, c, 3] = by_lines[c] - m[c] * lines_slope
+    area = columns * (below - above)
+    area_slope = columns * (below_slope - above_slope) / area
+    lines_slope = 0.5 * columns * (below_slope + above_slope) / area
+    per_area = share / area
+    m = per_area * (a - b)
+    write_row(mean, n, m)
+    write_columns(
+        slope, n, per_area * (a_x - b_x), per_area * (a_y - b_y) - area_slope * m,
+        0.5 * per_area * (a_w - b_w) - (1.0 / columns) * m,
+        0.5 * per_area * (a_y + b_y) - lines_slope * m,
+    )  # fmt: skip
+
+
+@inlined
+def fetch_rectangle(table, x, y, columns, lines):
+    """Ask for what `rectangle` will read, but for those over a pole or the seam: a few."""
+    height, width = table.shape[0] - 1, table.shape[1] - 1
+    left, right, y0, y1 = x - 0.5 * columns, x + 0.5 * columns, y - 0.5 * lines, y + 0.5 * lines
+    i0, i1 = min(max(int(left), 0), width - 1), min(max(int(right), 0), width - 1)
+    j0, j1 = min(max(int(y0), 0), height - 1), min(max(int(y1), 0), height - 1)
+    fetch(table, (j0, i0, 0))
+    fetch(table, (j0, i1, 0))
+    fetch(table, (j0 + 1, i0, 0))
+    fetch(table, (j0 + 1, i1, 0))
+    fetch(table, (j1, i0, 0))
+    fetch(table, (j1, i1, 0))
+    fetch(table, (j1 + 1, i0, 0))
+    fetch(table, (j1 + 1, i1, 0))
 
 
 @kernel
@@ -138,7 +148,7 @@ def rectangle_mean(table, rows, centre, size, out, slope):
     """
     for n in numba.prange(centre.shape[0]):
         x, y = float(centre[n, 0]), float(centre[n, 1])
-        rectangle(table, rows, x, y, float(size[n, 0]), float(size[n, 1]), out, slope, n)
+        rectangle(table, rows, x, y, float(size[n, 0]), float(size[n, 1]), 1.0, out, slope, n)
 
 
 @inlined
@@ -179,8 +189,10 @@ called_scatter_slab = function(scatter_slab.py_func)
 @function
 def scatter_over_poles(grad, low, high, width, height, left, right, y, a):
     """Adjoint of `slab_over_poles`."""
-    x0, x1 = column(left, width), column(right, width)
-    far0, far1 = column(left + 0.5 * width, width), column(right + 0.5 * width, width)
+    per_width = 1.0 / width
+    x0, x1 = column(left, width, per_width), column(right, width, per_width)
+    far0 = column(left + 0.5 * width, width, per_width)
+    far1 = column(right + 0.5 * width, width, per_width)
     away = (-a[0], -a[1], -a[2])
     if y < 0.0:
         called_scatter_slab(grad, low, high, width, height, far0, far1, -y, away)
@@ -197,6 +209,7 @@ def scatter_over_poles(grad, low, high, width, height, left, right, y, a):
 def scatter_band(rows, centre, size, cotangent, low, high, grad):
     """Adjoint of all rectangles, as far as it falls into table rows low ≤ j < high."""
     height, width = grad.shape[0] - 1, grad.shape[1] - 1
+    per_width = 1.0 / width
     for n in range(centre.shape[0]):
         if cotangent[n, 0] == 0 and cotangent[n, 1] == 0 and cotangent[n, 2] == 0:
             continue
@@ -213,7 +226,7 @@ def scatter_band(rows, centre, size, cotangent, low, high, grad):
         a = (g * cotangent[n, 0], g * cotangent[n, 1], g * cotangent[n, 2])
         away = (-a[0], -a[1], -a[2])
         if inside:
-            x0, x1 = column(left, width), column(right, width)
+            x0, x1 = column(left, width, per_width), column(right, width, per_width)
             scatter_slab(grad, low, high, width, height, x0, x1, y1, a)
             scatter_slab(grad, low, high, width, height, x0, x1, y0, away)
         else:

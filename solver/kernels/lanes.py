@@ -24,31 +24,33 @@ LANES = 8
 
 
 class Lanes(types.Type):
-    """The type of eight numbers in single precision."""
+    """A type of several numbers in single precision; what one can do with them belongs to its name."""
 
-    def __init__(self):
-        super().__init__(name=f"Lanes{LANES}")
+    def __init__(self, name: str, count: int):
+        self.count, self.vector = count, ir.VectorType(ir.FloatType(), count)
+        super().__init__(name)
 
 
-eight = Lanes()
+eight = Lanes("eight", LANES)
 _INDEX = ir.IntType(32)
-_VECTOR = ir.VectorType(ir.FloatType(), LANES)
 
 
 @register_model(Lanes)
 class _LanesModel(models.PrimitiveModel):
     def __init__(self, manager, of):
-        super().__init__(manager, of, _VECTOR)
+        super().__init__(manager, of, of.vector)
 
 
-def _places(*places: int) -> ir.Constant:
+def places_of(*places: int) -> ir.Constant:
+    """Which lanes a shuffle takes."""
     return ir.Constant(ir.VectorType(_INDEX, len(places)), places)
 
 
-def _spread(builder: ir.IRBuilder, number: ir.Value) -> ir.Value:
-    nothing = ir.Constant(_VECTOR, ir.Undefined)
+def spread(builder: ir.IRBuilder, number: ir.Value, vector: ir.VectorType) -> ir.Value:
+    """The same number in all lanes of a vector."""
+    nothing = ir.Constant(vector, ir.Undefined)
     first = builder.insert_element(nothing, number, _INDEX(0))
-    return builder.shuffle_vector(first, nothing, _places(*[0] * LANES))
+    return builder.shuffle_vector(first, nothing, places_of(*[0] * vector.count))
 
 
 def _define(operation, instruction: str) -> None:
@@ -63,7 +65,9 @@ def _define(operation, instruction: str) -> None:
 
     def lower(_, builder, signature, values):
         pairs = zip(signature.args, values, strict=True)
-        both = [value if of is eight else _spread(builder, value) for of, value in pairs]
+        both = [
+            value if of is eight else spread(builder, value, eight.vector) for of, value in pairs
+        ]
         return getattr(builder, instruction)(*both)
 
     for of in ((eight, eight), (eight, types.float32), (types.float32, eight)):
@@ -80,7 +84,7 @@ def eight_of(_, number):
     """Eight times the same number (float32)."""
 
     def generate(_, builder, signature, values):
-        return _spread(builder, values[0])
+        return spread(builder, values[0], eight.vector)
 
     return eight(types.float32), generate
 
@@ -96,7 +100,7 @@ def total(_, value):
         count = LANES if value is eight else 1
         while count > 1:
             count //= 2
-            halves = _places(*range(count)), _places(*range(count, 2 * count))
+            halves = places_of(*range(count)), places_of(*range(count, 2 * count))
             nothing = ir.Constant(summed.type, ir.Undefined)
             summed = builder.fadd(*(builder.shuffle_vector(summed, nothing, h) for h in halves))
         return builder.extract_element(summed, _INDEX(0)) if value is eight else summed
@@ -104,16 +108,21 @@ def total(_, value):
     return types.float32(value), generate
 
 
-def _pointer(context, builder, array, value, index, places, of) -> ir.Value:
-    """To array[index], or to the numbers from there on; indices are not wrapped around."""
+def address(context, builder, array, value, index, places) -> ir.Value:
+    """Of array[index]; indices are not wrapped around."""
     unpacked = cgutils.unpack_tuple(builder, places, len(index))
     whole = [
         context.cast(builder, place, kind, types.intp)
         for place, kind in zip(unpacked, index, strict=True)
     ]
     found = context.make_array(array)(context, builder, value)
-    pointer = cgutils.get_item_pointer(context, builder, array, found, whole, wraparound=False)
-    return builder.bitcast(pointer, _VECTOR.as_pointer()) if of is eight else pointer
+    return cgutils.get_item_pointer(context, builder, array, found, whole, wraparound=False)
+
+
+def _pointer(context, builder, array, value, index, places, of) -> ir.Value:
+    """To array[index], or to the numbers from there on."""
+    pointer = address(context, builder, array, value, index, places)
+    return builder.bitcast(pointer, of.vector.as_pointer()) if isinstance(of, Lanes) else pointer
 
 
 def _check(array: types.Array, index: types.BaseTuple) -> None:
@@ -125,7 +134,7 @@ def _check(array: types.Array, index: types.BaseTuple) -> None:
 def load(_, array, index, like):
     """Numbers of an array from `index` on, which has one for each axis, along the last axis."""
     _check(array, index)
-    of = eight if like is eight else types.float32
+    of = like if isinstance(like, Lanes) else types.float32
 
     def generate(context, builder, signature, values):
         pointer = _pointer(context, builder, array, values[0], index, values[1], of)
@@ -137,7 +146,7 @@ def load(_, array, index, like):
 def _storing(added: bool):
     def typed(_, array, index, value):
         _check(array, index)
-        of = eight if value is eight else types.float32
+        of = value if isinstance(value, Lanes) else types.float32
 
         def generate(context, builder, signature, values):
             pointer = _pointer(context, builder, array, values[0], index, values[1], of)
@@ -156,3 +165,19 @@ store = intrinsic(_storing(added=False))
 """array[index…] = value"""
 add_to = intrinsic(_storing(added=True))
 """array[index…] += value"""
+
+
+@intrinsic
+def fetch(_, array, index):
+    """Ask for the line of array[index…], one index for each axis, which will be read soon."""
+
+    def generate(context, builder, signature, values):
+        byte = ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [byte, _INDEX, _INDEX, _INDEX])
+        prefetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        place = address(context, builder, array, values[0], index, values[1])
+        to_read, often, data = _INDEX(0), _INDEX(3), _INDEX(1)
+        builder.call(prefetch, [builder.bitcast(place, byte), to_read, often, data])
+        return context.get_dummy_value()
+
+    return types.void(array, index), generate

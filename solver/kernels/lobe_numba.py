@@ -1,6 +1,6 @@
 """The geometry of a GGX lobe for the kernels: frames, visible normals, Smith's Λ, and their adjoints.
 
-Vectors are tuples of three numbers.
+Vectors are tuples of three numbers. What a ray has of its own may be that of eight (`ray_lanes`).
 """
 
 from __future__ import annotations
@@ -9,7 +9,8 @@ import math
 
 from .angles_numba import cosine_sine_of_turns
 from .compiling import function
-from .vectors_numba import cross, dot, plus, row
+from .ray_lanes import where
+from .vectors_numba import cross, dot, plus
 
 LEAST_VIEW = 1e-3  # cosine to the viewer, at least
 
@@ -28,7 +29,7 @@ def across(g, unit, length):
 @function
 def frame(n):
     """Tangent and bitangent of a unit normal (Duff et al. 2017)."""
-    sign = 1.0 if n[2] >= 0 else -1.0
+    sign = where(n[2] >= 0.0, 1.0, -1.0)
     a = -1.0 / (sign + n[2])
     c = n[0] * n[1] * a
     return (1.0 + sign * n[0] * n[0] * a, sign * c, -sign * n[0]), (
@@ -60,12 +61,11 @@ def local_view(t, b, n, v):
 
 
 @function
-def seen_sample(normals, views, s):
-    """Normal, viewer, tangent, bitangent, local viewer and its length, of sample s."""
-    n, v = row(normals, s), row(views, s)
+def seen(n, v):
+    """Tangent, bitangent, local viewer and its length, of a normal and a viewer."""
     t, b = frame(n)
     view, length = local_view(t, b, n, v)
-    return n, v, t, b, view, length
+    return t, b, view, length
 
 
 @function
@@ -83,7 +83,8 @@ def stretched_frame(view, alpha):
     s = (x / length, y / length, z / length)
     square = max(s[0] * s[0] + s[1] * s[1], 1e-14)
     inverse = 1.0 / math.sqrt(square)
-    t1 = (1.0, 0.0, 0.0) if square <= 1e-12 else (-s[1] * inverse, s[0] * inverse, 0.0)
+    upright = square <= 1e-12
+    t1 = where(upright, 1.0, -s[1] * inverse), where(upright, 0.0, s[0] * inverse), 0.0 * square
     return s, t1, cross(s, t1), length, square, inverse
 
 

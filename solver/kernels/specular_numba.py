@@ -12,9 +12,10 @@ import math
 import numba
 import numpy as np
 
-from .angles_numba import angle_of
 from .compiling import function, inlined, kernel
-from .integral_numba import rectangle
+from .glossy_rays_numba import ABOVE, ROOM, from_centre, leave, shift_of
+from .integral_numba import fetch_rectangle, rectangle
+from .lanes import LANES
 from .lobe_numba import (
     LEAST_VIEW,
     across,
@@ -22,132 +23,42 @@ from .lobe_numba import (
     half_vector,
     mirrored,
     power5,
-    seen_sample,
+    seen,
     smith,
     smith_slopes,
     stretched_frame,
     to_world,
 )
-from .skipping import SELF_SHADOW_COSINE
 from .vectors_numba import cross, dot, plus, row, times
 from .walk_numba import walk
 
-ABOVE = 1e-4  # cosine from which a reflected direction counts as above the surface
-BLOCK = 64  # samples of a task
+BLOCK = 128  # samples of a task
 AT_ONCE, FEW = 16, 6  # rays that the adjoint does at once; samples of fewer go one by one
 AT_A_POLE = 2e-7  # squared sine of a polar angle below which the map's row has no slope
-NEVER = 1e30  # distance from which a ray that is not looked at can be blocked
+AHEAD = np.uint64(4)  # rays between asking for what one reads of the light and reading it
 
 
 @function
-def shift_of(shifts, s):
-    """A sample's shift to a floor's centre; 0 without a floor (see `light.floor`)."""
-    return (0.0, 0.0, 0.0) if shifts.shape[0] == 0 else row(shifts, s)
-
-
-@function
-def from_centre(d, shift, up):
-    """Direction in which a floor's centre sees what ray d meets, its length before it was made unit, and
-    the shift of this ray, which is 0 if it does not go down."""
-    down = max(-dot(d, up), 0.0)
-    shift = times(1.0 if down > 0.0 else 0.0, shift)
-    moved = plus(d, down, shift)
-    length = math.sqrt(dot(moved, moved))
-    return (moved[0] / length, moved[1] / length, moved[2] / length), length, shift
-
-
-@inlined
-def along_ray(axis, d, length, shift, up):
-    """See `SeenFromCentre.along_rays`."""
-    moved = plus(axis, -dot(axis, shift), up)
-    moved = plus(moved, -dot(moved, d), d)
-    return moved[0] / length, moved[1] / length, moved[2] / length
-
-
-@function
-def side(variance, own, texels, most):
-    """A rectangle's side in texels, from its variance, rad², and how that grows with ln α, of which the
-    variance has `own` in narrow lobes."""
-    found = math.sqrt(variance) * texels
-    grown = found * own / variance if 1.0 <= found <= most else 0.0
-    return min(max(found, 1.0), most), grown
+def bring_back(begin, end, weights, passing, table, rows, centre, size, light, slope):
+    """What rays begin ≤ k < end see of the map, as far as they get there."""
+    last = np.uint64(max(end - 1, 0))
+    for k in range(np.uint64(begin), np.uint64(end)):
+        ahead = min(k + AHEAD, last)
+        fetch_rectangle(
+            table, float(centre[ahead, 0]), float(centre[ahead, 1]), float(size[ahead, 0]),
+            float(size[ahead, 1]),
+        )  # fmt: skip
+        through = passing[k] if weights[k, 0] > 0.0 else np.float32(0.0)
+        rectangle(
+            table, rows, float(centre[k, 0]), float(centre[k, 1]), float(size[k, 0]),
+            float(size[k, 1]), float(through), light, slope, k,
+        )  # fmt: skip
 
 
 @inlined
-def leave(
-    s, normals, views, alphas, f0s, first, shares, u, masking, averaged, widening, spread, shifts, up,
-    width, height, reach, directions, weights, start, centre, size, growth,
-):  # fmt: skip
-    """Rays of one sample: directions, weights, from where they can be blocked, what they see of the map,
-    and how that grows with ln α."""
-    alpha = float(alphas[s])
-    n, _, t, b, view, _ = seen_sample(normals, views, s)
-    st, t1, t2, _, _, _ = stretched_frame(view, alpha)
-    view_lambda = smith(view[2], alpha)
-    floor_shift = shift_of(shifts, s)
-    count = first[s + 1] - first[s]
-    for k in range(first[s], first[s + 1]):
-        half, _, _, _, _, _, _ = half_vector(st, t1, t2, alpha, float(u[k, 0]), float(u[k, 1]))
-        view_half, out = mirrored(view, half)
-        d, _ = to_world(t, b, n, out)
-        directions[k, 0], directions[k, 1], directions[k, 2] = d
-        if out[2] <= ABOVE:
-            start[k] = NEVER
-            growth[k, 0], growth[k, 1] = 0.0, 0.0
-            centre[k, 0], centre[k, 1], size[k, 0], size[k, 1] = 0.0, 0.0, 1.0, 1.0
-            weights[k, 0], weights[k, 1], weights[k, 2] = 0.0, 0.0, 0.0
-            continue
-        bend = shares[s]
-        if masking:
-            bend *= (1.0 + view_lambda) / (1.0 + view_lambda + smith(out[2], alpha))
-        m5 = power5(min(max(1.0 - view_half, 0.0), 1.0))
-        for c in range(3):
-            f0 = float(f0s[s, c])
-            weights[k, c] = (f0 + (1.0 - f0) * m5) * bend
-        denominator = half[2] * half[2] * (alpha * alpha - 1.0) + 1.0
-        density = alpha * alpha / max(math.pi * denominator * denominator, 1e-20)
-        density /= (1.0 + view_lambda) * 4.0 * view[2]
-        solid_angle = min(1.0 / max(count * density, 1e-6), 4.0 * math.pi) if averaged else 0.0
-        e, length, shift = from_centre(d, floor_shift, up)
-        sine = max(math.sqrt(e[0] * e[0] + e[1] * e[1]), 1e-4)
-        wide, high = solid_angle, solid_angle
-        own = solid_angle if widening and solid_angle < 4.0 * math.pi else 0.0
-        own_wide, own_high = own, own
-        if averaged:
-            east = (-e[1] / sine, e[0] / sine, 0.0)
-            south = (e[0] * e[2] / sine, e[1] * e[2] / sine, -sine)
-            if shifts.shape[0] > 0:
-                east, south = (
-                    along_ray(east, d, length, shift, up),
-                    along_ray(south, d, length, shift, up),
-                )
-                wide, high = wide * dot(east, east), high * dot(south, south)
-                own_wide, own_high = own * dot(east, east), own * dot(south, south)
-            for edge in range(2):
-                x, y, z = spread[s, edge, 0], spread[s, edge, 1], spread[s, edge, 2]
-                by_east, by_south = dot(east, (x, y, z)), dot(south, (x, y, z))
-                wide += by_east * by_east
-                high += by_south * by_south
-        centre[k, 0] = (0.5 - angle_of(e[0], e[1]) / (2.0 * math.pi)) * width
-        centre[k, 1] = angle_of(e[2], sine) / math.pi * height
-        size[k, 0], growth[k, 0] = side(
-            wide, own_wide, width / (2.0 * math.pi * sine), float(width)
-        )
-        size[k, 1], growth[k, 1] = side(high, own_high, height / math.pi, 0.5 * height)
-        start[k] = min(reach * (1.0 / max(out[2], SELF_SHADOW_COSINE) - 1.0), 4.0 * reach)
-
-
-@inlined
-def gather(s, first, weights, passing, table, rows, centre, size, radiance, light, slope):
-    """What the rays of one sample bring back."""
+def add_up(s, first, weights, light, radiance):
     r0, r1, r2 = 0.0, 0.0, 0.0
     for k in range(first[s], first[s + 1]):
-        rectangle(table, rows, centre[k, 0], centre[k, 1], size[k, 0], size[k, 1], light, slope, k)
-        through = passing[k] if weights[k, 0] > 0.0 else np.float32(0.0)
-        for c in range(3):
-            light[k, c] *= through
-            for by in range(4):
-                slope[k, c, by] *= through
         r0 += weights[k, 0] * light[k, 0]
         r1 += weights[k, 1] * light[k, 1]
         r2 += weights[k, 2] * light[k, 2]
@@ -174,21 +85,26 @@ def specular(
         begin, end = first[low], first[high]
         origins = np.empty((high - low, 3), np.float32)
         owners = np.empty(end - begin, np.int64)
+        found = np.empty((ROOM, LANES), np.float32)
         for s in range(low, high):
             for axis in range(3):
                 lifted = points[s, axis] + reach * normals[s, axis]
                 origins[s - low, axis] = (lifted - box_low[axis]) * box_scale
-            owners[first[s] - begin : first[s + 1] - begin] = s - low
+            for k in range(np.uint64(first[s] - begin), np.uint64(first[s + 1] - begin)):
+                owners[k] = s - low
+        for k in range(np.uint64(begin), np.uint64(end), np.uint64(LANES)):
             leave(
-                s, normals, views, alphas, f0s, first, shares, u, masking, averaged, widening, spread,
-                shifts, up, width, height, reach, directions, weights, passing, centre, size, growth,
+                k, np.uint64(end), low, owners, begin, normals, views, alphas, f0s, first, shares, u,
+                masking, averaged, widening, spread, shifts, up, width, height, reach, found,
+                directions, weights, passing, centre, size, growth,
             )  # fmt: skip
         walk(
             origins, owners, directions[begin:end], np.float32(box_scale), passing[begin:end],
             np.float32(cell), blocking, passing[begin:end], nobody,
         )  # fmt: skip
+        bring_back(begin, end, weights, passing, table, rows, centre, size, light, slope)
         for s in range(low, high):
-            gather(s, first, weights, passing, table, rows, centre, size, radiance, light, slope)
+            add_up(s, first, weights, light, radiance)
 
 
 @function
@@ -203,7 +119,8 @@ def specular_backward_of_sample(
     for nothing.
     """
     alpha = float(alphas[s])
-    n, v, t, b, view, view_length = seen_sample(normals, views, s)
+    n, v = row(normals, s), row(views, s)
+    t, b, view, view_length = seen(n, v)
     st, t1, t2, st_length, square, inverse = stretched_frame(view, alpha)
     view_lambda = smith(view[2], alpha)
     floor_shift = shift_of(shifts, s)

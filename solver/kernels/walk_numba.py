@@ -1,7 +1,7 @@
 """Walks of rays through a grid of occupancy on the CPU; `march_torch.through_grid` is the plain twin.
 
 Where a ray reads next depends on what it has just read, so a single one leaves the processor waiting.
-Several walk in turns, and where one has ended, the next one takes its place.
+A crowd walks side by side until the last one has ended (`ray_lanes`).
 """
 
 from __future__ import annotations
@@ -11,22 +11,24 @@ import math
 import numpy as np
 
 from .compiling import function, inlined
+from .lanes import load, store
+from .ray_lanes import CROWD, any_of, codes_at, crowd_of, where
 from .skipping import DEPTHS_PER_UNIT, EMPTY
+from .vectors_numba import times
 
-LANES = 6
-"""rays side by side; of 2, 3, 4, 6, 8 and 16 the fastest"""
 DEPTH_UNIT = np.float32(1 / DEPTHS_PER_UNIT)
 LEAST_OPAQUE = np.float32(7.0)
 """optical depth from which nothing passes"""
 HALF = np.float32(math.log(2))
 """optical depth that half of the light passes"""
 LEAST_SLOPE = np.float32(1e-12)
-DISTANCE, FAR, DEPTH, ORIGIN, DIRECTION, COLUMNS = 0, 1, 2, 3, 6, 9  # of a lane's state; in cells
+NEVER = np.float32(1e30)
+ORIGIN, DIRECTION, START, COLUMNS = 0, 3, 6, 7  # of what is known of a ray
 
 
 @inlined
 def axis_span(o, d):
-    inverse = np.float32(1.0) / (d if abs(d) > LEAST_SLOPE else LEAST_SLOPE)
+    inverse = np.float32(1.0) / where(abs(d) > LEAST_SLOPE, d, LEAST_SLOPE)
     at_low = -o * inverse
     at_high = at_low + inverse
     return min(at_low, at_high), max(at_low, at_high)
@@ -41,21 +43,22 @@ def box_span(ox, oy, oz, dx, dy, dz):
     return max(near_x, max(near_y, near_z)), min(far_x, min(far_y, far_z))
 
 
-@inlined
-def enter(state, lane, origin, direction, scale, start, cells):
-    """Put a ray on a lane."""
-    dx, dy, dz = direction[0] * scale, direction[1] * scale, direction[2] * scale
-    near, far = box_span(origin[0], origin[1], origin[2], dx, dy, dz)
-    state[lane, DISTANCE], state[lane, FAR], state[lane, DEPTH] = max(near, start), far, 0.0
-    for axis, d in enumerate((dx, dy, dz)):
-        state[lane, ORIGIN + axis], state[lane, DIRECTION + axis] = origin[axis] * cells, d * cells
-
-
-@inlined
-def cell_of(state, lane, axis, t, cells):
-    return min(
-        max(int(state[lane, ORIGIN + axis] + t * state[lane, DIRECTION + axis]), 0), cells - 1
-    )
+@function
+def enter(known, base, origins, owners, directions, scale, start):
+    """Rays from `base` on, a crowd at most: origins, directions, from where and how far each is walked."""
+    none = crowd_of(0.0)
+    last = np.uint64(start.shape[0] - 1)
+    for lane in range(np.uint64(CROWD)):  # those too many do what the last one does
+        ray = min(np.uint64(base) + lane, last)
+        owner = np.uint64(owners[ray])
+        for c in range(3):
+            known[ORIGIN + c, lane] = origins[owner, c]
+            known[DIRECTION + c, lane] = directions[ray, c] * scale
+        known[START, lane] = start[ray]
+    ox, oy, oz = load(known, (0, 0), none), load(known, (1, 0), none), load(known, (2, 0), none)
+    dx, dy, dz = load(known, (3, 0), none), load(known, (4, 0), none), load(known, (5, 0), none)
+    near, far = box_span(ox, oy, oz, dx, dy, dz)
+    return (ox, oy, oz), (dx, dy, dz), max(near, load(known, (START, 0), none)), far
 
 
 @function
@@ -69,37 +72,30 @@ def walk(origins, owners, directions, scale, start, step, blocking, passing, hal
         start: [R] distances from which rays can be blocked; may be `passing`.
         half: [R], or empty where nobody asks.
     """
-    cells = blocking.shape[0]
-    state = np.zeros((LANES, COLUMNS), np.float32)
-    rays = np.full(LANES, -1)
-    upcoming, walking = 0, True
-    while walking:
-        walking = False
-        for lane in range(LANES):
-            t = state[lane, DISTANCE]
-            if t < state[lane, FAR]:
-                walking = True
-                i = cell_of(state, lane, 0, t, cells)
-                j = cell_of(state, lane, 1, t, cells)
-                code = blocking[i, j, cell_of(state, lane, 2, t, cells)]
-                if code >= EMPTY:
-                    state[lane, DISTANCE] = t + step * np.float32(code - EMPTY)
-                    continue
-                before = state[lane, DEPTH]
-                depth = before + DEPTH_UNIT * np.float32(code)
-                state[lane, DEPTH] = depth
-                state[lane, DISTANCE] = t + step if depth < LEAST_OPAQUE else state[lane, FAR]
-                if half.shape[0] > 0 and before <= HALF and depth > HALF:
-                    half[rays[lane]] = t
-                continue
-            if rays[lane] >= 0:
-                passing[rays[lane]] = math.exp(-state[lane, DEPTH])
-                rays[lane] = -1
-            if upcoming < passing.shape[0]:
-                walking = True
-                origin, direction = origins[owners[upcoming]], directions[upcoming]
-                enter(state, lane, origin, direction, scale, start[upcoming], cells)
-                if half.shape[0] > 0:
-                    half[upcoming] = math.inf
-                rays[lane] = upcoming
-                upcoming += 1
+    cells, count, asked = np.float32(blocking.shape[0]), passing.shape[0], half.shape[0] > 0
+    last = cells - np.float32(1.0)
+    known = np.empty((COLUMNS, CROWD), np.float32)
+    for base in range(0, count, CROWD):
+        o, d, t, far = enter(known, base, origins, owners, directions, scale, start)
+        o, d = times(cells, o), times(cells, d)
+        depth, found, anyone = crowd_of(0.0), crowd_of(NEVER), True
+        while anyone:
+            x = min(max(o[0] + t * d[0], 0.0), last)
+            y = min(max(o[1] + t * d[1], 0.0), last)
+            z = min(max(o[2] + t * d[2], 0.0), last)
+            code = codes_at(blocking, x, y, z)
+            empty = code >= float(EMPTY)
+            walking = (t < far) & (depth < LEAST_OPAQUE)
+            deeper = depth + where(walking, where(empty, 0.0, DEPTH_UNIT * code), 0.0)
+            if asked:
+                found = where((depth <= HALF) & (deeper > HALF), t, found)
+            depth = deeper
+            t = t + where(empty, step * (code - float(EMPTY)), step)
+            anyone = any_of(walking)
+        store(known, (0, 0), depth)
+        store(known, (1, 0), found)
+        for lane in range(np.uint64(min(CROWD, count - base))):
+            ray = np.uint64(base) + lane
+            passing[ray] = math.exp(-known[0, lane]) if known[0, lane] > 0.0 else 1.0
+            if asked:
+                half[ray] = known[1, lane] if known[1, lane] < NEVER else math.inf

@@ -1,0 +1,138 @@
+"""Three doubles at once: a type for numba of colours, whose channels share a vector register.
+
+A register has room for four; the last lane is not used, and what it holds means nothing.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+
+from llvmlite import ir
+from numba.core import types
+from numba.core.imputils import lower_builtin
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import intrinsic, models, register_model
+
+from .lanes import address, places_of, spread
+
+LANES, CHANNELS = 4, 3
+_DOUBLES = ir.VectorType(ir.DoubleType(), LANES)
+_FLOATS = ir.VectorType(ir.FloatType(), LANES)
+_TWO = ir.VectorType(ir.DoubleType(), 2)
+_INDEX = ir.IntType(32)
+
+
+class Three(types.Type):
+    """The type of three doubles."""
+
+
+three = Three("three")
+
+
+@register_model(Three)
+class _ThreeModel(models.PrimitiveModel):
+    def __init__(self, manager, of):
+        super().__init__(manager, of, _DOUBLES)
+
+
+def _as_three(context, builder: ir.IRBuilder, value: ir.Value, of: types.Type) -> ir.Value:
+    if of is three:
+        return value
+    return spread(builder, context.cast(builder, value, of, types.float64), _DOUBLES)
+
+
+def _define(operation, generate: Callable) -> None:
+    """`operation` of two `Three`, or of one and a number."""
+
+    @infer_global(operation)
+    class _Typing(AbstractTemplate):
+        def generic(self, of, _):
+            known = all(a is three or isinstance(a, types.Float | types.Integer) for a in of)
+            return signature(three, *of) if len(of) == 2 and three in of and known else None
+
+    def lower(context, builder, signature, values):
+        pairs = zip(values, signature.args, strict=True)
+        return generate(builder, *(_as_three(context, builder, *pair) for pair in pairs))
+
+    for of in ((three, three), (three, types.Number), (types.Number, three)):
+        lower_builtin(operation, *of)(lower)
+
+
+_define(operator.add, ir.IRBuilder.fadd)
+_define(operator.sub, ir.IRBuilder.fsub)
+_define(operator.mul, ir.IRBuilder.fmul)
+
+
+@intrinsic
+def read(_, array, i, j):
+    """array[i, j] of a contiguous array [..., ..., 3] of doubles."""
+
+    def generate(context, builder, signature, values):
+        places = [
+            context.cast(builder, v, of, types.int64)
+            for v, of in zip(values[1:], (i, j), strict=True)
+        ]
+        index = types.UniTuple(types.int64, 3)
+        whole = context.make_tuple(builder, index, [*places, ir.IntType(64)(0)])
+        first = address(context, builder, array, values[0], index, whole)
+        two = builder.load(builder.bitcast(first, _TWO.as_pointer()), align=8)
+        last = builder.load(builder.gep(first, [_INDEX(2)]))
+        wide = builder.shuffle_vector(two, ir.Constant(_TWO, ir.Undefined), places_of(0, 1, 0, 0))
+        return builder.insert_element(wide, last, _INDEX(2))
+
+    return three(array, i, j), generate
+
+
+def _floats(builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
+    return builder.fptrunc(value, _FLOATS)
+
+
+@intrinsic
+def write_row(_, array, n, value):
+    """array[n] = value, of a contiguous array [..., 3] of floats."""
+
+    def generate(context, builder, signature, values):
+        row = _floats(builder, values[2])
+        index = types.UniTuple(types.int64, 2)
+        at = [context.cast(builder, values[1], n, types.int64), ir.IntType(64)(0)]
+        first = address(
+            context, builder, array, values[0], index, context.make_tuple(builder, index, at)
+        )
+        for channel in range(CHANNELS):
+            place = builder.gep(first, [_INDEX(channel)])
+            builder.store(builder.extract_element(row, _INDEX(channel)), place)
+        return context.get_dummy_value()
+
+    return types.void(array, n, value), generate
+
+
+@intrinsic
+def write_columns(_, array, n, a, b, c, d):
+    """array[n, :, 0] = a, array[n, :, 1] = b and so on, of a contiguous array [..., 3, 4] of floats."""
+
+    def generate(context, builder, signature, values):
+        a, b, c, d = (_floats(builder, value) for value in values[2:])
+        index = types.UniTuple(types.int64, 3)
+        zero = ir.IntType(64)(0)
+        at = [context.cast(builder, values[1], n, types.int64), zero, zero]
+        first = address(
+            context, builder, array, values[0], index, context.make_tuple(builder, index, at)
+        )
+        low, high = places_of(0, 4, 1, 5), places_of(2, 6, 3, 7)
+        left, right = builder.shuffle_vector(a, b, low), builder.shuffle_vector(c, d, low)
+        rows = [
+            builder.shuffle_vector(left, right, places_of(0, 1, 4, 5)),
+            builder.shuffle_vector(left, right, places_of(2, 3, 6, 7)),
+            builder.shuffle_vector(
+                builder.shuffle_vector(a, b, high),
+                builder.shuffle_vector(c, d, high),
+                places_of(0, 1, 4, 5),
+            ),
+        ]
+        for channel, row in enumerate(rows):
+            place = builder.gep(first, [_INDEX(LANES * channel)])
+            builder.store(row, builder.bitcast(place, _FLOATS.as_pointer()), align=4)
+        return context.get_dummy_value()
+
+    return types.void(array, n, a, b, c, d), generate
