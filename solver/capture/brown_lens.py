@@ -1,10 +1,10 @@
 """The lens `brown`: what photogrammetry programs have beyond OpenCV's polynomials.
 
-    k1 k2 p1 p2 k3 k4, skew, 1 for a fisheye (else 0); missing numbers are 0
+    k1 k2 p1 p2 k3 k4, skew, 1 for a fisheye (else 0), p3 p4; missing numbers are 0
 
 Coordinates, NaN and masks are as in `lenses`; those of a fisheye are shrunk to the angle from the axis
-before the polynomial. k1 … k4 are the radial powers r² … r⁸, p1 and p2 OpenCV's tangential terms;
-`skew`·v is added to u at last.
+before the polynomial. k1 … k4 are the radial powers r² … r⁸, p1 and p2 OpenCV's tangential terms, which
+are multiplied by 1 + p3 r² + p4 r⁴; `skew`·v is added to u at last.
 """
 
 from __future__ import annotations
@@ -25,14 +25,17 @@ def polynomial_lens(
     """The plainest lens, and its numbers, for a polynomial distortion.
 
     Args:
-        radial: k1 … k4, as many as there are. tangential: p1, p2 in OpenCV's order.
+        radial: k1 … k4, as many as there are.
+        tangential: p1, p2 in OpenCV's order, then p3, p4 if there are such.
         skew: what a unit of y adds to x, after the distortion.
         equidistant: the polynomial acts on angles from the axis instead of their tangents.
     """
     k1, k2, k3, k4 = (*(float(k) for k in radial), 0.0, 0.0, 0.0, 0.0)[:4]
-    p1, p2 = (float(p) for p in tangential)
-    if skew or (k4 and not equidistant) or (equidistant and (p1 or p2)):
-        return "brown", (k1, k2, p1, p2, k3, k4, float(skew), float(equidistant))
+    p1, p2, p3, p4 = (*(float(p) for p in tangential), 0.0, 0.0)[:4]
+    grows = (p1 or p2) and (p3 or p4)
+    if skew or (k4 and not equidistant) or (equidistant and (p1 or p2)) or grows:
+        plain = (k1, k2, p1, p2, k3, k4, float(skew), float(equidistant))
+        return "brown", (*plain, p3, p4) if grows else plain
     if equidistant:
         return "opencv_fisheye", (k1, k2, k3, k4)
     return ("opencv", (k1, k2, p1, p2, k3)) if any((k1, k2, k3, p1, p2)) else ("pinhole", ())
@@ -43,7 +46,7 @@ def distort(distortion: tuple[float, ...], directions: np.ndarray) -> tuple[np.n
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     across = np.hypot(x, y)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        if _eight(distortion)[7]:
+        if _ten(distortion)[7]:
             radius = np.arctan2(across, z)
             scale = np.where(across > 1e-12, radius / across, np.where(z > 0, 1 / z, np.nan))
         else:
@@ -51,14 +54,14 @@ def distort(distortion: tuple[float, ...], directions: np.ndarray) -> tuple[np.n
             radius = across * scale
         scale = np.where(radius <= fold(distortion) * (1 + 1e-9), scale, np.nan)
         u, v, *_ = _polynomial(distortion, x * scale, y * scale)
-    return u + _eight(distortion)[6] * v, v
+    return u + _ten(distortion)[6] * v, v
 
 
 def undistort(
     distortion: tuple[float, ...], u: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """See `lenses.undistort`."""
-    k1, k2, p1, p2, k3, k4, skew, equidistant = _eight(distortion)
+    k1, k2, p1, p2, k3, k4, skew, equidistant, *_ = _ten(distortion)
     limit = min(fold(distortion), WIDEST)
 
     def along(r: np.ndarray):
@@ -83,22 +86,40 @@ def undistort(
 
 def fold(distortion: tuple[float, ...]) -> float:
     """Where the radial part stops growing: ideal radius, or angle of a fisheye."""
-    k1, k2, _, _, k3, k4, _, equidistant = _eight(distortion)
+    k1, k2, _, _, k3, k4, _, equidistant, *_ = _ten(distortion)
     slope = np.array([1.0, 3 * k1, 5 * k2, 7 * k3, 9 * k4])  # in powers of r²
     return min(first_positive_root(slope), np.pi if equidistant else np.inf)
 
 
-def _eight(distortion: tuple[float, ...]) -> tuple[float, ...]:
-    return (*distortion, 0, 0, 0, 0, 0, 0, 0, 0)[:8]
+def _ten(distortion: tuple[float, ...]) -> tuple[float, ...]:
+    return (*distortion, *(0,) * 10)[:10]
 
 
 def _polynomial(distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray):
     """(u, v) before the skew, and the derivatives u_x, u_y, v_x, v_y."""
-    k1, k2, p1, p2, k3, k4, *_ = _eight(distortion)
+    k1, k2, p1, p2, k3, k4, _, _, p3, p4 = _ten(distortion)
     s = x * x + y * y
     factor = 1 + s * (k1 + s * (k2 + s * (k3 + s * k4)))
     slope = k1 + s * (2 * k2 + s * (3 * k3 + s * 4 * k4))
-    return decentred(x, y, factor, slope, p1, p2)
+    found = decentred(x, y, factor, slope, p1, p2)
+    return _with_higher(found, x, y, (p1, p2, p3, p4)) if p3 or p4 else found
+
+
+def _with_higher(found: tuple, x: np.ndarray, y: np.ndarray, tangential: tuple[float, ...]):
+    """What `decentred` found, with its tangential part times 1 + p3 r² + p4 r⁴."""
+    p1, p2, p3, p4 = tangential
+    u, v, u_x, u_y, v_x, v_y = found
+    s = x * x + y * y
+    more = s * (p3 + s * p4)
+    slope = 2 * (p3 + s * 2 * p4)  # times x or y it is a derivative of `more`
+    a = 2 * p1 * x * y + p2 * (s + 2 * x * x)
+    b = p1 * (s + 2 * y * y) + 2 * p2 * x * y
+    cross = 2 * (p1 * x + p2 * y)
+    return (
+        u + a * more, v + b * more,
+        u_x + (2 * p1 * y + 6 * p2 * x) * more + a * slope * x, u_y + cross * more + a * slope * y,
+        v_x + cross * more + b * slope * x, v_y + (6 * p1 * y + 2 * p2 * x) * more + b * slope * y,
+    )  # fmt: skip
 
 
 def decentred(

@@ -17,6 +17,8 @@ DISTORTIONS = [
     (-0.08, 0.02, 0.002, -0.001, 0.01, -0.004, 0.0, 0.0),
     (-0.02, 0.004, 0.003, -0.002, 0.001, -0.0005, 0.002, 1.0),
     (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.01, 0.0),
+    (0.1, -0.05, 0.002, -0.001, 0.01, -0.02, 0.003, 0.0, 0.8, -0.5),
+    (-0.02, 0.004, 0.003, -0.002, 0.001, -0.0005, 0.0, 1.0, -0.6, 0.4),
 ]
 
 
@@ -78,6 +80,8 @@ def test_the_plainest_lens_is_chosen():
     assert polynomial_lens((1, 2, 3, 4), equidistant=True) == ("opencv_fisheye", (1, 2, 3, 4))
     assert polynomial_lens((1, 2, 3, 4)) == ("brown", (1, 2, 0, 0, 3, 4, 0, 0))
     assert polynomial_lens((0,), skew=0.1)[0] == "brown"
+    assert polynomial_lens((0.1,), (0, 0, 0.5, 0.5)) == ("opencv", (0.1, 0, 0, 0, 0))
+    assert polynomial_lens((0,), (0, 1, 2, 3)) == ("brown", (0, 0, 0, 1, 0, 0, 0, 0, 2, 3))
     assert polynomial_lens((0,), (0.1, 0), equidistant=True)[1][7] == 1
     assert {polynomial_lens((0, 0, 0, k))[0] for k in (0, 1)} <= set(LENSES)
 

@@ -18,9 +18,10 @@ DISTORTIONS = {
     "pinhole": st.just(()),
     "opencv": numbers(0.3, 0.2, 0.01, 0.01, 0.1),
     "brown": st.builds(
-        lambda n, equidistant: (*n, equidistant),
+        lambda n, equidistant, higher: (*n, equidistant, *higher),
         numbers(0.3, 0.2, 0.01, 0.01, 0.1, 0.05, 0.01),
         st.sampled_from((0.0, 1.0)),
+        st.just(()) | numbers(1.0, 0.5),
     ),  # fmt: skip
     "opencv_fisheye": numbers(0.3, 0.2, 0.1, 0.1),
     "fov": numbers(3.1),

@@ -99,8 +99,9 @@ def reference(values, kind, to_camera, point):
         x, y = x * math.atan(r0) / r0, y * math.atan(r0) / r0
     r = math.sqrt(x * x + y * y)
     radial = 1 + k[0] * r**2 + k[1] * r**4 + k[2] * r**6 + k[3] * r**8
-    xd = x * radial + (p1 * (r**2 + 2 * x**2) + 2 * p2 * x * y)
-    yd = y * radial + (p2 * (r**2 + 2 * y**2) + 2 * p1 * x * y)
+    grows = 1 + values.get("p3", 0.0) * r**2 + values.get("p4", 0.0) * r**4
+    xd = x * radial + (p1 * (r**2 + 2 * x**2) + 2 * p2 * x * y) * grows
+    yd = y * radial + (p2 * (r**2 + 2 * y**2) + 2 * p1 * x * y) * grows
     f, b1, b2 = values["f"], values.get("b1", 0.0), values.get("b2", 0.0)
     u = WIDTH * 0.5 + values["cx"] + xd * f + xd * b1 + yd * b2
     v = HEIGHT * 0.5 + values["cy"] + yd * f
@@ -119,6 +120,10 @@ PLAIN_FISHEYE = dict(f=40.0, cx=0.5, cy=0.25, k1=-0.02, k2=0.004, k3=0.001, k4=-
         (FULL, "frame", "brown"),
         (PLAIN_FISHEYE, "fisheye", "opencv_fisheye"),
         (dict(PLAIN_FISHEYE, p1=0.003, p2=-0.002, b1=0.5, b2=0.2), "fisheye", "brown"),
+        (dict(FULL, p3=0.7, p4=-0.3), "frame", "brown"),
+        (dict(f=80.0, cx=0.0, cy=0.0, p1=0.004, p4=0.9), "frame", "brown"),
+        (dict(PLAIN_FISHEYE, p1=0.003, p2=-0.002, p3=-0.4), "fisheye", "brown"),
+        (dict(FRAME, p1=0.0, p2=0.0, p3=0.7, p4=-0.3), "frame", "opencv"),
     ],
 )
 def test_points_project_as_the_manual_says(tmp_path, values, kind, lens):
@@ -206,6 +211,77 @@ def test_members_of_rigs_and_panoramas_are_left_out_with_a_warning(tmp_path):
     assert len(capture.cameras) == COUNT and len(capture.warnings) == 2
     assert any("1 cameras are members of a rig" in w and "IMG_0005" in w for w in capture.warnings)
     assert any("2 cameras are panoramas" in w and "IMG_0006" in w for w in capture.warnings)
+
+
+def rig(offset, photos=3, **changes):
+    """A document of `photos` places with two cameras each, the second at `offset` [4, 4] from the first."""
+    parts = dict(
+        rotation=f"<rotation>{numbers(offset[:3, :3])}</rotation>",
+        location=f"<location>{numbers(offset[:3, 3])}</location>",
+    )
+    parts.update(changes)
+    second = sensor(1, calibration(dict(FRAME, f=70.0)) + parts["rotation"] + parts["location"])
+    sensors = sensor(0, calibration(FRAME)) + second.replace("<sensor", '<sensor master_id="0"')
+    cameras = []
+    for place, matrix in enumerate(poses(photos)):
+        first, follows = 2 * place, f'master_id="{2 * place}"'
+        cameras.append(camera(first, matrix, label=f"IMG_{first:04d}"))
+        second = camera(first + 1, None, f"IMG_{first + 1:04d}", 1, follows)
+        cameras.append(second.replace(' component_id="0"', ""))
+    return document(sensors, cameras, component=chunk_transform(np.eye(3), 2.5, np.ones(3)))
+
+
+def offset():
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation(np.random.default_rng(9)), (0.3, -0.1, 0.2)
+    return matrix
+
+
+def test_members_of_rigs_stand_where_their_sensor_is_beside_the_first_camera(tmp_path):
+    save_photos(tmp_path / "photos", names(6))
+    capture = read_capture(write(tmp_path, rig(offset())))
+    assert not capture.warnings
+    expected = np.repeat(poses(3), 2, axis=0)
+    expected[1::2] = expected[1::2] @ offset()
+    expected[:, :3, 3] = 2.5 * expected[:, :3, 3] + 1
+    to_camera, lenses = np.linalg.inv(expected), (FRAME, dict(FRAME, f=70.0))
+    check_projection(
+        capture, lambda i, x: reference(lenses[i % 2], "frame", to_camera[i], x), expected
+    )
+
+
+@pytest.mark.parametrize("left", ["rotation", "location"])
+def test_members_of_rigs_whose_place_is_not_stated_are_left_out(tmp_path, left):
+    save_photos(tmp_path / "photos", names(6))
+    capture = read_capture(write(tmp_path, rig(offset(), **{left: ""})))
+    assert len(capture.cameras) == 3
+    assert "3 cameras are members of a rig" in capture.warnings[0]
+
+
+def test_members_of_a_rig_that_was_not_aligned_are_not_aligned(tmp_path):
+    save_photos(tmp_path / "photos", names(8))
+    text = rig(offset(), photos=4).replace(f"<transform>{numbers(poses(4)[3])}</transform>", "")
+    capture = read_capture(write(tmp_path, text))
+    assert len(capture.cameras) == 6 and "2 cameras are not aligned" in capture.warnings[0]
+
+
+def corrected(coefficients):
+    extent = "<extent><min>0 0</min><max>96 64</max></extent>"
+    inside = f'<corrections type="fourier"><coeffs>{coefficients}</coeffs>{extent}</corrections>'
+    return simple().replace("</calibration>", inside + "</calibration>")
+
+
+def test_additional_corrections_are_refused_unless_they_are_nothing(tmp_path):
+    assert not read_capture(write(tmp_path, corrected("0 " * 96))).warnings
+    with pytest.raises(CaptureError, match="Fit additional corrections") as caught:
+        read_capture(write(tmp_path, corrected("0 " * 95 + "0.25")))
+    assert caught.value.field == "sensor unknown, corrections"
+
+
+def test_of_an_unknown_coefficient_only_zero_is_read(tmp_path):
+    assert read_capture(write(tmp_path, simple(dict(FRAME, k5=0.0))))
+    with pytest.raises(CaptureError, match="k5: this coefficient is not known"):
+        read_capture(write(tmp_path, simple(dict(FRAME, k5=0.1))))
 
 
 def test_only_the_largest_of_unplaced_components_is_read(tmp_path):
@@ -343,7 +419,11 @@ FUZZ = settings(
 @FUZZ
 @given(data=st.data())
 def test_hostile_values_end_in_a_capture_or_an_error(tmp_path, data):
-    root = ElementTree.fromstring(simple(component=chunk_transform(np.eye(3), 1.0, np.ones(3))))
+    save_photos(tmp_path / "photos", names(6))
+    text = simple(component=chunk_transform(np.eye(3), 1.0, np.ones(3)))
+    root = ElementTree.fromstring(
+        data.draw(st.sampled_from([text, rig(offset()), corrected("0 1")]))
+    )
     element = data.draw(st.sampled_from(list(root.iter())))
     value = data.draw(HOSTILE_TEXT)
     if element.attrib and data.draw(st.booleans()):

@@ -5,28 +5,21 @@ Cameras have OpenCV's axes; `transform` takes them to the chunk, the chunk's (or
 coordinates (with any projected system on top, Metashape writes these), cameras stay in the chunk's
 coordinates instead, and up is away from the Earth's centre.
 
-A lens, in pixels from the corner of the picture (manual, appendix "Camera models"):
-
-    x = X / Z, y = Y / Z; of a fisheye both times atan(r) / r
-    x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶ + k4 r⁸) + p1 (r² + 2 x²) + 2 p2 x y
-    y' = y (1 + k1 r² + k2 r⁴ + k3 r⁶ + k4 r⁸) + p2 (r² + 2 y²) + 2 p1 x y
-    u = w / 2 + cx + x' f + x' b1 + y' b2
-    v = h / 2 + cy + y' f
-
-so p1 and p2 are OpenCV's p2 and p1. PhotoScan before 1.2 wrote fx, fy, skew and cx, cy from the corner
-instead, and p1, p2 in OpenCV's order.
+What a rig places behind its first camera has no `transform`, but the first one's number as `master_id`,
+and its sensor has `rotation` and `location`: from its own axes to the first camera's, in the chunk's unit.
+https://photogrammetrycommunity.github.io/metashape-expert-manual ("The slave-sensor transform"), and
+metashape_to_krt.py of Meta's converters for Eyeful Tower, whose rigs were exported so. Lenses are in
+`metashape_lens`.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ..brown_lens import polynomial_lens
 from ..capture import Capture
 from ..errors import CaptureError, shown
 from ..files import head_of, number, numbers, read_xml
@@ -34,6 +27,7 @@ from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
 from ..picture_names import parts_of, stem_of
+from .metashape_lens import kind_of, read_lens
 
 NAME = "Metashape cameras.xml"
 EXTENSIONS = (".xml",)
@@ -45,9 +39,8 @@ precision, which is a hundredth there and half a unit on the Earth's surface"""
 _EARTH = (6.3e6, 6.45e6)
 """metres from its centre between which all of its surface lies"""
 _PANORAMAS = ("spherical", "cylindrical")
-_FISHEYES = ("fisheye", "equidistant_fisheye", "equidistant fisheye")
 _DISABLED, _NOT_ALIGNED, _PANORAMA = "disabled", "not aligned", "panoramas"
-_IN_A_RIG = "members of a rig, whose places this file leaves to its first camera,"
+_IN_A_RIG = "members of a rig, whose places in it the file does not state,"
 """what cameras are that are left out"""
 
 
@@ -58,8 +51,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read exported cameras; those that are disabled, not aligned, in a rig behind another or panoramas are
-    left out with a warning.
+    """Read exported cameras; those that are disabled, not aligned or panoramas are left out with a warning.
 
     Raises:
         CaptureError: anything that cannot be used, with file, field and remedy.
@@ -75,8 +67,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         warnings.append(f"{path.name}: of {len(chunks)} chunks only the largest is read, '{name}'")
     worlds, pictures = _Worlds(path, chunk), _Pictures(chunk, photos)
     sensors = {sensor.get("id"): sensor for sensor in chunk.iter("sensor")}
+    rigs = _Rigs(path, chunk, sensors)
     lenses: dict[str | None, Intrinsics] = {}
-    panoramas = {key for key, sensor in sensors.items() if _kind(sensor) in _PANORAMAS}
+    panoramas = {key for key, sensor in sensors.items() if kind_of(sensor) in _PANORAMAS}
     found, parts = [], []
     left_out: dict[str, list[str]] = {
         reason: [] for reason in (_DISABLED, _NOT_ALIGNED, _IN_A_RIG, _PANORAMA)
@@ -84,20 +77,20 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     for index, camera in enumerate(chunk.iter("camera")):
         label = camera.get("label") or ""
         where = f"camera {shown(label)}" if label else f"camera {index + 1}"
-        reason = _why_not(camera, panoramas)
+        reason = _why_not(camera, panoramas, rigs)
         if reason is not None:
             left_out[reason].append(label)
             continue
-        text = camera.findtext("transform")
-        matrix = numbers(path, f"{where}, transform", text, 16).reshape(4, 4)
+        matrix = rigs.to_chunk(camera, where)
         stated, photo = pictures.find(camera, path)
         key = camera.get("sensor_id")
         if photos.serves(photo) and key not in lenses:
             if key not in sensors:
                 raise CaptureError(path, where, "its sensor is missing", "export the cameras again")
-            lenses[key] = _intrinsics(path, sensors[key], warnings.append)
-        world = worlds.of(camera.get("component_id"))
-        parts.append("world" if world is not None else str(camera.get("component_id")))
+            lenses[key] = read_lens(path, sensors[key])
+        component = rigs.placed(camera).get("component_id")
+        world = worlds.of(component)
+        parts.append("world" if world is not None else str(component))
         pose = pose_opengl_from_opencv(matrix if world is None else world @ matrix)
         found.append(Found(where, stated, photo, pose, lenses.get(key)))
     for what, names in left_out.items():
@@ -122,7 +115,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     return assemble(path, NAME, found, photos, up=worlds.up, warnings=tuple(warnings))
 
 
-def _why_not(camera: Element, panoramas: set[str | None]) -> str | None:
+def _why_not(camera: Element, panoramas: set[str | None], rigs: _Rigs) -> str | None:
     """Why a camera is left out; None: it is not.
 
     Args:
@@ -132,12 +125,56 @@ def _why_not(camera: Element, panoramas: set[str | None]) -> str | None:
         return _DISABLED
     if camera.get("sensor_id") in panoramas:
         return _PANORAMA
-    transform = camera.find("transform")
-    if transform is None and camera.get("master_id") is not None:
-        return _IN_A_RIG
-    if transform is None or not (transform.text or "").strip():
+    if not _has_transform(rigs.placed(camera)):
         return _NOT_ALIGNED
-    return None
+    return None if rigs.knows(camera) else _IN_A_RIG
+
+
+def _has_transform(camera: Element) -> bool:
+    return bool((camera.findtext("transform") or "").strip())
+
+
+class _Rigs:
+    """Where a chunk's cameras lie in it, also those that a rig's first camera takes along.
+
+    Args:
+        sensors: by their ids.
+    """
+
+    def __init__(self, path: Path, chunk: Element, sensors: dict[str | None, Element]):
+        self._path, self._sensors = path, sensors
+        self._cameras = {camera.get("id"): camera for camera in chunk.iter("camera")}
+
+    def placed(self, camera: Element) -> Element:
+        """The camera whose `transform` counts: the rig's first one if a camera has none, else itself."""
+        first = self._cameras.get(camera.get("master_id"))
+        return camera if _has_transform(camera) or first is None else first
+
+    def knows(self, camera: Element) -> bool:
+        """Whether a camera has a place of its own, or one in its rig."""
+        sensor = self._sensors.get(camera.get("sensor_id"))
+        return self.placed(camera) is camera or (
+            sensor is not None
+            and sensor.find("rotation") is not None
+            and sensor.find("location") is not None
+        )
+
+    def to_chunk(self, camera: Element, where: str) -> np.ndarray:
+        """The matrix [4, 4] from a camera's axes, OpenCV's, to the chunk.
+
+        Raises:
+            CaptureError: its numbers are none.
+        """
+        placed = self.placed(camera)
+        text = placed.findtext("transform")
+        matrix = numbers(self._path, f"{where}, transform", text, 16).reshape(4, 4)
+        if placed is camera:
+            return matrix
+        sensor, to_first = self._sensors[camera.get("sensor_id")], np.eye(4)
+        for name, part in (("rotation", to_first[:3, :3]), ("location", to_first[:3, 3])):
+            field = f"{where}, sensor, {name}"
+            part.flat = numbers(self._path, field, sensor.findtext(name), part.size)
+        return matrix @ to_first
 
 
 class _Pictures:
@@ -229,58 +266,3 @@ def _similarity(path: Path, element: Element) -> np.ndarray:
             path, "chunk transform", "it is no rotation and scale", "export the cameras again"
         )
     return matrix
-
-
-def _kind(sensor: Element) -> str:
-    return (sensor.get("type") or "frame").strip().lower()
-
-
-def _intrinsics(path: Path, sensor: Element, warn: Callable[[str], None]) -> Intrinsics:
-    """The lens of a sensor, the adjusted calibration before the initial one."""
-    label = sensor.get("label") or sensor.get("id") or ""
-    where = f"sensor {shown(label)}"
-    calibrations = sorted(
-        sensor.findall("calibration"),
-        key=lambda item: ("adjusted", None, "initial").index(item.get("class"))
-        if item.get("class") in ("adjusted", "initial") else 1,
-    )  # fmt: skip
-    if not calibrations:
-        raise CaptureError(
-            path, where, "it has no calibration", "align the photos and export the cameras again"
-        )
-    calibration = calibrations[0]
-    kind = (calibration.get("type") or _kind(sensor)).strip().lower()
-    if kind != "frame" and kind not in _FISHEYES:
-        raise CaptureError(
-            path, f"{where}, type", f"cameras of the type '{shown(kind)}' are not supported",
-            "set the type Frame or Equidistant Fisheye in Metashape's Camera Calibration, and align again",
-        )  # fmt: skip
-
-    def value(name: str, default: float = 0.0) -> float:
-        text = calibration.findtext(name)
-        return default if text is None else number(path, f"{where}, {name}", text)
-
-    size = calibration.find("resolution")
-    size = sensor.find("resolution") if size is None else size
-    if size is None:
-        raise CaptureError(path, where, "it has no resolution", "export the cameras again")
-    width = int(number(path, f"{where}, width", size.get("width")))
-    height = int(number(path, f"{where}, height", size.get("height")))
-    old = calibration.find("fx") is not None
-    if not old and calibration.find("f") is None:
-        raise CaptureError(path, f"{where}, f", "the focal length is missing", "export it again")
-    if old:
-        fx, fy, skew = value("fx"), value("fy", value("fx")), value("skew")
-        cx, cy = value("cx", 0.5 * width), value("cy", 0.5 * height)
-        tangential = value("p1"), value("p2")
-    else:
-        fx, fy, skew = value("f") + value("b1"), value("f"), value("b2")
-        cx, cy = 0.5 * width + value("cx"), 0.5 * height + value("cy")
-        tangential = value("p2"), value("p1")
-    if value("p3") or value("p4"):
-        warn(f"{path.name}: {where} has tangential terms p3 and p4, which are left out")
-    lens, distortion = polynomial_lens(
-        [value(name) for name in ("k1", "k2", "k3", "k4")], tangential, skew / fx if fx else 0.0,
-        equidistant=kind in _FISHEYES,
-    )  # fmt: skip
-    return Intrinsics(width, height, fx, fy, cx, cy, lens, distortion)

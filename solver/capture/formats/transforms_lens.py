@@ -54,7 +54,7 @@ _KEYS = {
     "division": ("k",),
     "eucm": ("alpha", "beta"),
     "visualsfm": ("r",),
-    "brown": (*_RATIONAL_KEYS[:6], "skew", "equidistant"),
+    "brown": (*_RATIONAL_KEYS[:6], "skew", "equidistant", "p3", "p4"),
     "thin_prism_fisheye": ("k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1"),
     "rad_tan_thin_prism_fisheye": (
         "k0", "k1", "k2", "k3", "k4", "k5", "p0", "p1", "s0", "s1", "s2", "s3",
@@ -114,6 +114,8 @@ def read_lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, .
         )
         return polynomial_lens((k1, k2, k3, k4), (p1, p2))
     own = tuple(number_of(path, where, values, key) or 0.0 for key in keys)
+    if lens == "brown" and not any(own[8:]):
+        own = own[:8]
     return ("pinhole", ()) if lens == "opencv" and not any(own) else (lens, own)
 
 
