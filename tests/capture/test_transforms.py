@@ -70,6 +70,47 @@ def test_one_mask_for_all_frames_hides_a_lenss_corners_and_is_no_object(tmp_path
     assert sum(camera.mask_path is not None for camera in read_capture(folder).cameras) == 3
 
 
+def with_masks(folder, masks, edit=lambda content: None):
+    """A capture whose frames name these masks, which are there."""
+
+    def change(content):
+        for frame, mask in zip(content["frames"], masks, strict=True):
+            frame["mask_path"] = f"lens/{mask}.png"
+        edit(content)
+
+    make_capture(folder, len(masks), edit=change)
+    (folder / "lens").mkdir()
+    for mask in set(masks):
+        Image.new("L", (8, 8), 255).save(folder / "lens" / f"{mask}.png")
+    return folder
+
+
+def masks_in(folder):
+    return sum(camera.mask_path is not None for camera in read_capture(folder).cameras)
+
+
+def test_one_mask_for_each_of_several_lenses_is_no_object_either(tmp_path):
+    folder = with_masks(tmp_path / "rig", "ababab")
+    capture = read_capture(folder)
+    assert not any(camera.mask_path for camera in capture.cameras)
+    assert "frames share 2 masks, such as a.png" in capture.warnings[0]
+    (folder / "r_3.png").unlink()
+    assert masks_in(folder) == 0
+    assert masks_in(with_masks(tmp_path / "one is its own", "aabbc")) == 5
+
+    def in_pairs(content):
+        for i in (0, 2, 4):
+            content["frames"][i + 1]["transform_matrix"] = content["frames"][i]["transform_matrix"]
+
+    assert masks_in(with_masks(tmp_path / "views under two lights", "aabbcc", in_pairs)) == 6
+
+
+def test_photos_that_are_missing_make_no_object_of_a_lenss_mask(tmp_path):
+    folder = with_masks(tmp_path, "aaaaa")
+    (folder / "r_1.png").unlink()
+    assert masks_in(folder) == 0
+
+
 NO_POSES = {
     "null": None, "NaN": np.full((4, 4), np.nan).tolist(), "zeros": np.zeros((4, 4)).tolist(),
     "nulls": [[None] * 4] * 3, "one infinity": [[1, 0, 0, math.inf], [0, 1, 0, 0], [0, 0, 1, 0]],
@@ -290,6 +331,7 @@ def test_files_may_be_in_the_encodings_of_windows_shells(tmp_path, encoding, giv
 
 LISTED = [0.1, 0.02, 0.003, 0, -0.004, 0.005]  # nerfstudio's order: k1 k2 k3 k4 p1 p2
 POLYNOMIAL = ("opencv", (0.1, 0.02, -0.004, 0.005, 0.003))
+FISHEYE = ("brown", (0.1, 0.02, -0.004, 0.005, 0.003, 0, 0, 1))
 
 
 @pytest.mark.parametrize(
@@ -299,8 +341,8 @@ POLYNOMIAL = ("opencv", (0.1, 0.02, -0.004, 0.005, 0.003))
         ({"camera_model": "OPENCV", "k1": None}, *POLYNOMIAL),
         ({"camera_model": ""}, *POLYNOMIAL),
         ({"distortion_params": [0.1, 0, 0, 0.4, 0, 0]}, "brown", (0.1, 0, 0, 0, 0, 0.4, 0, 0)),
-        ({"camera_model": "OPENCV_FISHEYE"}, "opencv_fisheye", (0.1, 0.02, 0.003, 0)),
-        ({"is_fisheye": True}, "opencv_fisheye", (0.1, 0.02, 0.003, 0)),
+        ({"camera_model": "OPENCV_FISHEYE"}, *FISHEYE),
+        ({"is_fisheye": True}, *FISHEYE),
         ({"k1": 0.5}, "opencv", (0.5, 0, 0, 0, 0)),
         ({"distortion_params": []}, "pinhole", ()),
         ({"distortion_params": [0] * 6}, "pinhole", ()),
@@ -316,6 +358,28 @@ def test_nerfstudios_list_of_a_lens_counts_where_its_terms_have_no_names(
 
     for camera in read_capture(make_capture(tmp_path, edit=change)).cameras:
         assert (camera.lens, camera.distortion) == (lens, distortion)
+
+
+def test_tangential_terms_of_a_fisheye_act_on_the_equidistant_picture(tmp_path):
+    """As nerfstudio's rays: the pixel's polynomial is inverted first, then its length is the angle."""
+    terms = dict(fl_x=5.0, cx=4.0, cy=4.0, k1=0.1, k2=0.02, k3=0.003, k4=-0.01, p1=-0.004, p2=0.005)
+    camera = capture_with(tmp_path, camera_model="OPENCV_FISHEYE", **terms).cameras[0]
+    for x, y in np.random.default_rng(0).uniform(-0.5, 0.5, (20, 2)):
+        r2, angle = x * x + y * y, math.hypot(x, y)
+        radial = (
+            1 + terms["k1"] * r2 + terms["k2"] * r2**2 + terms["k3"] * r2**3 + terms["k4"] * r2**4
+        )
+        u = x * radial + 2 * terms["p1"] * x * y + terms["p2"] * (r2 + 2 * x * x)
+        v = y * radial + 2 * terms["p2"] * x * y + terms["p1"] * (r2 + 2 * y * y)
+        sine = math.sin(angle) / angle
+        direction = camera.camera_to_world[:3, :3] @ (x * sine, -y * sine, -math.cos(angle))
+        _, found = camera.rays(np.array([5 * u + 4]), np.array([5 * v + 4]))
+        np.testing.assert_allclose(found[0], direction, atol=1e-9)
+
+
+def test_a_fisheye_has_no_more_radial_terms(tmp_path):
+    with pytest.raises(CaptureError, match=r"frames\[0\].k5: no fisheye has such a number"):
+        capture_with(tmp_path, camera_model="OPENCV_FISHEYE", k5=0.1)
 
 
 def test_project_arias_lens_has_twelve_numbers_in_its_list(tmp_path):

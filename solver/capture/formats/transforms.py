@@ -102,7 +102,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         path, "transform_matrix", lost, len(frames), "solve or export the cameras again"
     )
     points, problems = _points(path, content.get("ply_file_path"), photos)
-    found, of_all = _without_one_mask_for_all(path, found)
+    found, of_all = _without_lens_masks(path, found)
     applied = content.get("applied_transform")
     capture = assemble(
         path, NAME, found, photos, points=points, up=_up(applied),
@@ -194,19 +194,26 @@ def _as_held(capture: Capture, turned: bool) -> Capture:
     return replace(capture, up=held if turned or held @ axis < SURE else axis)
 
 
-def _without_one_mask_for_all(
-    path: Path, found: list[Found]
-) -> tuple[list[Found], tuple[str, ...]]:
-    """Cameras without a mask that all share, and what is to be said of it.
+def _without_lens_masks(path: Path, found: list[Found]) -> tuple[list[Found], tuple[str, ...]]:
+    """Cameras without masks that all of a lens share, and what is to be said of these.
 
-    No object looks the same from everywhere: nerfstudio names one picture for all frames where the lens or
-    a crop hides the same corners in each, and those it means to leave out.
+    No object looks the same from everywhere: nerfstudio names one picture for all frames, or for all of one
+    camera of several, where the lens or a crop hides the same corners in each, and those it means to leave
+    out. Frames of one pose, as photos of one view under several lights, may share an object's mask.
     """
-    mask = found[0].mask if len(found) > 2 else None
-    if mask is None or any(item.mask != mask for item in found) or not mask.is_file():
+    poses: dict[Path | None, set[str]] = {}
+    for item in found:
+        if item.photo is not None:
+            poses.setdefault(item.mask, set()).add(str(item.camera_to_world))
+    masks = [mask for mask in poses if mask is not None and mask.is_file()]
+    of_lenses = masks and len(masks) == len(poses) and all(len(poses[mask]) > 1 for mask in masks)
+    if len(found) < 3 or not (of_lenses or len(masks) == len(poses) == 1):
         return found, ()
+    which = f"all frames have one mask, {masks[0].name}"
+    if len(masks) > 1:
+        which = f"frames share {len(masks)} masks, such as {masks[0].name}"
     return [replace(item, mask=None) for item in found], (
-        f"{path.name}: all frames have one mask, {mask.name}; what hides the same corners of each photo "
+        f"{path.name}: {which}; what hides the same corners of each photo "
         "says nothing of the object, and is not used",
     )  # fmt: skip
 

@@ -1,7 +1,8 @@
 """Lenses of `transforms.json`: OpenCV's k1 k2 p1 p2 …, and other programs' under keys of this program.
 
 nerfstudio also reads `distortion_params`, a list of OpenCV's numbers in an order of its own; for Project
-Aria's cameras, FISHEYE624, that is k0 … k5, p0, p1, s0 … s3.
+Aria's cameras, FISHEYE624, that is k0 … k5, p0, p1, s0 … s3. Its fisheyes may have p1 and p2: the whole
+polynomial acts on the equidistant picture (`_generate_rays_from_coords` in its cameras.py).
 """
 
 from __future__ import annotations
@@ -113,10 +114,28 @@ def read_lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, .
             number_of(path, where, values, key) or 0.0 for key in _RATIONAL_KEYS[:6]
         )
         return polynomial_lens((k1, k2, k3, k4), (p1, p2))
+    elif lens == "opencv_fisheye":
+        return _fisheye(path, where, values)
     own = tuple(number_of(path, where, values, key) or 0.0 for key in keys)
     if lens == "brown" and not any(own[8:]):
         own = own[:8]
     return ("pinhole", ()) if lens == "opencv" and not any(own) else (lens, own)
+
+
+def _fisheye(path: Path, where: str, values: dict) -> tuple[str, tuple[float, ...]]:
+    """An equidistant lens with k1 … k4, and p1 and p2 if they are not 0.
+
+    Raises:
+        CaptureError: it has other numbers, which no such lens has.
+    """
+    for key in _RATIONAL_KEYS[6:]:
+        if number_of(path, where, values, key):
+            raise CaptureError(
+                path, f"{where}.{key}", "no fisheye has such a number, only k1 … k4, p1 and p2",
+                "remove it, or export the cameras again",
+            )  # fmt: skip
+    k1, k2, k3, k4, p1, p2 = (number_of(path, where, values, key) or 0.0 for key in _LISTED_KEYS)
+    return polynomial_lens((k1, k2, k3, k4), (p1, p2), equidistant=True)
 
 
 def lens_entries(camera: Camera) -> dict[str, Any]:
