@@ -18,7 +18,9 @@ from .formats import (
     llff,
     meshroom,
     metashape,
+    middlebury,
     mvsnet,
+    neilf,
     nerfies,
     nero,
     neus,
@@ -51,7 +53,7 @@ from .picture_names import pictures_below
 FORMATS: tuple[ModuleType, ...] = (
     transforms, colmap, metashape, realitycapture, meshroom, openmvg, opensfm, opendronemap,
     blocks_exchange, opf, pix4d, polycam, record3d, scanner_app, stray_scanner, bundler, visualsfm,
-    neus, sdfstudio, gaussians, llff, mvsnet, pose_folder, nerfies, nero, kapture,
+    neus, sdfstudio, neilf, gaussians, llff, mvsnet, middlebury, pose_folder, nerfies, nero, kapture,
 )  # fmt: skip
 """readers, the likeliest first"""
 JOBS_FOLDER = "nmf_jobs"

@@ -1,0 +1,82 @@
+"""Cameras of Middlebury's multi-view data sets (temple, dino), and of all that are written in their form.
+
+`NAME_par.txt` has the number of photos in its first line, and a line for each after it:
+
+    temple0001.png k11 k12 k13 k21 … k33 r11 r12 r13 r21 … r33 t1 t2 t3
+
+A photo's projection is K [R t], with OpenCV's axes, in pixels that are counted from the photo's upper left,
+x across and y down. The photos' size is not stated; the lens's centre tells.
+https://vision.middlebury.edu/mview/data (README.txt of each data set)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ..camera_folder import matrix_of
+from ..capture import Capture
+from ..errors import CaptureError, shown
+from ..files import read_lines, rigid_pose, text_head
+from ..frames import invert_pose, pose_opengl_from_opencv
+from ..image_header import image_size
+from ..intake import Found, Intrinsics, assemble
+from ..photo_finder import PhotoFinder
+from ..pinhole import pinhole_of, size_meant
+
+NAME = "Middlebury"
+EXTENSIONS = (".txt",)
+PATTERNS = ("*_par.txt", "*/*_par.txt")
+
+_NUMBERS = 21
+"""of a line: a lens, a rotation and a translation"""
+
+
+def recognises(file: Path) -> bool:
+    """True for a number in a line of its own, before one with a name and 21 numbers."""
+    first, *rest = text_head(file, 1 << 12).splitlines()[:3] or [b""]
+    following = next((line for line in rest if line.strip()), b"")
+    words = following.rsplit(maxsplit=_NUMBERS)
+    try:
+        return (
+            int(first) > 0 and len(words) > _NUMBERS and bool([float(word) for word in words[1:]])
+        )
+    except ValueError:
+        return False
+
+
+def read(path: Path, photos: PhotoFinder) -> Capture:
+    """Read the cameras of all lines.
+
+    Raises:
+        CaptureError: anything that cannot be used, with file, field and remedy.
+    """
+    lines = ((number, line) for number, line in read_lines(path) if line)
+    found = [_camera(path, f"line {number}", line, photos) for number, line in _after_count(lines)]
+    return assemble(path, NAME, found, photos)
+
+
+def _after_count(lines: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:
+    next(lines, None)
+    return lines
+
+
+def _camera(path: Path, where: str, line: str, photos: PhotoFinder) -> Found:
+    """A photo's camera from its line; its name may have blanks."""
+    name, *words = line.rsplit(maxsplit=_NUMBERS)
+    if len(words) != _NUMBERS:
+        raise CaptureError(
+            path, where, f"'{shown(line)}' is no name with {_NUMBERS} numbers",
+            "the file seems cut off or edited; get it anew",
+        )  # fmt: skip
+    lens, rotation = (matrix_of(path, where, words[at : at + 9], 3, 3) for at in (0, 9))
+    translation = matrix_of(path, where, words[18:], 3, 1)
+    from_world = rigid_pose(path, f"{where}, {shown(name)}", np.hstack([rotation, translation]))
+    photo, intrinsics = photos.find(name, beside=path), None
+    if photo is not None:
+        values = pinhole_of(path, f"{where}, {shown(name)}", lens)
+        intrinsics = Intrinsics(*size_meant(image_size(photo), *values[2:]), *values)
+    pose = pose_opengl_from_opencv(invert_pose(from_world))
+    return Found(f"{where}, {shown(name)}", name, photo, pose, intrinsics)
