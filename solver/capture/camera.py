@@ -28,7 +28,7 @@ class Camera:
         fx, fy, cx, cy: focal lengths and principal point in pixels.
         lens: one of `LENSES`.
         distortion: OpenCV's k1 k2 p1 p2 k3 k4 k5 k6 (`opencv`) or k1 k2 k3 k4 (`opencv_fisheye`);
-            other lenses' numbers in the order `closed_lenses`, `prism_lenses` and `brown_lens` give.
+            other lenses' numbers in the order their modules give (see `lenses`).
         mask_path: a picture of the object's coverage: the photo's alpha is no more than that.
     """
 

@@ -16,6 +16,8 @@ import math
 
 import numpy as np
 
+from . import fisheye_power
+from .fisheye_power import POWER
 from .lens_solve import WIDEST, invert_growing, scaled_to
 
 CLOSED = ("fov", "division", "eucm", "visualsfm")
@@ -32,6 +34,8 @@ def is_usable(lens: str, distortion: tuple[float, ...]) -> bool:
         return abs(distortion[0]) < 3.14
     if lens == "eucm":
         return 0 <= distortion[0] <= 1 and distortion[1] > 0
+    if lens in POWER:
+        return fisheye_power.is_usable(distortion)
     return True
 
 

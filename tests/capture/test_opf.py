@@ -111,6 +111,29 @@ def reference(index, point):
     return FOCAL * u + CENTRE[0], FOCAL * v + CENTRE[1]
 
 
+def fisheye(polynomial, affine=(60.0, 0.5, -0.3, 58.0)):
+    return {
+        "type": "fisheye", "principal_point_px": list(CENTRE), "is_symmetric_affine": False,
+        "affine": list(affine), "polynomial": list(polynomial), "is_p0_zero": True,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("polynomial", [(0, 1), (0, 1, 0.01, -0.15), (0, 1, 0.1, -0.2, 0.03, 0)])
+def test_points_project_as_pix4ds_paper_has_it_of_a_fisheye(tmp_path, polynomial):
+    files = project()
+    put(files[CALIBRATED], ("sensors", 0, "internals"), fisheye(polynomial))
+
+    def pixel(index, point):
+        x, y, z = poses()[index, :3, :3].T @ (point - poses()[index, :3, 3])
+        across = np.hypot(x, y)
+        angle = 2 / np.pi * np.arctan2(across, z)
+        radius = sum(value * angle**power for power, value in enumerate(polynomial))
+        xh, yh = radius * x / across, radius * y / across
+        return 60 * xh + 0.5 * yh + CENTRE[0], -0.3 * xh + 58 * yh + CENTRE[1]
+
+    check_projection(read_capture(write(tmp_path, files)), pixel, poses(), spread=1.5)
+
+
 @pytest.mark.parametrize("given_as", ["project", "project/project.opf", ""])
 def test_points_project_as_pix4d_projects_them(tmp_path, given_as):
     write(tmp_path / "project")
@@ -183,8 +206,13 @@ def test_a_rolling_shutter_is_told(tmp_path):
 @pytest.mark.parametrize(
     "file, at, value, problem",
     [
-        (CALIBRATED, ("sensors", 0, "internals", "type"), "fisheye",
-         r"sensors\[0\].internals.type: lenses called 'fisheye' are not read; calibrate the cameras with"),
+        (CALIBRATED, ("sensors", 0, "internals", "type"), "spherical",
+         r"sensors\[0\].internals.type: lenses called 'spherical' are not read; calibrate the cameras with"),
+        (CALIBRATED, ("sensors", 0, "internals"), fisheye([0.01, 1, 0.2]), "begins with 0, 1 and"),
+        (CALIBRATED, ("sensors", 0, "internals"), fisheye([0, 0.1, 0.2]), "begins with 0, 1 and"),
+        (CALIBRATED, ("sensors", 0, "internals"), fisheye([0, 1, 0, 0, 0, 1]), "begins with 0, 1 and"),
+        (CALIBRATED, ("sensors", 0, "internals"), fisheye([0, 1], affine=[60, 0, 0, 0]), "begins with 0, 1"),
+        (CALIBRATED, ("sensors", 0, "internals"), fisheye([0, 1], affine=[60]), "is not 4 numbers"),
         (CALIBRATED, ("sensors", 0, "internals", "radial_distortion"), [1, 2], "is not 3 numbers"),
         (CALIBRATED, ("sensors", 0, "internals", "focal_length_px"), None, "is not a number"),
         (CALIBRATED, ("sensors", 0, "id"), 7, r"cameras\[0\].sensor_id: there is no such sensor"),

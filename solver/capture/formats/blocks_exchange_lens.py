@@ -11,9 +11,9 @@ along the axes of `CameraOrientation`. `SensorSize` is that of the longer side. 
                   (u, v) = FisheyeFocalMatrix ρ (x, y) / r; without one it is π / 2 · f for both
 
 so P1 and P2 are OpenCV's p2 and p1 (the guide: "in some other conventions, the roles are reversed"), and a
-fisheye's `Distortion` does not count. It is a lens here if ρ is odd, as that of a smooth lens is: without
-P0, P2 and P4. The guide's formulas are pictures; a WebODM plugin that writes these files has the roles of
-P1 and P2, and the quarter turn that is 1, as they are here.
+fisheye's `Distortion` does not count. It is a lens here without P0, which makes a hole of its axis. The
+guide's formulas are pictures; a WebODM plugin that writes these files has the roles of P1 and P2, and the
+quarter turn that is 1, as they are here.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..errors import CaptureError, shown
 from ..files import number
+from ..fisheye_power import of_quarter_turns
 from ..intake import Intrinsics
 
 _SIDES = {"right": (1, 0), "left": (-1, 0), "down": (0, 1), "up": (0, -1)}
@@ -159,12 +160,12 @@ def _fisheye(
             ]
             for row, defaults in enumerate(((None, 0.0), (0.0, None)))
         )
-    if any(powers[name] for name in ("P0", "P2", "P4")) or not powers["P1"] or yx or not xx:
+    p0, *powers = powers.values()
+    lens = None if p0 else of_quarter_turns(powers, ((xx, xy), (yx, yy)))
+    if lens is None:
         raise CaptureError(
             path, f"{where}, FisheyeDistortion",
-            "there is no lens here that is the same as a fisheye with P0, P2, P4 or M_10, or without P1",
+            "there is no lens here that is the same as a fisheye with P0 or without P1",
             "export the undistorted photos with their cameras",
         )  # fmt: skip
-    slope = powers["P1"] / _QUARTER
-    bend = powers["P3"] / powers["P1"] / _QUARTER**2
-    return xx * slope, yy * slope, polynomial_lens((bend,), skew=xy / xx, equidistant=True)
+    return lens

@@ -7,9 +7,12 @@ OpenGL's, to the world. A rig's cameras have poses of their own. Pixels are coun
 first one. R1 R2 R3 T1 T2 are OpenCV's k1 k2 k3 p1 p2, as Pix4D's own example projects points.
 
 The world is a map's, +Z up, counted from among the cameras; or a site's own (an engineering CRS), whose
-up is not known. Its unit is a metre or a foot, so none is claimed. Pix4D's fisheye has even powers of the
-angle, which no lens here has.
-https://pix4d.github.io/opf-spec, https://github.com/Pix4D/pyopf (examples/compute_reprojection_error.py)
+up is not known. Its unit is a metre or a foot, so none is claimed.
+
+A fisheye's `polynomial` is p0 … of an angle θ of which a quarter turn is 1, with p0 = 0 and p1 = 1: the
+image of a point to the right (X) and below (Y) is ρ(θ) (X, Y) / √(X² + Y²) times the matrix `affine`.
+https://pix4d.github.io/opf-spec, https://github.com/Pix4D/pyopf (examples/compute_reprojection_error.py),
+Pix4D's paper "Camera internals for fisheye lens" and articles/202559089 of its support
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ from ..brown_lens import polynomial_lens
 from ..capture import Capture
 from ..errors import CaptureError, shown
 from ..files import entries, json_head, mapping, number, numbers, read_json
+from ..fisheye_power import of_quarter_turns
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
 
@@ -205,6 +209,8 @@ def _lens(file: Path, where: str, sensor: dict, size: np.ndarray) -> Intrinsics:
     field = f"{where}.internals"
     internals = mapping(file, field, sensor.get("internals"))
     kind = internals.get("type")
+    if kind == "fisheye":
+        return _fisheye(file, field, internals, size)
     if kind != "perspective":
         raise CaptureError(
             file, f"{field}.type", f"lenses called '{shown(kind)}' are not read",
@@ -220,6 +226,27 @@ def _lens(file: Path, where: str, sensor: dict, size: np.ndarray) -> Intrinsics:
     )  # fmt: skip
     lens, distortion = polynomial_lens(radial, (p1, p2))
     return Intrinsics(*map(int, size), focal, focal, cx, cy, lens, distortion)
+
+
+def _fisheye(file: Path, field: str, internals: dict, size: np.ndarray) -> Intrinsics:
+    """The lens of a fisheye.
+
+    Raises:
+        CaptureError: it has no image on its axis, or is not normalised as its programs do.
+    """
+    cx, cy = numbers(file, f"{field}.principal_point_px", internals.get("principal_point_px"), 2)
+    affine = numbers(file, f"{field}.affine", internals.get("affine"), 4).reshape(2, 2).tolist()
+    powers = numbers(file, f"{field}.polynomial", internals.get("polynomial")).tolist()
+    lens = None
+    if powers[:2] == [0, 1] and not any(powers[5:]):
+        lens = of_quarter_turns([*powers[1:5], 0, 0, 0][:4], affine)
+    if lens is None:
+        raise CaptureError(
+            file, f"{field}.polynomial", "only a polynomial that begins with 0, 1 and ends with the 4th "
+            "power is a lens here", "export the undistorted photos, or solve the cameras from the photos",
+        )  # fmt: skip
+    fx, fy, (name, distortion) = lens
+    return Intrinsics(*map(int, size), fx, fy, float(cx), float(cy), name, distortion)
 
 
 def _without_distortion(lens: Intrinsics) -> Intrinsics:

@@ -43,6 +43,7 @@ _LENS_OF_MODEL = {
     "RAD_TAN_THIN_PRISM_FISHEYE": "rad_tan_thin_prism_fisheye",
     "FISHEYE624": "rad_tan_thin_prism_fisheye",
     "BROWN": "brown",
+    "FISHEYE_POWER": "fisheye_power",
 }
 _RATIONAL_KEYS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _LISTED_KEYS = ("k1", "k2", "k3", "k4", "p1", "p2")
@@ -56,6 +57,7 @@ _KEYS = {
     "eucm": ("alpha", "beta"),
     "visualsfm": ("r",),
     "brown": (*_RATIONAL_KEYS[:6], "skew", "equidistant", "p3", "p4"),
+    "fisheye_power": ("k2", "k3", "k4", "across", "down"),
     "thin_prism_fisheye": ("k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1"),
     "rad_tan_thin_prism_fisheye": (
         "k0", "k1", "k2", "k3", "k4", "k5", "p0", "p1", "s0", "s1", "s2", "s3",
