@@ -35,6 +35,7 @@ from ..files import entries, json_head, mapping, number, numbers, read_json
 from ..fisheye_power import of_quarter_turns
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
+from .opf_points import read_gltf_points
 
 NAME = "OPF"
 EXTENSIONS = (".opf",)
@@ -46,6 +47,8 @@ _KNOWN = re.compile(r"1\.\d+")
 _LOCAL = re.compile(r"ENG(INEERING)?CRS|LOCAL_CS", re.I)
 _UNDISTORTED = "undistort"
 """where opf_undistort writes photos, below those that they were made of"""
+_CALIBRATION, _POINTS = "application/opf-calibrated-cameras+json", "model/gltf+json"
+"""formats of resources"""
 _PAGE = re.compile(r"#page=(\d+)$")
 
 
@@ -61,7 +64,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         CaptureError: anything that cannot be used, with file, field and remedy.
     """
     items = entries(path, "items", mapping(path, "", read_json(path)).get("items"))
-    calibrations = list(_resources(path, items, "opf-calibrated-cameras+json"))
+    calibrations = list(_resources(path, items, _CALIBRATION.removeprefix("application/")))
     if len(calibrations) != 1:
         raise CaptureError(
             path, "items", f"there are {len(calibrations) or 'no'} calibrations in it",
@@ -102,7 +105,24 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         warnings += (f"{file.name}: {moving} cameras moved while their photos were read out (rolling "
                      "shutter); that is not used",)  # fmt: skip
     up = None if _is_local(path, items) else (0.0, 0.0, 1.0)
-    return assemble(path, NAME, found, photos, up=up, warnings=warnings)
+    points, problems = _points(path, items)
+    return assemble(path, NAME, found, photos, points=points, up=up, warnings=warnings + problems)
+
+
+def _points(path: Path, items: list) -> tuple[np.ndarray | None, tuple[str, ...]]:
+    """The calibration's sparse points [N, 3], and what is wrong with them; a fit does without."""
+    for item in items:
+        resources = mapping(path, "items", item).get("resources") or ()
+        uris = {str(one.get("format")): one.get("uri") for one in resources}
+        uri = uris.get(_POINTS)
+        if _CALIBRATION not in uris or not isinstance(uri, str):
+            continue
+        if (file := _beside(path, unquote(uri))) is not None:
+            try:
+                return read_gltf_points(file, path.absolute().parent), ()
+            except CaptureError as error:
+                return None, (str(error),)
+    return None, ()
 
 
 def _resources(path: Path, items: list, form: str) -> Iterator[tuple[Path, dict[str, Any]]]:
