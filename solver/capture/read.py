@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
@@ -78,6 +79,8 @@ _AROUND = tuple(
 )  # fmt: skip
 """of a folder around a capture's, as archives have it"""
 _DEEPEST, _MOST_TRIED = 3, 2000
+_HELD_OUT = re.compile(r"(?<![a-z])(test|val|validation|eval)(?![a-z])", re.I)
+"""in names of files that are for others than the training photos: those come last"""
 
 
 def camera_file(path: Path | str, split: str = "train") -> Path:
@@ -225,7 +228,8 @@ def _search(folder: Path) -> Path | None:
             return files[0]
     tried = 0
     for depth in range(_DEEPEST + 1):
-        for file in sorted(folder.glob("/".join(["*"] * (depth + 1)))):
+        there = sorted(folder.glob("/".join(["*"] * (depth + 1))))
+        for file in sorted(there, key=lambda file: _HELD_OUT.search(file.name) is not None):
             inside = file.relative_to(folder).parts
             if file.suffix.lower() in PICTURES or JOBS_FOLDER in inside or not file.is_file():
                 continue
