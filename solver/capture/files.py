@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import math
+import re
 import stat
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
@@ -25,6 +26,12 @@ MOST_IN_JSON, MOST_IN_XML = LARGEST_TEXT >> 5, LARGEST_TEXT >> 4
 text. Those that say where a point is and who sees it are longer than 32 bytes, and 16, in the mean."""
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 """how text in it begins"""
+
+
+_NO_TEXT = re.compile(r"[\x00-\x08\x0e-\x19\x1c-\x1f]")
+"""control characters that no text has"""
+_ENCODING = re.compile(rb"""(?<=\s)encoding\s*=\s*["'][\w.-]*["']""")
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+(e[+-]?\d+)?", re.I)
 
 
 def read_bytes(path: Path, largest: int = LARGEST_TEXT) -> bytes:
@@ -110,14 +117,17 @@ def as_text(content: bytes, errors: str = "replace") -> str:
 def read_text(path: Path) -> str:
     """A text file in UTF-8, with or without a byte order mark, or in UTF-16 with one.
 
+    Bytes that are no UTF-8 stay as Python's file names have them: Excel and other programs write tables in
+    Windows' code pages, and just names of photos have such letters.
+
     Raises:
         CaptureError: as `read_bytes`; also for anything but text.
     """
     try:
-        text = as_text(read_bytes(path), "strict")
+        text = as_text(read_bytes(path), "surrogateescape")
     except UnicodeDecodeError as error:
         raise CaptureError(path, "", "this is not a text file", "give a camera file") from error
-    if "\0" in text:
+    if _NO_TEXT.search(text):
         raise CaptureError(path, "", "this is not a text file", "give a camera file")
     return text
 
@@ -178,7 +188,10 @@ def read_xml(path: Path) -> ElementTree.Element:
         CaptureError: as `read_bytes`; also with the line where the XML breaks off.
     """
     content = read_bytes(path)
-    plain = content.replace(b"\0", b"")  # also of UTF-16
+    if content[:2] in _UTF_16:  # then what its first line says of that does not hold any longer
+        content = as_text(content).encode("utf-8", "replace")
+        content = _ENCODING.sub(b"", content, count=1)
+    plain = content.replace(b"\0", b"")  # also of UTF-16 without a mark
     if b"<!DOCTYPE" in plain or b"<!ENTITY" in plain:
         raise CaptureError(path, "DOCTYPE", "no camera file has one", "export it again")
     _check_inside(path, plain.count(b"</") + plain.count(b"/>"), MOST_IN_XML, "elements")
@@ -233,6 +246,16 @@ def numbers(path: Path, field: str, values: Any, count: int | None = None) -> np
         CaptureError: anything else.
     """
     if isinstance(values, str):
+        words = values.split()
+        if (len(words) == count or count is None and len(words) > 1) and any(
+            _DECIMAL_COMMA.fullmatch(word) for word in words
+        ):
+            raise CaptureError(
+                path,
+                field,
+                f"'{shown(values)}' has decimal commas",
+                "export it with decimal points",
+            )
         values = values.replace(",", " ").split()
     if not isinstance(values, (list, tuple)) or (count is not None and len(values) != count):
         wanted = "numbers" if count is None else f"{count} numbers"

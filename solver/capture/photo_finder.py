@@ -11,6 +11,7 @@ import os
 import re
 from contextlib import suppress
 from pathlib import Path
+from urllib.parse import unquote
 
 from .errors import CaptureError, shown
 from .image_header import EXTENSIONS, developed
@@ -37,8 +38,9 @@ MODEL_FOLDERS = re.compile(
 
 CODE_PAGES = (
     "cp1252", "cp1250", "cp1251", "cp1253", "cp1254", "cp932", "cp936", "cp949", "cp950",
+    "mac_roman",
 )  # fmt: skip
-"""encodings in which programs on Windows, COLMAP among them, write names of photos"""
+"""encodings in which programs on Windows, COLMAP among them, and Excel write names of photos"""
 
 
 def capture_folder(file: Path) -> Path:
@@ -107,12 +109,17 @@ class PhotoFinder:
         candidates = self._pictures().get(stem_of(parts[-1]), [])
         best = sorted(((self._fit(path, parts), path) for path in candidates), reverse=True)
         if not best:
-            return None
+            # Some programs write names as addresses of the web have them.
+            decoded = unquote(stated.removeprefix("file://"))
+            return None if decoded == stated else self.find(decoded, beside)
         if len(best) > 1 and best[0][0] == best[1][0]:
             told = folders_of(parts)
             if max(agreement(folders, told) for folders in self._folders) > best[0][0][0]:
                 return None  # these are copies; it is missing from the folder where it should be
-            largest = largest_copy([path for fit, path in best if fit == best[0][0]])
+            tied = [path for fit, path in best if fit == best[0][0]]
+            if len({path.resolve() for path in tied}) == 1:
+                return min(tied, key=lambda path: path.is_symlink())  # the others are links to it
+            largest = largest_copy(tied)
             if largest is not None or not self.wanted:
                 return largest
             raise CaptureError(

@@ -463,3 +463,22 @@ def test_files_that_define_entities_are_refused(tmp_path):
     text = simple().replace("<document", bomb + "<document", 1)
     with pytest.raises(CaptureError, match="DOCTYPE"):
         read_capture(write(tmp_path, text))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "iso-8859-1"])
+def test_files_are_read_in_the_encoding_that_they_state(tmp_path, encoding):
+    stems = [f"Öl & Söhne {i}" for i in range(COUNT)]
+    save_photos(tmp_path / "Fotos (neu)", stems, extension=".JPG")
+    cameras = [
+        camera(i, matrix, label=stems[i].replace("&", "&amp;")) for i, matrix in enumerate(poses())
+    ]
+    text = document(sensor(0, calibration(FRAME)), cameras)
+    text = text.replace("UTF-8", encoding.removesuffix("-sig"))
+    (tmp_path / "cameras.xml").write_bytes(text.encode(encoding))
+    assert sorted(item.image_path.stem for item in read_capture(tmp_path).cameras) == stems
+
+
+def test_decimal_commas_are_named(tmp_path):
+    text = simple().replace(f"<transform>{numbers(poses()[0])}", "<transform>" + "0,5 " * 16)
+    with pytest.raises(CaptureError, match="camera IMG_0000, transform.*has decimal commas"):
+        read_capture(write(tmp_path, text))

@@ -105,7 +105,8 @@ def test_of_a_photo_and_its_smaller_copies_the_photo_counts(copies, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "page"), [("Küche", "cp1252"), ("Łazienka", "cp1250"), ("写真", "cp932")]
+    ("name", "page"),
+    [("Küche", "cp1252"), ("Łazienka", "cp1250"), ("写真", "cp932"), ("Küche", "mac_roman")],
 )
 def test_names_in_the_encodings_of_windows_are_found(name, page, tmp_path):
     for folder in (name, "other"):
@@ -374,3 +375,33 @@ def test_cameras_of_pictures_to_be_made_need_no_photo_to_be_the_only_one_of_its_
     assert [(c.name, c.width, c.height, c.image_path) for c in cameras] == [
         (f"r_{i}", 40, 30, None) for i in range(3)
     ]
+
+
+def test_names_that_are_written_as_addresses_are_found(tmp_path):
+    for i in range(3):
+        save(tmp_path / "images" / f"IMG {i}.png")
+    write_cameras(tmp_path, [f"file:///C:/my%20scan/images/IMG%20{i}.png" for i in range(3)])
+    assert len(read_capture(tmp_path).cameras) == 3
+
+
+def test_a_name_that_has_a_percent_sign_itself_goes_before_what_it_would_mean(tmp_path):
+    for i in range(3):
+        save(tmp_path / "images" / f"IMG%20{i}.png")
+        save(tmp_path / "images" / f"IMG {i}.png")
+    write_cameras(tmp_path, [f"D:/images/IMG%20{i}.png" for i in range(3)])
+    assert {c.image_path.name for c in read_capture(tmp_path).cameras} == {
+        f"IMG%20{i}.png" for i in range(3)
+    }
+
+
+def test_photos_and_links_to_them_are_the_same_photos(tmp_path):
+    for i in range(3):
+        photo = save(tmp_path / "originals" / f"{i}.png")
+        (tmp_path / "a chosen few").mkdir(exist_ok=True)
+        try:
+            (tmp_path / "a chosen few" / f"{i}.png").symlink_to(photo)
+        except OSError:
+            pytest.skip("no links here")
+    write_cameras(tmp_path, [f"D:/elsewhere/{i}.png" for i in range(3)])
+    cameras = read_capture(tmp_path).cameras
+    assert {camera.image_path.parent.name for camera in cameras} == {"originals"}

@@ -572,3 +572,12 @@ def test_the_order_of_lines_does_not_matter(tmp_path, order):
         expected = table_pose(int(item.name[-4:]))
         np.testing.assert_allclose(item.position, expected[:3, 3])
         np.testing.assert_allclose(item.view_direction, expected[:3, 2], atol=1e-12)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252", "mac_roman"])
+def test_names_with_umlauts_are_found_however_a_table_was_saved(tmp_path, encoding):
+    stems = [f"Vase Grün {i}" for i in range(COUNT)]
+    save_photos(tmp_path / "photos", stems)
+    rows = [row(i, LENS, name=f"{stem}.png") for i, stem in enumerate(stems)]
+    (tmp_path / "cameras.csv").write_bytes("\r\n".join([HEADER, *rows, ""]).encode(encoding))
+    assert sorted(camera.image_path.stem for camera in read_capture(tmp_path).cameras) == stems

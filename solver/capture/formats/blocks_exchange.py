@@ -22,7 +22,7 @@ import numpy as np
 
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import head_of, read_xml
+from ..files import read_xml, text_head
 from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
@@ -46,7 +46,7 @@ _WITH_MATRICES = "export it again with rotations as matrices, or as omega, phi a
 
 def recognises(file: Path) -> bool:
     """True for XML with Bentley's root, also if it is cut off."""
-    return b"<BlocksExchange" in head_of(file)
+    return b"<BlocksExchange" in text_head(file, 1 << 16)
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:

@@ -22,7 +22,7 @@ import numpy as np
 
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import head_of, number, numbers, read_xml
+from ..files import number, numbers, read_xml, text_head
 from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
@@ -46,7 +46,7 @@ _IN_A_RIG = "members of a rig, whose places in it the file does not state,"
 
 def recognises(file: Path) -> bool:
     """True for XML with a document, a chunk and its sensors or cameras, also if it is cut off."""
-    head = head_of(file)
+    head = text_head(file, 1 << 16)
     return b"<document" in head and b"<chunk" in head and (b"<sensor" in head or b"<camera" in head)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import head_of, number, numbers, read_xml
+from ..files import number, numbers, read_xml, text_head
 from ..frames import pose_opengl_from_opencv
 from ..intake import Found, assemble
 from ..photo_finder import PhotoFinder
@@ -30,12 +30,13 @@ EXTENSIONS = (".csv", ".xmp")
 PATTERNS = ("*.csv", "*.xmp", "*/*.xmp")
 
 _NAMESPACE = "http://www.capturingreality.com/ns/xcr/1.1#"
+_HEAD = 1 << 16
 _LENSES = ("perspective", "brown3", "brown3t2", "brown4", "brown4t2")
 
 
 def recognises(file: Path) -> bool:
     """True for a sidecar in RealityCapture's namespace, or a table with its columns."""
-    return _NAMESPACE.encode() in head_of(file) or is_table(file)
+    return _NAMESPACE.encode() in text_head(file, _HEAD) or is_table(file)
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
@@ -44,7 +45,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     Raises:
         CaptureError: anything that cannot be used, with file, field and remedy.
     """
-    if _NAMESPACE.encode() in head_of(path):
+    if _NAMESPACE.encode() in text_head(path, _HEAD):
         return _read_sidecars(path, photos)
     return read_table(path, NAME, photos)
 
@@ -58,7 +59,7 @@ def _read_sidecars(path: Path, photos: PhotoFinder) -> Capture:
             sidecars[file] = picture
     posed, placeless, rigged = [], [], []
     for file in sorted(sidecars):
-        if _NAMESPACE.encode() not in head_of(file):
+        if _NAMESPACE.encode() not in text_head(file, _HEAD):
             continue
         values = _values(file)
         if "Rotation" not in values or "Position" not in values:
