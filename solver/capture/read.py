@@ -22,6 +22,7 @@ from .formats import (
     middlebury,
     mvsnet,
     neilf,
+    nerfactor,
     nerfies,
     nero,
     neus,
@@ -54,7 +55,8 @@ from .picture_names import pictures_below
 FORMATS: tuple[ModuleType, ...] = (
     transforms, colmap, metashape, realitycapture, meshroom, openmvg, opensfm, opendronemap,
     blocks_exchange, opf, pix4d, polycam, record3d, scanner_app, stray_scanner, bundler, visualsfm,
-    neus, sdfstudio, neilf, gaussians, llff, mvsnet, middlebury, pose_folder, nerfies, nero, kapture,
+    neus, sdfstudio, neilf, gaussians, llff, mvsnet, middlebury, pose_folder, nerfies, nero, nerfactor,
+    kapture,
 )  # fmt: skip
 """readers, the likeliest first"""
 JOBS_FOLDER = "nmf_jobs"

@@ -1,0 +1,82 @@
+"""Cameras of NeRFactor's data sets, and of TensoIR's and others that are rendered in their layout.
+
+    train_000/metadata.json, train_000/rgba.png, train_001/metadata.json, …, val_000/…, test_000/…
+
+`cam_transform_mat` is a text of 16 numbers, row by row, from the camera, with OpenGL's axes, to the world;
+`cam_angle_x` the field of view in radians over `imw` pixels of `imw` × `imh`, whose middle the axis meets.
+Any one of the files stands for all whose folders are called alike. Where a transforms_train.json lies
+beside these folders, as mostly, that is read.
+https://github.com/google/nerfactor (nerfactor/datasets/nerf.py: `_load_data`, `_gen_rays`)
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+from ..camera_folder import MOST_FILES
+from ..capture import Capture
+from ..errors import CaptureError
+from ..files import json_head, mapping, number, numbers, read_json
+from ..intake import Found, Intrinsics, assemble
+from ..photo_finder import PhotoFinder
+from ..picture_names import numbered
+
+NAME = "NeRFactor"
+EXTENSIONS = (".json",)
+_FILE, _PHOTO = "metadata.json", "rgba"
+PATTERNS = (f"train_[0-9]*/{_FILE}",)
+
+_VIEW = re.compile(r"(.+_)\d+")
+
+
+def recognises(file: Path) -> bool:
+    """True for JSON with such a camera, also if it is cut off."""
+    return b'"cam_transform_mat"' in json_head(file, 1 << 16)
+
+
+def read(path: Path, photos: PhotoFinder) -> Capture:
+    """Read the cameras of all views whose folders are called as that of a camera's file.
+
+    Raises:
+        CaptureError: anything that cannot be used, with file, field and remedy.
+    """
+    files = _views(path)
+    return assemble(path, NAME, [_camera(file, photos) for file in files], photos)
+
+
+def _views(path: Path) -> list[Path]:
+    """The files of all views of a split, in the order of their numbers."""
+    folder = path.absolute().parent
+    view = _VIEW.fullmatch(folder.name)
+    if view is None:
+        return [path]
+    try:
+        names = [other.name for other in folder.parent.iterdir() if other.name.startswith(view[1])]
+    except OSError as error:
+        raise CaptureError(
+            folder.parent, "", "the folder cannot be read", "check its permissions"
+        ) from error
+    names = sorted((name for name in names if _VIEW.fullmatch(name)), key=numbered)[:MOST_FILES]
+    files = (folder.parent / name / path.name for name in names)
+    return [file for file in files if file.is_file()]
+
+
+def _camera(file: Path, photos: PhotoFinder) -> Found:
+    content = mapping(file, "", read_json(file))
+    pose = numbers(file, "cam_transform_mat", content.get("cam_transform_mat"), 16).reshape(4, 4)
+    width, height = (int(number(file, key, content.get(key))) for key in ("imw", "imh"))
+    angle = number(file, "cam_angle_x", content.get("cam_angle_x"))
+    if not 0 < angle < math.pi:
+        raise CaptureError(
+            file,
+            "cam_angle_x",
+            f"{angle} is no field of view in radians",
+            "give an angle below 3.14",
+        )
+    photo = photos.find_in(file.parent, _PHOTO)
+    focal = 0.5 * width / math.tan(0.5 * angle)
+    lens = Intrinsics(width, height, focal, focal, width / 2, height / 2)
+    where = f"{file.parent.name}/{file.name}, cam_transform_mat"
+    return Found(where, f"{file.parent.name}/{_PHOTO}", photo, pose, lens)
