@@ -9,7 +9,7 @@ import numpy as np
 
 from .errors import CaptureError
 from .files import as_text, read_bytes
-from .picture_names import numbered, pictures_in
+from .picture_names import folder_called, numbered, pictures_in
 
 LARGEST_FILE = 1 << 20
 """bytes; a camera has a thousandth of that"""
@@ -72,5 +72,5 @@ def matrix_of(path: Path, field: str, words: Sequence[str], rows: int, columns: 
 
 def photo_folder(place: Path, folders: tuple[str, ...]) -> Path:
     """The first of `folders` in `place` with pictures; the first of all, if none has any."""
-    there = (place / name for name in folders)
+    there = (folder_called(place, name) for name in folders)
     return next((folder for folder in there if pictures_in(folder)), place / folders[0])

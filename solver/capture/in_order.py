@@ -6,6 +6,7 @@ from pathlib import Path
 
 from .errors import CaptureError
 from .photo_finder import PhotoFinder
+from .picture_names import folder_called
 
 
 def photos_in_order(
@@ -25,7 +26,8 @@ def photos_in_order(
     by_folder: dict[Path, list[Path]] = {}
     for picture in photos.pictures():
         by_folder.setdefault(picture.parent, []).append(picture)
-    places = [path.absolute().parent / name for name in folders] + [photos.folder]
+    beside = path.absolute().parent
+    places = [folder_called(beside, name) for name in folders] + [photos.folder]
     there = [place for place in places if place in by_folder]
     for place in there:
         if len(by_folder[place]) == count:

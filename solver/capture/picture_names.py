@@ -104,6 +104,16 @@ def pictures_in(folder: Path) -> list[Path]:
         return []
 
 
+def folder_called(place: Path, name: str) -> Path:
+    """The folder of that name in a place, whatever its letters' case; `place / name` if there is none."""
+    try:
+        there = [other for other in place.iterdir() if other.name.lower() == name.lower()]
+    except OSError:
+        there = []
+    folders = sorted(other for other in there if other.is_dir())
+    return min(folders, key=lambda other: other.name != name, default=place / name)
+
+
 def largest_copy(paths: Sequence[Path]) -> Path | None:
     """Of one photo in several sizes, in folders called by how much smaller it is there (`images`,
     `images_2`, `images_4`), the largest; None if the sizes do not say so. Thumbnails do not count."""

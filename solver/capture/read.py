@@ -81,6 +81,8 @@ _AROUND = tuple(
 )  # fmt: skip
 """of a folder around a capture's, as archives have it"""
 _DEEPEST, _MOST_TRIED = 3, 2000
+_SIDECAR = ".xmp"
+"""of files that lie beside photos, in as many folders as these, as NeRFactor's do"""
 _HELD_OUT = re.compile(r"(?<![a-z])(test|val|validation|eval)(?![a-z])", re.I)
 """in names of files that are for others than the training photos: those come last"""
 
@@ -251,7 +253,7 @@ def _check_alone(folder: Path, file: Path) -> None:
             together.
     """
     inside = file.relative_to(folder).parts
-    if len(inside) < 3:
+    if len(inside) < 2 or file.suffix.lower() == _SIDECAR or reader_of(file) is nerfactor:
         return
     alike = (other.joinpath(*inside[1:]) for other in sorted(folder.iterdir()))
     captures = [

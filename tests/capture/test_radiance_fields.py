@@ -111,6 +111,23 @@ def test_neus_masks_and_other_names_of_its_folders_are_found(tmp_path):
         assert [camera.mask_path.stem for camera in cameras] == names()
 
 
+def test_its_folders_may_be_called_in_other_letters(tmp_path):
+    folder = make_neus(tmp_path, photos="Image")
+    (folder / "MASK").mkdir()
+    for name in names():
+        Image.new("L", (WIDTH, HEIGHT), 255).save(folder / "MASK" / f"{name}.png")
+    cameras = read_capture(folder).cameras
+    assert {camera.image_path.parent.name for camera in cameras} == {"Image"}
+    assert {camera.mask_path.parent.name for camera in cameras} == {"MASK"}
+
+
+def test_a_folder_of_several_scans_is_no_capture(tmp_path):
+    for scan in ("dtu_scan24", "dtu_scan37"):
+        make_neus(tmp_path / scan)
+    with pytest.raises(CaptureError, match="holds several captures .dtu_scan24, dtu_scan37"):
+        read_capture(tmp_path)
+
+
 def test_idrs_masks_have_the_photos_numbers_with_other_digits(tmp_path):
     folder = make_neus(tmp_path)
     (folder / "mask").mkdir()

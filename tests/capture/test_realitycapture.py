@@ -581,3 +581,9 @@ def test_names_with_umlauts_are_found_however_a_table_was_saved(tmp_path, encodi
     rows = [row(i, LENS, name=f"{stem}.png") for i, stem in enumerate(stems)]
     (tmp_path / "cameras.csv").write_bytes("\r\n".join([HEADER, *rows, ""]).encode(encoding))
     assert sorted(camera.image_path.stem for camera in read_capture(tmp_path).cameras) == stems
+
+
+def test_sidecars_of_the_same_names_in_two_folders_are_one_capture(tmp_path):
+    for side in ("left", "right"):
+        write_sidecars(tmp_path / side)
+    assert len(read_capture(tmp_path).cameras) == 2 * COUNT

@@ -24,7 +24,7 @@ from ..in_order import photos_in_order
 from ..intake import Found, Intrinsics, assemble
 from ..npy_files import read_npz
 from ..photo_finder import PhotoFinder
-from ..picture_names import pictures_in
+from ..picture_names import folder_called, pictures_in
 from ..pinhole import pinhole_of
 
 NAME = "NeuS"
@@ -52,7 +52,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             path, "world_mat_0", "there are no projections in it", "give cameras_sphere.npz"
         )
     there = photos_in_order(path, "world_mat", len(projections), _PHOTO_FOLDERS, photos)
-    masks = _by_number(path.parent / "mask")
+    masks = _by_number(folder_called(path.parent, "mask"))
     found = [
         _found(path, f"world_mat_{number}", projections[number], photo, masks)
         for number, photo in zip(sorted(projections), there, strict=True)
