@@ -16,17 +16,14 @@ TAN_EIGHTH = math.tan(math.pi / 8)
 
 @function
 def cosine_sine_of_turns(u):
-    """cos 2πu and sin 2πu; Taylor series within an eighth of a turn, to 3e-8."""
-    quarters = floor(4.0 * u + 0.5)
-    x = 2.0 * math.pi * (u - 0.25 * quarters)
-    x2 = x * x
-    cosine = 1.0 - x2 / 2 * (1.0 - x2 / 12 * (1.0 - x2 / 30 * (1.0 - x2 / 56)))
-    sine = x * (1.0 - x2 / 6 * (1.0 - x2 / 20 * (1.0 - x2 / 42 * (1.0 - x2 / 72))))
-    quarter = quarters - 4.0 * floor(0.25 * quarters)
-    odd = quarter - 2.0 * floor(0.5 * quarter) > 0.5
-    cosine, sine = where(odd, -sine, cosine), where(odd, cosine, sine)
-    opposite = quarter > 1.5
-    return where(opposite, -cosine, cosine), where(opposite, -sine, sine)
+    """cos 2πu and sin 2πu; Taylor series of half the angle, within a quarter of a turn, to 3e-8."""
+    half = math.pi * (u - floor(u + 0.5))
+    x = half * half
+    cosine = 1.0 - x / 56 * (1.0 - x / 90 * (1.0 - x / 132))
+    cosine = 1.0 - x / 2 * (1.0 - x / 12 * (1.0 - x / 30 * cosine))
+    sine = 1.0 - x / 72 * (1.0 - x / 110 * (1.0 - x / 156))
+    sine = half * (1.0 - x / 6 * (1.0 - x / 20 * (1.0 - x / 42 * sine)))
+    return 1.0 - 2.0 * sine * sine, 2.0 * sine * cosine
 
 
 @function
