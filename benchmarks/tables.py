@@ -212,8 +212,8 @@ column. A dash: not measured (no truth, or LPIPS without
 its weights; or no albedo, where all is metal: means of albedo MAE are of the scenes that have one).
 Scenes are our own unless a line *paper* stands below: a name may be shared with a scene of the paper.
 
-More: [quality over time](curves.md), [limits and times left](promises.md), [kernels](kernels.md), [scaling](scaling.md),
-[captures of other programs](captures.md).
+More: [quality over time](curves.md), [limits and times left](promises.md), [kernels](kernels.md),
+[scaling](scaling.md), [captures of other programs](captures.md).
 """
 _GLANCE_NOTE = """Means over scenes, presets as they come. A time is that of one run, on a machine that may
 have had other work; the tables below say on which."""
