@@ -85,7 +85,11 @@ def leave(
     growth,
 ):  # fmt: skip
     """Rays begin ≤ k < end, eight at most: directions, weights, from where they can be blocked, what they
-    see of the map, and how that grows with ln α. `found`: room [ROOM, LANES]."""
+    see of the map, and how that grows with ln α.
+
+    Args:
+        low, owners, base: ray k is sample low + owners[k − base]'s. found: room [ROOM, LANES].
+    """
     here = min(np.uint64(LANES), end - begin)
     with_floor = shifts.shape[0] > 0
     for lane in range(np.uint64(LANES)):  # those too many do what the last one does
