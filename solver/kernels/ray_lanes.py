@@ -13,6 +13,7 @@ from collections.abc import Callable
 
 from llvmlite import ir
 from numba.core import cgutils, types
+from numba.core.errors import TypingError
 from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, models, register_model
@@ -209,6 +210,8 @@ def _bytes(builder: ir.IRBuilder, data: ir.Value, places: ir.Value, first: int) 
 @intrinsic
 def codes_at(_, codes, x, y, z):
     """codes[⌊x⌋, ⌊y⌋, ⌊z⌋] as numbers, of a contiguous array [K, K, K] of bytes, in which all lie."""
+    if codes.dtype != types.uint8 or codes.layout != "C" or codes.ndim != 3:
+        raise TypingError(f"a contiguous array [K, K, K] of bytes is wanted, not {codes}")
     kind, index = x, ir.IntType(32)
 
     def generate(context, builder, signature, values):

@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 from llvmlite import ir
 from numba.core import types
+from numba.core.errors import TypingError
 from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, models, register_model
@@ -64,18 +65,26 @@ _define(operator.sub, ir.IRBuilder.fsub)
 _define(operator.mul, ir.IRBuilder.fmul)
 
 
+def _check(array: types.Array, of: types.Type, axes: int) -> None:
+    if array.dtype != of or array.layout != "C" or array.ndim != axes:
+        raise TypingError(f"a contiguous array of {of} with {axes} axes is wanted, not {array}")
+
+
+def _start(context, builder, array, value, *places: tuple[ir.Value, types.Type]) -> ir.Value:
+    """Address of array[places…, 0…]; indices are not wrapped around."""
+    index = types.UniTuple(types.int64, array.ndim)
+    whole = [context.cast(builder, place, of, types.int64) for place, of in places]
+    whole += [ir.IntType(64)(0)] * (array.ndim - len(places))
+    return address(context, builder, array, value, index, context.make_tuple(builder, index, whole))
+
+
 @intrinsic
 def read(_, array, i, j):
     """array[i, j] of a contiguous array [..., ..., 3] of doubles."""
+    _check(array, types.float64, 3)
 
     def generate(context, builder, signature, values):
-        places = [
-            context.cast(builder, v, of, types.int64)
-            for v, of in zip(values[1:], (i, j), strict=True)
-        ]
-        index = types.UniTuple(types.int64, 3)
-        whole = context.make_tuple(builder, index, [*places, ir.IntType(64)(0)])
-        first = address(context, builder, array, values[0], index, whole)
+        first = _start(context, builder, array, values[0], (values[1], i), (values[2], j))
         two = builder.load(builder.bitcast(first, _TWO.as_pointer()), align=8)
         last = builder.load(builder.gep(first, [_INDEX(2)]))
         wide = builder.shuffle_vector(two, ir.Constant(_TWO, ir.Undefined), places_of(0, 1, 0, 0))
@@ -84,21 +93,14 @@ def read(_, array, i, j):
     return three(array, i, j), generate
 
 
-def _floats(builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
-    return builder.fptrunc(value, _FLOATS)
-
-
 @intrinsic
 def write_row(_, array, n, value):
     """array[n] = value, of a contiguous array [..., 3] of floats."""
+    _check(array, types.float32, 2)
 
     def generate(context, builder, signature, values):
-        row = _floats(builder, values[2])
-        index = types.UniTuple(types.int64, 2)
-        at = [context.cast(builder, values[1], n, types.int64), ir.IntType(64)(0)]
-        first = address(
-            context, builder, array, values[0], index, context.make_tuple(builder, index, at)
-        )
+        row = builder.fptrunc(values[2], _FLOATS)
+        first = _start(context, builder, array, values[0], (values[1], n))
         for channel in range(CHANNELS):
             place = builder.gep(first, [_INDEX(channel)])
             builder.store(builder.extract_element(row, _INDEX(channel)), place)
@@ -110,27 +112,15 @@ def write_row(_, array, n, value):
 @intrinsic
 def write_columns(_, array, n, a, b, c, d):
     """array[n, :, 0] = a, array[n, :, 1] = b and so on, of a contiguous array [..., 3, 4] of floats."""
+    _check(array, types.float32, 3)
 
     def generate(context, builder, signature, values):
-        a, b, c, d = (_floats(builder, value) for value in values[2:])
-        index = types.UniTuple(types.int64, 3)
-        zero = ir.IntType(64)(0)
-        at = [context.cast(builder, values[1], n, types.int64), zero, zero]
-        first = address(
-            context, builder, array, values[0], index, context.make_tuple(builder, index, at)
-        )
-        low, high = places_of(0, 4, 1, 5), places_of(2, 6, 3, 7)
-        left, right = builder.shuffle_vector(a, b, low), builder.shuffle_vector(c, d, low)
-        rows = [
-            builder.shuffle_vector(left, right, places_of(0, 1, 4, 5)),
-            builder.shuffle_vector(left, right, places_of(2, 3, 6, 7)),
-            builder.shuffle_vector(
-                builder.shuffle_vector(a, b, high),
-                builder.shuffle_vector(c, d, high),
-                places_of(0, 1, 4, 5),
-            ),
-        ]
-        for channel, row in enumerate(rows):
+        a, b, c, d = (builder.fptrunc(value, _FLOATS) for value in values[2:])
+        first = _start(context, builder, array, values[0], (values[1], n))
+        for channel in range(CHANNELS):
+            ab = builder.shuffle_vector(a, b, places_of(channel, LANES + channel))
+            cd = builder.shuffle_vector(c, d, places_of(channel, LANES + channel))
+            row = builder.shuffle_vector(ab, cd, places_of(0, 1, 2, 3))
             place = builder.gep(first, [_INDEX(LANES * channel)])
             builder.store(row, builder.bitcast(place, _FLOATS.as_pointer()), align=4)
         return context.get_dummy_value()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numba.core.errors import TypingError
 
 from solver.kernels.lanes import LANES, load, store
 from solver.kernels.ray_lanes import (
@@ -108,3 +109,9 @@ def test_codes_are_those_of_the_cells_in_which_rays_are():
     results = np.zeros(CROWD, np.float32)
     looked_up(codes, at, results)
     np.testing.assert_array_equal(results, codes[tuple(at.astype(int))])
+
+
+@pytest.mark.parametrize("codes", [np.zeros((5, 5, 5)), np.zeros((5, 5), np.uint8)])
+def test_codes_that_are_no_grid_of_bytes_are_refused(codes):
+    with pytest.raises(TypingError, match="of bytes is wanted"):
+        looked_up(codes, np.zeros((3, CROWD), np.float32), np.zeros(CROWD, np.float32))

@@ -2,8 +2,10 @@
 
 import numba
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numba.core.errors import TypingError
 
 from solver.kernels.three_lanes import read, write_columns, write_row
 
@@ -56,3 +58,18 @@ def test_four_are_written_as_columns_of_one_place_and_nowhere_else():
         turn(table, rows, n)
         expected[n] = table.reshape(4, 3).T
         np.testing.assert_array_equal(rows, expected)
+
+
+@pytest.mark.parametrize(
+    "table, rows",
+    [
+        (np.zeros((2, 2, 3), np.float32), np.zeros((2, 3), np.float32)),
+        (np.zeros((2, 3, 2)).swapaxes(1, 2), np.zeros((2, 3), np.float32)),
+        (np.zeros((2, 2, 3)), np.zeros((2, 3))),
+        (np.zeros((2, 2, 3)), np.zeros((2, 2, 3), np.float32)),
+    ],
+    ids=["read from floats", "read from another order", "written to doubles", "of more axes"],
+)
+def test_arrays_of_other_numbers_are_refused(table, rows):
+    with pytest.raises(TypingError, match="a contiguous array of float"):
+        move(table, 0, 0, rows, 0)
