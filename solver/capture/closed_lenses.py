@@ -16,26 +16,19 @@ import math
 
 import numpy as np
 
-from . import fisheye_power
-from .fisheye_power import POWER
 from .lens_solve import WIDEST, invert_growing, scaled_to
 
 CLOSED = ("fov", "division", "eucm", "visualsfm")
-_LARGEST = 1e6  # numbers of real lenses are tiny; squares of these still have room
 _FLAT = 1e-8  # radians; the square of it is lost beside 1
 _SLACK = 1 + 1e-9  # what comes back from the fold itself is still seen
 
 
 def is_usable(lens: str, distortion: tuple[float, ...]) -> bool:
-    """False for numbers with which a formula is no lens, those of all lens models included."""
-    if any(not abs(number) < _LARGEST for number in distortion):
-        return False
+    """False for numbers with which a formula is no lens."""
     if lens == "fov":
         return abs(distortion[0]) < 3.14
     if lens == "eucm":
         return 0 <= distortion[0] <= 1 and distortion[1] > 0
-    if lens in POWER:
-        return fisheye_power.is_usable(distortion)
     return True
 
 

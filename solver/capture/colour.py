@@ -72,6 +72,13 @@ def rec709_from_chromaticities(chromaticities: tuple[float, ...]) -> np.ndarray 
     )
 
 
+def rec709_from_primaries(number: int | None) -> np.ndarray | None:
+    """The matrix [3, 3] from primaries that ITU-T H.273 gives a number to linear Rec. 709, or None if they
+    are its own or not known."""
+    chromaticities = PRIMARIES.get(number)
+    return None if chromaticities is None else rec709_from_chromaticities(chromaticities)
+
+
 def rec709_from_colorants(colorants: np.ndarray) -> np.ndarray | None:
     """The matrix [3, 3] to linear Rec. 709, or None if these are its own primaries.
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO
 
-from .colour import PRIMARIES, rec709_from_chromaticities
+from .colour import rec709_from_chromaticities, rec709_from_primaries
 from .decoded import Decoded
 from .errors import CaptureError, shown
 from .heif import check_transfer, decode_heif
@@ -139,11 +139,8 @@ def _in_colours(path: Path, decoded: Decoded, primaries: int, transfer: int) -> 
         CaptureError: its light is coded for HDR screens.
     """
     check_transfer(path, transfer)
-    chromaticities = PRIMARIES.get(primaries)
-    return replace(
-        decoded, profile=None, linear=transfer == _LINEAR,
-        matrix=None if chromaticities is None else rec709_from_chromaticities(chromaticities),
-    )  # fmt: skip
+    matrix = rec709_from_primaries(primaries)
+    return replace(decoded, profile=None, linear=transfer == _LINEAR, matrix=matrix)
 
 
 def _in_display_window(pixels: np.ndarray, spec: OpenImageIO.ImageSpec) -> np.ndarray:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import errno
 import json
 import math
+import os
 import re
 import stat
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -73,6 +75,22 @@ def check_readable(path: Path) -> None:
         path.open("rb").close()
     except OSError as error:
         raise no_access(path, error) from error
+
+
+def file_below(folder: Path, place: Path, name: str) -> Path | None:
+    """The file of a name, or of a path from `place` on; None if there is none or it leads out of `folder`.
+
+    Nothing outside is asked for: whoever asks what a path of another computer leads to has asked that one.
+    """
+    # A name may be too long for any file, no text that files can have as theirs, or a link to itself.
+    with suppress(OSError, RuntimeError, ValueError):
+        folder = folder.resolve()
+        file = Path(os.path.normpath(place.resolve() / name))
+        if file.is_relative_to(folder):
+            file = file.resolve()
+            if file.is_relative_to(folder) and file.is_file():
+                return file
+    return None
 
 
 def no_access(path: Path, error: OSError) -> CaptureError:

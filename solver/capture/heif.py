@@ -11,7 +11,7 @@ import numpy as np
 import pi_heif
 from PIL import Image
 
-from .colour import PRIMARIES, rec709_from_chromaticities
+from .colour import rec709_from_primaries
 from .decoded import Decoded
 from .errors import CaptureError
 from .heif_header import read_heif_header
@@ -37,12 +37,10 @@ def decode_heif(path: Path) -> Decoded:
     pixels, mode, profile = _of_avif(path, header.turn) if header.is_avif else _of_heic(path)
     if pixels.shape[1::-1] != (header.width, header.height):
         raise ValueError("its picture has another size than its header says")
-    # A profile goes before the numbers.
-    primaries = None if profile else PRIMARIES.get(header.primaries)
     return Decoded(
         pixels, pixels.shape[2] - 1 if mode[-1] in "Aa" else None, associated=mode[-1] == "a",
         profile=profile_unless_srgb(profile) if profile else None,
-        matrix=None if primaries is None else rec709_from_chromaticities(primaries),
+        matrix=None if profile else rec709_from_primaries(header.primaries),  # a profile goes before
         channels=tuple(mode.upper()),
     )  # fmt: skip
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from .camera import Camera
 from .capture import Capture, region_seen_by
-from .closed_lenses import is_usable
 from .errors import CaptureError, shown
 from .files import rigid_pose
 from .image_header import EXTENSIONS, UnknownSize, image_orientation, image_size, is_raw
+from .lenses import is_usable
 from .mask_finder import none_fits
 from .orientation import same_shape
 from .photo_finder import PhotoFinder

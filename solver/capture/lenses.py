@@ -24,6 +24,17 @@ from .lens_solve import WIDEST, first_positive_root, invert_growing, refine_in_p
 from .prism_lenses import PRISM
 
 LENSES = ("pinhole", "opencv", "opencv_fisheye", *BROWN, *CLOSED, *PRISM, *POWER)
+_LARGEST = 1e6
+"""numbers of real lenses are tiny; squares of these still have room"""
+
+
+def is_usable(lens: str, distortion: tuple[float, ...]) -> bool:
+    """False for numbers with which no lens is one."""
+    if any(not abs(number) < _LARGEST for number in distortion):
+        return False
+    if lens in CLOSED:
+        return closed_lenses.is_usable(lens, distortion)
+    return lens not in POWER or fisheye_power.is_usable(distortion)
 
 
 def distort(

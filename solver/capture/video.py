@@ -23,11 +23,10 @@ from av.video.reformatter import ColorRange, Colorspace, ColorTrc, Interpolation
 from av.video.stream import VideoStream
 
 from .colour import (
-    PRIMARIES,
     linear_from_hlg,
     linear_from_pq,
     linear_to_srgb,
-    rec709_from_chromaticities,
+    rec709_from_primaries,
     srgb_to_linear,
 )
 from .errors import CaptureError
@@ -67,15 +66,15 @@ class Frame:
         turns = _quarter_turns(self.coded)
         size = (self.height, self.width) if turns % 2 else (self.width, self.height)
         to_linear = _HDR.get(self.coded.color_trc)
-        primaries = PRIMARIES.get(int(self.coded.color_primaries))
-        if to_linear is None and primaries is None:
+        matrix = rec709_from_primaries(int(self.coded.color_primaries))
+        if to_linear is None and matrix is None:
             pixels = self._as("rgb24", *size)
         else:
             pixels = self._as("rgb48le", *size) / np.float32(65535)
             pixels = (to_linear or srgb_to_linear)(pixels)
-            if primaries is not None:
+            if matrix is not None:
                 # Colours that Rec. 709 has not.
-                pixels = (pixels @ rec709_from_chromaticities(primaries).T).clip(min=0)
+                pixels = (pixels @ matrix.T).clip(min=0)
             if to_linear is None:
                 pixels = np.round(255 * linear_to_srgb(pixels.clip(max=1))).astype(np.uint8)
             else:

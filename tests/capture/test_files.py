@@ -13,6 +13,7 @@ from solver.capture.files import (
     LONGEST_LINE,
     MOST_IN_JSON,
     MOST_IN_XML,
+    file_below,
     head_of,
     read_bytes,
     read_json,
@@ -167,3 +168,30 @@ def test_xml_that_defines_entities_is_refused_in_any_encoding(tmp_path, encoding
         read_xml(file)
     file.write_bytes("<document><chunk>ä</chunk></document>".encode(encoding))
     assert read_xml(file).findtext("chunk") == "ä"
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../secret.bin", "//server/share/secret.bin", "/secret.bin", "a\0b", "x" * 5000, "missing"],
+)
+def test_files_that_lie_elsewhere_are_not_even_asked_for(tmp_path, monkeypatch, name):
+    folder, asked, real = tmp_path / "project", [], os.path.realpath
+    (folder / "points").mkdir(parents=True)
+    (folder / "points" / "inside.bin").write_bytes(b"1")
+    (tmp_path / "secret.bin").write_bytes(b"1")
+    monkeypatch.setattr(
+        os.path, "realpath", lambda path, **how: asked.append(str(path)) or real(path, **how)
+    )
+    assert file_below(folder, folder / "points", "inside.bin") == folder / "points" / "inside.bin"
+    assert file_below(folder, folder, "points/../points/inside.bin").name == "inside.bin"
+    for place in (folder, folder / "points"):
+        assert file_below(folder, place, name) is None
+        assert file_below(folder, place, f"../{name}") is None
+    assert asked and all(path.startswith(str(folder)) for path in asked)
+
+
+def test_links_that_lead_out_are_no_files_below(tmp_path):
+    (tmp_path / "project").mkdir()
+    (tmp_path / "secret.bin").write_bytes(b"1")
+    (tmp_path / "project" / "link.bin").symlink_to(tmp_path / "secret.bin")
+    assert file_below(tmp_path / "project", tmp_path / "project", "link.bin") is None

@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from solver.capture.closed_lenses import is_usable
 from solver.capture.lens_solve import WIDEST
-from solver.capture.lenses import LENSES, distort, fold, undistort
+from solver.capture.lenses import LENSES, distort, fold, is_usable, undistort
 
 
 def numbers(*largest):

@@ -75,8 +75,7 @@ def _inside(path: Path, content: dict, *keys: str) -> dict:
 def _camera(path: Path, where: str, camera: dict, stated: str, photos: PhotoFinder) -> Found:
     inner = mapping(path, f"{where}.camera", camera.get("camera"))
     field = f"{where}.camera.extrinsic"
-    values = np.ravel(np.array(inner.get("extrinsic"), dtype=object)).tolist()
-    extrinsic = numbers(path, field, values, 16).reshape(4, 4)
+    extrinsic = _matrix(path, field, inner.get("extrinsic"))
     pose = pose_opengl_from_opencv(invert_pose(rigid_pose(path, field, extrinsic)))
     photo, intrinsics = photos.find(stated, beside=path), None
     if photos.serves(photo):
@@ -92,14 +91,18 @@ def _camera(path: Path, where: str, camera: dict, stated: str, photos: PhotoFind
     return Found(field, stated, photo, pose, intrinsics)
 
 
+def _matrix(path: Path, field: str, values: Any) -> np.ndarray:
+    """A matrix [4, 4] of 16 numbers, in a list or in lists of its rows."""
+    flat = np.ravel(np.array(values, dtype=object)).tolist()
+    return numbers(path, field, flat, 16).reshape(4, 4)
+
+
 def _within_box(path: Path, capture: Capture, box: Any) -> Capture:
     """The capture with the cube as its region, if the file has an upright box."""
     if box is None:
         return capture
     field = "bbox.transform"
-    values = mapping(path, "bbox", box).get("transform")
-    values = np.ravel(np.array(values, dtype=object)).tolist()
-    matrix = numbers(path, field, values, 16).reshape(4, 4)
+    matrix = _matrix(path, field, mapping(path, "bbox", box).get("transform"))
     sides = np.diag(matrix)[:3]
     turned = np.abs(matrix[:3, :3] - np.diag(sides)).max() > 1e-6 * np.abs(sides).max()
     half = number(path, field, float(sides.max())) / 2

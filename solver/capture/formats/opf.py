@@ -17,10 +17,8 @@ Pix4D's paper "Camera internals for fisheye lens" and articles/202559089 of its 
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,7 +29,7 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import entries, json_head, mapping, number, numbers, read_json
+from ..files import entries, file_below, json_head, mapping, number, numbers, read_json
 from ..fisheye_power import of_quarter_turns
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
@@ -64,7 +62,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         CaptureError: anything that cannot be used, with file, field and remedy.
     """
     items = entries(path, "items", mapping(path, "", read_json(path)).get("items"))
-    calibrations = list(_resources(path, items, _CALIBRATION.removeprefix("application/")))
+    calibrations = list(_resources(path, items, _CALIBRATION))
     if len(calibrations) != 1:
         raise CaptureError(
             path, "items", f"there are {len(calibrations) or 'no'} calibrations in it",
@@ -117,7 +115,7 @@ def _points(path: Path, items: list) -> tuple[np.ndarray | None, tuple[str, ...]
         uri = uris.get(_POINTS)
         if _CALIBRATION not in uris or not isinstance(uri, str):
             continue
-        if (file := _beside(path, unquote(uri))) is not None:
+        if (file := _in_project(path, uri)) is not None:
             try:
                 return read_gltf_points(file, path.absolute().parent), ()
             except CaptureError as error:
@@ -136,11 +134,11 @@ def _resources(path: Path, items: list, form: str) -> Iterator[tuple[Path, dict[
         for resource in entries(path, field, mapping(path, field, item).get("resources")):
             resource = mapping(path, field, resource)
             uri = resource.get("uri")
-            if resource.get("format") != f"application/{form}":
+            if resource.get("format") != form:
                 continue
             if not isinstance(uri, str) or "\0" in uri:
                 raise CaptureError(path, field, f"'{shown(uri)}' names no file", _AGAIN)
-            file = _beside(path, unquote(uri))
+            file = _in_project(path, uri)
             if file is None:
                 raise CaptureError(
                     path, field, f"'{shown(uri)}' is not in its folder",
@@ -155,24 +153,16 @@ def _resources(path: Path, items: list, form: str) -> Iterator[tuple[Path, dict[
             yield file, content
 
 
-def _beside(path: Path, name: str) -> Path | None:
-    """The file of that name in a project's folder; None if there is none, or a name leads out of it."""
-    folder = path.absolute().parent.resolve()
-    # A name may be too long for any file, no text that files can have as theirs, or a link to itself.
-    with suppress(OSError, RuntimeError, ValueError):
-        # Whoever asks what a path of another computer leads to has asked that computer.
-        file = Path(os.path.normpath(folder / name))
-        if file.is_relative_to(folder):
-            file = file.resolve()
-            if file.is_relative_to(folder) and file.is_file():
-                return file
-    return None
+def _in_project(path: Path, uri: str) -> Path | None:
+    """The file that a URI of a project names; None if there is none in its folder."""
+    folder = path.absolute().parent
+    return file_below(folder, folder, unquote(uri))
 
 
 def _uris(path: Path, items: list) -> dict[int, str]:
     """What camera lists call the file of each camera, by identity."""
     uris = {}
-    for file, content in _resources(path, items, "opf-camera-list+json"):
+    for file, content in _resources(path, items, "application/opf-camera-list+json"):
         for identity, (where, camera) in _by_id(file, "cameras", content).items():
             if not isinstance(camera.get("uri"), str):
                 raise CaptureError(file, f"{where}.uri", "the camera names no photo", _AGAIN)
@@ -183,7 +173,7 @@ def _uris(path: Path, items: list) -> dict[int, str]:
 def _input_cameras(path: Path, items: list) -> tuple[dict[int, np.ndarray], list[int]]:
     """Width and height in pixels of each sensor's photos, and the identities of all cameras."""
     sizes, taken = {}, []
-    for file, content in _resources(path, items, "opf-input-cameras+json"):
+    for file, content in _resources(path, items, "application/opf-input-cameras+json"):
         for identity, (where, sensor) in _by_id(file, "sensors", content).items():
             size = sensor.get("image_size_px")
             sizes[identity] = numbers(file, f"{where}.image_size_px", size, 2)
@@ -290,7 +280,7 @@ def _pose(file: Path, where: str, camera: dict) -> np.ndarray:
 
 def _is_local(path: Path, items: list) -> bool:
     """True unless the project says that its world is a map's."""
-    for file, content in _resources(path, items, "opf-scene-reference-frame+json"):
+    for file, content in _resources(path, items, "application/opf-scene-reference-frame+json"):
         crs = mapping(file, "crs", content.get("crs"))
         return _LOCAL.search(str(crs.get("definition"))) is not None
     return True

@@ -15,7 +15,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from ..errors import CaptureError, shown
-from ..files import entries, mapping, numbers, read_json
+from ..files import entries, file_below, mapping, numbers, read_json
 from ..sparse_points import MOST_POINTS
 
 Z_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
@@ -78,7 +78,12 @@ def _positions(file: Path, where: str, content: dict, accessor: dict, folder: Pa
     count, start = accessor.get("count"), view.get("byteOffset", 0)
     if not all(isinstance(v, int) and 0 <= v < 1 << 40 for v in (count, start)):
         raise CaptureError(file, where, "its points' count or place is no number", _AGAIN)
-    data = _beside(file, buffer.get("uri"), folder)
+    uri = buffer.get("uri")
+    data = file_below(folder, file.parent, unquote(uri)) if isinstance(uri, str) else None
+    if data is None:
+        raise CaptureError(
+            file, "buffers", f"'{shown(uri)}' is not in the project's folder", _AGAIN
+        )
     if start + count * _BYTES > data.stat().st_size:
         raise CaptureError(
             data, "", f"{file.name} states {count} points in it, it has fewer", _AGAIN
@@ -87,14 +92,3 @@ def _positions(file: Path, where: str, content: dict, accessor: dict, folder: Pa
         return np.zeros((0, 3))
     table = np.memmap(data, "<f4", "r", start, (count, 3))
     return np.array(table[:: max(1, -(-count // MOST_POINTS))], dtype=np.float64)
-
-
-def _beside(file: Path, uri: Any, folder: Path) -> Path:
-    """The file that a URI names, beside the one that names it."""
-    try:
-        data = (file.parent / unquote(uri)).resolve()
-        if data.is_relative_to(folder.resolve()) and data.is_file():
-            return data
-    except (AttributeError, OSError, RuntimeError, TypeError, ValueError):
-        pass  # no text, or none that files can have as their name
-    raise CaptureError(file, "buffers", f"'{shown(uri)}' is not in the project's folder", _AGAIN)

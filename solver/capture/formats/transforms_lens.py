@@ -105,12 +105,10 @@ def read_lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, .
     if str(model).upper() == "FULL_OPENCV":
         keys = _RATIONAL_KEYS  # elsewhere k4 is a power of the radius
     elif lens in ("pinhole", "opencv"):
-        for key in _RATIONAL_KEYS[6:]:
-            if number_of(path, where, values, key):
-                raise CaptureError(
-                    path, f"{where}.{key}", "only the lens FULL_OPENCV has such a number",
-                    "call its camera_model so if it is that, or export the cameras again",
-                )  # fmt: skip
+        _refuse_rational(
+            path, where, values, "only the lens FULL_OPENCV has such a number",
+            "call its camera_model so if it is that, or export the cameras again",
+        )  # fmt: skip
         # Programs that read these files go by the numbers, whatever the model is called.
         k1, k2, p1, p2, k3, k4 = (
             number_of(path, where, values, key) or 0.0 for key in _RATIONAL_KEYS[:6]
@@ -124,18 +122,27 @@ def read_lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, .
     return ("pinhole", ()) if lens == "opencv" and not any(own) else (lens, own)
 
 
+def _refuse_rational(path: Path, where: str, values: dict, problem: str, remedy: str) -> None:
+    """Make sure that k5 and k6, of which only OpenCV's rational lens is made, are 0 or left out.
+
+    Raises:
+        CaptureError: one is not.
+    """
+    for key in _RATIONAL_KEYS[6:]:
+        if number_of(path, where, values, key):
+            raise CaptureError(path, f"{where}.{key}", problem, remedy)
+
+
 def _fisheye(path: Path, where: str, values: dict) -> tuple[str, tuple[float, ...]]:
     """An equidistant lens with k1 … k4, and p1 and p2 if they are not 0.
 
     Raises:
         CaptureError: it has other numbers, which no such lens has.
     """
-    for key in _RATIONAL_KEYS[6:]:
-        if number_of(path, where, values, key):
-            raise CaptureError(
-                path, f"{where}.{key}", "no fisheye has such a number, only k1 … k4, p1 and p2",
-                "remove it, or export the cameras again",
-            )  # fmt: skip
+    _refuse_rational(
+        path, where, values, "no fisheye has such a number, only k1 … k4, p1 and p2",
+        "remove it, or export the cameras again",
+    )  # fmt: skip
     k1, k2, k3, k4, p1, p2 = (number_of(path, where, values, key) or 0.0 for key in _LISTED_KEYS)
     return polynomial_lens((k1, k2, k3, k4), (p1, p2), equidistant=True)
 
