@@ -11,11 +11,11 @@ import numpy as np
 
 from .angles_numba import angle_of
 from .compiling import function, inlined
-from .lanes import LANES, load, store
+from .lanes import LANES, store
 from .lobe_numba import half_vector, mirrored, power5, seen, smith, stretched_frame, to_world
 from .ray_lanes import rays_of, where
 from .skipping import SELF_SHADOW_COSINE
-from .vectors_numba import dot, plus, row, times
+from .vectors_numba import dot, plus, row, three_of, times
 
 ABOVE = 1e-4  # cosine from which a reflected direction counts as above the surface
 NEVER = 1e30  # distance from which a ray that is not looked at can be blocked
@@ -61,17 +61,6 @@ def side(variance, own, texels, most):
 
 
 @inlined
-def known(found, first):
-    """Three columns from `first` on."""
-    one = rays_of(0.0)
-    return (
-        load(found, (first, 0), one),
-        load(found, (first + 1, 0), one),
-        load(found, (first + 2, 0), one),
-    )
-
-
-@inlined
 def keep(found, first, values):
     """Write what rays have for each of their columns from `first` on."""
     for c, value in enumerate(values):
@@ -105,9 +94,14 @@ def leave(
         found[ALPHA, lane], found[SHARE, lane] = alphas[s], shares[s]
         found[COUNT, lane] = first[s + np.uint64(1)] - first[s]
         found[U, lane], found[U + 1, lane] = u[k, 0], u[k, 1]
-    n, v, f0 = known(found, NORMAL), known(found, VIEW), known(found, F0)
-    alpha, share, count = known(found, ALPHA)
-    u0, u1, _ = known(found, U)
+    nothing = rays_of(0.0)
+    n, v, f0 = (
+        three_of(found, NORMAL, nothing),
+        three_of(found, VIEW, nothing),
+        three_of(found, F0, nothing),
+    )
+    alpha, share, count = three_of(found, ALPHA, nothing)
+    u0, u1, _ = three_of(found, U, nothing)
     t, b, view, _ = seen(n, v)
     st, t1, t2, _, _, _ = stretched_frame(view, alpha)
     view_lambda = smith(view[2], alpha)
@@ -122,7 +116,6 @@ def leave(
     if masking:
         bend = bend * (1.0 + view_lambda) / (1.0 + view_lambda + smith(out[2], alpha))
     m5 = power5(min(max(1.0 - view_half, 0.0), 1.0))
-    nothing = rays_of(0.0)
     solid_angle = nothing
     if averaged:
         # cos²(α² − 1) + 1 without what single precision would lose of it
@@ -130,7 +123,7 @@ def leave(
         solid_angle = min(across * across * per_density / count, whole)
     e, length, shift = d, rays_of(1.0), (nothing, nothing, nothing)
     if with_floor:
-        e, length, shift = from_centre(d, known(found, SHIFT), up)
+        e, length, shift = from_centre(d, three_of(found, SHIFT, nothing), up)
     sine = max(math.sqrt(e[0] * e[0] + e[1] * e[1]), 1e-4)
     own = where(solid_angle < whole, solid_angle, 0.0) if widening else nothing
     wide, high, own_wide, own_high = solid_angle, solid_angle, own, own
@@ -142,7 +135,7 @@ def leave(
             south = along_ray(south, d, length, shift, up)
             wide, high = wide * dot(east, east), high * dot(south, south)
             own_wide, own_high = own * dot(east, east), own * dot(south, south)
-        for edge in (known(found, EDGES), known(found, EDGES + 3)):
+        for edge in (three_of(found, EDGES, nothing), three_of(found, EDGES + 3, nothing)):
             by_east, by_south = dot(east, edge), dot(south, edge)
             wide = wide + by_east * by_east
             high = high + by_south * by_south

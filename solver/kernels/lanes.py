@@ -12,6 +12,7 @@ know to be writes.
 from __future__ import annotations
 
 import operator
+from collections.abc import Callable
 
 from llvmlite import ir
 from numba.core import cgutils, types
@@ -25,6 +26,8 @@ LANES = 8
 
 class Lanes(types.Type):
     """A type of several numbers in single precision; what one can do with them belongs to its name."""
+
+    of = types.float32
 
     def __init__(self, name: str, count: int):
         self.count, self.vector = count, ir.VectorType(ir.FloatType(), count)
@@ -53,30 +56,51 @@ def spread(builder: ir.IRBuilder, number: ir.Value, vector: ir.VectorType) -> ir
     return builder.shuffle_vector(first, nothing, places_of(*[0] * vector.count))
 
 
-def _define(operation, instruction: str) -> None:
-    """`operation` of two `Lanes`, or of one and a number."""
+def as_kind(
+    kind: types.Type, context, builder: ir.IRBuilder, value: ir.Value, of: types.Type
+) -> ir.Value:
+    """A value of a type of lanes; a number is put into all of them, in their precision."""
+    if of is kind:
+        return value
+    return spread(builder, context.cast(builder, value, of, kind.of), kind.vector)
+
+
+def is_number(of: types.Type) -> bool:
+    return isinstance(of, types.Float | types.Integer)
+
+
+def of_two(
+    operation: Callable, kind: types.Type, result: types.Type, generate: Callable,
+    beside: Callable[[types.Type], bool] = is_number,
+) -> None:  # fmt: skip
+    """Define `operation` for two values of a type of lanes, or for one and a number.
+
+    Args:
+        kind: with its LLVM `vector`, and `of`, the type of a lane. generate: an instruction of two vectors.
+        beside: which types of numbers may stand beside it.
+    """
 
     @infer_global(operation)
     class _Typing(AbstractTemplate):
         def generic(self, of, _):
-            if len(of) == 2 and eight in of and set(of) <= {eight, types.float32}:
-                return signature(eight, *of)
-            return None
+            known = len(of) == 2 and kind in of and all(a is kind or beside(a) for a in of)
+            return signature(result, *of) if known else None
 
-    def lower(_, builder, signature, values):
-        pairs = zip(signature.args, values, strict=True)
-        both = [
-            value if of is eight else spread(builder, value, eight.vector) for of, value in pairs
-        ]
-        return getattr(builder, instruction)(*both)
+    def lower(context, builder, signature, values):
+        pairs = zip(values, signature.args, strict=True)
+        return generate(builder, *(as_kind(kind, context, builder, *pair) for pair in pairs))
 
-    for of in ((eight, eight), (eight, types.float32), (types.float32, eight)):
+    for of in ((kind, kind), (kind, types.Number), (types.Number, kind)):
         lower_builtin(operation, *of)(lower)
 
 
-_define(operator.add, "fadd")
-_define(operator.sub, "fsub")
-_define(operator.mul, "fmul")
+ARITHMETIC = (
+    (operator.add, ir.IRBuilder.fadd), (operator.sub, ir.IRBuilder.fsub),
+    (operator.mul, ir.IRBuilder.fmul),
+)  # fmt: skip
+for _operation, _instruction in ARITHMETIC:
+    # A double beside them is a mistake: kernels of lookups are meant to have none.
+    of_two(_operation, eight, eight, _instruction, lambda of: of is types.float32)
 
 
 @intrinsic

@@ -18,7 +18,7 @@ from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, models, register_model
 
-from .lanes import LANES, Lanes, places_of, spread
+from .lanes import ARITHMETIC, LANES, Lanes, as_kind, of_two, places_of, spread
 
 CROWD = 32
 
@@ -40,33 +40,6 @@ class Flags(types.Type):
 class _FlagsModel(models.PrimitiveModel):
     def __init__(self, manager, of):
         super().__init__(manager, of, ir.VectorType(ir.IntType(1), of.count))
-
-
-def _as(kind: Lanes, context, builder: ir.IRBuilder, value: ir.Value, of: types.Type) -> ir.Value:
-    if of is kind:
-        return value
-    return spread(builder, context.cast(builder, value, of, types.float32), kind.vector)
-
-
-def _is_number(of: types.Type) -> bool:
-    return isinstance(of, types.Float | types.Integer)
-
-
-def _of_two(operation, kind: Lanes, result: types.Type, generate: Callable) -> None:
-    """`operation` of the numbers of two rays, or of those of one and a number."""
-
-    @infer_global(operation)
-    class _Typing(AbstractTemplate):
-        def generic(self, of, _):
-            known = len(of) == 2 and kind in of and all(a is kind or _is_number(a) for a in of)
-            return signature(result, *of) if known else None
-
-    def lower(context, builder, signature, values):
-        pairs = zip(values, signature.args, strict=True)
-        return generate(builder, *(_as(kind, context, builder, *pair) for pair in pairs))
-
-    for of in ((kind, kind), (kind, types.Number), (types.Number, kind)):
-        lower_builtin(operation, *of)(lower)
 
 
 def _of_one(operation, kind: Lanes, generate: Callable) -> None:
@@ -103,15 +76,13 @@ def _called(name: str) -> Callable:
 for _kind in (rays, crowd):
     _flags = Flags(_kind.count)
     for _operation, _generate in (
-        (operator.add, ir.IRBuilder.fadd), (operator.sub, ir.IRBuilder.fsub),
-        (operator.mul, ir.IRBuilder.fmul), (operator.truediv, ir.IRBuilder.fdiv),
-        (min, _chosen("<")), (max, _chosen(">")),
+        *ARITHMETIC, (operator.truediv, ir.IRBuilder.fdiv), (min, _chosen("<")), (max, _chosen(">")),
     ):  # fmt: skip
-        _of_two(_operation, _kind, _kind, _generate)
+        of_two(_operation, _kind, _kind, _generate)
     for _operation, _sign in (
         (operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">="),
     ):  # fmt: skip
-        _of_two(_operation, _kind, _flags, _comparison(_sign))
+        of_two(_operation, _kind, _flags, _comparison(_sign))
     for _operation, _generate in (
         (operator.neg, ir.IRBuilder.fneg), (abs, _called("fabs")), (math.sqrt, _called("sqrt")),
     ):  # fmt: skip
@@ -158,7 +129,7 @@ def rays_of(_, number):
     """The same number for all `rays`."""
 
     def generate(context, builder, signature, values):
-        return _as(rays, context, builder, values[0], number)
+        return as_kind(rays, context, builder, values[0], number)
 
     return rays(number), generate
 
@@ -168,7 +139,7 @@ def crowd_of(_, number):
     """The same number for all of a `crowd`."""
 
     def generate(context, builder, signature, values):
-        return _as(crowd, context, builder, values[0], number)
+        return as_kind(crowd, context, builder, values[0], number)
 
     return crowd(number), generate
 
@@ -188,7 +159,9 @@ def where(_, test, a, b):
     def generate(context, builder, signature, values):
         test, *both = values
         if isinstance(kind, Lanes):
-            both = [_as(kind, context, builder, *pair) for pair in zip(both, (a, b), strict=True)]
+            both = [
+                as_kind(kind, context, builder, *pair) for pair in zip(both, (a, b), strict=True)
+            ]
         else:
             both = [context.cast(builder, *pair, kind) for pair in zip(both, (a, b), strict=True)]
         return builder.select(test, *both)

@@ -5,17 +5,12 @@ A register has room for four; the last lane is not used, and what it holds means
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Callable
-
 from llvmlite import ir
 from numba.core import types
 from numba.core.errors import TypingError
-from numba.core.imputils import lower_builtin
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, models, register_model
 
-from .lanes import address, places_of, spread
+from .lanes import ARITHMETIC, address, of_two, places_of
 
 LANES, CHANNELS = 4, 3
 _DOUBLES = ir.VectorType(ir.DoubleType(), LANES)
@@ -27,6 +22,8 @@ _INDEX = ir.IntType(32)
 class Three(types.Type):
     """The type of three doubles."""
 
+    of, vector = types.float64, _DOUBLES
+
 
 three = Three("three")
 
@@ -37,32 +34,8 @@ class _ThreeModel(models.PrimitiveModel):
         super().__init__(manager, of, _DOUBLES)
 
 
-def _as_three(context, builder: ir.IRBuilder, value: ir.Value, of: types.Type) -> ir.Value:
-    if of is three:
-        return value
-    return spread(builder, context.cast(builder, value, of, types.float64), _DOUBLES)
-
-
-def _define(operation, generate: Callable) -> None:
-    """`operation` of two `Three`, or of one and a number."""
-
-    @infer_global(operation)
-    class _Typing(AbstractTemplate):
-        def generic(self, of, _):
-            known = all(a is three or isinstance(a, types.Float | types.Integer) for a in of)
-            return signature(three, *of) if len(of) == 2 and three in of and known else None
-
-    def lower(context, builder, signature, values):
-        pairs = zip(values, signature.args, strict=True)
-        return generate(builder, *(_as_three(context, builder, *pair) for pair in pairs))
-
-    for of in ((three, three), (three, types.Number), (types.Number, three)):
-        lower_builtin(operation, *of)(lower)
-
-
-_define(operator.add, ir.IRBuilder.fadd)
-_define(operator.sub, ir.IRBuilder.fsub)
-_define(operator.mul, ir.IRBuilder.fmul)
+for _operation, _instruction in ARITHMETIC:
+    of_two(_operation, three, three, _instruction)
 
 
 def _check(array: types.Array, of: types.Type, axes: int) -> None:

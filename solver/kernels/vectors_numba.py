@@ -4,6 +4,7 @@ registers."""
 from __future__ import annotations
 
 from .compiling import function, inlined
+from .lanes import load
 
 
 @inlined
@@ -16,6 +17,16 @@ def triple(values, i, j):
 def row(values, i):
     """values[i] of an array [..., 3]."""
     return values[i, 0], values[i, 1], values[i, 2]
+
+
+@inlined
+def three_of(values, first, like):
+    """Three rows of an array from `first` on, as many numbers of each as `like` has."""
+    return (
+        load(values, (first, 0), like),
+        load(values, (first + 1, 0), like),
+        load(values, (first + 2, 0), like),
+    )
 
 
 @function

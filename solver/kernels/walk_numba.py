@@ -14,7 +14,7 @@ from .compiling import function, inlined
 from .lanes import load, store
 from .ray_lanes import CROWD, any_of, codes_at, crowd_of, where
 from .skipping import DEPTHS_PER_UNIT, EMPTY
-from .vectors_numba import times
+from .vectors_numba import three_of, times
 
 DEPTH_UNIT = np.float32(1 / DEPTHS_PER_UNIT)
 LEAST_OPAQUE = np.float32(7.0)
@@ -23,7 +23,7 @@ HALF = np.float32(math.log(2))
 """optical depth that half of the light passes"""
 LEAST_SLOPE = np.float32(1e-12)
 NEVER = np.float32(1e30)
-ORIGIN, DIRECTION, START, COLUMNS = 0, 3, 6, 7  # of what is known of a ray
+ORIGIN, DIRECTION, START, ROOM = 0, 3, 6, 7  # of what is known of a ray
 
 
 @inlined
@@ -55,10 +55,9 @@ def enter(known, base, origins, owners, directions, scale, start):
             known[ORIGIN + c, lane] = origins[owner, c]
             known[DIRECTION + c, lane] = directions[ray, c] * scale
         known[START, lane] = start[ray]
-    ox, oy, oz = load(known, (0, 0), none), load(known, (1, 0), none), load(known, (2, 0), none)
-    dx, dy, dz = load(known, (3, 0), none), load(known, (4, 0), none), load(known, (5, 0), none)
-    near, far = box_span(ox, oy, oz, dx, dy, dz)
-    return (ox, oy, oz), (dx, dy, dz), max(near, load(known, (START, 0), none)), far
+    o, d = three_of(known, ORIGIN, none), three_of(known, DIRECTION, none)
+    near, far = box_span(o[0], o[1], o[2], d[0], d[1], d[2])
+    return o, d, max(near, load(known, (START, 0), none)), far
 
 
 @function
@@ -74,7 +73,7 @@ def walk(origins, owners, directions, scale, start, step, blocking, passing, hal
     """
     cells, count, asked = np.float32(blocking.shape[0]), passing.shape[0], half.shape[0] > 0
     last = cells - np.float32(1.0)
-    known = np.empty((COLUMNS, CROWD), np.float32)
+    known = np.empty((ROOM, CROWD), np.float32)
     for base in range(0, count, CROWD):
         o, d, t, far = enter(known, base, origins, owners, directions, scale, start)
         o, d = times(cells, o), times(cells, d)
