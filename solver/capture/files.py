@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import errno
 import json
-import math
 import os
 import re
 import stat
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from .errors import CaptureError, shown
+from .errors import CaptureError
 
 LARGEST_TEXT = 1 << 28
 """bytes; a camera file of a thousand photos with all its sparse points has a tenth of that"""
@@ -28,12 +25,9 @@ MOST_IN_JSON, MOST_IN_XML = LARGEST_TEXT >> 5, LARGEST_TEXT >> 4
 text. Those that say where a point is and who sees it are longer than 32 bytes, and 16, in the mean."""
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 """how text in it begins"""
-
-
 _NO_TEXT = re.compile(r"[\x00-\x08\x0e-\x19\x1c-\x1f]")
 """control characters that no text has"""
 _ENCODING = re.compile(rb"""(?<=\s)encoding\s*=\s*["'][\w.-]*["']""")
-_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+(e[+-]?\d+)?", re.I)
 
 
 def read_bytes(path: Path, largest: int = LARGEST_TEXT) -> bytes:
@@ -236,124 +230,3 @@ def _check_inside(path: Path, count: int, most: int, what: str) -> None:
             path, "", f"it has more than {most >> 20} million {what}, which no camera file has",
             "give the camera file",
         )  # fmt: skip
-
-
-def number(path: Path, field: str, value: Any) -> float:
-    """A finite number from a number or its text.
-
-    Raises:
-        CaptureError: anything else.
-    """
-    try:
-        if isinstance(value, (int, float, str)) and not isinstance(value, bool):
-            found = float(value)
-            if math.isfinite(found):
-                return found
-    except (ValueError, OverflowError):
-        pass
-    raise CaptureError(path, field, f"'{shown(value)}' is not a number", "correct the value")
-
-
-def numbers(path: Path, field: str, values: Any, count: int | None = None) -> np.ndarray:
-    """Finite numbers [N] double, from a list or from text with blanks or commas between them.
-
-    Args:
-        count: how many there must be, if that is known.
-
-    Raises:
-        CaptureError: anything else.
-    """
-    if isinstance(values, str):
-        words = values.split()
-        if (len(words) == count or count is None and len(words) > 1) and any(
-            _DECIMAL_COMMA.fullmatch(word) for word in words
-        ):
-            raise CaptureError(
-                path,
-                field,
-                f"'{shown(values)}' has decimal commas",
-                "export it with decimal points",
-            )
-        values = values.replace(",", " ").split()
-    if not isinstance(values, (list, tuple)) or (count is not None and len(values) != count):
-        wanted = "numbers" if count is None else f"{count} numbers"
-        words = isinstance(values, list) and all(isinstance(value, str) for value in values)
-        text = shown(" ".join(values) if words else values)
-        raise CaptureError(path, field, f"'{text}' is not {wanted}", "export it again")
-    return np.array([number(path, field, value) for value in values], dtype=np.float64)
-
-
-def mapping(path: Path, field: str, value: Any) -> dict:
-    """The value itself, if it is a JSON object.
-
-    Raises:
-        CaptureError: anything else.
-    """
-    if not isinstance(value, dict):
-        raise CaptureError(path, field, f"'{shown(value)}' is not an object", "export it again")
-    return value
-
-
-def entries(path: Path, field: str, value: Any) -> list:
-    """The value itself, if it is a list; an absent or empty value is an empty list.
-
-    Raises:
-        CaptureError: anything else.
-    """
-    if value in (None, "", {}):
-        return []
-    if not isinstance(value, list):
-        raise CaptureError(path, field, f"'{shown(value)}' is not a list", "export it again")
-    return value
-
-
-def rigid_pose(path: Path, field: str, value: Any) -> np.ndarray:
-    """A rigid [4, 4] double from a [4, 4] or [3, 4] matrix; a uniform scale of its axes is dropped.
-
-    Raises:
-        CaptureError: no such matrix, or one that is singular, sheared or mirrors the world.
-    """
-    remedy = "solve or export the cameras again"
-    matrix = _pose_matrix(value)
-    if matrix is None:
-        raise CaptureError(path, field, "a pose must be a 4 × 4 matrix of numbers", remedy)
-    if not np.isfinite(matrix).all() or np.abs(matrix).max() > 1e12:
-        raise CaptureError(path, field, "the pose holds a value that is not a number", remedy)
-    u, scale, vt = np.linalg.svd(matrix[:3, :3])
-    if scale[2] < 1e-6 * max(scale[0], 1e-12):
-        raise CaptureError(path, field, "the pose's rotation is singular", remedy)
-    if scale[0] > 1.02 * scale[2]:
-        raise CaptureError(path, field, "the pose's axes are not at right angles", remedy)
-    if np.linalg.det(matrix[:3, :3]) < 0:
-        raise CaptureError(path, field, "the pose mirrors the world", remedy)
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = u @ vt, matrix[:3, 3]
-    return pose
-
-
-def check_quaternion(path: Path, field: str, quaternion: Sequence[float], remedy: str) -> None:
-    """Make sure that four numbers, in whatever order, are about a unit quaternion.
-
-    Raises:
-        CaptureError: they are not.
-    """
-    if not 0.5 < np.linalg.norm(quaternion) < 2:
-        raise CaptureError(path, field, "its quaternion is no rotation", remedy)
-
-
-def is_no_pose(value: Any) -> bool:
-    """True for what programs write where they could not align a photo: null, or a matrix of the right
-    shape that holds what is no number, or zeros alone."""
-    if value is None:
-        return True
-    matrix = _pose_matrix(value)
-    return matrix is not None and not (np.isfinite(matrix).all() and matrix[:3].any())
-
-
-def _pose_matrix(value: Any) -> np.ndarray | None:
-    """A double [4, 4] or [3, 4], whatever its numbers are; None for anything else."""
-    try:
-        matrix = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        return None
-    return matrix if matrix.shape in ((4, 4), (3, 4)) else None

@@ -11,7 +11,7 @@ import numpy as np
 from .camera import Camera
 from .capture import Capture, region_seen_by
 from .errors import CaptureError, shown
-from .files import rigid_pose
+from .fields import rigid_pose
 from .image_header import EXTENSIONS, UnknownSize, image_orientation, image_size, is_raw
 from .lenses import is_usable
 from .mask_finder import none_fits

@@ -3,7 +3,8 @@
 import pytest
 
 from solver.capture.errors import CaptureError
-from solver.capture.files import numbers, read_text, read_xml
+from solver.capture.fields import numbers
+from solver.capture.files import read_text, read_xml
 
 
 def test_text_in_a_code_page_keeps_its_bytes_and_binary_files_are_no_text(tmp_path):

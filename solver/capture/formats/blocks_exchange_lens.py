@@ -28,7 +28,7 @@ import numpy as np
 
 from ..brown_lens import polynomial_lens
 from ..errors import CaptureError, shown
-from ..files import number
+from ..fields import number
 from ..fisheye_power import of_quarter_turns
 from ..intake import Intrinsics
 

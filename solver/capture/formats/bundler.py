@@ -16,7 +16,8 @@ import numpy as np
 
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import number, read_lines, rigid_pose, text_head
+from ..fields import number, rigid_pose
+from ..files import read_lines, text_head
 from ..frames import invert_pose
 from ..image_header import EXTENSIONS as PICTURES
 from ..image_header import image_size

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import CaptureError, shown
+from ..fields import number as checked_number
 from ..files import head_of, read_lines
-from ..files import number as checked_number
 from ..sparse_points import SparsePoints
 from .colmap_model import KINDS, MODELS, UNMOVED, Frames, Image, Rigs, Sensor
 

@@ -16,7 +16,8 @@ import numpy as np
 
 from ..capture import Capture
 from ..errors import CaptureError
-from ..files import mapping, number, numbers, read_json, text_head
+from ..fields import mapping, number, numbers
+from ..files import read_json, text_head
 from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder

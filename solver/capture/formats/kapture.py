@@ -23,7 +23,8 @@ import numpy as np
 
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import check_quaternion, number, numbers, read_lines, text_head
+from ..fields import check_quaternion, number, numbers
+from ..files import read_lines, text_head
 from ..frames import invert_pose, pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder

@@ -22,7 +22,8 @@ import numpy as np
 
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import number, numbers, read_xml, text_head
+from ..fields import number, numbers
+from ..files import read_xml, text_head
 from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder

@@ -24,7 +24,7 @@ from xml.etree.ElementTree import Element
 
 from ..brown_lens import polynomial_lens
 from ..errors import CaptureError, shown
-from ..files import number, numbers
+from ..fields import number, numbers
 from ..intake import Intrinsics
 
 _FISHEYES = ("fisheye", "equidistant_fisheye", "equidistant fisheye")

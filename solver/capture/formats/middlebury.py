@@ -19,7 +19,8 @@ import numpy as np
 from ..camera_folder import matrix_of
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import read_lines, rigid_pose, text_head
+from ..fields import rigid_pose
+from ..files import read_lines, text_head
 from ..frames import invert_pose, pose_opengl_from_opencv
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble

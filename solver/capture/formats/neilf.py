@@ -19,7 +19,8 @@ import numpy as np
 
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import json_head, mapping, number, numbers, read_json, rigid_pose
+from ..fields import mapping, number, numbers, rigid_pose
+from ..files import json_head, read_json
 from ..frames import invert_pose, pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder

@@ -18,7 +18,8 @@ from pathlib import Path
 from ..camera_folder import MOST_FILES
 from ..capture import Capture
 from ..errors import CaptureError
-from ..files import json_head, mapping, number, numbers, read_json
+from ..fields import mapping, number, numbers
+from ..files import json_head, read_json
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
 from ..picture_names import numbered

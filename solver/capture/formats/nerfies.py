@@ -21,7 +21,8 @@ from ..brown_lens import polynomial_lens
 from ..camera_folder import files_in
 from ..capture import Capture
 from ..errors import CaptureError
-from ..files import entries, json_head, mapping, number, numbers, read_json, rigid_pose
+from ..fields import entries, mapping, number, numbers, rigid_pose
+from ..files import json_head, read_json
 from ..frames import invert_pose, pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble
 from ..npy_files import read_npy

@@ -16,7 +16,8 @@ from pathlib import Path
 from ..camera_folder import LARGEST_FILE, files_in
 from ..capture import Capture
 from ..errors import CaptureError
-from ..files import head_of, is_no_pose, rigid_pose
+from ..fields import is_no_pose, rigid_pose
+from ..files import head_of
 from ..frames import invert_pose, pose_opengl_from_opencv
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble, without_pose

@@ -20,7 +20,8 @@ import numpy as np
 
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import entries, json_head, mapping, numbers, read_json
+from ..fields import entries, mapping, numbers
+from ..files import json_head, read_json
 from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder

@@ -19,7 +19,8 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import entries, json_head, mapping, number, numbers, read_json
+from ..fields import entries, mapping, number, numbers
+from ..files import json_head, read_json
 from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder

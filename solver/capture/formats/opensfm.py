@@ -32,7 +32,8 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import mapping, number, numbers, read_json, rigid_pose, text_head
+from ..fields import mapping, number, numbers, rigid_pose
+from ..files import read_json, text_head
 from ..frames import invert_pose, pose_opengl_from_opencv, rotation_from_quaternion
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder

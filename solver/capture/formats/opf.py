@@ -29,7 +29,8 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import entries, file_below, json_head, mapping, number, numbers, read_json
+from ..fields import entries, mapping, number, numbers
+from ..files import file_below, json_head, read_json
 from ..fisheye_power import of_quarter_turns
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder

@@ -15,7 +15,8 @@ from urllib.parse import unquote
 import numpy as np
 
 from ..errors import CaptureError, shown
-from ..files import entries, file_below, mapping, numbers, read_json
+from ..fields import entries, mapping, numbers
+from ..files import file_below, read_json
 from ..sparse_points import MOST_POINTS
 
 Z_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])

@@ -31,7 +31,8 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import number, numbers, read_lines, rigid_pose, text_head
+from ..fields import number, numbers, rigid_pose
+from ..files import read_lines, text_head
 from ..frames import invert_pose, pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder

@@ -17,7 +17,8 @@ from typing import Any
 from ..camera_folder import files_in
 from ..capture import Capture
 from ..errors import CaptureError
-from ..files import json_head, number, read_json
+from ..fields import number
+from ..files import json_head, read_json
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
 

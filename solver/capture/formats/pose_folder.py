@@ -29,7 +29,8 @@ import numpy as np
 from ..camera_folder import files_in, matrix_of, photo_folder, words_of
 from ..capture import Capture
 from ..errors import CaptureError
-from ..files import is_no_pose, rigid_pose, text_head
+from ..fields import is_no_pose, rigid_pose
+from ..files import text_head
 from ..frames import invert_pose, pose_opengl_from_opencv
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble, without_pose

@@ -22,7 +22,8 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..capture import Capture
 from ..errors import CaptureError
-from ..files import as_text, head_of, number, read_text, rigid_pose
+from ..fields import number, rigid_pose
+from ..files import as_text, head_of, read_text
 from ..frames import invert_pose, pose_opengl_from_opencv
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble

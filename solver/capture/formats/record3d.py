@@ -18,7 +18,8 @@ import numpy as np
 
 from ..capture import Capture
 from ..errors import CaptureError
-from ..files import json_head, number, numbers, read_json
+from ..fields import number, numbers
+from ..files import json_head, read_json
 from ..frames import rotation_from_quaternion
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder

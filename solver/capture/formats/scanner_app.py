@@ -13,7 +13,8 @@ from pathlib import Path
 from ..camera_folder import files_in
 from ..capture import Capture
 from ..errors import CaptureError
-from ..files import json_head, numbers, read_json
+from ..fields import numbers
+from ..files import json_head, read_json
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder

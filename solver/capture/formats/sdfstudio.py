@@ -15,7 +15,8 @@ import numpy as np
 
 from ..capture import Capture
 from ..errors import CaptureError
-from ..files import entries, json_head, mapping, number, numbers, read_json
+from ..fields import entries, mapping, number, numbers
+from ..files import json_head, read_json
 from ..frames import pose_opengl_from_opencv
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble

@@ -21,7 +21,8 @@ import numpy as np
 from ..camera_folder import LARGEST_FILE
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import as_text, check_quaternion, number, numbers, read_bytes, read_lines, text_head
+from ..fields import check_quaternion, number, numbers
+from ..files import as_text, read_bytes, read_lines, text_head
 from ..frames import pose_opengl_from_opencv, rotation_from_quaternion
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble

@@ -20,7 +20,8 @@ import numpy as np
 from ..camera import Camera
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import is_no_pose, json_head, read_json
+from ..fields import is_no_pose
+from ..files import json_head, read_json
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder

@@ -13,7 +13,7 @@ from typing import Any
 from ..brown_lens import polynomial_lens
 from ..camera import Camera
 from ..errors import CaptureError
-from ..files import number, numbers
+from ..fields import number, numbers
 
 _PANORAMAS = ("EQUIRECTANGULAR", "SPHERICAL")
 _CUT = "cut the panoramas into perspective photos and solve or export their cameras"

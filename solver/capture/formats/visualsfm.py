@@ -16,7 +16,8 @@ import numpy as np
 
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..files import numbers, read_lines, rigid_pose, text_head
+from ..fields import numbers, rigid_pose
+from ..files import read_lines, text_head
 from ..frames import invert_pose, pose_opengl_from_opencv, rotation_from_quaternion
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
