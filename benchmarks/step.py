@@ -2,6 +2,7 @@
 
     python benchmarks/step.py                           the CPU: numba, Warp and plain torch
     python benchmarks/step.py --device cuda --capture scenes/materials --preset standard
+    python benchmarks/step.py --short                   the device's fastest path and plain torch, a few steps
 
 Steps are those of a fit that has just begun on its finest grid; the paths take them in turn, so that a
 machine that gets slower does so for all. On a card they are also replayed, as a fit does it. Torch's
@@ -41,6 +42,8 @@ PATHS = {
     "cpu": ("torch", "numba", "warp"), "cuda": ("torch", "warp", REPLAYED), "mps": ("torch",),
 }  # fmt: skip
 WARM_UP, ROUNDS = 2, 3
+SHORT = 2
+"""steps of the only round of a short run"""
 
 
 def main() -> None:
@@ -51,6 +54,7 @@ def main() -> None:
     parser.add_argument("--preset", default="draft")
     parser.add_argument("--device", default="cpu", choices=list(PATHS))
     parser.add_argument("--steps", type=int, default=10, help="a round")
+    parser.add_argument("--short", action="store_true", help="two paths, a few steps each")
     parser.add_argument("--set", action="append", default=[], metavar="section.field=value")
     options = parser.parse_args()
     settings = settings_for(
@@ -58,7 +62,9 @@ def main() -> None:
     )  # fmt: skip
     capture = read_capture(options.capture)
     photos = load_photos(capture)
-    paths = PATHS[options.device]
+    paths, rounds, steps = PATHS[options.device], ROUNDS, options.steps
+    if options.short:
+        paths, rounds, steps = paths[:2], 1, SHORT
     trainers, seconds = {}, {path: [] for path in paths}
     for path in paths:
         with on(path):
@@ -70,11 +76,11 @@ def main() -> None:
             if path != REPLAYED:
                 trainers[path].replay = None
             take_steps(trainers[path], WARM_UP, options.device)
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         for path in paths:
             with on(path):
-                took = take_steps(trainers[path], options.steps, options.device)
-                seconds[path].append(took / options.steps)
+                took = take_steps(trainers[path], steps, options.device)
+                seconds[path].append(took / steps)
     print(
         f"{describe_machine()}; {options.capture.resolve().name}, {options.preset}, {options.device}.\n"
     )
