@@ -12,7 +12,7 @@ import warp as wp
 from .skipping import DEPTHS_PER_UNIT
 from .skipping import EMPTY as EMPTY_CODE
 from .vectors_warp import vector
-from .vm_warp import raw_density
+from .vm_point_warp import raw_density
 from .warp_device import launch
 
 # A thread walks a ray, sample after sample, and a step has few of them: they are spread over the card.

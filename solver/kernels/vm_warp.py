@@ -10,19 +10,20 @@ from __future__ import annotations
 import torch
 import warp as wp
 
+from .vm_point_warp import (
+    Cell,
+    axis_a,
+    axis_b,
+    axis_c,
+    cell_of,
+    line_at,
+    plane_at,
+    point_of,
+    raw_density,
+)
 from .warp_device import launch
 
 wp.set_module_options({"enable_backward": False, "fast_math": True})
-
-
-@wp.struct
-class Cell:
-    """Where a coordinate lies among the nodes of an axis, and the nodes before and after."""
-
-    before: int
-    lower: int
-    after: int
-    fraction: float
 
 
 @wp.struct
@@ -34,67 +35,6 @@ class Stencil:
     along_b: float
     line: float
     along_c: float
-
-
-@wp.func
-def axis_a(k: int):
-    return wp.where(k == 2, 1, 0)
-
-
-@wp.func
-def axis_b(k: int):
-    return wp.where(k == 0, 1, 2)
-
-
-@wp.func
-def axis_c(k: int):
-    return 2 - k
-
-
-@wp.func
-def cell_of(x: float, size: int):
-    cell = Cell()
-    clamped = wp.clamp(x, 0.0, float(size - 1))
-    cell.lower = wp.min(int(clamped), size - 2)
-    cell.before = wp.max(cell.lower - 1, 0)
-    cell.after = wp.min(cell.lower + 2, size - 1)
-    cell.fraction = clamped - float(cell.lower)
-    return cell
-
-
-@wp.func
-def plane_at(planes: wp.array4d(dtype=float), k: int, a: Cell, b: Cell, ch: int):
-    u = a.fraction
-    v = b.fraction
-    i = a.lower
-    j = b.lower
-    near = planes[k, i, j, ch] * (1.0 - v) + planes[k, i, j + 1, ch] * v
-    far = planes[k, i + 1, j, ch] * (1.0 - v) + planes[k, i + 1, j + 1, ch] * v
-    return near * (1.0 - u) + far * u
-
-
-@wp.func
-def line_at(lines: wp.array3d(dtype=float), k: int, c: Cell, ch: int):
-    return lines[k, c.lower, ch] * (1.0 - c.fraction) + lines[k, c.lower + 1, ch] * c.fraction
-
-
-@wp.func
-def raw_density(point: wp.vec3, planes: wp.array4d(dtype=float), lines: wp.array3d(dtype=float)):
-    """The VM sum at one point in grid units."""
-    size = planes.shape[1]
-    total = float(0.0)
-    for k in range(3):
-        a = cell_of(point[axis_a(k)], size)
-        b = cell_of(point[axis_b(k)], size)
-        c = cell_of(point[axis_c(k)], size)
-        for ch in range(planes.shape[3]):
-            total += plane_at(planes, k, a, b, ch) * line_at(lines, k, c, ch)
-    return total
-
-
-@wp.func
-def point_of(points: wp.array2d(dtype=float), n: int):
-    return wp.vec3(points[n, 0], points[n, 1], points[n, 2])
 
 
 @wp.kernel
