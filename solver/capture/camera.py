@@ -53,8 +53,8 @@ class Camera:
 
     @property
     def view_direction(self) -> np.ndarray:
-        """Unit world direction [3] of the optical axis; of a panorama, which has none, that of its picture's
-        middle."""
+        """Unit world direction [3] of the optical axis; of a panorama, which has none, that of its
+        picture's middle."""
         return -self.camera_to_world[:3, 2]
 
     @property
@@ -101,7 +101,7 @@ class Camera:
 
     @property
     def pixel_angle(self) -> float:
-        """Angular width of a pixel on the optical axis (on a panorama's equator), rad; the root of its solid
+        """Angular width of a pixel on the optical axis (a panorama's equator), rad; the root of its solid
         angle."""
         return (self.fx * self.fy) ** -0.5
 

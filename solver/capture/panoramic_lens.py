@@ -39,7 +39,7 @@ def is_usable(distortion: tuple[float, ...]) -> bool:
 
 
 def distort(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Image coordinates (x, y) [N], rad, of directions [N, 3] in OpenCV's camera axes; NaN of none at all."""
+    """Image coordinates (x, y) [N], rad, of directions [N, 3] in OpenCV's camera axes; NaN of zero."""
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     level = np.hypot(x, z)
     azimuth, elevation = np.arctan2(x, z), np.arctan2(y, level)

@@ -43,8 +43,8 @@ def kind_of(sensor: Element) -> str:
 
 
 def is_other_panorama(sensor: Element) -> bool:
-    """Whether a sensor's photos are panoramas, but not just of all directions: on a cylinder, or with numbers
-    of a lens that changes that."""
+    """Whether a sensor's photos are panoramas, but not just of all directions: on a cylinder, or with a
+    lens's numbers, which change that."""
     kind = kind_of(sensor)
     return kind == "cylindrical" or (
         kind == _PANORAMA

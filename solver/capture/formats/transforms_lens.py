@@ -3,8 +3,8 @@
 nerfstudio also reads `distortion_params`, a list of OpenCV's numbers in an order of its own; for Project
 Aria's cameras, FISHEYE624, that is k0 … k5, p0, p1, s0 … s3. Its fisheyes may have p1 and p2: the whole
 polynomial acts on the equidistant picture (`_generate_rays_from_coords` in its cameras.py), where
-EQUIRECTANGULAR has focal lengths of half a turn (width / 2, height). instant-ngp's `latlong` is that panorama
-of all directions, too; its `equirectangular` is another, of equal areas (`common_device.cuh`).
+EQUIRECTANGULAR has focal lengths of half a turn (width / 2, height). instant-ngp's `latlong` is that
+panorama of all directions, too; its `equirectangular` is another, of equal areas (`common_device.cuh`).
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ def _is_set(values: dict, key: str) -> bool:
 def focal_lengths_of_panorama(
     path: Path, where: str, values: dict, width: int, height: int
 ) -> tuple[float, float]:
-    """fx and fy, pixels per radian, of a panorama of so many pixels: of all directions, if it says no other.
+    """fx and fy, pixels per radian, of a panorama of so many pixels: of all directions, if none are stated.
 
     Raises:
         CaptureError: its picture would show more than that.
