@@ -129,18 +129,19 @@ class Camera:
         depth = np.linalg.norm(local, axis=1) if self.is_panoramic else local[:, 2]
         return np.stack([x * self.fx + self.cx, y * self.fy + self.cy], axis=-1), depth
 
-    def pixels_per_unit(self, points: np.ndarray, depth: np.ndarray) -> np.ndarray:
-        """Pixels [N] of the whole photo, along a row or a column, whichever are more, that a world unit
-        across measures at world points [N, 3] of depths [N] (`project`).
+    def depths_of_scale(self, points: np.ndarray, depth: np.ndarray) -> np.ndarray:
+        """Depths [N] by which the greater focal length is divided for the pixels that a world unit across
+        measures, at most, at world points [N, 3] of depths [N] (`project`): these, but of a panorama.
 
-        A panorama's rows are longer than the sphere is around, the more the steeper it looks there.
+        Its rows are as long above and below as they are on its equator, while what they show gets smaller.
         """
-        largest = max(self.fx, self.fy)
         if not self.is_panoramic:
-            return largest / depth
+            return depth
         upward, offset = self.camera_to_world[:3, 1], points - self.position
         level = np.linalg.norm(offset - (offset @ upward)[:, None] * upward, axis=1)
-        return np.maximum(self.fx / np.maximum(level, 1e-12), self.fy / depth)
+        largest = max(self.fx, self.fy)
+        scaled = np.minimum(level * largest / self.fx, depth * largest / self.fy)
+        return np.maximum(scaled, 1e-9 * depth)  # right above and below a row has no end
 
     def in_frame(self, points: np.ndarray) -> np.ndarray:
         """[N] true where a world point [N, 3] before the camera lies within the photo's edges."""
