@@ -14,6 +14,7 @@ from ...solver.capture.camera import Camera
 from ...solver.capture.errors import CaptureError
 from ...solver.capture.image_header import UnknownSize, image_size
 from .images import stored_path
+from .panoramic_camera import PANORAMIC_TYPE, make_panoramic, panorama_of
 
 SENSOR_WIDTH = 36.0  # mm; only its ratio to the focal length matters
 LENS, DISTORTION, ASPECT, MASK = "nmf_lens", "nmf_distortion", "nmf_fy_over_fx", "nmf_mask"
@@ -36,19 +37,20 @@ def add_camera(
     Args:
         frame: see `fit_photos`.
         shown: what to show in place of the photo, such as its undistorted copy; the photo is kept
-            as a second background that is off.
+            as a second background that is off. Of a panorama nothing is shown, just kept.
     """
     data = bpy.data.cameras.new(camera.name)
     _fit_sensor(data, camera, frame)
     data.display_size = 0.2
     if image is not None:
-        data.show_background_images = True
+        data.show_background_images = not camera.is_panoramic
         for picture in filter(None, (shown, image)):
-            _add_background(data, picture, picture is (shown or image))
+            on = picture is (shown or image) and not camera.is_panoramic
+            _add_background(data, picture, on)
     data[SIZE] = [camera.width, camera.height]
     data[LENS] = camera.lens
     data[DISTORTION] = list(camera.distortion) or [0.0]
-    data[ASPECT] = camera.fy / camera.fx
+    data[ASPECT] = aspect_of(camera)
     if camera.mask_path is not None:
         data[MASK] = _beside(camera.mask_path, camera.image_path)
         data[MASK_FILES] = sorted({stored_path(camera.mask_path), str(camera.mask_path)})
@@ -76,9 +78,17 @@ def _mask_of(data: bpy.types.Camera, photo: Path) -> Path | None:
     return next((path for path in (beside, *before) if path.is_file()), beside)
 
 
+def aspect_of(camera: Camera) -> float:
+    """Width over height of a pixel; 1 of a panorama, whose rows and columns are angles."""
+    return 1.0 if camera.is_panoramic else camera.fy / camera.fx
+
+
 def _fit_sensor(data: bpy.types.Camera, camera: Camera, frame: float) -> None:
     """Intrinsics of a camera, such that the scene lies under its photo in a frame (see `fit_photos`)."""
-    aspect = camera.fy / camera.fx
+    if camera.is_panoramic:
+        make_panoramic(data)
+        return
+    aspect = aspect_of(camera)
     tall = camera.height / aspect  # in widths of a pixel
     upright = camera.width < frame * tall
     data.sensor_fit = "VERTICAL" if upright else "HORIZONTAL"
@@ -173,7 +183,8 @@ def to_solver(item: bpy.types.Object, to_capture: Matrix) -> Camera:
         to_capture: world to capture space.
 
     Raises:
-        CaptureError: no photo, the photo cannot be loaded, or the camera is no perspective one.
+        CaptureError: no photo, the photo cannot be loaded, or the camera is neither a perspective one nor a
+            panorama of all directions.
     """
     image = photo_of(item)
     if image is None:
@@ -210,12 +221,17 @@ def camera_of(
             in `data`.
 
     Raises:
-        CaptureError: it is no perspective camera.
+        CaptureError: it is neither a perspective camera nor a panorama of all directions.
     """
+    if data.type == PANORAMIC_TYPE:
+        return Camera(
+            camera_to_world=np.array(pose.normalized()), width=width, height=height,
+            **(others | panorama_of(data, width, height)),
+        )  # fmt: skip
     if data.type != "PERSP":
         raise CaptureError(
             data.name, "type", f"a camera of the type {data.type.title()} is not understood",
-            "set its lens type to Perspective, if that is how its photo was taken",
+            "set its lens type to Perspective or Panoramic, if that is how its photo was taken",
         )  # fmt: skip
     aspect = float(data.get(ASPECT, 1.0)) if aspect is None else aspect
     # Blender measures in widths of a pixel, also along a column of them.

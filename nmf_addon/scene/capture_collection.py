@@ -90,8 +90,10 @@ def _add_capture(
     for number, camera in enumerate(capture.cameras):
         progress.progress_update(number)
         image = images[camera.image_path]
-        differs = blender_shows(camera.image_path) and (
-            is_distorted(camera) or turn_of(camera) != 1
+        differs = (
+            not camera.is_panoramic
+            and blender_shows(camera.image_path)
+            and (is_distorted(camera) or turn_of(camera) != 1)
         )
         shown = undistorted_copy(camera, image) if differs else None
         item = add_camera(camera, image, shown, frame)

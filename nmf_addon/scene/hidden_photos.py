@@ -11,6 +11,7 @@ from .background import undistorted_copy
 from .cameras import UNDISTORTED, photo_of, photo_path, show_behind, to_solver
 from .capture_collection import to_capture_space
 from .images import load_picture
+from .panoramic_camera import PANORAMIC_TYPE
 
 
 def hidden_cameras(collection: bpy.types.Collection) -> list[bpy.types.Object]:
@@ -47,6 +48,8 @@ def show_pictures(collection: bpy.types.Collection, pictures: dict[str, str]) ->
 
 def _is_hidden(item: bpy.types.Object) -> bool:
     photo = photo_of(item)
+    if item.data.type == PANORAMIC_TYPE:
+        return False  # no photo is shown behind one
     if photo is None or blender_shows(Path(photo.filepath)):
         return False
     images = (background.image for background in item.data.background_images)

@@ -84,7 +84,7 @@ def match_photo(scene: bpy.types.Scene) -> None:
 
 
 def match_resolution(scene: bpy.types.Scene, width: int, height: int, aspect: float = 1.0) -> None:
-    """Render at a photo's size; `aspect` is fy/fx."""
+    """Render at a photo's size; `aspect` is a pixel's width over its height."""
     scene.render.resolution_x, scene.render.resolution_y = width, height
     scene.render.resolution_percentage = 100
     scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = (

@@ -12,7 +12,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ...solver.capture.camera import Camera
-from .cameras import add_camera
+from .cameras import add_camera, aspect_of
 from .match_solver import match_resolution
 
 
@@ -34,7 +34,7 @@ def render_cameras(
         item.parent = root
         scene.collection.objects.link(item)
         scene.camera = item
-        match_resolution(scene, camera.width, camera.height, camera.fy / camera.fx)
+        match_resolution(scene, camera.width, camera.height, aspect_of(camera))
         files.append(_render(scene, folder / camera.name))
         data = item.data
         bpy.data.objects.remove(item)

@@ -13,6 +13,7 @@ import numpy as np
 
 from .frames import opencv_from_opengl, opengl_from_opencv, scale_and_rotation
 from .lenses import LENSES, distort, undistort
+from .panoramic_lens import PANORAMIC
 
 __all__ = ["LENSES", "Camera", "positions_of"]
 
@@ -25,7 +26,7 @@ class Camera:
         name: unique, safe as a file name; outputs are named after it.
         image_path: the photo; None for a camera that only renders.
         camera_to_world: [4, 4] double, a rotation and a translation in world units.
-        fx, fy, cx, cy: focal lengths and principal point in pixels.
+        fx, fy, cx, cy: focal lengths and principal point in pixels; of a panorama pixels per radian.
         lens: one of `LENSES`.
         distortion: OpenCV's k1 k2 p1 p2 k3 k4 k5 k6 (`opencv`) or k1 k2 k3 k4 (`opencv_fisheye`);
             other lenses' numbers in the order their modules give (see `lenses`).
@@ -52,8 +53,14 @@ class Camera:
 
     @property
     def view_direction(self) -> np.ndarray:
-        """Unit world direction [3] of the optical axis."""
+        """Unit world direction [3] of the optical axis; of a panorama, which has none, that of its
+        picture's middle."""
         return -self.camera_to_world[:3, 2]
+
+    @property
+    def is_panoramic(self) -> bool:
+        """It looks all around: where its picture's middle is says nothing of what the photo is of."""
+        return self.lens in PANORAMIC
 
     def seen_from(self, origin: np.ndarray) -> Camera:
         """The camera in the same world with its origin at `origin` [3]."""
@@ -94,7 +101,8 @@ class Camera:
 
     @property
     def pixel_angle(self) -> float:
-        """Angular width of a pixel on the optical axis, rad; the root of its solid angle."""
+        """Angular width of a pixel on the optical axis (a panorama's equator), rad; the root of its solid
+        angle."""
         return (self.fx * self.fy) ** -0.5
 
     def rays(self, columns: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -111,13 +119,29 @@ class Camera:
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pixel positions [N, 2] (column, row) and depths [N] of world points [N, 3].
 
-        Depth is the distance along the optical axis. The pixel is NaN where the lens does not see:
-        depth not positive (a fisheye may see behind itself), or beyond the distortion's fold.
+        Depth is the distance along the optical axis, of a panorama that from the camera. The pixel is NaN
+        where the lens does not see: depth not positive (a fisheye may see behind itself), or beyond the
+        distortion's fold.
         """
         offset = np.asarray(points, dtype=np.float64) - self.position
         local = opencv_from_opengl(offset @ self.camera_to_world[:3, :3])
         x, y = distort(self.lens, tuple(self.distortion), local)
-        return np.stack([x * self.fx + self.cx, y * self.fy + self.cy], axis=-1), local[:, 2]
+        depth = np.linalg.norm(local, axis=1) if self.is_panoramic else local[:, 2]
+        return np.stack([x * self.fx + self.cx, y * self.fy + self.cy], axis=-1), depth
+
+    def depths_of_scale(self, points: np.ndarray, depth: np.ndarray) -> np.ndarray:
+        """Depths [N] by which the greater focal length is divided for the pixels that a world unit across
+        measures, at most, at world points [N, 3] of depths [N] (`project`): these, but of a panorama.
+
+        Its rows are as long above and below as they are on its equator, while what they show gets smaller.
+        """
+        if not self.is_panoramic:
+            return depth
+        upward, offset = self.camera_to_world[:3, 1], points - self.position
+        level = np.linalg.norm(offset - (offset @ upward)[:, None] * upward, axis=1)
+        largest = max(self.fx, self.fy)
+        scaled = np.minimum(level * largest / self.fx, depth * largest / self.fy)
+        return np.maximum(scaled, 1e-9 * depth)  # right above and below a row has no end
 
     def in_frame(self, points: np.ndarray) -> np.ndarray:
         """[N] true where a world point [N, 3] before the camera lies within the photo's edges."""

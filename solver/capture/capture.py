@@ -55,6 +55,8 @@ def region_seen_by(cameras: list[Camera], points: np.ndarray | None = None) -> n
 
     A cube around the point where the optical axes meet, as big as the views: the centre minimises
     the squared distance to all axes, the half edge is what the median camera sees to either side.
+    Panoramas have no axis: alone, they are taken to go around what they show, so the cube is around their
+    middle and reaches nearly to them; beside other cameras, those tell.
     Sparse points within it, where there are many, draw its faces closer. Masks will do so better, so
     with them points do not, and the longer side of the views counts; without, what lies along it is
     likely the room.
@@ -83,8 +85,13 @@ def evenly_taken(count: int, most: int) -> np.ndarray:
 
 def cube_seen_by(cameras: list[Camera]) -> np.ndarray:
     """World cube [2, 3] as big as the views of cameras, around what they look at (see `region_seen_by`)."""
+    cameras = [camera for camera in cameras if not camera.is_panoramic] or cameras
     positions = positions_of(cameras)
     axes = np.stack([camera.view_direction for camera in cameras])
+    if cameras[0].is_panoramic:
+        middle = 0.5 * (positions.min(0) + positions.max(0))
+        axes = middle - positions
+        axes /= np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-12)
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     system = across.sum(0) + 1e-6 * len(cameras) * np.eye(3)
     anchor = positions.mean(0)

@@ -2,8 +2,8 @@
 
 Image coordinates are ideal ones: x right, y down, at unit distance. `opencv` is the rational model
 k1 k2 p1 p2 k3 k4 k5 k6, `opencv_fisheye` the equidistant one k1 k2 k3 k4; missing numbers are 0.
-`brown_lens`, `closed_lenses`, `prism_lenses` and `fisheye_power` have those of other programs, with all
-their numbers.
+`brown_lens`, `closed_lenses`, `prism_lenses`, `fisheye_power` and `panoramic_lens` have those of other
+programs, with all their numbers.
 https://docs.opencv.org/4.x/d9/d0c/group__calib3d.html and .../db/d58/group__calib3d__fisheye.html
 
 Polynomials fold back somewhere: two directions on one pixel. Only the part up to the fold is the
@@ -16,14 +16,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from . import brown_lens, closed_lenses, fisheye_power, prism_lenses
+from . import brown_lens, closed_lenses, fisheye_power, panoramic_lens, prism_lenses
 from .brown_lens import BROWN, decentred
 from .closed_lenses import CLOSED
 from .fisheye_power import POWER
 from .lens_solve import WIDEST, first_positive_root, invert_growing, refine_in_plane
+from .panoramic_lens import PANORAMIC
 from .prism_lenses import PRISM
 
-LENSES = ("pinhole", "opencv", "opencv_fisheye", *BROWN, *CLOSED, *PRISM, *POWER)
+LENSES = ("pinhole", "opencv", "opencv_fisheye", *BROWN, *CLOSED, *PRISM, *POWER, *PANORAMIC)
 _LARGEST = 1e6
 """numbers of real lenses are tiny; squares of these still have room"""
 
@@ -34,6 +35,8 @@ def is_usable(lens: str, distortion: tuple[float, ...]) -> bool:
         return False
     if lens in CLOSED:
         return closed_lenses.is_usable(lens, distortion)
+    if lens in PANORAMIC:
+        return panoramic_lens.is_usable(distortion)
     return lens not in POWER or fisheye_power.is_usable(distortion)
 
 
@@ -50,6 +53,8 @@ def distort(
         return closed_lenses.distort(lens, distortion, directions)
     if lens in PRISM:
         return prism_lenses.distort(lens, distortion, directions)
+    if lens in PANORAMIC:
+        return panoramic_lens.distort(directions)
     if lens in POWER:
         return fisheye_power.distort(distortion, directions)
     x, y, z = np.moveaxis(directions, -1, 0)
@@ -88,6 +93,8 @@ def undistort(
         return closed_lenses.undistort(lens, distortion, x, y)
     if lens in PRISM:
         return prism_lenses.undistort(lens, distortion, x, y)
+    if lens in PANORAMIC:
+        return panoramic_lens.undistort(x, y)
     if lens in POWER:
         return fisheye_power.undistort(distortion, x, y)
     radius, limit = np.hypot(x, y), fold(lens, distortion)

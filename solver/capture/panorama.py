@@ -144,7 +144,7 @@ def panorama_of(
         if close is not None:
             away = places - camera.position
             towards[is_close] = away / np.linalg.norm(away, axis=1, keepdims=True)
-        near = np.flatnonzero(towards @ camera.view_direction >= _cosine_of_cone(camera))
+        near = np.flatnonzero(towards @ camera.view_direction >= _cosine_of_cone(camera) - 1e-6)
         at, inside, _ = camera.pixels_of(camera.position + towards[near], object_.shape)
         free = ~object_[at]
         texel = near[inside][free]
@@ -175,9 +175,11 @@ class Comparison:
 
     def __init__(self, cameras: Sequence[Camera], colours: Sequence[np.ndarray]):
         self.cameras, self.colours = cameras, colours
-        # What lies between two pixels counts as well.
-        self._low = [scipy.ndimage.minimum_filter(c, (3, 3, 1)) - SAME for c in colours]
-        self._high = [scipy.ndimage.maximum_filter(c, (3, 3, 1)) + SAME for c in colours]
+        # What lies between two pixels counts as well, also between a panorama's last and its first column.
+        modes = [["reflect", "wrap" if c.is_panoramic else "reflect", "reflect"] for c in cameras]
+        around = list(zip(colours, modes, strict=True))
+        self._low = [scipy.ndimage.minimum_filter(c, (3, 3, 1), mode=m) - SAME for c, m in around]
+        self._high = [scipy.ndimage.maximum_filter(c, (3, 3, 1), mode=m) + SAME for c, m in around]
         self._axes = np.stack([camera.view_direction for camera in cameras])
         self._cones = np.arccos([_cosine_of_cone(camera) for camera in cameras])
 
@@ -224,7 +226,9 @@ def _directions(camera: Camera, shape: tuple[int, int]) -> np.ndarray:
 
 
 def _cosine_of_cone(camera: Camera) -> float:
-    """Cosine between the optical axis and what a photo's edge shows farthest from it."""
+    """Cosine between the optical axis and what a photo's edge shows farthest from it; −1 of a panorama."""
+    if camera.is_panoramic:
+        return -1.0
     width, height = camera.width, camera.height
     along = np.linspace(0, 1, 9)
     column = np.concatenate([along * width, along * width, 0 * along, 0 * along + width])

@@ -1,7 +1,7 @@
 """What photos of known cameras have in common: SIFT features, found and matched with COLMAP.
 
 Features (Lowe 2004, doi:10.1023/B:VISI.0000029664.99615.94) are told as pixels of a pinhole without the
-lens's distortion, so that all that follows knows no lenses.
+lens's distortion, or of a panorama of all directions, so that all that follows knows no other lenses.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from ..threads import usable_cores
 from .camera import Camera, positions_of
 from .colour import linear_to_srgb
 from .frames import invert_pose, opencv_from_opengl, pose_opencv_from_opengl
+from .lenses import undistort
+from .panoramic_lens import EQUIRECTANGULAR, of_whole_sphere
 from .photos import Photo
 
 LONGEST, MOST_ENLARGED = 800, 4
@@ -47,7 +49,24 @@ class Features(NamedTuple):
 
     places: np.ndarray  # [N, 2] float32, pixels, without the lens's distortion
     descriptors: Any  # pycolmap's
-    camera: Any  # pycolmap's: the pinhole whose pixels they are
+    camera: Any  # pycolmap's: the pinhole or panorama whose pixels they are
+
+    def directions(self, chosen: np.ndarray) -> np.ndarray:
+        """Directions [N, 3] of some places in camera axes: +x right, +y down."""
+        places = self.places[chosen].astype(np.float64)
+        if self.camera.model.name == "EQUIRECTANGULAR":
+            fx, fy, cx, cy = of_whole_sphere(*self.camera.params)
+            return undistort(EQUIRECTANGULAR, (), *((places - (cx, cy)) / (fx, fy)).T)[0]
+        fx, fy, cx, cy = self.camera.params
+        flat = (places - (cx, cy)) / (fx, fy)
+        return np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
+
+    @property
+    def focal(self) -> float:
+        """Pixels per radian in the picture's middle."""
+        if self.camera.model.name == "EQUIRECTANGULAR":
+            return of_whole_sphere(*self.camera.params)[0]
+        return float(self.camera.params[:2].mean())
 
 
 class PairMatches(NamedTuple):
@@ -55,7 +74,7 @@ class PairMatches(NamedTuple):
 
     first: int
     second: int
-    seen: np.ndarray  # [2, N, 3] where each sees it: (x, y, 1), +x right, +y down
+    seen: np.ndarray  # [2, N, 3] directions in which each sees it: +x right, +y down
     focal: float  # pixels, of the pictures in which features were sought
 
 
@@ -94,9 +113,11 @@ def neighbours(cameras: list[Camera], most: int = NEIGHBOURS) -> list[tuple[int,
     """Pairs (i < j) of cameras that look alike from nearby, up to about `most` each."""
     positions = positions_of(cameras)
     axes = np.stack([camera.view_direction for camera in cameras])
+    all_around = np.array([camera.is_panoramic for camera in cameras])
     pairs = set()
     for index, (position, axis) in enumerate(zip(positions, axes, strict=True)):
         angle = np.arccos(np.clip(axes @ axis, -1, 1))
+        angle[all_around | all_around[index]] = 0
         away = np.linalg.norm(positions - position, axis=1)
         # What two photos have in common is lost by turning away as by walking away.
         cost = away / max(np.median(away), 1e-12) + angle / WIDEST
@@ -154,13 +175,9 @@ def _pairs(
         numbers = colmap.pair_id_to_image_pair(pair)
         indices = [_index(number) for number in numbers]
         inliers = np.asarray(geometry.inlier_matches, dtype=np.int64).reshape(-1, 2)
-        seen, focal = [], 0.0
-        for index, side in zip(indices, inliers.T, strict=True):
-            fx, fy, cx, cy = features[index].camera.params
-            flat = (features[index].places[side] - (cx, cy)) / (fx, fy)
-            seen.append(np.concatenate([flat, np.ones((len(flat), 1))], axis=1))
-            focal += (fx + fy) / 4
-        yield PairMatches(*indices, np.stack(seen), focal)
+        both = [features[index] for index in indices]
+        seen = np.stack([one.directions(side) for one, side in zip(both, inliers.T, strict=True)])
+        yield PairMatches(*indices, seen, sum(one.focal for one in both) / 2)
 
 
 def _features(
@@ -181,6 +198,8 @@ def _features(
             shown = ~picture.hidden[row, column]
             places, descriptors.data = places[shown], descriptors.data[shown]
         scale = np.array([width / camera.width, height / camera.height])
+        if camera.is_panoramic:
+            return _of_panorama(colmap, camera, scale, places, descriptors)
         local = opencv_from_opengl(
             camera.rays(*(places / scale).T)[1] @ camera.camera_to_world[:3, :3]
         )
@@ -198,6 +217,19 @@ def _features(
             found.append(features)
             progress(len(found) / len(pictures))
     return found
+
+
+def _of_panorama(
+    colmap: Any, camera: Camera, scale: np.ndarray, places: np.ndarray, descriptors: Any
+) -> Features:
+    """Features at places [N, 2] of a panorama's picture, `scale` [2] times as large as its photo, as pixels
+    of that of all directions."""
+    size = scale * (2 * np.pi * camera.fx, np.pi * camera.fy)
+    whole = colmap.Camera(
+        model="EQUIRECTANGULAR", width=round(size[0]), height=round(size[1]), params=size.tolist()
+    )
+    places = places - scale * (camera.cx, camera.cy) + size / 2
+    return Features(places.astype(np.float32), descriptors, whole)
 
 
 def _register(colmap: Any, path: Path, features: list[Features]) -> None:

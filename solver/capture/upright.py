@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .camera import Camera, positions_of
+from .camera import Camera
 from .capture import Capture
 from .errors import CaptureError
 from .frames import texel_directions, unit
@@ -46,11 +46,9 @@ def estimate_up(cameras: list[Camera]) -> np.ndarray:
     their sides count nearly as much as upright ones. Its sign is that of the upper edges of photos held
     level, and the one that lets cameras look down.
     """
-    pictures = np.stack([_right_and_up(camera) for camera in cameras])
-    across, upward = pictures[:, 0], pictures[:, 1]
-    forward = np.stack([camera.view_direction for camera in cameras])
-    positions = positions_of(cameras)
-    some = slice(None, None, -(-len(cameras) // CAMERAS))
+    pictures = np.concatenate([_pictures(camera) for camera in cameras])
+    across, upward, forward, positions = np.moveaxis(pictures, 1, 0)
+    some = slice(None, None, -(-len(pictures) // CAMERAS))
     guesses = texel_directions(ROWS, 2 * ROWS).reshape(-1, 3)
     judged = _unlikely(guesses, across[some], upward[some], forward[some], positions[some])
     best = guesses[np.argmin(judged)]
@@ -95,6 +93,19 @@ def _rolls(
     upright = upward @ guesses.T
     level = np.abs(across @ guesses.T) / slope + UPSIDE_DOWN * (upright < 0)
     return level, np.abs(upright) / slope + ON_ITS_SIDE
+
+
+def _pictures(camera: Camera) -> np.ndarray:
+    """World directions right, up and ahead, and the place, [P, 4, 3], of a camera as one that looks ahead.
+
+    A panorama is level all around, whatever is in its middle: it counts as two, a quarter turn apart.
+    """
+    right, up = _right_and_up(camera)
+    ahead, place = camera.view_direction, camera.position
+    pictures = [(right, up, ahead, place)]
+    if camera.is_panoramic:
+        pictures.append((-ahead, up, right, place))
+    return np.array(pictures)
 
 
 def _right_and_up(camera: Camera) -> np.ndarray:

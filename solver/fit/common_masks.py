@@ -150,5 +150,5 @@ def _centres(
     centres[at] = True
     # A cell is as wide as its neighbours are apart.
     scale = max(camera.fx, camera.fy) * shape[1] / camera.width
-    reach = edge * scale / np.median(depths)
+    reach = edge * scale / np.median(camera.depths_of_scale(cells[inside], depths))
     return centres, 2 * int(np.ceil(reach)) + 1

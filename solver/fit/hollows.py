@@ -161,7 +161,8 @@ class Carving:
 
     def _add(self, camera: Camera, photo: Photo, points: np.ndarray) -> None:
         pixel, depth = camera.project(points)
-        per_cell = self.edge * max(camera.fx, camera.fy) / np.median(depth)
+        depths = camera.depths_of_scale(points, depth)
+        per_cell = self.edge * max(camera.fx, camera.fy) / np.median(depths)
         smaller = max(1, round(per_cell))
         height, width = (math.ceil(n / smaller) for n in photo.pixels.shape[:2])
         reduced = skimage.measure.block_reduce(photo.pixels, (smaller, smaller, 1), np.mean)

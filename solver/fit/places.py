@@ -31,6 +31,7 @@ class PlacesIn:
     def __init__(self, places: Places, camera: Camera, shape: tuple[int, int]):
         (row, column), self.inside, depth = camera.pixels_of(places.centres, shape)
         self._at = (row * shape[1] + column).astype(np.int32)
+        depth = camera.depths_of_scale(places.centres[self.inside], depth)
         scale = camera.fx * shape[1] / camera.width
         size = places.edge * scale / np.median(depth) if len(depth) else 1.0
         self.size = max(1, int(np.ceil(size)))

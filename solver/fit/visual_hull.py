@@ -72,6 +72,7 @@ def carve(
         if beside is None:
             covered[seen] = mask[at]
         else:
+            depths = camera.depths_of_scale(points[some[seen]], depths)
             per_unit = max(camera.fx, camera.fy) * mask.shape[1] / camera.width / depths
             covered[seen] = (beside[at] <= np.round(reach * per_unit) + spare) & (beside[at] >= 0)
         return some[covered]
@@ -79,7 +80,7 @@ def carve(
     with ThreadPoolExecutor(usable_cores()) as pool:
         with_distances = ((mask, None) for mask in masks)
         if whole_cells:
-            with_distances = mapped_ahead(pool, _and_distances, masks)
+            with_distances = mapped_ahead(pool, _and_distances, zip(masks, cameras, strict=True))
         for camera, (mask, beside) in zip(cameras, with_distances, strict=True):
             parts = np.array_split(alive, max(1, min(usable_cores(), len(alive) // CELLS_A_THREAD)))
             kept = pool.map(partial(may_stay, camera, mask, beside), parts)
@@ -89,9 +90,16 @@ def carve(
     return hull.reshape(cells, cells, cells)
 
 
-def _and_distances(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A mask, and how many pixels the nearest that it shows is away from each, along rows or columns."""
-    return mask, scipy.ndimage.distance_transform_cdt(~mask, "chessboard")
+def _and_distances(masked: tuple[np.ndarray, Camera]) -> tuple[np.ndarray, np.ndarray]:
+    """A camera's mask, and how many pixels the nearest that it shows is away from each, along rows or
+    columns; of a panorama also around the sphere."""
+    mask, camera = masked
+    if not camera.is_panoramic:
+        return mask, scipy.ndimage.distance_transform_cdt(~mask, "chessboard")
+    aside = mask.shape[1] // 2
+    wrapped = np.pad(~mask, ((0, 0), (aside, aside)), mode="wrap")
+    distances = scipy.ndimage.distance_transform_cdt(wrapped, "chessboard")
+    return mask, distances[:, aside : aside + mask.shape[1]]
 
 
 def whole_hull(

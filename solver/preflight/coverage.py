@@ -112,7 +112,10 @@ def coverage(capture: Capture) -> list[Finding]:
 
 
 def looking_away(capture: Capture) -> list[str]:
-    """Names of the cameras that have no part of the region in their frame, or its middle behind them."""
+    """Names of the cameras that have no part of the region in their frame, or its middle behind them.
+
+    Nothing is behind a panorama.
+    """
     low, high = capture.region
     middle = (low + high) / 2
     ticks = low + (high - low) * np.linspace(0, 1, _TICKS)[:, None]
@@ -120,7 +123,7 @@ def looking_away(capture: Capture) -> list[str]:
     return [
         camera.name
         for camera in capture.cameras
-        if (middle - camera.position) @ camera.view_direction < 0
+        if ((middle - camera.position) @ camera.view_direction < 0 and not camera.is_panoramic)
         or not camera.in_frame(points).any()
     ]
 

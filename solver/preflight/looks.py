@@ -142,9 +142,27 @@ def _small_photo(photos: ReducedPhotos, camera: Camera, small: Camera) -> Photo:
     return Photo(np.concatenate([_TO_LINEAR[colour], opaque], axis=-1), False, False)
 
 
-def _longer_side(mask: np.ndarray) -> float:
-    """Pixels that the box of what a mask shows measures; 0 if it shows nothing."""
+def _longer_side(mask: np.ndarray, camera: Camera) -> float:
+    """Pixels that the box of what a mask shows measures; 0 if it shows nothing. What lies across the two
+    edges of a panorama is in one piece."""
+    if camera.is_panoramic:
+        mask = np.roll(mask, -_middle_of_gap(mask.any(0)), axis=1)
     return float(max(np.ptp(found) + 1 for found in mask.nonzero())) if mask.any() else 0.0
+
+
+def _middle_of_gap(columns: np.ndarray) -> int:
+    """The middle of the longest run of false, of which the last is beside the first; 0 if there is none."""
+    shown = np.flatnonzero(columns)
+    if len(shown) in (0, len(columns)):
+        return 0
+    gaps = np.diff(shown, append=shown[0] + len(columns))
+    longest = gaps.argmax()
+    return int(shown[longest] + (gaps[longest] + 1) // 2) % len(columns)
+
+
+def _cut_share(mask: np.ndarray, camera: Camera) -> float:
+    """Share of a photo's edge that cuts off what a mask shows: a panorama goes on at its other side."""
+    return 0.0 if camera.is_panoramic else border_share(mask)
 
 
 def _with_common_backdrop(capture: Capture, looks: list[Look]) -> list[Look] | None:
@@ -159,7 +177,7 @@ def _with_common_backdrop(capture: Capture, looks: list[Look]) -> list[Look] | N
     if masks is None or not fit_together(capture.cameras, masks, capture.region):
         return None
     return [
-        replace(look, mask=mask, coverage=float(mask.mean()), cut=border_share(mask))
+        replace(look, mask=mask, coverage=float(mask.mean()), cut=_cut_share(mask, look.camera))
         for look, mask in zip(looks, masks, strict=True)
     ]
 
@@ -215,8 +233,8 @@ def look_at(
     if alpha is not None:
         shown = alpha > 127
         half_shown = 1 - (alpha > WHOLE).sum() / max((alpha > 255 - WHOLE).sum(), 1)
-        coverage, cut = float(shown.mean()), border_share(shown)
-        across = _longer_side(shown) * scale
+        coverage, cut = float(shown.mean()), _cut_share(shown, camera)
+        across = _longer_side(shown, camera) * scale
         # Away from the mask's edge, whose sharpness and brightness are the mask's.
         object_only = scipy.ndimage.binary_erosion(shown, iterations=2)
         inside = object_only if object_only.sum() > FEWEST_PIXELS else inside
@@ -242,6 +260,8 @@ def frame_of(
     pixel, depth = camera.project(corners)
     if (depth <= 0).any() or not np.isfinite(pixel).all():
         return np.s_[:, :]
+    if camera.is_panoramic and np.ptp(pixel[:, 0]) > camera.width / 2:
+        return np.s_[:, :]  # it lies across both edges, or above or below the camera
     low = np.clip(np.floor(pixel.min(0) / scale), 0, None).astype(int)
     high = np.ceil(pixel.max(0) / scale).astype(int)
     rows, columns = slice(low[1], min(high[1], shape[0])), slice(low[0], min(high[0], shape[1]))

@@ -23,6 +23,7 @@ PARAMETERS = {
     "SIMPLE_FISHEYE": (70, 30, 25),
     "FISHEYE": (70, 60, 30, 25),
     "EUCM": (70, 60, 30, 25, 0.6, 1.1),
+    "EQUIRECTANGULAR": (64, 48),
 }
 WRITERS = {"bin": "write_binary", "txt": "write_text"}
 

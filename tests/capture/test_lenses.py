@@ -29,6 +29,7 @@ DISTORTIONS = {
     "visualsfm": numbers(1.0),
     "thin_prism_fisheye": numbers(0.2, 0.1, 0.01, 0.01, 0.05, 0.02, 0.01, 0.01),
     "fisheye_power": numbers(0.3, 0.2, 0.1, 0.05, 0.05),
+    "equirectangular": st.just(()),
     "rad_tan_thin_prism_fisheye": numbers(*(0.2, 0.1, 0.1, 0.05, 0.02, 0.02), *(0.01,) * 6),
 }
 GRID = np.stack(np.meshgrid(*[np.linspace(-1.5, 1.5, 13)] * 2), -1).reshape(-1, 2).T

@@ -336,7 +336,6 @@ def test_a_project_that_is_not_solved_says_which_file_to_give(tmp_path):
         (("poses", 2, "pose", "transform", "center"), ["1", "nan", "2"], "center"),
         (("poses", 2, "pose"), None, "pose"),
         (("poses",), [], "poses"),
-        (("intrinsics", 0, "type"), "equirectangular", "type"),
         (("intrinsics", 0, "type"), "3deanamorphic4", "type"),
         (("intrinsics", 0, "undistortionType"), "3declassicld", "type"),
         (("intrinsics", 0, "focalLength"), "-1", "views"),

@@ -198,7 +198,7 @@ def test_unaligned_and_disabled_cameras_are_left_out_with_a_warning(tmp_path):
     assert any("disabled" in text and "IMG_0006" in text for text in capture.warnings)
 
 
-def test_members_of_rigs_and_panoramas_are_left_out_with_a_warning(tmp_path):
+def test_members_of_rigs_and_panoramas_with_a_lens_are_left_out_with_a_warning(tmp_path):
     matrices = poses(8)
     cameras = [camera(i, matrices[i]) for i in range(COUNT)]
     cameras.append(camera(5, None, label="IMG_0005", extra='master_id="0"'))

@@ -184,7 +184,7 @@ LENS = ("intrinsics", 0, "value")
         (("extrinsics", 0, "value", "center"), ["a", 1, 2], "center"),
         (("extrinsics", 0, "key"), "a", "key"),
         (("extrinsics",), [], "extrinsics"),
-        ((*LENS, "polymorphic_name"), "spherical", "polymorphic_name"),
+        ((*LENS, "polymorphic_name"), "cylindrical", "polymorphic_name"),
         ((*LENS, "polymorphic_name"), None, "polymorphic_name"),
         ((*LENS, "ptr_wrapper", "data", "focal_length"), "long", "focal_length"),
         ((*LENS, "ptr_wrapper", "data", "focal_length"), -1, "extrinsics"),

@@ -273,12 +273,7 @@ def test_no_term_of_a_lens_is_dropped(values, lens, distortion, tmp_path):
         (
             "equirectangular",
             True,
-            "equirectangular: panoramic lenses are not read; cut the panoramas into",
-        ),
-        (
-            "latlong",
-            True,
-            "latlong: panoramic lenses are not read; cut the panoramas into perspective",
+            r"equirectangular: panoramas of equal areas \(instant-ngp's equirectangular\) are not read; cut",
         ),
         ("orthographic", True, "orthographic: orthographic lenses are not read"),
         ("k6", 0.1, "k6: only the lens FULL_OPENCV has such a number; call its camera_model so"),
@@ -474,11 +469,6 @@ def test_points_that_cannot_be_read_are_named_and_cost_nothing(tmp_path, content
         assert tracemalloc.get_traced_memory()[1] < 1 << 20
     finally:
         tracemalloc.stop()
-
-
-def test_panoramas_are_refused_with_a_way_out(tmp_path):
-    with pytest.raises(CaptureError, match="EQUIRECTANGULAR.*cut the panoramas into"):
-        capture_with(tmp_path, camera_model="EQUIRECTANGULAR")
 
 
 def test_unusable_points_are_a_warning(tmp_path):

@@ -73,7 +73,7 @@ def read_cameras(file: Path) -> dict[int, Sensor]:
             if name is None:
                 raise CaptureError(
                     file, where, f"camera model {model} is not known here",
-                    f"use one of {', '.join(known for known, row in MODELS.items() if row[3])}",
+                    f"use one of {', '.join(MODELS)}",
                 )  # fmt: skip
             parameters = records.take(struct.Struct(f"<{MODELS[name][1]}d"), where)
             sensors[number] = Sensor(where, name, width, height, parameters)

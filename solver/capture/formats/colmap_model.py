@@ -13,11 +13,12 @@ import numpy as np
 from ..errors import CaptureError, shown
 from ..frames import rotation_from_quaternion
 from ..intake import Intrinsics
+from ..panoramic_lens import EQUIRECTANGULAR, of_whole_sphere
 
 KINDS = ("cameras", "images", "points3D", "rigs", "frames")
 
 # Name: id in binary files, number of parameters, of them focal lengths, lens; the rest but the
-# principal point is the lens's distortion.
+# principal point is the lens's distortion. A panorama has its picture's width and height instead.
 _PERSPECTIVE, _FISHEYE = "opencv", "opencv_fisheye"
 MODELS: dict[str, tuple[int, int, int, str]] = {
     "SIMPLE_PINHOLE": (0, 3, 1, "pinhole"),
@@ -37,7 +38,7 @@ MODELS: dict[str, tuple[int, int, int, str]] = {
     "SIMPLE_FISHEYE": (14, 3, 1, _FISHEYE),
     "FISHEYE": (15, 4, 2, _FISHEYE),
     "EUCM": (16, 6, 2, "eucm"),
-    "EQUIRECTANGULAR": (17, 2, 0, ""),
+    "EQUIRECTANGULAR": (17, 2, 0, EQUIRECTANGULAR),
 }
 NAME_OF_ID = {row[0]: name for name, row in MODELS.items()}
 
@@ -91,28 +92,25 @@ def pose_matrix(pose: tuple[float, ...]) -> np.ndarray:
 
 
 def intrinsics_of(file: Path, sensor: Sensor) -> Intrinsics:
-    """A COLMAP camera as a lens of ours; all but panoramas are one exactly.
+    """A COLMAP camera as a lens of ours; all are one exactly.
 
     Raises:
-        CaptureError: unknown models, panoramas, a wrong number of parameters.
+        CaptureError: unknown models, a wrong number of parameters.
     """
     name = sensor.model.upper()
     if name not in MODELS:
         raise CaptureError(
             file, sensor.where, f"the camera model '{shown(sensor.model)}' is not known here",
-            f"use one of {', '.join(known for known, row in MODELS.items() if row[3])}",
+            f"use one of {', '.join(MODELS)}",
         )  # fmt: skip
     _, count, focals, lens = MODELS[name]
-    if not lens:
-        raise CaptureError(
-            file, sensor.where, "a panorama has no focal length",
-            "cut the panoramas into perspective photos, and solve those",
-        )  # fmt: skip
     if len(sensor.parameters) != count:
         raise CaptureError(
             file, sensor.where, f"{name} has {count} parameters, not {len(sensor.parameters)}",
             "export the model again",
         )  # fmt: skip
+    if lens == EQUIRECTANGULAR:
+        return Intrinsics(sensor.width, sensor.height, *of_whole_sphere(*sensor.parameters), lens)
     fx, fy = sensor.parameters[0], sensor.parameters[focals - 1]
     cx, cy, *rest = sensor.parameters[focals:]
     if not any(rest) and lens == _PERSPECTIVE:

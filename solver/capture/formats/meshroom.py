@@ -19,6 +19,7 @@ Which version between 1.2.9 and 1.2.11 made the last change matters only if pixe
 A camera of the type equidistant has its angles from the axis in shares of that at which its circle ends,
 half of the sensor's shorter side over the focal length, before the distortion; then these are shares of the
 circle's radius (`Equidistant.cpp`). The distortion fisheye1 is the lens fov (`DistortionFisheye1.cpp`).
+Of one of the type equirectangular the focal length is that of a radian (`Equirectangular.cpp`).
 
 AliceVision's features count pixels from the centre of the first one, but an offset of 0, which a file
 has unless the point was refined, means the middle of the picture to everyone: so it does here, too.
@@ -41,6 +42,7 @@ from ..fields import entries, mapping, number, numbers
 from ..files import head_of, json_head, read_json
 from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble, without_pose
+from ..panoramic_lens import EQUIRECTANGULAR
 from ..photo_finder import PhotoFinder
 
 NAME = "Meshroom SfM data"
@@ -54,7 +56,7 @@ PATTERNS = (
 _DISTORTION_OF_CAMERA = {
     "pinhole": "none", "radial1": "radialk1", "radial3": "radialk3", "brown": "brown",
     "fisheye4": "fisheye", "fisheye": "fisheye", "fisheye1": "fisheye1", "equidistant": "none",
-    "equidistant_r3": "radialk3pt",
+    "equidistant_r3": "radialk3pt", "equirectangular": "none",
 }  # fmt: skip
 _COUNTS = {"none": 0, "radialk1": 1, "radialk3": 3, "radialk3pt": 3, "brown": 5, "fisheye": 4,
            "fisheye1": 1}  # fmt: skip
@@ -248,6 +250,9 @@ def _intrinsics(path: Path, where: str, entry: dict, version: tuple[int, ...]) -
 
 def _lens(path: Path, where: str, entry: dict) -> tuple[float, str, tuple[float, ...]]:
     """What the lens does to the focal lengths, its name and its numbers."""
+    if _word(entry.get("type", "")) == EQUIRECTANGULAR:
+        _distortion(path, where, entry, ("none",))
+        return 1.0, EQUIRECTANGULAR, ()
     model, k = _distortion(path, where, entry, tuple(_COUNTS))
     if model == "fisheye":
         return 1.0, *polynomial_lens(k, equidistant=True)

@@ -3,7 +3,8 @@
 Cameras have OpenCV's axes; `transform` takes them to the chunk, the chunk's (or its component's)
 `transform` takes the chunk to the world, +Z up. Far from the world's origin, as in geocentric
 coordinates (with any projected system on top, Metashape writes these), cameras stay in the chunk's
-coordinates instead, and up is away from the Earth's centre.
+coordinates instead, and up is away from the Earth's centre. Panoramas (`spherical`) have the same axes, the
+view along +Z in the picture's middle, as nerfstudio has them (metashape_utils.py).
 
 What a rig places behind its first camera has no `transform`, but the first one's number as `master_id`,
 and its sensor has `rotation` and `location`: from its own axes to the first camera's, in the chunk's unit.
@@ -28,7 +29,7 @@ from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
 from ..picture_names import parts_of, stem_of
-from .metashape_lens import kind_of, read_lens
+from .metashape_lens import is_other_panorama, read_lens
 
 NAME = "Metashape cameras.xml"
 EXTENSIONS = (".xml",)
@@ -39,8 +40,8 @@ FAR = 1e5
 precision, which is a hundredth there and half a unit on the Earth's surface"""
 _EARTH = (6.3e6, 6.45e6)
 """metres from its centre between which all of its surface lies"""
-_PANORAMAS = ("spherical", "cylindrical")
-_DISABLED, _NOT_ALIGNED, _PANORAMA = "disabled", "not aligned", "panoramas"
+_DISABLED, _NOT_ALIGNED = "disabled", "not aligned"
+_PANORAMA = "panoramas on a cylinder or with a lens's numbers"
 _IN_A_RIG = "members of a rig, whose places in it the file does not state,"
 """what cameras are that are left out"""
 
@@ -52,7 +53,8 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read exported cameras; those that are disabled, not aligned or panoramas are left out with a warning.
+    """Read exported cameras; those that are disabled, not aligned or panoramas of another kind than all
+    directions are left out with a warning.
 
     Raises:
         CaptureError: anything that cannot be used, with file, field and remedy.
@@ -70,7 +72,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     sensors = {sensor.get("id"): sensor for sensor in chunk.iter("sensor")}
     rigs = _Rigs(path, chunk, sensors)
     lenses: dict[str | None, Intrinsics] = {}
-    panoramas = {key for key, sensor in sensors.items() if kind_of(sensor) in _PANORAMAS}
+    panoramas = {key for key, sensor in sensors.items() if is_other_panorama(sensor)}
     found, parts = [], []
     left_out: dict[str, list[str]] = {
         reason: [] for reason in (_DISABLED, _NOT_ALIGNED, _IN_A_RIG, _PANORAMA)
@@ -105,7 +107,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
                         "whose places are not known, and left out")  # fmt: skip
     if not found and left_out[_PANORAMA]:
         raise CaptureError(
-            path, "sensor, type", "all its cameras are panoramas",
+            path, "sensor, type", f"all its cameras are {_PANORAMA}",
             "cut the panoramas into perspective photos, and align those",
         )  # fmt: skip
     if not found and (unaligned := left_out[_NOT_ALIGNED]):
@@ -120,7 +122,7 @@ def _why_not(camera: Element, panoramas: set[str | None], rigs: _Rigs) -> str | 
     """Why a camera is left out; None: it is not.
 
     Args:
-        panoramas: ids of their sensors.
+        panoramas: ids of the sensors of those that are not read.
     """
     if (camera.get("enabled") or "true").strip().lower() in ("false", "0", "no"):
         return _DISABLED

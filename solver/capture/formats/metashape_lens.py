@@ -10,7 +10,7 @@ A lens, in pixels from the corner of the picture (manual, appendix "Camera model
     v = h / 2 + cy + y' f
 
 so p1 and p2 are OpenCV's p2 and p1. PhotoScan before 1.2 wrote fx, fy, skew and cx, cy from the corner
-instead, and p1, p2 in OpenCV's order.
+instead, and p1, p2 in OpenCV's order. A panorama (`spherical`) has no calibration: it shows all directions.
 
 `corrections` are what "Fit additional corrections" adds, a Fourier series over the picture. No source of
 its maker's with the formula was at hand, so they are refused, as any coefficient that is not known.
@@ -26,9 +26,13 @@ from ..brown_lens import polynomial_lens
 from ..errors import CaptureError, shown
 from ..fields import number, numbers
 from ..intake import Intrinsics
+from ..panoramic_lens import EQUIRECTANGULAR, of_whole_sphere
 
+_PANORAMA = "spherical"
 _FISHEYES = ("fisheye", "equidistant_fisheye", "equidistant fisheye")
 _KNOWN = ("k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4", "b1", "b2")
+_NO_LENS = ("resolution", "f")
+"""what a panorama's calibration may have: its focal length follows from the width"""
 _COEFFICIENT = re.compile(r"[a-z]\d")
 _REMEDY = "export the undistorted photos and their cameras"
 
@@ -36,6 +40,27 @@ _REMEDY = "export the undistorted photos and their cameras"
 def kind_of(sensor: Element) -> str:
     """The type of a sensor, in small letters."""
     return (sensor.get("type") or "frame").strip().lower()
+
+
+def is_other_panorama(sensor: Element) -> bool:
+    """Whether a sensor's photos are panoramas, but not just of all directions: on a cylinder, or with a
+    lens's numbers, which change that."""
+    kind = kind_of(sensor)
+    return kind == "cylindrical" or (
+        kind == _PANORAMA
+        and any(
+            element.tag not in _NO_LENS and not _is_nothing(element)
+            for calibration in sensor.iterfind("calibration")
+            for element in calibration
+        )
+    )
+
+
+def _is_nothing(element: Element) -> bool:
+    try:
+        return float(element.text or 0) == 0
+    except ValueError:
+        return False
 
 
 def read_lens(path: Path, sensor: Element) -> Intrinsics:
@@ -46,6 +71,9 @@ def read_lens(path: Path, sensor: Element) -> Intrinsics:
     """
     label = sensor.get("label") or sensor.get("id") or ""
     where = f"sensor {shown(label)}"
+    if kind_of(sensor) == _PANORAMA:
+        width, height = _size(path, where, sensor.find("resolution"))
+        return Intrinsics(width, height, *of_whole_sphere(width, height), EQUIRECTANGULAR)
     calibrations = sorted(
         sensor.findall("calibration"),
         key=lambda item: ("adjusted", None, "initial").index(item.get("class"))
@@ -70,10 +98,7 @@ def read_lens(path: Path, sensor: Element) -> Intrinsics:
     _check_known(path, where, calibration)
     size = calibration.find("resolution")
     size = sensor.find("resolution") if size is None else size
-    if size is None:
-        raise CaptureError(path, where, "it has no resolution", "export the cameras again")
-    width = int(number(path, f"{where}, width", size.get("width")))
-    height = int(number(path, f"{where}, height", size.get("height")))
+    width, height = _size(path, where, size)
     old = calibration.find("fx") is not None
     if not old and calibration.find("f") is None:
         raise CaptureError(path, f"{where}, f", "the focal length is missing", "export it again")
@@ -91,6 +116,16 @@ def read_lens(path: Path, sensor: Element) -> Intrinsics:
         equidistant=kind in _FISHEYES,
     )  # fmt: skip
     return Intrinsics(width, height, fx, fy, cx, cy, lens, distortion)
+
+
+def _size(path: Path, where: str, resolution: Element | None) -> tuple[int, int]:
+    """Width and height in pixels."""
+    if resolution is None:
+        raise CaptureError(path, where, "it has no resolution", "export the cameras again")
+    width, height = (
+        number(path, f"{where}, {side}", resolution.get(side)) for side in ("width", "height")
+    )
+    return int(width), int(height)
 
 
 def _check_known(path: Path, where: str, calibration: Element) -> None:

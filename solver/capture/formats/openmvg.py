@@ -7,6 +7,10 @@ class may lie in `value0`. Rotations [3, 3] are lists of rows from the world to 
 
 Lenses are OpenCV's (t1, t2 are p1, p2). OpenMVG's features count pixels from the centre of the first
 one, but half the picture's size, its start for the principal point, means the middle: so it does here.
+
+`spherical` is a panorama of azimuth and elevation; both are counted in turns, and lengths in the picture's
+longer side (`Camera_Spherical.cpp`). Its +Y is down as every lens's; until November 2017 it was up, and
+worlds were mirrored (issue 1133), which the file does not tell.
 """
 
 from __future__ import annotations
@@ -23,6 +27,7 @@ from ..fields import entries, mapping, number, numbers
 from ..files import json_head, read_json
 from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble, without_pose
+from ..panoramic_lens import EQUIRECTANGULAR
 from ..photo_finder import PhotoFinder
 
 NAME = "OpenMVG sfm_data.json"
@@ -41,6 +46,7 @@ _DISTORTION = {
     "fisheye": ("fisheye", 4),
 }
 """where a lens has its numbers, and how many"""
+_PANORAMA = "spherical"
 
 
 def recognises(file: Path) -> bool:
@@ -151,14 +157,17 @@ def _type_of(value: dict) -> int | None:
 
 
 def _intrinsics(path: Path, where: str, name: str, data: dict) -> Intrinsics:
-    if name not in _DISTORTION:
+    if name not in _DISTORTION and name != _PANORAMA:
         raise CaptureError(
             path, f"{where}.polymorphic_name", f"the lens model '{shown(name)}' is not supported",
-            "use one of " + ", ".join(_DISTORTION),
+            "use one of " + ", ".join((*_DISTORTION, _PANORAMA)),
         )  # fmt: skip
     width, height = (
         int(number(path, f"{where}.{key}", data.get(key))) for key in ("width", "height")
     )
+    if name == _PANORAMA:
+        focal = max(width, height) / (2 * np.pi)
+        return Intrinsics(width, height, focal, focal, width / 2, height / 2, EQUIRECTANGULAR)
     focal = number(path, f"{where}.focal_length", data.get("focal_length"))
     cx, cy = numbers(path, f"{where}.principal_point", data.get("principal_point"), 2)
     key, count = _DISTORTION[name]

@@ -16,6 +16,7 @@ or of a fisheye (x, y) as long as the angle θ from the axis (`camera_projection
                                           and the prism's s0 θ² + s1 θ⁴, s2 θ² + s3 θ⁴, all of (x, y)
     dual                                  as perspective, of (x, y) between the perspective one and the
                                           fisheye's: `transition` is 1 for the one, 0 for the other
+    spherical, equirectangular            azimuth and elevation, in turns, of a panorama
     u = focal_x x' + c_x, v = focal_y y' + c_y
 
 The world has metres with +X east, +Y north and +Z up from `reference_lla` on; without GPS that is 0, 0, 0,
@@ -36,6 +37,7 @@ from ..fields import mapping, number, numbers, rigid_pose
 from ..files import read_json, text_head
 from ..frames import invert_pose, pose_opengl_from_opencv, rotation_from_quaternion
 from ..intake import Found, Intrinsics, assemble, without_pose
+from ..panoramic_lens import EQUIRECTANGULAR
 from ..photo_finder import PhotoFinder
 from ..sparse_points import SparsePoints
 
@@ -48,6 +50,7 @@ PATTERNS = (
 
 _UP = (0.0, 0.0, 1.0)
 _PANORAMAS = ("spherical", "equirectangular")
+"""one lens, the second its older name"""
 _PLAIN = ("k1", "k2")
 _WIDE = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "s0", "s1", "s2", "s3")
 _NUMBERS = {
@@ -172,12 +175,10 @@ def intrinsics_of(path: Path, where: str, entry: Any) -> Intrinsics:
     """
     entry = mapping(path, where, entry)
     kind = entry.get("projection_type", "perspective")
-    if not isinstance(kind, str) or kind not in _NUMBERS:
-        remedy = "use one of " + ", ".join(_NUMBERS)
-        if kind in _PANORAMAS:
-            remedy = "cut the panoramas into perspective photos, and solve those"
+    if not isinstance(kind, str) or kind not in (*_NUMBERS, *_PANORAMAS):
         raise CaptureError(
-            path, f"{where}.projection_type", f"the lens model '{shown(kind)}' is not supported", remedy
+            path, f"{where}.projection_type", f"the lens model '{shown(kind)}' is not supported",
+            "use one of " + ", ".join((*_NUMBERS, *_PANORAMAS)),
         )  # fmt: skip
 
     def value(name: str, default: float | None = None) -> float:
@@ -187,6 +188,10 @@ def intrinsics_of(path: Path, where: str, entry: Any) -> Intrinsics:
 
     width, height = int(value("width")), int(value("height"))
     longer = max(width, height)
+    if kind in _PANORAMAS:
+        # Both angles are counted in turns, and lengths in the longer side, whatever the picture's shape.
+        focal = longer / (2 * np.pi)
+        return Intrinsics(width, height, focal, focal, width / 2, height / 2, EQUIRECTANGULAR)
     if kind in _ONE_FOCAL:
         fx = fy = value("focal") * longer
         cx, cy = width / 2, height / 2

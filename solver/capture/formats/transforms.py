@@ -24,11 +24,12 @@ from ..fields import is_no_pose
 from ..files import json_head, read_json
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble, without_pose
+from ..panoramic_lens import EQUIRECTANGULAR
 from ..photo_finder import PhotoFinder
 from ..pinhole import size_meant
 from ..ply_points import read_ply_points
 from ..upright import estimate_up
-from .transforms_lens import lens_entries, number_of, read_lens
+from .transforms_lens import focal_lengths_of_panorama, lens_entries, number_of, read_lens
 
 NAME = "transforms.json"
 EXTENSIONS = (".json",)
@@ -239,8 +240,11 @@ def _intrinsics(path: Path, where: str, values: dict, image: Path | None) -> Int
     width, height = int(width), int(height)
     if width < 1 or height < 1:
         raise CaptureError(path, f"{where}.w", "the photo has no size", "correct w and h")
+    lens, distortion = read_lens(path, where, values)
     fx, fy = number("fl_x"), number("fl_y")
-    if fx is None:
+    if lens == EQUIRECTANGULAR:
+        fx, fy = focal_lengths_of_panorama(path, where, values, width, height)
+    elif fx is None:
         fx = _from_angle(path, where, values, "x", width)
         fy = _from_angle(path, where, values, "y", height) if fy is None else fy
     if fx is None and fy is None:
@@ -252,7 +256,6 @@ def _intrinsics(path: Path, where: str, values: dict, image: Path | None) -> Int
     fx, fy = (fy if fx is None else fx), (fx if fy is None else fy)
     if fx <= 0 or fy <= 0:
         raise CaptureError(path, f"{where}.fl_x", "a focal length must be positive", "correct it")
-    lens, distortion = read_lens(path, where, values)
     return Intrinsics(
         width, height, fx, fy, width / 2 if cx is None else cx, height / 2 if cy is None else cy,
         lens, distortion,

@@ -2,7 +2,9 @@
 
 nerfstudio also reads `distortion_params`, a list of OpenCV's numbers in an order of its own; for Project
 Aria's cameras, FISHEYE624, that is k0 … k5, p0, p1, s0 … s3. Its fisheyes may have p1 and p2: the whole
-polynomial acts on the equidistant picture (`_generate_rays_from_coords` in its cameras.py).
+polynomial acts on the equidistant picture (`_generate_rays_from_coords` in its cameras.py), where
+EQUIRECTANGULAR has focal lengths of half a turn (width / 2, height). instant-ngp's `latlong` is that
+panorama of all directions, too; its `equirectangular` is another, of equal areas (`common_device.cuh`).
 """
 
 from __future__ import annotations
@@ -10,20 +12,27 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..brown_lens import polynomial_lens
 from ..camera import Camera
 from ..errors import CaptureError
 from ..fields import number, numbers
+from ..panoramic_lens import EQUIRECTANGULAR, of_whole_sphere
 
-_PANORAMAS = ("EQUIRECTANGULAR", "SPHERICAL")
 _CUT = "cut the panoramas into perspective photos and solve or export their cameras"
 _KINDS = {
-    "ftheta_p0": "f-theta",
-    "latlong": "panoramic",
-    "equirectangular": "panoramic",
-    "orthographic": "orthographic",
+    "ftheta_p0": ("f-theta lenses", "export the cameras with one of OpenCV's lenses"),
+    "equirectangular": ("panoramas of equal areas (instant-ngp's equirectangular)", _CUT),
+    "orthographic": ("orthographic lenses", "export the cameras with one of OpenCV's lenses"),
 }
-"""keys by which instant-ngp knows lenses of its own"""
+"""keys by which instant-ngp knows lenses of its own that are none here, with ways out"""
+_WHOLE_SPHERE = "latlong"
+"""its key for a panorama of all directions"""
+_SAME = 1e-9
+"""share of a focal length by which one in a file is that of all directions"""
+_TOO_WIDE = 1 + 1e-3
+"""times all directions that a panorama may be wide or high: what rounding leaves"""
 _LENS_OF_MODEL = {
     "PINHOLE": "pinhole",
     "SIMPLE_PINHOLE": "pinhole",
@@ -44,6 +53,7 @@ _LENS_OF_MODEL = {
     "FISHEYE624": "rad_tan_thin_prism_fisheye",
     "BROWN": "brown",
     "FISHEYE_POWER": "fisheye_power",
+    "EQUIRECTANGULAR": EQUIRECTANGULAR,
 }
 _RATIONAL_KEYS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _LISTED_KEYS = ("k1", "k2", "k3", "k4", "p1", "p2")
@@ -58,6 +68,7 @@ _KEYS = {
     "visualsfm": ("r",),
     "brown": (*_RATIONAL_KEYS[:6], "skew", "equidistant", "p3", "p4"),
     "fisheye_power": ("k2", "k3", "k4", "across", "down"),
+    EQUIRECTANGULAR: (),
     "thin_prism_fisheye": ("k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1"),
     "rad_tan_thin_prism_fisheye": (
         "k0", "k1", "k2", "k3", "k4", "k5", "p0", "p1", "s0", "s1", "s2", "s3",
@@ -79,23 +90,20 @@ def read_lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, .
     Raises:
         CaptureError: a model that is not known, or what is no number.
     """
-    for key, kind in _KINDS.items():
-        if values.get(key) is not None and values[key] is not False:
-            remedy = (
-                _CUT if kind == "panoramic" else "export the cameras with one of OpenCV's lenses"
-            )
-            raise CaptureError(path, f"{where}.{key}", f"{kind} lenses are not read", remedy)
+    for key, (kind, remedy) in _KINDS.items():
+        if _is_set(values, key):
+            raise CaptureError(path, f"{where}.{key}", f"{kind} are not read", remedy)
     model = values.get("camera_model") or None
+    if _is_set(values, _WHOLE_SPHERE) or str(model).upper() == "EQUIRECTANGULAR":
+        return EQUIRECTANGULAR, ()
     if values.get("is_fisheye") is True:
         model = "OPENCV_FISHEYE"
     lens = "opencv" if model is None else _LENS_OF_MODEL.get(str(model).upper())
     if lens is None:
-        remedy = f"use one of {', '.join(_LENS_OF_MODEL)}"
-        if str(model).upper() in _PANORAMAS:
-            remedy = _CUT
         raise CaptureError(
-            path, f"{where}.camera_model", f"the lens model '{model}' is not supported", remedy
-        )
+            path, f"{where}.camera_model", f"the lens model '{model}' is not supported",
+            f"use one of {', '.join(_LENS_OF_MODEL)}",
+        )  # fmt: skip
     keys = _KEYS[lens]
     listed = values.get("distortion_params")
     order = keys if lens == "rad_tan_thin_prism_fisheye" else _LISTED_KEYS
@@ -120,6 +128,35 @@ def read_lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, .
     if lens == "brown" and not any(own[8:]):
         own = own[:8]
     return ("pinhole", ()) if lens == "opencv" and not any(own) else (lens, own)
+
+
+def _is_set(values: dict, key: str) -> bool:
+    return values.get(key) is not None and values[key] is not False
+
+
+def focal_lengths_of_panorama(
+    path: Path, where: str, values: dict, width: int, height: int
+) -> tuple[float, float]:
+    """fx and fy, pixels per radian, of a panorama of so many pixels: of all directions, if none are stated.
+
+    Raises:
+        CaptureError: its picture would show more than that.
+    """
+    whole = of_whole_sphere(width, height)[:2]
+    if _is_set(values, _WHOLE_SPHERE):
+        return whole
+    focal_lengths = []
+    for key, least in zip(("fl_x", "fl_y"), whole, strict=True):
+        stated = number_of(path, where, values, key)
+        focal = least if stated is None else stated / np.pi
+        if focal * _TOO_WIDE < least:
+            raise CaptureError(
+                path, f"{where}.{key}", "a panorama's picture cannot show more than all directions",
+                "give half of the width as fl_x and the height as fl_y, or leave both out",
+            )  # fmt: skip
+        # What this program has written comes back to the last digit.
+        focal_lengths.append(least if abs(focal - least) <= _SAME * least else focal)
+    return focal_lengths[0], focal_lengths[1]
 
 
 def _refuse_rational(path: Path, where: str, values: dict, problem: str, remedy: str) -> None:
@@ -148,9 +185,11 @@ def _fisheye(path: Path, where: str, values: dict) -> tuple[str, tuple[float, ..
 
 
 def lens_entries(camera: Camera) -> dict[str, Any]:
-    """What a frame says of its camera's lens; read back by `read_lens`."""
+    """What a frame says of its camera's lens, before its focal lengths; read back by `read_lens`."""
     model = {lens: model for model, lens in reversed(_LENS_OF_MODEL.items())}[camera.lens]
     keys = _KEYS[camera.lens]
     if camera.lens == "opencv" and len(camera.distortion) > 5:
         model, keys = "FULL_OPENCV", _RATIONAL_KEYS
+    if camera.lens == EQUIRECTANGULAR:
+        return {"camera_model": model, "fl_x": np.pi * camera.fx, "fl_y": np.pi * camera.fy}
     return {"camera_model": model, **dict(zip(keys, camera.distortion, strict=False))}
