@@ -86,7 +86,7 @@ def aspect_of(camera: Camera) -> float:
 def _fit_sensor(data: bpy.types.Camera, camera: Camera, frame: float) -> None:
     """Intrinsics of a camera, such that the scene lies under its photo in a frame (see `fit_photos`)."""
     if camera.is_panoramic:
-        make_panoramic(data)
+        make_panoramic(data, camera)
         return
     aspect = aspect_of(camera)
     tall = camera.height / aspect  # in widths of a pixel
@@ -183,8 +183,8 @@ def to_solver(item: bpy.types.Object, to_capture: Matrix) -> Camera:
         to_capture: world to capture space.
 
     Raises:
-        CaptureError: no photo, the photo cannot be loaded, or the camera is neither a perspective one nor a
-            panorama of all directions.
+        CaptureError: no photo, the photo cannot be loaded, or the camera is neither a perspective one nor
+            an equirectangular panorama.
     """
     image = photo_of(item)
     if image is None:
@@ -221,7 +221,7 @@ def camera_of(
             in `data`.
 
     Raises:
-        CaptureError: it is neither a perspective camera nor a panorama of all directions.
+        CaptureError: it is neither a perspective camera nor an equirectangular panorama.
     """
     if data.type == PANORAMIC_TYPE:
         return Camera(

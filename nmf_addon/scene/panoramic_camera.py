@@ -7,36 +7,34 @@ viewport shows such a camera as a perspective one, so no photo belongs behind it
 
 from __future__ import annotations
 
-import math
-
 import bpy
 
+from ...solver.capture.camera import Camera
 from ...solver.capture.errors import CaptureError
-from ...solver.capture.panoramic_lens import EQUIRECTANGULAR, of_whole_sphere
+from ...solver.capture.panoramic_lens import EQUIRECTANGULAR, of_whole_sphere, shows_whole_sphere
 
 PANORAMIC_TYPE = "PANO"
-_SAME = 1e-4  # rad; Blender keeps single precision
-_RANGES = {
-    "longitude_min": -math.pi, "longitude_max": math.pi,
-    "latitude_min": -math.pi / 2, "latitude_max": math.pi / 2,
-}  # fmt: skip
+_SAME = 1e-5
+"""of a picture's side by which it shows all directions; Blender keeps single precision"""
 
 
-def make_panoramic(data: bpy.types.Camera) -> None:
-    """Let a camera show all directions; a Blender before 5.0 without Cycles has no kinds of panoramas."""
+def make_panoramic(data: bpy.types.Camera, camera: Camera) -> None:
+    """Let a camera show what a panorama does; before 5.0, without Cycles, Blender has no kinds of them."""
     data.type = PANORAMIC_TYPE
     settings = _settings_of(data)
     if settings is not None:
         settings.panorama_type = EQUIRECTANGULAR.upper()
-        for name, value in _RANGES.items():
-            setattr(settings, name, value)
+        settings.longitude_min = -camera.cx / camera.fx
+        settings.longitude_max = (camera.width - camera.cx) / camera.fx
+        settings.latitude_min = (camera.cy - camera.height) / camera.fy
+        settings.latitude_max = camera.cy / camera.fy
 
 
 def panorama_of(data: bpy.types.Camera, width: int, height: int) -> dict[str, float | str | tuple]:
     """The fields of the solver's `Camera` that tell of a panoramic camera's lens, for a photo of a size.
 
     Raises:
-        CaptureError: it does not show all directions by their longitudes and latitudes.
+        CaptureError: it is no panorama of longitudes and latitudes, or one of none.
     """
     settings = _settings_of(data)
     kind = None if settings is None else settings.panorama_type
@@ -46,13 +44,19 @@ def panorama_of(data: bpy.types.Camera, width: int, height: int) -> dict[str, fl
             "set its panorama type to Equirectangular, if that is how its photo was taken (with Cycles "
             "enabled)",
         )  # fmt: skip
-    if any(abs(getattr(settings, name) - value) > _SAME for name, value in _RANGES.items()):
+    across = settings.longitude_max - settings.longitude_min
+    down = settings.latitude_max - settings.latitude_min
+    if min(across, down) <= 0:
         raise CaptureError(
-            data.name, "latitude, longitude", "the panorama does not show all directions",
-            "set its latitudes to ±90° and its longitudes to ±180°, and use photos of all around",
+            data.name, "longitude, latitude", "the panorama's least one is not below its greatest",
+            "set its longitudes and latitudes to those that the photo shows",
         )  # fmt: skip
-    lens = dict(zip(("fx", "fy", "cx", "cy"), of_whole_sphere(width, height), strict=True))
-    return {**lens, "lens": EQUIRECTANGULAR, "distortion": ()}
+    fx, fy = width / across, height / down
+    lens = fx, fy, -settings.longitude_min * fx, settings.latitude_max * fy
+    if shows_whole_sphere(width, height, *lens, share=_SAME):
+        lens = of_whole_sphere(width, height)
+    named = dict(zip(("fx", "fy", "cx", "cy"), lens, strict=True))
+    return {**named, "lens": EQUIRECTANGULAR, "distortion": ()}
 
 
 def _settings_of(data: bpy.types.Camera) -> bpy.types.bpy_struct | None:

@@ -17,8 +17,17 @@ from solver.capture.panoramic_lens import EQUIRECTANGULAR, of_whole_sphere  # no
 POSE = np.array(Matrix.LocRotScale((0.3, -0.2, 0.5), Euler((1.2, 0.3, 0.7)), None))
 
 
-def panorama(width, height, pose=POSE, path=None):
-    name, lens = "pano" if path is None else path.stem, of_whole_sphere(width, height)
+PART = (
+    12.0,
+    16.0,
+    30.0,
+    22.0,
+)  # fx fy cx cy of a picture of 60 × 40 that shows a part of all directions
+
+
+def panorama(width, height, pose=POSE, path=None, lens=None):
+    name = "pano" if path is None else path.stem
+    lens = of_whole_sphere(width, height) if lens is None else lens
     return Camera(name, path, pose, width, height, *lens, EQUIRECTANGULAR)
 
 
@@ -38,8 +47,12 @@ def glowing_ball(place):
     return bpy.context.object
 
 
-@pytest.mark.parametrize("size", [(64, 32), (64, 48)])
-def test_cycles_renders_a_point_where_the_solver_projects_it(extension, tmp_path, size):
+@pytest.mark.parametrize(
+    "size, lens, shown", [((64, 32), None, 4), ((64, 48), None, 4), ((60, 40), PART, 3)]
+)
+def test_cycles_renders_a_point_where_the_solver_projects_it(
+    extension, tmp_path, size, lens, shown
+):
     scene = bpy.context.scene
     for item in list(scene.objects):
         bpy.data.objects.remove(item)
@@ -47,11 +60,14 @@ def test_cycles_renders_a_point_where_the_solver_projects_it(extension, tmp_path
     scene.world.color = (0, 0, 0)
     scene.render.engine, scene.render.film_transparent = "CYCLES", True
     scene.cycles.use_denoising = False
-    camera = panorama(*size)
+    camera, seen = panorama(*size, lens=lens), 0
     ball, render = glowing_ball((0, 0, 0)), extension("scene.render_views").render_cameras
     # Right and up in the picture, its middle, and nearly behind.
     for local in ((1.6, 0.4, -2.0), (-1.5, 0.9, 1.2), (0, 0, -2), (0.4, -1.6, 1.9)):
         point = POSE[:3, :3] @ local + POSE[:3, 3]
+        if not camera.in_frame(point[None])[0]:
+            continue
+        seen += 1
         ball.location = point
         folder = tmp_path / str(local)
         folder.mkdir()
@@ -66,6 +82,7 @@ def test_cycles_renders_a_point_where_the_solver_projects_it(extension, tmp_path
         # A ball's picture is a little off its middle's where the sphere is stretched.
         np.testing.assert_allclose(found, wanted, atol=0.35)
         bpy.data.images.remove(image)
+    assert seen == shown
 
 
 @pytest.fixture
@@ -103,7 +120,18 @@ def test_a_panorama_comes_in_as_a_panoramic_camera_and_goes_back_as_it_was(
     assert extension("scene.hidden_photos").hidden_cameras(collection) == []
 
 
-def test_a_panorama_of_another_kind_or_range_is_refused(extension):
+def test_a_part_of_a_panorama_comes_back_as_it_was(extension):
+    camera = panorama(60, 40, lens=PART)
+    data = bpy.data.cameras.new("part")
+    extension("scene.panoramic_camera").make_panoramic(data, camera)
+    again = extension("scene.cameras").camera_of(
+        data, Matrix.Identity(4), 60, 40, name="c", image_path=None
+    )
+    found = (again.fx, again.fy, again.cx, again.cy)
+    np.testing.assert_allclose(found, PART, rtol=1e-5)
+
+
+def test_a_panorama_of_another_kind_or_of_no_range_is_refused(extension):
     data = bpy.data.cameras.new("other")
     data.type = "PANO"
     camera_of = extension("scene.cameras").camera_of
@@ -114,6 +142,6 @@ def test_a_panorama_of_another_kind_or_range_is_refused(extension):
     settings.panorama_type = "EQUIRECTANGULAR"
     camera = camera_of(data, Matrix.Identity(4), 64, 32, name="c", image_path=None, lens="pinhole")
     assert camera.lens == EQUIRECTANGULAR
-    settings.longitude_max = 1.0
-    with pytest.raises(Exception, match="does not show all directions; set its latitudes"):
+    settings.longitude_max = settings.longitude_min
+    with pytest.raises(Exception, match="least one is not below its greatest; set its longitudes"):
         camera_of(data, Matrix.Identity(4), 64, 32, name="c", image_path=None)
