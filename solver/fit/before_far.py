@@ -15,9 +15,10 @@ from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.panorama import Behind, Comparison, Panorama, panorama_of
 from ..capture.photos import Photo, resized
+from ..capture.told import filled
 from ..threads import usable_cores
 from .common_masks import CELLS, fit_together, mended, silhouettes
-from .photo_alpha import filled, levels_of, with_alpha
+from .photo_alpha import levels_of, with_alpha
 
 FEWER = 0.02
 """share of the photos that may be wrong about a place before surroundings that are far: it is chance if one
@@ -104,7 +105,7 @@ def before_panorama(
     for camera, photo in zip(cameras, photos, strict=True):
         behind = _behind(camera, photo, panorama)
         plain.append(behind.is_seen_in(levels_of(photo)))
-        known.append(behind.known)
+        known.append(behind.known if photo.told is None else behind.known & photo.told)
     shown = [~scipy.ndimage.binary_opening(mask, np.ones((2, 2))) for mask in plain]
     # What no other photo shows is told by where the object is.
     near = silhouettes(cameras, shown, region, FINE_CELLS, FEWER)
