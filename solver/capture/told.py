@@ -65,7 +65,7 @@ def check_told(camera: Camera, told: np.ndarray | None) -> None:
         return
     if camera.ignored_path is None:
         raise CaptureError(
-            camera.image_path, "lens", "its lens model has no ray for any of its pixels",
+            camera.image_path or camera.name, "lens", "its lens model has no ray for any of its pixels",
             "solve or export the cameras again",
         )  # fmt: skip
     white = "black" if camera.ignored_is_black else "white"

@@ -49,7 +49,7 @@ BLACK = 1e-3
 
 def evaluate_job(
     job: JobFolder, cameras: Path, out: Path | None = None, rays: int = 64,
-    neural: float | None = None, photos_folder: Path | None = None,
+    neural: float | None = None, photos_folder: Path | None = None, ignored: Path | None = None,
 ) -> dict:  # fmt: skip
     """Score a job's renders; prints a line a view and the means.
 
@@ -58,6 +58,7 @@ def evaluate_job(
         out: where to write everything as JSON.
         rays: secondary rays a pixel.
         neural: share of the neural term; None: as the fit ended.
+        ignored: of the photos, as `read_capture` takes it.
 
     Returns:
         `mean` of all views' scores, the scores of all `views`, and, where there is truth (and not all is
@@ -70,7 +71,7 @@ def evaluate_job(
         raise JobError(
             f"{out}: this is a folder; name a file for the scores, such as metrics.json."
         )
-    capture = read_capture(cameras, photos=photos_folder, fewest=1)
+    capture = read_capture(cameras, photos=photos_folder, fewest=1, ignored=ignored)
     scene, settings = load_job(job)
     if not job.is_complete():
         print(
