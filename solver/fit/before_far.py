@@ -77,7 +77,10 @@ def cut_out_before_far(
         for found in pool.map(compared.agreement, range(len(photos))):
             agreements.append(found)
             progress(COMPARING * len(agreements) / len(photos))
-    maybe = [~_from_the_edge(found.is_far) for found in agreements]
+    maybe = [
+        ~_from_the_edge(_or_untold(found.is_far, camera.told_at(found.seen.shape)))
+        for camera, found in zip(small, agreements, strict=True)
+    ]
     near = silhouettes(small, maybe, box, CELLS, FEWER)
     if near is None:
         return None
@@ -104,7 +107,7 @@ def before_panorama(
     plain, known = [], []
     for camera, photo in zip(cameras, photos, strict=True):
         behind = _behind(camera, photo, panorama)
-        plain.append(behind.is_seen_in(levels_of(photo)))
+        plain.append(_or_untold(behind.is_seen_in(levels_of(photo)), photo.told))
         known.append(behind.known if photo.told is None else behind.known & photo.told)
     shown = [~scipy.ndimage.binary_opening(mask, np.ones((2, 2))) for mask in plain]
     # What no other photo shows is told by where the object is.
@@ -169,6 +172,11 @@ def _before(photo: Photo, shown: np.ndarray, behind: Behind) -> Photo:
     return replace(
         with_alpha(photo, shown, colour), behind=colour.astype(np.float16), unsure=unsure
     )
+
+
+def _or_untold(mask: np.ndarray, told: np.ndarray | None) -> np.ndarray:
+    """A mask [H, W] with what the photo says nothing of."""
+    return mask if told is None else mask | ~told
 
 
 def _from_the_edge(plain: np.ndarray, least: int = 3) -> np.ndarray:

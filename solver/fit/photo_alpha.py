@@ -25,10 +25,14 @@ def levels_of(photo: Photo) -> np.ndarray:
 def with_alpha(photo: Photo, shown: np.ndarray, behind: float | np.ndarray) -> Photo:
     """A photo of which the object is what is `shown` [H, W], and the rest the backdrop.
 
+    Where the photo says nothing, it is as next to that.
+
     Args:
         behind: the backdrop's sRGB level, or its colours [H, W, 3].
     """
     colour = srgb_of(photo)
+    if photo.told is not None:
+        shown = filled(shown[..., None], photo.told)[..., 0]
     alpha = coverage_before(colour, shown, behind)[..., None]
     straight = (colour - (1 - alpha) * behind) / np.maximum(alpha, 1e-3)
     mixed = srgb_to_linear(np.clip(straight, 0, np.inf if photo.is_hdr else 1)) * alpha

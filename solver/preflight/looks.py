@@ -215,14 +215,13 @@ def look_at(
     told = camera.told_at((height, width))
     if told is not None:
         colour = filled(colour, told)
-        alpha = (
-            None if alpha is None else np.where(told, alpha, filled(alpha[..., None], told)[..., 0])
-        )
-    if alpha is not None and alpha.min() == 255:
+    if alpha is not None and (alpha if told is None else alpha[told]).min() == 255:
         alpha = None
     if camera.mask_path is not None:
         mask = load_reduced_mask(camera.mask_path, (height, width), image_orientation(path))
         alpha = mask if alpha is None else np.minimum(alpha, mask)
+    if alpha is not None and told is not None:
+        alpha = alpha * told
     if shown is not None:
         alpha = at_size(shown, (height, width)) * np.uint8(255)
     backdrop = None

@@ -8,9 +8,10 @@ import torch
 
 from solver.capture.capture import Capture
 from solver.capture.photos import Photo, at_sizes_of
-from solver.fit.before_far import at_size
+from solver.fit.before_far import at_size, cut_out_before_far
 from solver.fit.common_masks import fit_together
 from solver.fit.cut_out import cut_out
+from solver.fit.cut_out_standing import find_on_support
 from solver.fit.evaluate import image_scores
 from solver.fit.exposure import brought_to, photo_views
 from solver.fit.hollows import Carving, held_by_silhouettes
@@ -21,6 +22,8 @@ from solver.fit.visual_hull import carve
 from solver.metrics.image import psnr, ssim
 from solver.render.image import render_view
 from solver.render.scene import StepTables
+from tests.capture.far_scene import far_scene
+from tests.fit.table_scene import table_scene
 from tests.fit.test_fit import SIZE, SMALL, ball_capture
 
 HAND = np.zeros((SIZE, SIZE), bool)
@@ -229,3 +232,43 @@ def test_masks_of_another_size_are_looked_up():
     np.testing.assert_array_equal(camera.told_at((64, 64)), at_size(camera.told, (64, 64)))
     assert camera.told_at((SIZE, SIZE)) is camera.told
     assert isinstance(capture, Capture) and capture.cameras[1].told_at((3, 3)) is None
+
+
+def with_a_black_corner(capture, photos):
+    """The same photos, black in a corner that is to be ignored, another one in each."""
+    height, width = photos[0].pixels.shape[:2]
+    spoilt = []
+    for i, photo in enumerate(photos):
+        hidden = np.zeros((height, width), bool)
+        hidden[: height // 3, : 2 * width // 3] = True
+        hidden = np.rot90(hidden, 2) if i % 2 else hidden
+        pixels = photo.pixels.copy()
+        pixels[hidden, :3] = 0
+        spoilt.append(dataclasses.replace(photo, pixels=pixels, told=~hidden))
+    return at_sizes_of(spoilt, capture), spoilt
+
+
+def test_what_is_far_away_is_found_though_corners_are_ignored():
+    capture, photos, coverages = far_scene()
+    found = cut_out_before_far(*with_a_black_corner(capture, photos))
+    off = [
+        (((photo.pixels[..., 3] > 0.5) != (cover > 0.5)) & photo.told & ~photo.unsure).sum()
+        for photo, cover in zip(found.photos, coverages, strict=True)
+    ]
+    assert np.mean(off) < 0.1 * np.mean([(cover > 0.5).sum() for cover in coverages])
+    whole = cut_out_before_far(capture, photos).panorama
+    known = found.panorama.known & whole.known
+    assert known.mean() > 0.95 and np.abs(found.panorama.colour - whole.colour)[known].max() < 0.3
+    black = (found.panorama.colour < 0.02).all(-1) & known
+    assert not black.any()
+
+
+def test_what_stands_on_a_table_is_found_though_corners_are_ignored():
+    capture, photos, shown = table_scene()
+    seeing, spoilt = with_a_black_corner(capture, photos)
+    found = find_on_support(seeing, spoilt)
+    overlaps = [
+        (own.shown & true & photo.told).sum() / ((own.shown | true) & photo.told).sum()
+        for own, true, photo in zip(found.outlines, shown, spoilt, strict=True)
+    ]
+    assert np.mean(overlaps) > 0.85
