@@ -213,9 +213,14 @@ class Comparison:
 
 
 def _rim_of(values: np.ndarray, told: np.ndarray | None) -> np.ndarray:
-    """Values [H, W] along the edges [N] of what a photo tells, [H, W] bool; None: of all of it."""
+    """Values [N] of those [H, W] along a photo's edges, where it is `told` [H, W]; None: all around. Of a
+    fisheye's image, those along the edge of that."""
+    border = border_of(values[..., None])[:, 0]
     if told is None:
-        return border_of(values[..., None])[:, 0]
+        return border
+    there = border_of(told[..., None])[:, 0]
+    if there.mean() >= HALF:
+        return border[there]
     return values[told & ~scipy.ndimage.binary_erosion(told)]
 
 
