@@ -250,7 +250,7 @@ def with_a_black_corner(capture, photos):
 
 
 def test_what_is_far_away_is_found_though_corners_are_ignored():
-    capture, photos, coverages = far_scene(views=56)
+    capture, photos, coverages = far_scene(views=48)
     found = cut_out_before_far(*with_a_black_corner(capture, photos))
     off = [
         (((photo.pixels[..., 3] > 0.5) != (cover > 0.5)) & photo.told & ~photo.unsure).sum()
