@@ -2,7 +2,7 @@
 
     python benchmarks/step.py                           the CPU: numba, Warp and plain torch
     python benchmarks/step.py --device cuda --capture scenes/materials --preset standard
-    python benchmarks/step.py --short                   plain torch and the first path of kernels, a few steps
+    python benchmarks/step.py --short                   plain torch and kernels, a few steps
 
 Steps are those of a fit that has just begun on its finest grid; the paths take them in turn, so that a
 machine that gets slower does so for all. On a card they are also replayed, as a fit does it. Torch's

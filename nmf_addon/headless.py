@@ -1,8 +1,9 @@
 """Reconstruct without a window: `blender -c nmf`, `samples/reconstruct.py`, and the plain function.
 
-    reconstruct CAPTURE OUT.blend [--photos FOLDER] [--masks FOLDER] [--preset draft|standard|paper]
-                [--device auto|cpu|cuda|mps] [--seed 0] [--time-limit SECONDS]
-                [--set section.field=value …] [--job FOLDER] [--resume] [--overwrite]
+    reconstruct CAPTURE OUT.blend [--photos FOLDER] [--masks FOLDER] [--ignore PATH]
+                [--preset draft|standard|paper] [--device auto|cpu|cuda|mps] [--seed 0]
+                [--time-limit SECONDS] [--set section.field=value …] [--job FOLDER] [--resume]
+                [--overwrite]
 
 Exit codes are the solver's: 0 done, 2 bad input, 3 cancelled, 4 out of memory, 1 anything else.
 """
@@ -78,6 +79,9 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("out", type=Path, metavar="OUT.blend")
     command.add_argument("--photos", type=Path, help="their folder, if not below the capture's")
     command.add_argument("--masks", type=Path, help="their folder, if not 'masks' there")
+    command.add_argument(
+        "--ignore", type=Path, help="pictures, white where photos are to be ignored"
+    )
     command.add_argument("--preset", help="draft (default), standard or paper")
     command.add_argument("--device", help="auto (default), cpu, cuda or mps")
     command.add_argument("--seed", type=int)
@@ -109,10 +113,11 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
     # Factory settings would switch off the installed extension, which this is.
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     check_cycles(bpy.context.scene)
-    photos, masks = (
-        None if folder is None else folder.absolute() for folder in (options.photos, options.masks)
+    photos, masks, ignored = (
+        None if folder is None else folder.absolute()
+        for folder in (options.photos, options.masks, options.ignore)
     )
-    collection = import_capture(bpy.context, options.capture.absolute(), photos, masks)
+    collection = import_capture(bpy.context, options.capture.absolute(), photos, masks, ignored)
     bpy.context.scene.nmf.capture = collection
     name = f"{out.stem}_job"
     root = options.job.absolute() if options.job else last_job_root(name, out.parent)

@@ -38,6 +38,13 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
         options={"SKIP_SAVE"},
     )
 
+    ignored: bpy.props.StringProperty(
+        name="Ignore",
+        description="Folder of pictures that are white where photos show something to be ignored, such as "
+        "a hand or a tripod, named as the photos are; or one picture for all photos",
+        options={"SKIP_SAVE"},
+    )
+
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Import all that was picked, or nothing."""
         paths = self._paths()
@@ -45,7 +52,10 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
             self.report({"ERROR"}, "There is no path; give a camera file or a folder as filepath.")
             return {"CANCELLED"}
         try:
-            made = import_captures(context, paths, _folder(self.photos), _folder(self.masks))
+            made = import_captures(
+                context, paths, _folder(self.photos), _folder(self.masks),
+                ignored=_folder(self.ignored),
+            )  # fmt: skip
         except CaptureError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -71,6 +81,7 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
         column.use_property_split, column.use_property_decorate = True, False
         column.prop(self, "photos")
         column.prop(self, "masks")
+        column.prop(self, "ignored")
         column.label(text="A folder may be picked as well", icon="INFO")
 
     def _paths(self) -> list[Path]:

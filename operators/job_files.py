@@ -101,7 +101,10 @@ def _asked_for(job: JobFolder) -> list[tuple[Path, str]]:
         request = job.request
     except JobError:
         return []
-    named = [(request.photos, "PHOTOS"), (request.masks, "MASKS"), (request.capture, "CAPTURE")]
+    named = [
+        (request.photos, "PHOTOS"), (request.masks, "MASKS"), (request.ignored, "IGNORED"),
+        (request.capture, "CAPTURE"),
+    ]  # fmt: skip
     folders = [(Path(folder), name) for folder, name in named if folder]
     return [(folder, name) for folder, name in folders if not folder.is_relative_to(job.root)]
 

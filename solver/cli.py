@@ -20,7 +20,7 @@ from .job.exit_codes import CANCELLED, DONE, FAILED
 from .job.folder import DEVICES, MOST_SEED, JobError, JobFolder, JobRequest, overrides_of
 from .job.resume import take_up
 from .job.status import process_is_alive, read_status
-from .preflight.command import add_check, add_pictures
+from .preflight.command import IGNORE, add_check, add_pictures
 from .session import KNOWN_FAILURES, explain, session
 from .streams import (
     escape_missing_letters,
@@ -75,6 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     new.add_argument("--out", type=Path, required=True, metavar="JOB", help="job folder, new")
     new.add_argument("--photos", type=Path, metavar="DIR", help="if not below the capture's folder")
     new.add_argument("--masks", type=Path, metavar="DIR", help="if not in a folder 'masks' there")
+    new.add_argument("--ignore", type=Path, metavar="PATH", dest="ignored", help=IGNORE)
     new.add_argument("--preset", help="draft (as it is without), standard or paper")
     new.add_argument("--device", choices=DEVICES)
     new.add_argument("--seed", type=whole_number(0, MOST_SEED))
@@ -112,6 +113,7 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("job", type=Path)
     evaluate.add_argument("--cameras", type=Path, required=True, help="camera file with photos")
     evaluate.add_argument("--photos", type=Path, metavar="DIR", help="if not below its folder")
+    evaluate.add_argument("--ignore", type=Path, metavar="PATH", dest="ignored", help=IGNORE)
     evaluate.add_argument("--out", type=Path, help="metrics.json")
     _add_rendering(evaluate)
     evaluate.set_defaults(run=_evaluate)
@@ -163,7 +165,8 @@ def _reconstruct(options: argparse.Namespace) -> int:
         asked = {
             "capture": str(options.capture.absolute()), "preset": options.preset,
             "device": options.device, "seed": options.seed, "photos": _absolute(options.photos),
-            "masks": _absolute(options.masks), "overrides": _overrides(options.sets) or None,
+            "masks": _absolute(options.masks), "ignored": _absolute(options.ignored),
+            "overrides": _overrides(options.sets) or None,
         }  # fmt: skip
         take_up(job, asked, options.time_limit)
         return _run_job(job, options.began)
@@ -171,13 +174,16 @@ def _reconstruct(options: argparse.Namespace) -> int:
     settings_for(preset, overrides)
     device = options.device or "auto"
     # Bad input is refused, and a package that is missing told, before a folder is made.
-    read_capture(options.capture, photos=options.photos, masks=options.masks)
+    read_capture(
+        options.capture, photos=options.photos, masks=options.masks, ignored=options.ignored
+    )
     importlib.import_module(".fit.reconstruct", __package__)
     choose_device(device)
     request = JobRequest(
         capture=str(options.capture.absolute()), preset=preset, device=device,
         seed=options.seed or 0, time_limit=options.time_limit, overrides=overrides,
-        photos=_absolute(options.photos), masks=_absolute(options.masks), code_version=__version__,
+        photos=_absolute(options.photos), masks=_absolute(options.masks),
+        ignored=_absolute(options.ignored), code_version=__version__,
     )  # fmt: skip
     return _run_job(JobFolder.create(options.out, request), options.began)
 
@@ -248,7 +254,7 @@ def _evaluate(options: argparse.Namespace) -> int:
 
     evaluate_job(
         JobFolder.open(options.job), options.cameras, options.out, options.rays, options.neural,
-        options.photos,
+        options.photos, options.ignored,
     )  # fmt: skip
     return DONE
 

@@ -20,6 +20,10 @@ SENSOR_WIDTH = 36.0  # mm; only its ratio to the focal length matters
 LENS, DISTORTION, ASPECT, MASK = "nmf_lens", "nmf_distortion", "nmf_fy_over_fx", "nmf_mask"
 MASK_FILES = "nmf_mask_files"
 """where the mask lay when the camera was imported, for a photo that is no longer beside it"""
+IGNORED, IGNORED_FILES, IGNORED_IS_BLACK = (
+    "nmf_ignored", "nmf_ignored_files", "nmf_ignored_is_black",
+)  # fmt: skip
+"""the same of what is to be ignored of the photo; and whether that is black there"""
 SIZE = "nmf_size"
 """the camera's width and height, pixels; its photo's may be swapped in the file (EXIF orientation)"""
 FILMS = ("SEQUENCE", "MOVIE")
@@ -52,11 +56,19 @@ def add_camera(
     data[DISTORTION] = list(camera.distortion) or [0.0]
     data[ASPECT] = aspect_of(camera)
     if camera.mask_path is not None:
-        data[MASK] = _beside(camera.mask_path, camera.image_path)
-        data[MASK_FILES] = sorted({stored_path(camera.mask_path), str(camera.mask_path)})
+        _keep(data, MASK, MASK_FILES, camera.mask_path, camera.image_path)
+    if camera.ignored_path is not None:
+        _keep(data, IGNORED, IGNORED_FILES, camera.ignored_path, camera.image_path)
+        data[IGNORED_IS_BLACK] = camera.ignored_is_black
     item = bpy.data.objects.new(camera.name, data)
     item.matrix_world = Matrix(camera.camera_to_world.tolist())
     return item
+
+
+def _keep(data: bpy.types.Camera, name: str, files: str, mask: Path, photo: Path) -> None:
+    """Keep where a mask of a photo lies, as `_mask_of` looks for it."""
+    data[name] = _beside(mask, photo)
+    data[files] = sorted({stored_path(mask), str(mask)})
 
 
 def _beside(mask: Path, photo: Path) -> str:
@@ -67,14 +79,16 @@ def _beside(mask: Path, photo: Path) -> str:
         return str(mask)
 
 
-def _mask_of(data: bpy.types.Camera, photo: Path) -> Path | None:
-    """The mask of a photo: beside that, or where both lay before the photo was packed and unpacked."""
-    if not data.get(MASK):
+def _mask_of(data: bpy.types.Camera, photo: Path, name: str, files: str) -> Path | None:
+    """The mask of a photo: beside that, or where both lay before the photo was packed and unpacked.
+
+    Args:
+        name, files: of the properties that tell.
+    """
+    if not data.get(name):
         return None
-    beside = Path(os.path.normpath(photo.parent / data[MASK]))
-    before = [
-        Path(bpy.path.abspath(path, library=data.library)) for path in data.get(MASK_FILES, ())
-    ]
+    beside = Path(os.path.normpath(photo.parent / data[name]))
+    before = [Path(bpy.path.abspath(path, library=data.library)) for path in data.get(files, ())]
     return next((path for path in (beside, *before) if path.is_file()), beside)
 
 
@@ -204,7 +218,9 @@ def to_solver(item: bpy.types.Object, to_capture: Matrix) -> Camera:
         raise CaptureError(path, f"photo of {item.name}", what, way_out)
     return camera_of(
         item.data, to_capture @ item.matrix_world, name=item.name, image_path=path, width=width,
-        height=height, mask_path=_mask_of(item.data, path),
+        height=height, mask_path=_mask_of(item.data, path, MASK, MASK_FILES),
+        ignored_path=_mask_of(item.data, path, IGNORED, IGNORED_FILES),
+        ignored_is_black=bool(item.data.get(IGNORED_IS_BLACK, False)),
     )  # fmt: skip
 
 

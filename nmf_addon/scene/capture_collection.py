@@ -35,15 +35,16 @@ MOST_POINTS = 200_000
 
 
 def import_capture(
-    context: bpy.types.Context, path: Path, photos: Path | None = None, masks: Path | None = None
-) -> bpy.types.Collection:
+    context: bpy.types.Context, path: Path, photos: Path | None = None, masks: Path | None = None,
+    ignored: Path | None = None,
+) -> bpy.types.Collection:  # fmt: skip
     """Read a capture and show it; see `import_captures`."""
-    return import_captures(context, [path], photos, masks)[0]
+    return import_captures(context, [path], photos, masks, ignored=ignored)[0]
 
 
 def import_captures(
     context: bpy.types.Context, paths: list[Path], photos: Path | None = None,
-    masks: Path | None = None, as_they_stand: bool = False,
+    masks: Path | None = None, as_they_stand: bool = False, ignored: Path | None = None,
 ) -> list[bpy.types.Collection]:  # fmt: skip
     """Read cameras and show them with their photos, upright, in a box for the object.
 
@@ -53,13 +54,14 @@ def import_captures(
     Args:
         photos, masks: their folders, if they are not below the capture's.
         as_they_stand: the file's coordinates are the scene's; nothing is set upright or scaled.
+        ignored: a folder of pictures that are white where photos are to be ignored, or one for all photos.
 
     Raises:
         CaptureError: with file, field and remedy.
     """
     captures = {}
     for path in paths:
-        capture = read_capture(path, photos=photos, masks=masks)
+        capture = read_capture(path, photos=photos, masks=masks, ignored=ignored)
         captures[capture.source] = capture
     images = _load_photos([camera for c in captures.values() for camera in c.cameras])
     return [
@@ -256,11 +258,12 @@ def write_capture(collection: bpy.types.Collection, folder: Path) -> Path:
     path = folder / "transforms_train.json"
     cameras = [to_solver(item, matrix) for item in items]
     for camera in cameras:
-        if camera.mask_path is not None and not camera.mask_path.is_file():
-            raise CaptureError(
-                camera.mask_path, f"mask of {camera.name}", "it does not exist",
-                "put the masks back, or import the capture anew",
-            )  # fmt: skip
+        for mask in (camera.mask_path, camera.ignored_path):
+            if mask is not None and not mask.is_file():
+                raise CaptureError(
+                    mask, f"mask of {camera.name}", "it does not exist",
+                    "put the masks back, or import the capture anew",
+                )  # fmt: skip
     write_transforms(path, cameras)
     return path
 

@@ -31,6 +31,11 @@ class Camera:
         distortion: OpenCV's k1 k2 p1 p2 k3 k4 k5 k6 (`opencv`) or k1 k2 k3 k4 (`opencv_fisheye`);
             other lenses' numbers in the order their modules give (see `lenses`).
         mask_path: a picture of the object's coverage: the photo's alpha is no more than that.
+        ignored_path: a picture that is white where the photo says nothing of what is there, as where a
+            hand is before it; else black. All else about it is as about `mask_path`.
+        ignored_is_black: that picture is black there and white elsewhere, as nerfstudio's masks are.
+        told: [h, w] bool, of any size: false where the photo says nothing (`told.told_of`); None: it says
+            something everywhere, or was not looked at yet. What it says nothing of counts as out of frame.
     """
 
     name: str
@@ -45,6 +50,9 @@ class Camera:
     lens: str = "pinhole"
     distortion: tuple[float, ...] = ()
     mask_path: Path | None = None
+    ignored_path: Path | None = None
+    ignored_is_black: bool = False
+    told: np.ndarray | None = None
 
     @property
     def position(self) -> np.ndarray:
@@ -144,20 +152,35 @@ class Camera:
         return np.maximum(scaled, 1e-9 * depth)  # right above and below a row has no end
 
     def in_frame(self, points: np.ndarray) -> np.ndarray:
-        """[N] true where a world point [N, 3] before the camera lies within the photo's edges."""
+        """[N] true where a world point [N, 3] before the camera lies within the photo's edges, where it is
+        told."""
         return self.pixels_of(points, (self.height, self.width))[1]
 
     def pixels_of(
         self, points: np.ndarray, shape: tuple[int, int]
     ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
-        """Rows and columns, in a photo of so many (`shape`), of the world points [N, 3] in its frame; [N]
-        which these are, and their depths (`project`)."""
+        """Rows and columns, in a photo of so many (`shape`), of the world points [N, 3] in its frame, where
+        it is told; [N] which these are, and their depths (`project`)."""
         height, width = shape
         pixel, depth = self.project(points)
         x, y = pixel[:, 0] * (width / self.width), pixel[:, 1] * (height / self.height)
         # No comparison holds for NaN.
         inside = (depth > 0) & (x >= 0) & (x < width) & (y >= 0) & (y < height)
-        return (y[inside].astype(int), x[inside].astype(int)), inside, depth[inside]
+        row, column = y[inside].astype(int), x[inside].astype(int)
+        if self.told is not None:
+            down, across = self.told.shape
+            told = self.told[row * down // height, column * across // width]
+            row, column, inside[inside] = row[told], column[told], told
+        return (row, column), inside, depth[inside]
+
+    def told_at(self, shape: tuple[int, int]) -> np.ndarray | None:
+        """`told` for a photo of so many rows and columns."""
+        if self.told is None or self.told.shape == shape:
+            return self.told
+        row, column = (
+            np.arange(size) * own // size for size, own in zip(shape, self.told.shape, strict=True)
+        )
+        return self.told[row[:, None], column]
 
     def lens_reaches(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """[N] true where some ray has the pixel position; false beyond the distortion's fold."""

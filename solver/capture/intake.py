@@ -48,6 +48,9 @@ class Found:
         camera_to_world: [4, 4] or [3, 4], OpenGL camera axes; checked by `assemble`.
         intrinsics: for the photo as the file knew it; None if a camera without a photo is of no use.
         mask: the mask the file names, as `PhotoFinder.mask_of` gives it; None looks for one.
+        ignored: the picture the file names of what is to be ignored (`Camera.ignored_path`); None looks for
+            one. What a person gives counts before it.
+        ignored_is_black: the file's is black there.
     """
 
     where: str
@@ -56,6 +59,8 @@ class Found:
     camera_to_world: object
     intrinsics: Intrinsics | None
     mask: Path | None = None
+    ignored: Path | None = None
+    ignored_is_black: bool = False
 
 
 def assemble(
@@ -102,9 +107,12 @@ def assemble(
         cameras.append(
             Camera(
                 name=_unique_name(file_name, names), image_path=item.photo,
-                camera_to_world=pose, mask_path=mask, **vars(intrinsics),
+                camera_to_world=pose, mask_path=mask, **_ignored(item, photos), **vars(intrinsics),
             )
         )  # fmt: skip
+    given = photos.ignored.given
+    if photos.wanted and given is not None and not any(c.ignored_path for c in cameras):
+        raise none_fits(given, cameras[0].image_path.name, "ignore")
     if photos.wanted and not any(camera.mask_path for camera in cameras):
         if photos.masks.masks is not None:
             raise none_fits(photos.masks.masks, cameras[0].image_path.name)
@@ -161,6 +169,15 @@ def without_pose(
         f"{source.name}: {len(lost)} of {count} photos have no pose and are left out "
         f"(the first: {shown(lost[0])})",
     )
+
+
+def _ignored(item: Found, photos: PhotoFinder) -> dict[str, object]:
+    """The fields of a camera that say what is to be ignored of its photo."""
+    named = {"ignored_path": item.ignored, "ignored_is_black": item.ignored_is_black}
+    if item.photo is None or (item.ignored is not None and photos.ignored.given is None):
+        return named
+    found = photos.ignored.of(item.photo)
+    return named if found is None else {"ignored_path": found}
 
 
 def _in_their_folders(found: list[Found]) -> list[Found]:

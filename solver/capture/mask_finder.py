@@ -43,10 +43,14 @@ def masks_among(pictures: Iterable[Path]) -> list[Path]:
     return [path for path, form in found if form and (path.parent, form[1] or form[2]) in named]
 
 
-def none_fits(masks: Path, photo: str) -> CaptureError:
-    """The error that a folder of masks has none of any photo, such as `photo`."""
+def none_fits(masks: Path, photo: str, field: str = "masks") -> CaptureError:
+    """The error that a folder of masks has none of any photo, such as `photo`.
+
+    Args:
+        field: what the folder was given as.
+    """
     return CaptureError(
-        masks, "masks", "no mask there has a photo's name",
+        masks, field, "no mask there has a photo's name",
         f"name masks as photos are, as {Path(photo).stem}.png",
     )  # fmt: skip
 

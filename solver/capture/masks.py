@@ -1,4 +1,4 @@
-"""Masks: pictures of the object's coverage. Only `photos` and `reduced` import this module."""
+"""Masks: pictures of the object's coverage. Only `photos`, `reduced` and `told` import this module."""
 
 from __future__ import annotations
 
@@ -20,18 +20,19 @@ DARKEST, FEWEST_SHOWN = 0.1, 1e-3
 pixels, above which one of two is not"""
 
 
-def read_mask(camera: Camera, orientation: int) -> np.ndarray:
+def read_mask(camera: Camera, orientation: int, field: str = "mask_path") -> np.ndarray:
     """Coverage [H, W] float32 in [0, 1] from a mask file, at the camera's size.
 
     Args:
         orientation: the photo's; its mask may lie as the photo does.
+        field: of the camera that names it, such as `ignored_path`.
 
     Raises:
         CaptureError: not there, unreadable, or of another shape than the photo.
     """
-    path = camera.mask_path
+    path = getattr(camera, field)
     if not path.is_file():
-        raise no_mask(path)
+        raise no_mask(path, field)
     decoded = decode(path)
     mask = coverage(decoded)
     if not np.isfinite(mask).all():
@@ -45,14 +46,14 @@ def read_mask(camera: Camera, orientation: int) -> np.ndarray:
         if same_shape(size, wanted):
             return resized_by_area(candidate, *wanted)
     raise CaptureError(
-        path, "mask_path", f"the mask is {mask.shape[1]} × {mask.shape[0]} pixels, "
+        path, field, f"the mask is {mask.shape[1]} × {mask.shape[0]} pixels, "
         f"its photo {camera.width} × {camera.height}", "export both at one shape",
     )  # fmt: skip
 
 
-def no_mask(path: Path) -> CaptureError:
+def no_mask(path: Path, field: str = "mask_path") -> CaptureError:
     """The error that a mask which the camera file names is not there."""
-    return CaptureError(path, "mask_path", "the mask does not exist", "add it or remove mask_path")
+    return CaptureError(path, field, "the mask does not exist", f"add it or remove {field}")
 
 
 def coverage(decoded: Decoded) -> np.ndarray:

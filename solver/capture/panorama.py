@@ -208,9 +208,22 @@ class Comparison:
         shares = []
         for index in range(0, len(self.cameras), max(1, len(self.cameras) // PROBED)):
             found = self.agreement(index)
-            seen, far = (border_of(v[..., None])[:, 0] for v in (found.seen > 1, found.is_far))
+            told = self.cameras[index].told_at(found.seen.shape)
+            seen, far = (_rim_of(v, told) for v in (found.seen > 1, found.is_far))
             shares.append(far[seen].mean() if seen.mean() >= SEEN_BORDER else 0.0)
         return bool(np.median(shares) >= FAR_BORDER)
+
+
+def _rim_of(values: np.ndarray, told: np.ndarray | None) -> np.ndarray:
+    """Values [N] of those [H, W] along a photo's edges, where it is `told` [H, W]; None: all around. Of a
+    fisheye's image, those along the edge of that."""
+    border = border_of(values[..., None])[:, 0]
+    if told is None:
+        return border
+    there = border_of(told[..., None])[:, 0]
+    if there.mean() >= HALF:
+        return border[there]
+    return values[told & ~scipy.ndimage.binary_erosion(told)]
 
 
 def _texels(height: int) -> np.ndarray:

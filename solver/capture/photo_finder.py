@@ -14,6 +14,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from .errors import CaptureError, shown
+from .ignored import IgnoredFinder, beside_among
 from .image_header import EXTENSIONS, developed
 from .mask_finder import MaskFinder, masks_among, photos_of
 from .picture_names import (
@@ -72,16 +73,20 @@ class PhotoFinder:
         fewest: photos that are of use together.
         wanted: cameras are of use only with their photos; else for pictures that are to be made, and
             there may be none, or several that could be meant.
+        ignored: see `IgnoredFinder`.
     """
 
     def __init__(
         self, folder: Path, masks: Path | None = None, anywhere: bool = False,
-        fewest: int = MIN_PHOTOS, wanted: bool = True,
+        fewest: int = MIN_PHOTOS, wanted: bool = True, ignored: Path | None = None,
     ):  # fmt: skip
         self.folder = Path(os.path.normpath(folder.absolute()))
         self.masks = MaskFinder(
             self.folder, None if masks is None else Path(os.path.normpath(masks.absolute()))
         )
+        if ignored is not None:
+            ignored = Path(os.path.normpath(ignored.absolute()))
+        self.ignored = IgnoredFinder(self.folder, ignored)
         self.anywhere = anywhere
         self.fewest, self.wanted = fewest, wanted
         self._by_stem: dict[str, list[Path]] | None = None
@@ -182,6 +187,14 @@ class PhotoFinder:
             return found or self.masks.of(photo) or _missing_in(base, stated)
         return self.masks.of(photo)
 
+    def picture_at(self, stated: object, beside: Path) -> Path | None:
+        """The picture that a camera file names, by the path from its folder or the capture's; where it
+        would be, if it is not there; None: it names none."""
+        if not isinstance(stated, str) or not stated:
+            return None
+        found = self._at(beside.parent, stated) or self._at(self.folder, stated)
+        return found or _missing_in(beside.parent, stated)
+
     def pictures(self) -> list[Path]:
         """All pictures below the folder that are no masks, in the order of their paths."""
         return sorted(path for paths in self._pictures().values() for path in paths)
@@ -217,7 +230,7 @@ class PhotoFinder:
         if self._by_stem is None:
             self._by_stem = {}
             found = [p for p in pictures_below(self.folder) if not self._is_mask(p.parent)]
-            masks = set(masks_among(found))
+            masks = set(masks_among(found)) | beside_among(found)
             furthest: dict[tuple[Path, str], int] = {}
             for path in found:
                 key = path.parent, stem_of(path.name)
@@ -230,8 +243,8 @@ class PhotoFinder:
         return self._by_stem
 
     def _is_mask(self, folder: Path) -> bool:
-        """True for a folder in the capture's with masks."""
-        if folder == self.folder or folder == self.masks.masks:
+        """True for a folder in the capture's with masks, or with pictures of what is to be ignored."""
+        if folder in (self.folder, self.masks.masks, self.ignored.folder):
             return folder != self.folder
         if folder not in self._of_masks:
             self._of_masks[folder] = photos_of(folder) is not None or self._is_mask(folder.parent)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.ndimage
 from PIL import Image
 
 from ..threads import usable_cores
@@ -32,6 +33,8 @@ NEIGHBOURS = 10
 """photos that each is compared with"""
 WIDEST = np.radians(60)
 """angle between directions of view beyond which photos are not compared: features look different then"""
+BORDER = 0.01
+"""of the picture's longer side: so far around what is hidden nothing is looked at"""
 DATABASE = "database.db"
 FINDING = 0.7
 """of the time for features and matches, that the first take"""
@@ -91,11 +94,18 @@ def quiet_colmap() -> Any:
 
 
 def picture_of(photo: Photo) -> Picture:
-    """A photo as people see it, about `LONGEST` pixels long; with alpha over white."""
+    """A photo as people see it, about `LONGEST` pixels long; with alpha over white. What it says nothing of
+    is hidden."""
     alpha = photo.pixels[..., 3:]
     straight = photo.pixels[..., :3] / np.maximum(alpha, 1e-4)
     shown = np.clip(linear_to_srgb(straight), 0, 1) * alpha + 1 - alpha
-    return picture_from((255 * shown + 0.5).astype(np.uint8))
+    colour = (255 * shown + 0.5).astype(np.uint8)
+    return picture_from(colour, None if photo.told is None else hidden_around(~photo.told))
+
+
+def hidden_around(hidden: np.ndarray) -> np.ndarray:
+    """What is hidden [H, W] bool of a picture, and what is so close to it that its edge shows there."""
+    return scipy.ndimage.maximum_filter(hidden, 2 * round(BORDER * max(hidden.shape)) + 1)
 
 
 def picture_from(colour: np.ndarray, hidden: np.ndarray | None = None) -> Picture:

@@ -32,6 +32,7 @@ from .errors import CaptureError
 from .masks import read_mask
 from .orientation import as_camera_saw
 from .photo_settings import PhotoSettings
+from .told import check_told, made_smaller, told_of
 
 __all__ = [
     "Photo", "PhotoSettings", "at_sizes_of", "linear_to_srgb", "load_photo", "load_photos", "read_exr",
@@ -49,11 +50,13 @@ class Photo:
 
     Attributes:
         pixels: [H, W, 4] float32, linear Rec.709, premultiplied alpha, row 0 on top.
-        has_alpha: the photo says what is object (alpha channel or mask file).
+        has_alpha: the photo says what is object (alpha channel or mask file), where it is `told`.
         is_hdr: values above 1 are radiances, not clipped.
         backdrop: 'white' or 'black', if alpha is what stood out from that.
         behind: [H, W, 3] float16 sRGB, what is far behind the object, if alpha is what stood out from that.
         unsure: [H, W] bool, with `behind`: where alpha cannot be told.
+        told: [H, W] bool, false where the photo says nothing of what is there (see `told`): what its pixels
+            hold there means nothing, nor does alpha. None: it says something everywhere.
     """
 
     pixels: np.ndarray
@@ -62,13 +65,20 @@ class Photo:
     backdrop: str | None = None
     behind: np.ndarray | None = None
     unsure: np.ndarray | None = None
+    told: np.ndarray | None = None
+
+    @property
+    def cover(self) -> np.ndarray:
+        """Alpha [H, W] of what counts: 0 where the photo says nothing."""
+        alpha = self.pixels[..., 3]
+        return alpha if self.told is None else alpha * self.told
 
 
 def load_photo(camera: Camera, settings: PhotoSettings | None = None) -> Photo:
-    """Load the photo of a camera with its mask.
+    """Load the photo of a camera with its mask, and where it says something.
 
     Raises:
-        CaptureError: unreadable, or of another size than the camera's.
+        CaptureError: unreadable, or of another size than the camera's; or all of it is to be ignored.
     """
     path = camera.image_path
     if path is None:
@@ -92,11 +102,16 @@ def load_photo(camera: Camera, settings: PhotoSettings | None = None) -> Photo:
         _cover(pixels, read_mask(camera, decoded.orientation))
     if not np.isfinite(pixels).all():
         raise CaptureError(path, "", "the photo holds values that are not numbers", "replace it")
-    return Photo(pixels, bool((pixels[..., 3] < 1).any()), decoded.is_float)
+    told = told_of(camera, decoded.orientation)
+    alpha = pixels[..., 3] if told is None else pixels[told, 3]
+    return Photo(pixels, bool((alpha < 1).any()), decoded.is_float, told=told)
 
 
 def resized(photo: Photo, width: int, height: int) -> Photo:
-    """The photo at a size, itself if it has that: means of linear premultiplied pixels."""
+    """The photo at a size, itself if it has that: means of linear premultiplied pixels.
+
+    It says something where all that a pixel is made of does.
+    """
     if photo.pixels.shape[1::-1] == (width, height):
         return photo
     channels = (np.ascontiguousarray(photo.pixels[..., c]) for c in range(4))
@@ -104,13 +119,17 @@ def resized(photo: Photo, width: int, height: int) -> Photo:
         np.asarray(Image.fromarray(channel).resize((width, height), Image.Resampling.HAMMING))
         for channel in channels
     ]
-    return replace(photo, pixels=np.stack(channels, axis=2))
+    told = made_smaller(photo.told, width, height)
+    return replace(photo, pixels=np.stack(channels, axis=2), told=told)
 
 
 def at_sizes_of(photos: list[Photo], capture: Capture) -> Capture:
-    """The capture with cameras of the photos' sizes."""
+    """The capture with cameras of the photos' sizes, that know where these say something."""
     cameras = [
-        camera.resized(*photo.pixels.shape[1::-1])
+        replace(
+            camera.resized(*photo.pixels.shape[1::-1]),
+            told=camera.told if photo.told is None else photo.told,
+        )
         for camera, photo in zip(capture.cameras, photos, strict=True)
     ]
     return replace(capture, cameras=tuple(cameras))
@@ -131,7 +150,9 @@ def load_photos(
 
     def load(camera: Camera) -> Photo:
         photo, small = load_photo(camera, settings), camera.no_larger(most_pixels)
-        return resized(photo, small.width, small.height)
+        photo = resized(photo, small.width, small.height)
+        check_told(camera, photo.told)
+        return photo
 
     photos = []
     with ThreadPoolExecutor(max_workers=min(MOST_AT_ONCE, usable_cores())) as pool:
@@ -141,7 +162,7 @@ def load_photos(
                 progress(len(photos), len(capture.cameras))
     empty = [
         camera for camera, photo in zip(capture.cameras, photos, strict=True)
-        if not (photo.pixels[..., 3] > 0).any()
+        if not (photo.cover > 0).any()
     ]  # fmt: skip
     if len(empty) == len(photos):
         raise CaptureError(

@@ -140,7 +140,7 @@ def held_out_file(path: Path | str) -> Path | None:
 
 def read_capture(
     path: Path | str, split: str = "train", photos: Path | None = None, masks: Path | None = None,
-    trusted: bool = False, fewest: int = MIN_PHOTOS, wanted: bool = True,
+    trusted: bool = False, fewest: int = MIN_PHOTOS, wanted: bool = True, ignored: Path | None = None,
 ) -> Capture:  # fmt: skip
     """Read a capture from a folder or a camera file.
 
@@ -152,6 +152,7 @@ def read_capture(
         fewest: cameras that there must be; those of pictures to be made may be fewer than a capture's.
         wanted: leave out cameras without photos; else all are meant for pictures that are to be made, and
             photos are asked for their size at most.
+        ignored: a folder of pictures that are white where photos are to be ignored, or one for all photos.
 
     Raises:
         CaptureError: with file, field and remedy.
@@ -164,15 +165,22 @@ def read_capture(
     for folder, what in ((photos, "photos"), (masks, "masks")):
         if folder is not None and not Path(folder).is_dir():
             raise CaptureError(folder, what, "there is no such folder", "check its path")
+    if ignored is not None and not Path(ignored).exists():
+        raise CaptureError(
+            ignored, "ignore", "there is no such folder or picture", "check its path"
+        )
     if photos is not None:
         folder = Path(photos)
     else:
         folder = Path(path) if Path(path).is_dir() else capture_folder(file)
-    mask_folder = None if masks is None else Path(masks)
-    finder = PhotoFinder(folder, mask_folder, trusted, fewest, wanted)
+    how = {
+        "masks": None if masks is None else Path(masks), "anywhere": trusted, "fewest": fewest,
+        "wanted": wanted, "ignored": None if ignored is None else Path(ignored),
+    }  # fmt: skip
+    finder = PhotoFinder(folder, **how)
     if photos is None and MODEL_FOLDERS.fullmatch(finder.folder.name) and not finder.pictures():
         # The folder of the model was given, not that of the capture.
-        finder = PhotoFinder(capture_folder(file), mask_folder, trusted, fewest, wanted)
+        finder = PhotoFinder(capture_folder(file), **how)
     try:
         return _read(reader, file, finder)
     except CaptureError:
@@ -180,7 +188,7 @@ def read_capture(
         own = finder.folder if photos is not None else folder_with_photos(file)
         if own != finder.folder:
             with suppress(CaptureError):
-                return _read(reader, file, PhotoFinder(own, mask_folder, trusted, fewest, wanted))
+                return _read(reader, file, PhotoFinder(own, **how))
         raise
 
 

@@ -103,17 +103,20 @@ def _as_it_lies(path: Path, longest: int) -> tuple[np.ndarray, np.ndarray | None
     return pixels[..., :3], pixels[..., 3] if has_alpha else None
 
 
-def load_reduced_mask(path: Path, shape: tuple[int, int], orientation: int = 1) -> np.ndarray:
+def load_reduced_mask(
+    path: Path, shape: tuple[int, int], orientation: int = 1, field: str = "mask_path"
+) -> np.ndarray:
     """A mask [H, W] uint8 at a given size (rows, columns), read and turned as for a fit.
 
     Args:
         orientation: the photo's; its mask may lie as the photo does.
+        field: of the camera that names it.
 
     Raises:
         CaptureError: it is not there or cannot be decoded.
     """
     if not path.is_file():
-        raise no_mask(path)
+        raise no_mask(path, field)
     colour, alpha = _as_it_lies(path, max(shape))
     channels = [colour] if alpha is None else [colour, alpha[..., None]]
     decoded = Decoded(np.concatenate(channels, axis=2), None if alpha is None else 3)

@@ -6,24 +6,22 @@ The object does not: it may be a mirror, in which nothing is where it seems to b
 from __future__ import annotations
 
 import numpy as np
-import scipy.ndimage
 
 from .camera import Camera
 from .image_header import image_orientation
-from .photo_matches import LONGEST, Picture, picture_from
+from .photo_matches import LONGEST, Picture, hidden_around, picture_from
 from .reduced import load_reduced, load_reduced_mask
+from .told import told_of_reduced
 
 TOLERATED_AROUND = 1.5
 """pixels by which photos may lie beside their cameras, of pictures that features were sought in, where the
 object does not count: of a floor that is seen at a slant in small photos, right cameras have 1.0"""
 FAINT = 12
 """of 255, up to which a mask is black: JPEG is not exact"""
-BORDER = 0.01
-"""of the picture's longer side: so far around a mask nothing is looked at"""
 
 
 def picture_around(camera: Camera) -> Picture:
-    """A photo that has a mask file, with the object hidden.
+    """A photo that has a mask file, with the object hidden, and what says nothing.
 
     Raises:
         CaptureError: photo or mask cannot be read.
@@ -32,6 +30,7 @@ def picture_around(camera: Camera) -> Picture:
     mask = load_reduced_mask(
         camera.mask_path, colour.shape[:2], image_orientation(camera.image_path)
     )
-    width = 2 * round(BORDER * max(mask.shape)) + 1
-    hidden = scipy.ndimage.maximum_filter(mask > FAINT, width)
-    return picture_from(np.ascontiguousarray(colour), hidden)
+    hidden, told = mask > FAINT, told_of_reduced(camera, mask.shape)
+    if told is not None:
+        hidden |= ~told
+    return picture_from(np.ascontiguousarray(colour), hidden_around(hidden))

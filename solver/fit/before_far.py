@@ -15,9 +15,10 @@ from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.panorama import Behind, Comparison, Panorama, panorama_of
 from ..capture.photos import Photo, resized
+from ..capture.told import filled
 from ..threads import usable_cores
 from .common_masks import CELLS, fit_together, mended, silhouettes
-from .photo_alpha import filled, levels_of, with_alpha
+from .photo_alpha import levels_of, with_alpha
 
 FEWER = 0.02
 """share of the photos that may be wrong about a place before surroundings that are far: it is chance if one
@@ -76,7 +77,10 @@ def cut_out_before_far(
         for found in pool.map(compared.agreement, range(len(photos))):
             agreements.append(found)
             progress(COMPARING * len(agreements) / len(photos))
-    maybe = [~_from_the_edge(found.is_far) for found in agreements]
+    maybe = [
+        ~_from_the_edge(_or_untold(found.is_far, camera.told_at(found.seen.shape)))
+        for camera, found in zip(small, agreements, strict=True)
+    ]
     near = silhouettes(small, maybe, box, CELLS, FEWER)
     if near is None:
         return None
@@ -103,8 +107,8 @@ def before_panorama(
     plain, known = [], []
     for camera, photo in zip(cameras, photos, strict=True):
         behind = _behind(camera, photo, panorama)
-        plain.append(behind.is_seen_in(levels_of(photo)))
-        known.append(behind.known)
+        plain.append(_or_untold(behind.is_seen_in(levels_of(photo)), photo.told))
+        known.append(behind.known if photo.told is None else behind.known & photo.told)
     shown = [~scipy.ndimage.binary_opening(mask, np.ones((2, 2))) for mask in plain]
     # What no other photo shows is told by where the object is.
     near = silhouettes(cameras, shown, region, FINE_CELLS, FEWER)
@@ -168,6 +172,11 @@ def _before(photo: Photo, shown: np.ndarray, behind: Behind) -> Photo:
     return replace(
         with_alpha(photo, shown, colour), behind=colour.astype(np.float16), unsure=unsure
     )
+
+
+def _or_untold(mask: np.ndarray, told: np.ndarray | None) -> np.ndarray:
+    """A mask [H, W] with what the photo says nothing of."""
+    return mask if told is None else mask | ~told
 
 
 def _from_the_edge(plain: np.ndarray, least: int = 3) -> np.ndarray:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -98,7 +99,7 @@ def _common(
 ) -> _Cells | None:
     """The cells that no more than `few` of the photos that see them take for backdrop; None: masks have
     nothing in common."""
-    box = hull_box(list(cameras), lambda: masks, region, CELLS)
+    box = hull_box(list(cameras), lambda: _maybe(cameras, masks), region, CELLS)
     if box is None:
         return None
     points = cell_centres(box, cells)
@@ -117,10 +118,10 @@ def _common(
 def missing(cameras: Sequence[Camera], masks: Sequence[np.ndarray], region: np.ndarray) -> float:
     """Share of what masks show that the visual hull of all of them does not cover, over all photos."""
     listed = list(cameras)
-    box = hull_box(listed, lambda: masks, region, CELLS)
+    box = hull_box(listed, lambda: _maybe(listed, masks), region, CELLS)
     if box is None:
         return 1.0
-    hull = carve(listed, masks, box, CELLS, whole_cells=True)
+    hull = carve(listed, _maybe(listed, masks), box, CELLS, whole_cells=True)
     cells = cell_centres(box, CELLS)[hull.ravel()]
     edge = float((box[1] - box[0]).max()) / CELLS
     lost = all_shown = 0
@@ -129,9 +130,18 @@ def missing(cameras: Sequence[Camera], masks: Sequence[np.ndarray], region: np.n
         if not centres.any():
             return 1.0
         covered = scipy.ndimage.maximum_filter(centres, width)
+        told = camera.told_at(mask.shape)
+        mask = mask if told is None else mask & told
         lost += int((mask & ~covered).sum())
         all_shown += int(mask.sum())
     return lost / max(all_shown, 1)
+
+
+def _maybe(cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> Iterator[np.ndarray]:
+    """Masks [H, W] with what photos say nothing of: the object may be there."""
+    for camera, mask in zip(cameras, masks, strict=True):
+        told = camera.told_at(mask.shape)
+        yield mask if told is None else mask | ~told
 
 
 def _centres(
@@ -144,7 +154,8 @@ def _centres(
         edge: of a cell, world units.
     """
     centres = np.zeros(shape, bool)
-    at, inside, depths = camera.pixels_of(cells, shape)
+    # Where a photo says nothing, too: the cells are there.
+    at, inside, depths = replace(camera, told=None).pixels_of(cells, shape)
     if not inside.any():
         return centres, 1
     centres[at] = True

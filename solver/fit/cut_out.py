@@ -15,7 +15,7 @@ from ..capture.backdrop import (
 from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.panorama import Panorama
-from ..capture.photos import Photo, linear_to_srgb, load_photos
+from ..capture.photos import Photo, at_sizes_of, linear_to_srgb, load_photos
 from ..capture.plain_surroundings import EVEN_BORDER, surroundings_of
 from .before_far import few_before_panorama
 from .common_masks import fit_together, mended
@@ -67,6 +67,7 @@ def photos_as_fitted(
         CaptureError: a photo cannot be used.
     """
     photos = load_photos(capture, settings=settings.photos)
+    capture = at_sizes_of(photos, capture)
     if not (settings.fit.cut_out and use_masks) or any(photo.has_alpha for photo in photos):
         return photos
     if panorama is not None:
@@ -113,4 +114,11 @@ def backdrop_behind(photos: list[Photo]) -> str | None:
     """'white' or 'black', if that is plainly behind the object in photos without alpha; else None."""
     if any(photo.has_alpha for photo in photos):
         return None
-    return backdrop_of([linear_to_srgb(border_of(photo.pixels[..., :3])) for photo in photos])
+    return backdrop_of([_border(photo) for photo in photos])
+
+
+def _border(photo: Photo) -> np.ndarray:
+    """Colours [N, 3] sRGB along a photo's edges."""
+    if photo.told is None:
+        return linear_to_srgb(border_of(photo.pixels[..., :3]))
+    return border_of(srgb_of(photo))

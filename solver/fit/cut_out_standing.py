@@ -13,11 +13,12 @@ from skimage.color import rgb2lab
 from ..capture.camera import Camera
 from ..capture.capture import Capture, cube_seen_by
 from ..capture.photos import Photo, resized
+from ..capture.told import filled
 from ..capture.upright import up_of
 from ..light.floor import Floor
 from .before_far import at_size
 from .common_masks import fit_together
-from .photo_alpha import filled, levels_of, srgb_of, with_alpha
+from .photo_alpha import levels_of, srgb_of, with_alpha
 from .standing import Outline, Picture, Standing
 from .standing_search import find_standing
 from .support import Support, support_of

@@ -31,7 +31,7 @@ from ..capture.photos import (
 )
 from ..capture.read import read_capture
 from ..job.folder import JobError, JobFolder, write_json_atomic
-from ..metrics.image import flip, lpips, ms_ssim, psnr, ssim
+from ..metrics.image import flip, lpips, ms_ssim, psnr, ssim, true_where_told
 from ..metrics.material import environment_errors, weighted_mae
 from ..metrics.normals import normal_mae, normal_mae_masked
 from ..metrics.scale import LeastSquaresFactor, clipped_factor
@@ -49,7 +49,7 @@ BLACK = 1e-3
 
 def evaluate_job(
     job: JobFolder, cameras: Path, out: Path | None = None, rays: int = 64,
-    neural: float | None = None, photos_folder: Path | None = None,
+    neural: float | None = None, photos_folder: Path | None = None, ignored: Path | None = None,
 ) -> dict:  # fmt: skip
     """Score a job's renders; prints a line a view and the means.
 
@@ -58,6 +58,7 @@ def evaluate_job(
         out: where to write everything as JSON.
         rays: secondary rays a pixel.
         neural: share of the neural term; None: as the fit ended.
+        ignored: of the photos, as `read_capture` takes it.
 
     Returns:
         `mean` of all views' scores, the scores of all `views`, and, where there is truth (and not all is
@@ -70,7 +71,7 @@ def evaluate_job(
         raise JobError(
             f"{out}: this is a folder; name a file for the scores, such as metrics.json."
         )
-    capture = read_capture(cameras, photos=photos_folder, fewest=1)
+    capture = read_capture(cameras, photos=photos_folder, fewest=1, ignored=ignored)
     scene, settings = load_job(job)
     if not job.is_complete():
         print(
@@ -84,10 +85,10 @@ def evaluate_job(
     for (camera, view), photo in zip(rendered, photos, strict=True):
         exposed = brought_to(view, photo, behind, settings.fit.exposure)
         views[camera.name] = scores = image_scores(
-            display(exposed, behind), over_plain(photo.pixels, behind)
+            display(exposed, behind), over_plain(photo.pixels, behind), photo.told
         )
         scores.update(_normal_scores(camera, view, photo))
-        scores.update(materials.add(camera, view, photo.pixels[..., 3]))
+        scores.update(materials.add(camera, view, photo.cover))
         print(camera.name, _text(scores), flush=True)
     result = {"views": views, "code_version": __version__, "cameras": str(cameras)}
     factor = materials.albedo_factor
@@ -112,13 +113,20 @@ def evaluate_job(
     return result
 
 
-def image_scores(prediction: np.ndarray, truth: np.ndarray) -> dict[str, float]:
-    """All image metrics of sRGB pictures [H, W, 3]; the prediction is rounded to 8 bits first."""
+def image_scores(
+    prediction: np.ndarray, truth: np.ndarray, told: np.ndarray | None = None
+) -> dict[str, float]:
+    """All image metrics of sRGB pictures [H, W, 3]; the prediction is rounded to 8 bits first.
+
+    Args:
+        told: [H, W] bool, where the truth says something; None: everywhere.
+    """
     prediction = np.round(np.clip(prediction, 0, 1) * 255) / 255
+    whole = true_where_told(prediction, truth, told)
     scores = {
-        "psnr": psnr(prediction, truth), "ssim": ssim(prediction, truth),
-        "ms_ssim": ms_ssim(prediction, truth), "flip": flip(prediction, truth),
-        "lpips": lpips(prediction, truth),
+        "psnr": psnr(prediction, truth, told), "ssim": ssim(prediction, truth, told),
+        "ms_ssim": ms_ssim(prediction, whole), "flip": flip(prediction, truth, told),
+        "lpips": lpips(prediction, whole),
     }  # fmt: skip
     return {name: value for name, value in scores.items() if value is not None}
 
@@ -151,7 +159,7 @@ def _normal_scores(camera: Camera, view: RenderedView, photo: Photo) -> dict[str
     truth = true_normals(camera)
     if truth is None:
         return {}
-    alpha = photo.pixels[..., 3]
+    alpha = photo.cover
     scores = {
         "normal_mae": normal_mae(view.normal, truth, alpha),
         "normal_mae_masked": normal_mae_masked(view.normal, truth, alpha),
@@ -251,9 +259,9 @@ def _relight_scores(
         views = {}
         for camera, picture, photo in zip(relit.cameras, rendered, photos, strict=True):
             truth, scale = over_plain(photo.pixels), np.append(factor, 1)
-            views[camera.name] = image_scores(over_plain(picture * scale), truth)
+            views[camera.name] = image_scores(over_plain(picture * scale), truth, photo.told)
             plain = np.round(over_plain(picture) * 255) / 255
-            views[camera.name]["psnr_without_factor"] = psnr(plain, truth)
+            views[camera.name]["psnr_without_factor"] = psnr(plain, truth, photo.told)
         mean = _mean(list(views.values()))
         name = folder.name.removeprefix("relight_")
         print(f"relit by {name}", _text(mean), flush=True)
@@ -268,6 +276,7 @@ def _factor_of_all(rendered: list[np.ndarray], photos: list[Photo]) -> np.ndarra
     for picture, photo in zip(rendered, photos, strict=True):
         # Where there is nothing in either, any factor is as good.
         filled = (picture[..., :3] != 0).any(-1) | (photo.pixels[..., :3] != 0).any(-1)
+        filled = filled if photo.told is None else filled & photo.told
         predictions.append(picture[filled, :3])
         truths.append(photo.pixels[filled, :3])
     return clipped_factor(np.concatenate(predictions), np.concatenate(truths))

@@ -78,9 +78,14 @@ def photo_views(
     """
     gains = np.ones((len(photos), 3)) if log_gain is None else log_gain.exp().cpu().numpy()
     return [
-        View(camera, photo.pixels, photo.is_hdr, gain)
+        View(camera, _of_what_counts(photo), photo.is_hdr, gain)
         for camera, photo, gain in zip(cameras, photos, gains, strict=True)
     ]
+
+
+def _of_what_counts(photo: Photo) -> np.ndarray:
+    """Pixels [H, W, 4], nothing at all where the photo says nothing."""
+    return photo.pixels if photo.told is None else photo.pixels * photo.told[..., None]
 
 
 def brought_to(view: RenderedView, photo: Photo, background: str, kind: str) -> RenderedView:
@@ -93,7 +98,7 @@ def brought_to(view: RenderedView, photo: Photo, background: str, kind: str) -> 
     if kind == "fixed":
         return view
     shown = view.surrounded if background in SURROUNDED else view.radiance
-    told = (photo.pixels[..., :3] < SATURATED).all(-1) & (photo.pixels[..., 3] > 0.5)
+    told = (photo.pixels[..., :3] < SATURATED).all(-1) & (photo.cover > 0.5)
     factor = LeastSquaresFactor()
     factor.add(shown, photo.pixels[..., :3], told.astype(np.float64))
     gain = factor.value if kind == "white_balance" else factor.common

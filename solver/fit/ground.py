@@ -82,7 +82,8 @@ class Ground:
         return _closed(below, int(np.ceil(closed / self.edge))).ravel()
 
     def cells_in(self, camera: Camera) -> np.ndarray:
-        """[H, W] int32 cell that is where each pixel's ray meets the support; −1 for none."""
+        """[H, W] int32 cell that is where each pixel's ray meets the support; −1 for none, or where the
+        photo says nothing."""
         row, column = np.mgrid[: camera.height, : camera.width].reshape(2, -1)
         origins, directions = camera.rays(column + 0.5, row + 0.5)
         down = directions @ self.support.normal
@@ -94,7 +95,9 @@ class Ground:
         found = np.full(len(place), -1, np.int32)
         cell = place[meets].astype(np.int32)
         found[meets] = cell[:, 0] * self.cells + cell[:, 1]
-        return found.reshape(camera.height, camera.width)
+        found = found.reshape(camera.height, camera.width)
+        told = camera.told_at(found.shape)
+        return found if told is None else np.where(told, found, -1)
 
     def pixels_in(self, camera: Camera) -> np.ndarray:
         """[cells · cells] int32 pixel, counted along rows, that shows each cell's centre; −1 for none."""

@@ -102,9 +102,12 @@ def held_by_silhouettes(
     votes = np.zeros(hull.size, dtype=np.int16)
     for camera, photo in zip(cameras, photos, strict=True):
         mask = photo.pixels[..., 3] > 0.5
-        # What the frame cuts off has no silhouette there.
+        # What the frame, or what a photo says nothing of, cuts off has no silhouette there.
+        if photo.told is not None:
+            mask = mask | ~photo.told
         inner = scipy.ndimage.binary_erosion(mask, border_value=1)
-        row, column = np.nonzero(mask & ~inner)
+        edge_of_it = mask & ~inner
+        row, column = np.nonzero(edge_of_it if photo.told is None else edge_of_it & photo.told)
         distance = np.linalg.norm(camera.position - centre)
         stride = max(1, int(edge * max(camera.fx, camera.fy) / distance))
         origins, directions = camera.rays(column[::stride] + 0.5, row[::stride] + 0.5)
@@ -170,12 +173,17 @@ class Carving:
         colours = linear_to_srgb(straight).clip(0, 1).reshape(-1, 3)
         column, row = np.floor(np.nan_to_num(pixel, nan=-1) / smaller).astype(np.int64).T
         outside = (depth <= 0) | (column < 0) | (row < 0) | (column >= width) | (row >= height)
+        shown = reduced[..., 3] > 0.99
+        if photo.told is not None:
+            told = skimage.measure.block_reduce(photo.told, smaller, np.min, cval=True)
+            shown &= told
+            outside |= ~told[row.clip(0, height - 1), column.clip(0, width - 1)]
         place = np.where(outside, 0, row * width + column)
         self.colours.append(colours[place].astype(np.float32))
         self.depths.append(np.where(outside, np.inf, depth).astype(np.float32))
         self.pixels.append(place)
         # A pixel or two within the outline, where a hull of cells covers all.
-        self.masks.append(scipy.ndimage.binary_erosion(reduced[..., 3] > 0.99, iterations=2))
+        self.masks.append(scipy.ndimage.binary_erosion(shown, iterations=2))
 
     def look_at(self, kept: np.ndarray) -> _Surface:
         """What photos say of the surface of the cells `kept` [K, K, K]."""

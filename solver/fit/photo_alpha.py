@@ -5,15 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import scipy.ndimage
 
 from ..capture.backdrop import coverage_before
 from ..capture.photos import Photo, linear_to_srgb, srgb_to_linear
+from ..capture.told import filled
 
 
 def srgb_of(photo: Photo) -> np.ndarray:
-    """Colours [H, W, 3] sRGB of a photo without alpha."""
-    return linear_to_srgb(photo.pixels[..., :3])
+    """Colours [H, W, 3] sRGB of a photo without alpha; those of the nearest pixel that says something where
+    it says nothing, so that a backdrop goes on behind a hand, and to the frame's edge around a fisheye."""
+    return filled(linear_to_srgb(photo.pixels[..., :3]), photo.told)
 
 
 def levels_of(photo: Photo) -> np.ndarray:
@@ -24,10 +25,14 @@ def levels_of(photo: Photo) -> np.ndarray:
 def with_alpha(photo: Photo, shown: np.ndarray, behind: float | np.ndarray) -> Photo:
     """A photo of which the object is what is `shown` [H, W], and the rest the backdrop.
 
+    Where the photo says nothing, it is as next to that.
+
     Args:
         behind: the backdrop's sRGB level, or its colours [H, W, 3].
     """
     colour = srgb_of(photo)
+    if photo.told is not None:
+        shown = filled(shown[..., None], photo.told)[..., 0]
     alpha = coverage_before(colour, shown, behind)[..., None]
     straight = (colour - (1 - alpha) * behind) / np.maximum(alpha, 1e-3)
     mixed = srgb_to_linear(np.clip(straight, 0, np.inf if photo.is_hdr else 1)) * alpha
@@ -35,11 +40,3 @@ def with_alpha(photo: Photo, shown: np.ndarray, behind: float | np.ndarray) -> P
     linear = np.where(partly, mixed, photo.pixels[..., :3] * (alpha > 0))
     pixels = np.concatenate([linear, alpha], axis=-1).astype(np.float32)
     return replace(photo, pixels=pixels, has_alpha=True)
-
-
-def filled(colour: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Colours [H, W, 3], those of the nearest pixel where they are not `known` [H, W]."""
-    if known.all() or not known.any():
-        return colour
-    at = scipy.ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    return np.where(known[..., None], colour, colour[tuple(at)])

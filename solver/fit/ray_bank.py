@@ -39,7 +39,7 @@ class RayBank:
     """Pixels of all photos: directions in camera axes are stored once per lens, colours in half.
 
     Args:
-        cameras, photos: matching lists.
+        cameras, photos: matching lists. What photos say nothing of (`Photo.told`) is never drawn.
     """
 
     BACKGROUND_SHARE = 0.05
@@ -77,6 +77,7 @@ class RayBank:
         self.position = torch.from_numpy(matrices[:, :3, 3]).float().to(device)
         self.boundaries = torch.tensor(self.first_pixel, device=device)
         self.lens_start = torch.tensor(lens_start, device=device)
+        self.told = _told_pixels(photos, device)
         self.likely = None
         self.size = torch.tensor([[c.width, c.height] for c in cameras], device=device)
         self.preview_camera, self.preview_photo = cameras[0], photos[0].pixels
@@ -90,7 +91,11 @@ class RayBank:
 
     @cached_property
     def mean_colours(self) -> torch.Tensor:
-        """Each photo's mean colour [P, 3], sRGB-encoded: by it a photo is known again."""
+        """Each photo's mean colour [P, 3] where it says something, sRGB-encoded: by it a photo is known
+        again."""
+        if self.told is not None:
+            told = (self.colour[self._those_of(self.told, i)] for i in range(self.photo_count))
+            return torch.stack([photo.float().mean(0) for photo in told])
         photos = self.colour.split(np.diff(self.first_pixel).tolist())
         return torch.stack([photo.float().mean(0) for photo in photos])
 
@@ -154,27 +159,57 @@ class RayBank:
 
     def restrict(self, likely: torch.Tensor) -> None:
         """Draw mostly from the pixels in `likely` [P] bool (rays that can meet the object)."""
+        if self.told is not None:
+            told = torch.zeros_like(likely)
+            told[self.told.to(likely.device)] = True
+            likely = likely & told
         self.likely = likely.nonzero()[:, 0].to(self.device)
 
     def draw(
         self, count: int, generator: torch.Generator, photo: int | None = None
     ) -> torch.Tensor:
         """Random global pixel indices [count]; of one photo only, if that is given."""
-        first, last = (0, len(self)) if photo is None else self.first_pixel[photo : photo + 2]
         likely = self.likely
         if likely is not None and photo is not None:
-            begin, end = torch.searchsorted(likely, likely.new_tensor([first, last])).tolist()
-            likely = likely[begin:end]
+            likely = self._those_of(likely, photo)
         if likely is None or len(likely) == 0:
-            return sent(torch.randint(first, last, (count,), generator=generator), self.device)
+            return self._anywhere(count, generator, photo)
         background = int(count * self.BACKGROUND_SHARE)
         chosen = torch.randint(len(likely), (count - background,), generator=generator)
-        anywhere = torch.randint(first, last, (background,), generator=generator)
-        return torch.cat([likely[sent(chosen, self.device)], sent(anywhere, self.device)])
+        anywhere = self._anywhere(background, generator, photo)
+        return torch.cat([likely[sent(chosen, self.device)], anywhere])
+
+    def _anywhere(self, count: int, generator: torch.Generator, photo: int | None) -> torch.Tensor:
+        """Random global pixel indices [count], of all or of one photo's that are told."""
+        if self.told is not None:
+            told = self.told if photo is None else self._those_of(self.told, photo)
+            chosen = torch.randint(len(told), (count,), generator=generator)
+            return told[sent(chosen, self.device)]
+        first, last = (0, len(self)) if photo is None else self.first_pixel[photo : photo + 2]
+        return sent(torch.randint(first, last, (count,), generator=generator), self.device)
+
+    def _those_of(self, pixels: torch.Tensor, photo: int) -> torch.Tensor:
+        """Which of some global pixel indices, in their order, are a photo's."""
+        ends = pixels.new_tensor(self.first_pixel[photo : photo + 2])
+        begin, end = torch.searchsorted(pixels, ends).tolist()
+        return pixels[begin:end]
 
     def draw_photo(self, generator: torch.Generator) -> int:
         """A random photo, as often as its pixels are drawn."""
         return int(self._photo_of(self.draw(1, generator))[0])
+
+
+def _told_pixels(photos: list[Photo], device: str) -> torch.Tensor | None:
+    """Global indices [T] of the pixels that photos say something of, in their order; None: of all."""
+    if all(photo.told is None for photo in photos):
+        return None
+    told = [
+        np.ones(photo.pixels.shape[0] * photo.pixels.shape[1], bool)
+        if photo.told is None
+        else photo.told.ravel()
+        for photo in photos
+    ]
+    return torch.from_numpy(np.flatnonzero(np.concatenate(told))).to(device)
 
 
 def _camera_space_directions(camera: Camera) -> torch.Tensor:

@@ -15,7 +15,7 @@ from ..capture.photos import Photo, resized
 from ..job.events import read_events
 from ..job.folder import JobFolder, write_json_atomic
 from ..job.inputs import held_out_of, region_of
-from ..metrics.image import psnr, ssim
+from ..metrics.image import psnr, ssim, true_where_told
 from ..render.image import render_view
 from ..render.scene import Scene, StepTables
 from ..report import Row, write_report
@@ -69,10 +69,11 @@ def write_job_report(
         view = render_view(scene, StepTables.seen_by(near, scene), render_settings, near)
         view = brought_to(view, photo, behind, settings.fit.exposure)
         truth, prediction = over_plain(photo.pixels, behind), display(view, behind)
-        score = psnr(prediction, truth)
-        scores.append((score, ssim(prediction, truth)))
+        score = psnr(prediction, truth, photo.told)
+        scores.append((score, ssim(prediction, truth, photo.told)))
+        off = np.abs(prediction - true_where_told(prediction, truth, photo.told))
         pictures = {
-            "photo": truth, "render": prediction, "difference ×4": np.abs(prediction - truth) * 4,
+            "photo": truth, "render": prediction, "difference ×4": off * 4,
             "normals": view.normal * 0.5 + 0.5,
         }  # fmt: skip
         files = []

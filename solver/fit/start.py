@@ -198,8 +198,9 @@ def take_decoder(scene: Scene, job: Path, device: str) -> None:
 
 
 def masks_of(photos: list[Photo]) -> Iterator[np.ndarray]:
-    """Booleans [H, W], one at a time: where each photo shows the object."""
-    return (photo.pixels[..., 3] > 0.5 for photo in photos)
+    """Booleans [H, W], one at a time: where each photo shows the object, or says nothing of it."""
+    masks = ((photo.pixels[..., 3] > 0.5, photo.told) for photo in photos)
+    return (mask if told is None else mask | ~told for mask, told in masks)
 
 
 def uses_masks(photos: list[Photo], settings: Settings) -> bool:
@@ -247,7 +248,7 @@ def trainer_for(
 
 def _telling(photo: Photo) -> np.ndarray:
     """[H·W] bool: pixels that show the object, or where it ends."""
-    around = scipy.ndimage.maximum_filter(photo.pixels[..., 3] > 0.01, LIKELY_MARGIN)
+    around = scipy.ndimage.maximum_filter(photo.cover > 0.01, LIKELY_MARGIN)
     return (around if photo.unsure is None else around & ~photo.unsure).ravel()
 
 

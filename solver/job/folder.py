@@ -40,6 +40,8 @@ class JobRequest:
     Attributes:
         capture: absolute path of the capture's folder or camera file.
         photos, masks: absolute paths of their folders, if they are not below the capture's.
+        ignored: absolute path of a folder of pictures that are white where photos are to be ignored, or of
+            one for all photos; None: what the camera file names, and what lies beside the photos.
         region: world box {"min": [3], "max": [3]} that holds the object, or None to find it.
         placement: similarity [4][4] from the capture's world to the one that asset.glb is to stand in,
             or None to find out which way is up.
@@ -54,6 +56,7 @@ class JobRequest:
     time_limit: float | None = None
     photos: str | None = None
     masks: str | None = None
+    ignored: str | None = None
     region: dict[str, list[float]] | None = None
     placement: list[list[float]] | None = None
     overrides: dict[str, Any] = field(default_factory=dict)
@@ -102,6 +105,7 @@ class JobRequest:
             "time_limit": limit is None or (_is_number(limit) and limit > 0),
             "photos": self.photos is None or isinstance(self.photos, str),
             "masks": self.masks is None or isinstance(self.masks, str),
+            "ignored": self.ignored is None or isinstance(self.ignored, str),
             "region": self.region is None or _is_box(self.region),
             "placement": self.placement is None or is_similarity(self.placement),
             "overrides": isinstance(self.overrides, dict),

@@ -73,10 +73,11 @@ def held_out_of(job: JobFolder, fitted: Capture) -> Capture | None:
 
 def _read(job: JobFolder, cameras: Path | str, **how) -> Capture:
     request = job.request
-    photos, masks = (
-        None if folder is None else Path(folder) for folder in (request.photos, request.masks)
+    photos, masks, ignored = (
+        None if folder is None else Path(folder)
+        for folder in (request.photos, request.masks, request.ignored)
     )
-    return read_capture(cameras, photos=photos, masks=masks, **how)
+    return read_capture(cameras, photos=photos, masks=masks, ignored=ignored, **how)
 
 
 def region_of(request: JobRequest) -> np.ndarray | None:

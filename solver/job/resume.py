@@ -8,7 +8,7 @@ from typing import Any
 
 from .folder import JobError, JobFolder
 
-_PATHS = ("capture", "photos", "masks")
+_PATHS = ("capture", "photos", "masks", "ignored")
 
 
 def take_up(job: JobFolder, asked: dict[str, Any], time_limit: float | None) -> None:

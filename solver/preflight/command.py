@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from .check import Report
 
 
+IGNORE = "folder of pictures, white where photos are to be ignored, or one for all photos"
+
+
 def add_check(commands: argparse._SubParsersAction) -> None:
     """Add the command to the command line."""
     check = commands.add_parser("check", help="look for problems of a capture, in seconds")
@@ -49,6 +52,7 @@ def _add_capture(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--masks", type=Path, metavar="DIR", help="if not in a folder 'masks' there"
     )
+    command.add_argument("--ignore", type=Path, metavar="PATH", dest="ignored", help=IGNORE)
 
 
 def run_check(options: argparse.Namespace) -> int:
@@ -122,7 +126,10 @@ def _capture_and_region(
 
     if job is not None:
         return capture_of(job), region_of(job.request)
-    return read_capture(options.capture, photos=options.photos, masks=options.masks), None
+    capture = read_capture(
+        options.capture, photos=options.photos, masks=options.masks, ignored=options.ignored
+    )
+    return capture, None
 
 
 def _progress(done: int, count: int) -> None:

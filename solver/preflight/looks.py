@@ -21,6 +21,7 @@ from ..capture.photos import Photo, at_sizes_of, srgb_to_linear
 from ..capture.plain_surroundings import EVEN_BORDER, surroundings_of
 from ..capture.reduced import load_reduced, load_reduced_mask, smaller
 from ..capture.sharpness import FEWEST_PIXELS, sharpness_of
+from ..capture.told import filled, told_of_reduced
 from ..fit.before_far import COMPARED, at_size, cut_out_before_far
 from ..fit.common_masks import fit_together, mended
 from ..threads import usable_cores
@@ -83,6 +84,7 @@ def look_at_photos(
         CaptureError: one cannot be decoded.
     """
     photos = photos or ReducedPhotos()
+    capture = _where_told(photos, capture)
     looks = _look_at_all(photos, capture.cameras, capture.region, True, progress)
     if (cut_out := _with_common_backdrop(capture, looks)) is not None:
         return cut_out
@@ -90,6 +92,16 @@ def look_at_photos(
     again = iter(_look_at_all(photos, wrong, capture.region, False, None))
     looks = [look if look.backdrop is None else next(again) for look in looks]
     return _before_far_surroundings(photos, capture, looks) or looks
+
+
+def _where_told(photos: ReducedPhotos, capture: Capture) -> Capture:
+    """The capture with cameras that know where their photos say something."""
+    with ThreadPoolExecutor(max_workers=min(usable_cores(), 8)) as pool:
+        told = list(pool.map(photos.told, capture.cameras))
+    if all(mask is None for mask in told):
+        return capture
+    cameras = (replace(c, told=mask) for c, mask in zip(capture.cameras, told, strict=True))
+    return replace(capture, cameras=tuple(cameras))
 
 
 class ReducedPhotos:
@@ -112,6 +124,12 @@ class ReducedPhotos:
             self._left -= colour.nbytes
             self._kept[camera.image_path, *seen] = colour
         return colour, alpha
+
+    def told(self, camera: Camera) -> np.ndarray | None:
+        """[H, W] bool: where a photo says something, at a size like its own here; None: everywhere."""
+        scale = min(1.0, LONGEST / max(camera.width, camera.height))
+        shape = tuple(max(1, round(scale * side)) for side in (camera.height, camera.width))
+        return told_of_reduced(camera, shape)
 
 
 def _before_far_surroundings(
@@ -137,7 +155,9 @@ def _before_far_surroundings(
 
 
 def _small_photo(photos: ReducedPhotos, camera: Camera, small: Camera) -> Photo:
-    colour = smaller(np.ascontiguousarray(photos(camera)[0]), max(small.width, small.height))
+    colour = photos(camera)[0]
+    colour = filled(colour, camera.told_at(colour.shape[:2]))
+    colour = smaller(np.ascontiguousarray(colour), max(small.width, small.height))
     opaque = np.ones((*colour.shape[:2], 1), np.float32)
     return Photo(np.concatenate([_TO_LINEAR[colour], opaque], axis=-1), False, False)
 
@@ -199,7 +219,7 @@ def look_at(
     camera: Camera, region: np.ndarray, cut_out: bool = False, shown: np.ndarray | None = None,
     read: Callable[[Camera], tuple[np.ndarray, np.ndarray | None]] | None = None,
 ) -> Look:  # fmt: skip
-    """Look at one photo.
+    """Look at one photo, where it says something (`Camera.told`).
 
     Args:
         region: [2, 3] world box of the object.
@@ -210,11 +230,16 @@ def look_at(
     path = camera.image_path
     colour, alpha = (read or ReducedPhotos())(camera)
     height, width = colour.shape[:2]
-    if alpha is not None and alpha.min() == 255:
+    told = camera.told_at((height, width))
+    if told is not None:
+        colour = filled(colour, told)
+    if alpha is not None and (alpha if told is None else alpha[told]).min() == 255:
         alpha = None
     if camera.mask_path is not None:
         mask = load_reduced_mask(camera.mask_path, (height, width), image_orientation(path))
         alpha = mask if alpha is None else np.minimum(alpha, mask)
+    if alpha is not None and told is not None:
+        alpha = alpha * told
     if shown is not None:
         alpha = at_size(shown, (height, width)) * np.uint8(255)
     backdrop = None
@@ -228,6 +253,9 @@ def look_at(
     scale = camera.width / width
     inside = np.zeros((height, width), bool)
     inside[frame_of(camera, region, scale, (height, width))] = True
+    if told is not None:
+        inside &= told
+        inside = inside if inside.any() else told
     white = border_share((colour >= 250).all(axis=-1))
     shown, coverage, cut, across, half_shown = None, None, 0.0, None, 0.0
     if alpha is not None:
@@ -237,6 +265,7 @@ def look_at(
         across = _longer_side(shown, camera) * scale
         # Away from the mask's edge, whose sharpness and brightness are the mask's.
         object_only = scipy.ndimage.binary_erosion(shown, iterations=2)
+        object_only = object_only if told is None else object_only & told
         inside = object_only if object_only.sum() > FEWEST_PIXELS else inside
     linear = _TO_LINEAR[colour] @ _LUMINANCE
     pixels = colour[inside]

@@ -8,10 +8,11 @@ from ..apart import ApartError
 from ..capture.agreement import another_convention
 from ..capture.camera import Camera
 from ..capture.capture import Capture
-from ..capture.photo_matches import LONGEST, Picture, picture_from
+from ..capture.photo_matches import LONGEST, Picture, hidden_around, picture_from
 from ..capture.refine import TOLERATED
 from ..capture.surroundings import TOLERATED_AROUND, picture_around
 from ..capture.triangulate import compare_some
+from ..fit.before_far import at_size
 from ..fit.settings import Settings
 from .findings import Finding, note, warning
 from .looks import ReducedPhotos
@@ -24,7 +25,11 @@ def poses(capture: Capture, photos: ReducedPhotos, settings: Settings) -> list[F
     def picture_of(camera: Camera) -> Picture:
         if masked:
             return picture_around(camera)
-        return picture_from(np.ascontiguousarray(photos(camera)[0]))
+        colour, told = photos(camera)[0], photos.told(camera)
+        hidden = None
+        if told is not None:
+            hidden = hidden_around(~at_size(told, colour.shape[:2]))
+        return picture_from(np.ascontiguousarray(colour), hidden)
 
     try:
         found = compare_some(capture.cameras, picture_of)

@@ -57,6 +57,23 @@ def test_they_are_found_after_the_project_has_moved_as_well(
     tick()
 
 
+def test_what_is_to_be_ignored_of_photos_is_kept_for_the_job(
+    extension, monitor, fake_solver, tick, tmp_path
+):
+    path = fake_capture.write_capture(tmp_path / "capture")
+    photos = sorted((tmp_path / "capture" / "photos").iterdir())
+    (tmp_path / "hands").mkdir()
+    shutil.copy(photos[0], tmp_path / "hands" / photos[0].name)
+    bpy.ops.nmf.import_capture(filepath=str(path), ignored=str(tmp_path / "hands"))
+    bpy.ops.nmf.reconstruct()
+    cameras = monitor.job.root / "capture" / "transforms_train.json"
+    frames = json.loads(cameras.read_text("utf-8"))["frames"]
+    found = [frame["ignored_path"] for frame in frames if "ignored_path" in frame]
+    assert found == [str(tmp_path / "hands" / photos[0].name)]
+    assert not any("mask_path" in frame for frame in frames)
+    tick()
+
+
 def test_masks_that_are_gone_are_named_before_a_job_begins(project, monitor, fake_solver):
     shutil.rmtree(project / "capture" / "masks")
     with pytest.raises(RuntimeError, match=r"masks.r_0.png, mask of r_0: it does not exist; put"):

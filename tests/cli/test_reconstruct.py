@@ -180,6 +180,41 @@ def test_a_plain_backdrop_makes_masks_or_a_warning(level, words, tmp_path):
         assert words in events
 
 
+def test_what_is_to_be_ignored_is_given_kept_and_not_compared(tmp_path):
+    """A black post before the object, on a part of each photo that masks know nothing of."""
+    photos, given = tmp_path / "photos", tmp_path / "posts"
+    photos.mkdir()
+    given.mkdir()
+
+    def with_post(number, image):
+        pixels = np.asarray(image).copy()
+        column = 10 + 5 * (number % 4)
+        pixels[20:, column : column + 12] = (0, 0, 0, 0)
+        post = np.zeros(pixels.shape[:2], np.uint8)
+        post[20:, column : column + 12] = 255
+        Image.fromarray(post).save(given / f"{number}.png")
+        return Image.fromarray(pixels)
+
+    write_small_photos(photos, with_post)
+    scores = {}
+    for name, options in (("ignoring", ("--ignore", given)), ("carved", ())):
+        result = solver("reconstruct", photos, *options, "--out", tmp_path / name, *TINY)
+        report = tmp_path / name / "result" / "report.json"
+        # With posts that masks show as background nothing may be left in common.
+        scores[name] = 0.0
+        if report.is_file():
+            numbers = json.loads(report.read_text())
+            scores[name] = next(numbers[key] for key in numbers if key.startswith("PSNR"))
+        else:
+            assert result.returncode == 2 and "masks" in result.stderr, result.stderr
+    assert json.loads((tmp_path / "ignoring" / "job.json").read_text())["ignored"] == str(given)
+    assert scores["ignoring"] > 15 and scores["ignoring"] > scores["carved"], scores
+    result = solver(
+        "reconstruct", photos, "--ignore", photos, "--out", tmp_path / "ignoring", "--resume"
+    )
+    assert result.returncode == 2 and "was begun with the ignored" in result.stderr
+
+
 def test_large_photos_are_made_smaller_for_fit_and_report(tmp_path):
     job = tmp_path / "job"
     result = solver(

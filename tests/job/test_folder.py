@@ -58,7 +58,7 @@ def test_the_request_file_is_plain_json_with_the_documented_fields(tmp_path):
     content = json.loads((tmp_path / "job" / "job.json").read_text(encoding="utf-8"))
     assert content == {
         "schema_version": 1, "capture": "/photos", "preset": "draft", "device": "auto", "seed": 0,
-        "time_limit": 60.0, "photos": None, "masks": None, "region": None, "placement": None, "overrides": {},
+        "time_limit": 60.0, "photos": None, "masks": None, "ignored": None, "region": None, "placement": None, "overrides": {},
         "code_version": "",
     }  # fmt: skip
     assert sorted(entry.name for entry in job.root.iterdir()) == ["job.json"]

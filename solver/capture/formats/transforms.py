@@ -98,7 +98,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             mask = photos.mask_of(photo, frame.get("mask_path"), beside=path)
         found.append(
             Found(f"{where}.transform_matrix", stated, photo, frame.get("transform_matrix"),
-                  intrinsics, mask)
+                  intrinsics, mask, photos.picture_at(frame.get("ignored_path"), path),
+                  frame.get("ignored_is_black") is True)
         )  # fmt: skip
     warnings = without_pose(
         path, "transform_matrix", lost, len(frames), "solve or export the cameras again"
@@ -136,6 +137,9 @@ def write_transforms(
         }  # fmt: skip
         if camera.mask_path is not None:
             frame["mask_path"] = str(camera.mask_path)
+        if camera.ignored_path is not None:
+            frame["ignored_path"] = str(camera.ignored_path)
+            frame["ignored_is_black"] = camera.ignored_is_black
         frames.append(frame)
     path.parent.mkdir(parents=True, exist_ok=True)
     content = {**(extra or {}), "frames": frames}
@@ -197,11 +201,12 @@ def _as_held(capture: Capture, turned: bool) -> Capture:
 
 
 def _without_lens_masks(path: Path, found: list[Found]) -> tuple[list[Found], tuple[str, ...]]:
-    """Cameras without masks that all of a lens share, and what is to be said of these.
+    """Cameras that ignore what is black in masks that all of a lens share, and what is to be said of these.
 
     No object looks the same from everywhere: nerfstudio names one picture for all frames, or for all of one
-    camera of several, where the lens or a crop hides the same corners in each, and those it means to leave
-    out. Frames of one pose, as photos of one view under several lights, may share an object's mask.
+    camera of several, where the lens or a crop hides the same corners in each, and those it leaves out
+    ("Black corresponds to regions to ignore", its data conventions). Frames of one pose, as photos of one
+    view under several lights, may share an object's mask.
     """
     poses: dict[Path | None, set[str]] = {}
     for item in found:
@@ -214,10 +219,16 @@ def _without_lens_masks(path: Path, found: list[Found]) -> tuple[list[Found], tu
     which = f"all frames have one mask, {masks[0].name}"
     if len(masks) > 1:
         which = f"frames share {len(masks)} masks, such as {masks[0].name}"
-    return [replace(item, mask=None) for item in found], (
+    return [_ignoring_its_mask(item) for item in found], (
         f"{path.name}: {which}; what hides the same corners of each photo "
-        "says nothing of the object, and is not used",
+        "says nothing of the object, so what is black in it is ignored",
     )  # fmt: skip
+
+
+def _ignoring_its_mask(item: Found) -> Found:
+    if item.ignored is not None:
+        return replace(item, mask=None)
+    return replace(item, mask=None, ignored=item.mask, ignored_is_black=True)
 
 
 def _intrinsics(path: Path, where: str, values: dict, image: Path | None) -> Intrinsics:
