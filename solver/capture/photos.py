@@ -29,6 +29,7 @@ from .decoding import (
     read_image,
 )
 from .errors import CaptureError
+from .image_circle import Circles
 from .masks import read_mask
 from .orientation import as_camera_saw
 from .photo_settings import PhotoSettings
@@ -55,8 +56,9 @@ class Photo:
         backdrop: 'white' or 'black', if alpha is what stood out from that.
         behind: [H, W, 3] float16 sRGB, what is far behind the object, if alpha is what stood out from that.
         unsure: [H, W] bool, with `behind`: where alpha cannot be told.
-        told: [H, W] bool, false where the photo says nothing of what is there (see `told`): what its pixels
-            hold there means nothing, nor does alpha. None: it says something everywhere.
+        told: [H, W] bool, false where the photo says nothing of what is there (see `told` and
+            `image_circle`): what its pixels hold there means nothing, nor does alpha. None: it says
+            something everywhere.
     """
 
     pixels: np.ndarray
@@ -154,12 +156,19 @@ def load_photos(
         check_told(camera, photo.told)
         return photo
 
-    photos = []
+    photos, circles = [], Circles()
     with ThreadPoolExecutor(max_workers=min(MOST_AT_ONCE, usable_cores())) as pool:
-        for photo in pool.map(load, capture.cameras):
+        for camera, photo in zip(capture.cameras, pool.map(load, capture.cameras), strict=True):
             photos.append(photo)
+            circles.add(camera, photo.pixels[..., :3])
             if progress is not None:
                 progress(len(photos), len(capture.cameras))
+    if not any(photo.has_alpha for photo in photos):
+        found = circles.found()
+        photos = [
+            _within(photo, found.get(camera.lens_key))
+            for camera, photo in zip(capture.cameras, photos, strict=True)
+        ]
     empty = [
         camera for camera, photo in zip(capture.cameras, photos, strict=True)
         if not (photo.cover > 0).any()
@@ -175,6 +184,13 @@ def load_photos(
             "replace it or remove its frame from the camera file",
         )  # fmt: skip
     return photos
+
+
+def _within(photo: Photo, circle: np.ndarray | None) -> Photo:
+    """A photo that says nothing beyond its image's circle [H, W] bool; None: it has none."""
+    if circle is None:
+        return photo
+    return replace(photo, told=circle if photo.told is None else photo.told & circle)
 
 
 @dataclass(frozen=True, eq=False)
