@@ -36,7 +36,7 @@ from solver.fit.schedule import picture_settings  # noqa: E402
 from solver.fit.settings import Settings  # noqa: E402
 from solver.fit.start import new_trainer  # noqa: E402
 from solver.fit.trainer import Trainer  # noqa: E402
-from solver.job.folder import write_json_atomic  # noqa: E402
+from solver.job.replacing import write_json_atomic  # noqa: E402
 from solver.kernels.warm_up import compile_kernels  # noqa: E402
 from solver.metrics.image import psnr  # noqa: E402
 from solver.metrics.normals import normal_mae  # noqa: E402

@@ -21,8 +21,9 @@ import bpy
 from ..solver.capture.errors import CaptureError
 from ..solver.job.events import Event, clock
 from ..solver.job.exit_codes import BAD_INPUT, CANCELLED, DONE, FAILED
-from ..solver.job.folder import JobError, JobFolder, overrides_of
+from ..solver.job.folder import JobFolder
 from ..solver.job.inputs import capture_of
+from ..solver.job.request import JobError, overrides_of
 from ..solver.job.resume import take_up
 from . import preferences
 from .jobs.create import create_job, last_job_root, new_job_root

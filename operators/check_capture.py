@@ -18,7 +18,7 @@ from ..nmf_addon.scene.findings import keep_report
 from ..nmf_addon.scene.region import is_as_placed, region_box
 from ..nmf_addon.words import words_of
 from ..solver.capture.errors import CaptureError
-from ..solver.job.folder import JobError
+from ..solver.job.request import JobError
 
 
 class NMF_OT_check_capture(bpy.types.Operator):

@@ -10,7 +10,7 @@ from ..nmf_addon.jobs.monitor import monitor
 from ..nmf_addon.scene.install import install_result
 from ..nmf_addon.scene.job_capture import capture_of_job
 from ..nmf_addon.scene.result import job_of_result
-from ..solver.job.folder import JobError
+from ..solver.job.request import JobError
 
 
 class NMF_OT_install_result(bpy.types.Operator):

@@ -13,7 +13,8 @@ from ..nmf_addon.jobs.process import log_tail
 from ..nmf_addon.scene.replace import JOB, is_of
 from ..nmf_addon.scene.result import job_of_result
 from ..solver import __version__
-from ..solver.job.folder import JobError, JobFolder
+from ..solver.job.folder import JobFolder
+from ..solver.job.request import JobError
 
 
 class NMF_OT_open_job_folder(bpy.types.Operator):

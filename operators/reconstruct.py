@@ -19,7 +19,8 @@ from ..nmf_addon.scene.images import stored_path
 from ..nmf_addon.scene.region import region_problem
 from ..nmf_addon.words import words_of
 from ..solver.capture.errors import CaptureError
-from ..solver.job.folder import JobError, JobFolder
+from ..solver.job.folder import JobFolder
+from ..solver.job.request import JobError
 
 
 def _busy() -> str:

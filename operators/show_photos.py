@@ -15,7 +15,7 @@ from ..nmf_addon.scene.capture_collection import active_capture, capture_of_numb
 from ..nmf_addon.scene.hidden_photos import hidden_cameras, show_pictures
 from ..nmf_addon.words import words_of
 from ..solver.capture.errors import CaptureError
-from ..solver.job.folder import JobError
+from ..solver.job.request import JobError
 
 
 class NMF_OT_show_photos(bpy.types.Operator):

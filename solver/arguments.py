@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
-from .job.folder import JobError
+from .job.request import JobError
 
 
 def placement(text: str) -> tuple[float, ...]:

@@ -17,7 +17,8 @@ from .arguments import check_names, placement, seconds, whole_number
 from .cameras.command import add_frames, add_solve
 from .interrupts import work_is_done
 from .job.exit_codes import CANCELLED, DONE, FAILED
-from .job.folder import DEVICES, MOST_SEED, JobError, JobFolder, JobRequest, overrides_of
+from .job.folder import JobFolder
+from .job.request import DEVICES, MOST_SEED, JobError, JobRequest, overrides_of
 from .job.resume import take_up
 from .job.status import process_is_alive, read_status
 from .preflight.command import IGNORE, add_check, add_pictures

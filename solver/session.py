@@ -18,7 +18,7 @@ from .fit.errors import SettingsError
 from .job.control import Cancelled, Control
 from .job.events import EventStream
 from .job.exit_codes import BAD_INPUT, CANCELLED, DONE, FAILED, OUT_OF_MEMORY
-from .job.folder import JobError
+from .job.request import JobError
 from .job.status import Heartbeat
 from .streams import take_stdout_for_events
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from solver.capture import triangulate
-from solver.job.folder import JobError
+from solver.job.request import JobError
 from solver.session import explain, passing_session, session
 
 

@@ -12,7 +12,8 @@ import bpy
 
 from ...solver import __version__
 from ...solver.capture.read import JOBS_FOLDER
-from ...solver.job.folder import JobFolder, JobRequest
+from ...solver.job.folder import JobFolder
+from ...solver.job.request import JobRequest
 from ..names import JOBS_OF_UNSAVED, user_folder
 from ..scene.capture_collection import placement_of, region_of, write_capture
 from ..scene.evaluated import evaluated

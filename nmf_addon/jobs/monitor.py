@@ -9,7 +9,8 @@ from pathlib import Path
 import bpy
 from bpy.app.handlers import persistent
 
-from ...solver.job.folder import JobError, JobFolder
+from ...solver.job.folder import JobFolder
+from ...solver.job.request import JobError
 from .. import thumbnails
 from ..names import BASE_PACKAGE
 from ..reports import reason_of

@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from ...solver.job.events import Event, parse_event
-from ...solver.job.folder import JobFolder, replace_file
+from ...solver.job.folder import JobFolder
+from ...solver.job.replacing import replace_file
 from .model import JobModel
 
 TERMINATE_AFTER, KILL_AFTER = 5.0, 10.0  # seconds after Cancel

@@ -7,8 +7,9 @@ import numpy as np
 from mathutils import Matrix
 
 from ...solver.capture.errors import CaptureError
-from ...solver.job.folder import JobError, JobFolder
+from ...solver.job.folder import JobFolder
 from ...solver.job.inputs import cameras_of
+from ...solver.job.request import JobError
 from .cameras import photo_of, photo_path, to_solver
 from .capture_collection import photo_cameras, to_capture_space
 from .evaluated import settle

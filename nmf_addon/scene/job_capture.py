@@ -8,7 +8,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...solver.job.folder import JobError, JobFolder
+from ...solver.job.folder import JobFolder
+from ...solver.job.request import JobError
 from .capture_collection import (
     FILE_TO_CAPTURE,
     SOURCE,

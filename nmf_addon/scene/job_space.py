@@ -9,8 +9,9 @@ import numpy as np
 
 from ...solver.capture.errors import CaptureError
 from ...solver.capture.frames import scale_and_rotation
-from ...solver.job.folder import JobError, JobFolder
+from ...solver.job.folder import JobFolder
 from ...solver.job.inputs import cameras_of
+from ...solver.job.request import JobError
 from .cameras import photo_of, photo_path
 from .capture_collection import photo_cameras, root_of, to_capture_space
 from .evaluated import settle

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import bpy
 
-from ...solver.job.folder import JobError, JobFolder
+from ...solver.job.folder import JobFolder
+from ...solver.job.request import JobError
 from .edited import is_edited
 from .images import images_of
 

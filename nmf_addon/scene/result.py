@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...solver.job.folder import JobError, JobFolder, is_similarity
+from ...solver.job.folder import JobFolder
+from ...solver.job.request import JobError, is_similarity
 
 TEXTURES = ("albedo", "f0", "roughness", "normal")
 PORTABLE_TEXTURES = ("base_colour", "metallic")

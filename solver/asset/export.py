@@ -7,7 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..job.folder import JobError, JobFolder, replace_file
+from ..job.folder import JobFolder
+from ..job.replacing import replace_file
+from ..job.request import JobError
 
 
 def export_result(job: JobFolder, out: Path) -> Path:

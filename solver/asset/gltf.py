@@ -16,7 +16,7 @@ import numpy as np
 from .. import __version__
 from ..brdf.microfacet import DIELECTRIC_F0
 from ..capture.colour import linear_to_srgb
-from ..job.folder import replace_file
+from ..job.replacing import replace_file
 from .files import picture_of
 from .tangent import vertex_tangents
 from .unwrap import UnwrappedMesh

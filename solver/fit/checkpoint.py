@@ -16,7 +16,9 @@ from ..brdf.neural import NeuralTerm
 from ..capture.turntable import Turntable
 from ..field.field import MicrofacetField
 from ..field.room import Room
-from ..job.folder import JobError, replace_file, set_aside, write_json_atomic
+from ..job.folder import set_aside
+from ..job.replacing import replace_file, write_json_atomic
+from ..job.request import JobError
 from ..light.environment import EnvironmentMap
 from ..light.floor import Floor
 from ..light.irradiance import Arriving

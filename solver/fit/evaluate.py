@@ -30,7 +30,9 @@ from ..capture.photos import (
     srgb_to_linear,
 )
 from ..capture.read import read_capture
-from ..job.folder import JobError, JobFolder, write_json_atomic
+from ..job.folder import JobFolder
+from ..job.replacing import write_json_atomic
+from ..job.request import JobError
 from ..metrics.image import flip, lpips, ms_ssim, psnr, ssim, true_where_told
 from ..metrics.material import environment_errors, weighted_mae
 from ..metrics.normals import normal_mae, normal_mae_masked

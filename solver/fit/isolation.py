@@ -19,9 +19,10 @@ from ..capture.photo_matches import LONGEST
 from ..capture.photos import Photo
 from ..capture.triangulate import Triangulated
 from ..job.adjusted import write_adjusted
-from ..job.folder import JobError, JobFolder
+from ..job.folder import JobFolder
 from ..job.inputs import region_of
 from ..job.progress import Progress
+from ..job.request import JobError
 from ..light.floor import Floor
 from .before_far import cut_out_before_far
 from .cut_out import backdrop_behind, cut_out

@@ -19,9 +19,10 @@ from ..capture.capture import Capture
 from ..capture.photos import Photo, at_sizes_of, load_photos
 from ..capture.placement import counted_from
 from ..job.control import Cancelled, Control
-from ..job.folder import JobFolder, JobRequest
+from ..job.folder import JobFolder
 from ..job.inputs import capture_of, placement_of, region_of
 from ..job.progress import Progress
+from ..job.request import JobRequest
 from ..kernels.backend import fast, trouble_with_warp
 from ..kernels.compile_ahead import compile_ahead
 from . import checkpoint

@@ -9,7 +9,8 @@ import numpy as np
 from ..asset.files import write_exr, write_png
 from ..capture.capture import Capture
 from ..capture.read import read_capture
-from ..job.folder import JobError, JobFolder
+from ..job.folder import JobFolder
+from ..job.request import JobError
 from ..render.composition import Composition, Placement
 from ..render.image import RenderedView
 from .load import load_job, load_light, render_cameras

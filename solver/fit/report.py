@@ -13,8 +13,9 @@ from ..capture.capture import Capture, evenly_taken
 from ..capture.errors import CaptureError
 from ..capture.photos import Photo, resized
 from ..job.events import read_events
-from ..job.folder import JobFolder, write_json_atomic
+from ..job.folder import JobFolder
 from ..job.inputs import held_out_of, region_of
+from ..job.replacing import write_json_atomic
 from ..metrics.image import psnr, ssim, true_where_told
 from ..render.image import render_view
 from ..render.scene import Scene, StepTables

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import torch
 
 from ..capture.errors import listed
-from ..job.folder import JobError
+from ..job.request import JobError
 
 COLOURS = "photos.mean_colours"
 """the checkpoint's tensor [P, 3] by which photos are known again; older jobs have none"""

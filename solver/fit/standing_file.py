@@ -13,7 +13,8 @@ from PIL import Image
 
 from ..asset.files import write_png
 from ..capture.camera import Camera
-from ..job.folder import JobError, replace_file
+from ..job.replacing import replace_file
+from ..job.request import JobError
 from .colour_counts import ColourCounts
 from .ground import Ground, GroundColours
 from .places import Places

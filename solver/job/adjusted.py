@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from ..capture.camera import Camera
-from .folder import JobError, is_similarity, write_json_atomic
+from .replacing import write_json_atomic
+from .request import JobError, is_similarity
 
 
 def write_adjusted(path: Path, cameras: Sequence[Camera]) -> None:

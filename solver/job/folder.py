@@ -10,143 +10,15 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
-import os
-import time
-from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Collection
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-Result = TypeVar("Result")
-SCHEMA_VERSION = 1
-MOST_SEED = (1 << 63) - 1
-DEVICES = ("auto", "cpu", "cuda", "mps")
-"""that a job may ask for"""
+from .replacing import read_replaced, write_json_atomic
+from .request import SCHEMA_VERSION, JobError, JobRequest
+
 LEFT_BY_FILE_BROWSERS = (".ds_store", "._.ds_store", "desktop.ini", "thumbs.db")
 """what Finder and Explorer put, hidden, into a folder that somebody has looked at"""
-EVEN = 1e-3
-"""how far the axes of a similarity may be from square and even, as a share of their length"""
-
-
-class JobError(ValueError):
-    """A job folder that cannot be used; one sentence with the way out."""
-
-
-@dataclass
-class JobRequest:
-    """What was asked of the solver (`job.json`).
-
-    Attributes:
-        capture: absolute path of the capture's folder or camera file.
-        photos, masks: absolute paths of their folders, if they are not below the capture's.
-        ignored: absolute path of a folder of pictures that are white where photos are to be ignored, or of
-            one for all photos; None: what the camera file names, and what lies beside the photos.
-        region: world box {"min": [3], "max": [3]} that holds the object, or None to find it.
-        placement: similarity [4][4] from the capture's world to the one that asset.glb is to stand in,
-            or None to find out which way is up.
-        overrides: settings by `section.field`.
-        time_limit: seconds of wall time, asset included, or None.
-    """
-
-    capture: str
-    preset: str = "draft"
-    device: str = "auto"
-    seed: int = 0
-    time_limit: float | None = None
-    photos: str | None = None
-    masks: str | None = None
-    ignored: str | None = None
-    region: dict[str, list[float]] | None = None
-    placement: list[list[float]] | None = None
-    overrides: dict[str, Any] = field(default_factory=dict)
-    code_version: str = ""
-    schema_version: int = SCHEMA_VERSION
-
-    @classmethod
-    def from_json(cls, content: Any, file: Path) -> JobRequest:
-        """Parse `job.json`'s content.
-
-        Raises:
-            JobError: fields missing or of a newer schema.
-        """
-        if not isinstance(content, dict) or "capture" not in content:
-            raise JobError(f"{file}: this is no job request (no 'capture'); start a new job.")
-        version = content.get("schema_version", 1)
-        if not isinstance(version, int) or version > SCHEMA_VERSION:
-            raise JobError(f"{file}: the job was made by a newer version; update the solver.")
-        known = {f.name for f in dataclasses.fields(cls)}
-        request = cls(**{key: value for key, value in content.items() if key in known})
-        wrong = request._wrong_field()
-        if wrong:
-            raise JobError(f"{file}: '{wrong}' is not what it should be; start a new job.")
-        return request
-
-    def check(self) -> None:
-        """Make sure that a new request can be followed.
-
-        Raises:
-            JobError: it has a value of a wrong type, or one that cannot be.
-        """
-        wrong = self._wrong_field()
-        if wrong:
-            raise JobError(
-                f"{wrong}: {getattr(self, wrong)!r} is not what it should be; change it."
-            )
-
-    def _wrong_field(self) -> str | None:
-        """Name of the first field of a wrong type or value; None if all are good."""
-        limit = self.time_limit
-        good = {
-            "capture": isinstance(self.capture, str) and self.capture != "",
-            "preset": isinstance(self.preset, str),
-            "device": isinstance(self.device, str),
-            "seed": type(self.seed) is int and 0 <= self.seed <= MOST_SEED,
-            "time_limit": limit is None or (_is_number(limit) and limit > 0),
-            "photos": self.photos is None or isinstance(self.photos, str),
-            "masks": self.masks is None or isinstance(self.masks, str),
-            "ignored": self.ignored is None or isinstance(self.ignored, str),
-            "region": self.region is None or _is_box(self.region),
-            "placement": self.placement is None or is_similarity(self.placement),
-            "overrides": isinstance(self.overrides, dict),
-            "code_version": isinstance(self.code_version, str),
-        }
-        return next((name for name, fine in good.items() if not fine), None)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _is_box(region: Any) -> bool:
-    """{"min": [3], "max": [3]} with a volume."""
-    if not isinstance(region, dict):
-        return False
-    low, high = region.get("min"), region.get("max")
-    for corner in (low, high):
-        if not (isinstance(corner, list) and len(corner) == 3 and all(map(_is_number, corner))):
-            return False
-    return all(a < b for a, b in zip(low, high, strict=True))
-
-
-def is_similarity(matrix: Any) -> bool:
-    """True for rows [4][4] of a motion that turns, moves and scales evenly, and does not mirror."""
-    if not (isinstance(matrix, list) and len(matrix) == 4):
-        return False
-    for row in matrix:
-        if not (isinstance(row, list) and len(row) == 4 and all(map(_is_number, row))):
-            return False
-    x, y, z = (row[:3] for row in matrix[:3])
-    size = math.hypot(*x)
-    # A rotation's third row is the cross product of the others.
-    across = [x[i - 2] * y[i - 1] - x[i - 1] * y[i - 2] for i in range(3)]
-    return (
-        matrix[3] == [0, 0, 0, 1]
-        and size > 0
-        and abs(sum(a * b for a, b in zip(x, y, strict=True))) < EVEN * size**2
-        and abs(math.hypot(*y) - size) < EVEN * size
-        and math.dist(across, [size * value for value in z]) < EVEN * size**2
-    )
 
 
 class JobFolder:
@@ -275,21 +147,6 @@ class JobFolder:
         write_json_atomic(self.manifest_path, {"schema_version": SCHEMA_VERSION, **content})
 
 
-def overrides_of(texts: Iterable[str]) -> dict[str, str]:
-    """What was written after `--set`, as `JobRequest.overrides`.
-
-    Raises:
-        JobError: one is no "section.field=value".
-    """
-    overrides = {}
-    for text in texts:
-        key, separator, value = text.partition("=")
-        if not separator:
-            raise JobError(f"--set {text}: write it as section.field=value.")
-        overrides[key] = value
-    return overrides
-
-
 def holds_nothing(folder: Path, besides: Collection[str] = ()) -> bool:
     """True for a folder that people call empty, whatever file browsers have left in it.
 
@@ -303,40 +160,3 @@ def holds_nothing(folder: Path, besides: Collection[str] = ()) -> bool:
 def set_aside(folder: Path) -> Path:
     """Where a folder is while another takes its place; it stays there if the process ends meanwhile."""
     return folder.with_name(f"{folder.name}.old")
-
-
-def write_json_atomic(path: Path, content: Any) -> None:
-    """Write JSON beside the target, then rename: readers see the old or the new, never half."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        part.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-        replace_file(part, path)
-    except (OSError, ValueError):
-        part.unlink(missing_ok=True)
-        raise
-
-
-def replace_file(source: Path, target: Path) -> None:
-    """`os.replace`, patient with Windows, where nothing is replaced that a reader or a virus scanner holds.
-
-    A folder is held by any of its files, and longer.
-    """
-    _patiently(lambda: os.replace(source, target), 10.0 if source.is_dir() else 1.0)
-
-
-def read_replaced(path: Path) -> str:
-    """The text of a file that may be replaced just now; Windows lets nobody open it in that moment."""
-    return _patiently(lambda: path.read_text(encoding="utf-8"), 0.1)
-
-
-def _patiently(work: Callable[[], Result], seconds: float) -> Result:
-    """What `work` returns, tried again for some time while it is denied access."""
-    end = time.monotonic() + seconds
-    while True:
-        try:
-            return work()
-        except PermissionError:
-            if time.monotonic() > end:
-                raise
-            time.sleep(0.02)

@@ -13,7 +13,8 @@ from ..capture.errors import CaptureError
 from ..capture.placement import suggest_placement
 from ..capture.read import held_out_file, read_capture
 from .adjusted import adjusted
-from .folder import JobFolder, JobRequest
+from .folder import JobFolder
+from .request import JobRequest
 
 
 def capture_of(job: JobFolder) -> Capture:

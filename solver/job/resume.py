@@ -6,7 +6,8 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from .folder import JobError, JobFolder
+from .folder import JobFolder
+from .request import JobError
 
 _PATHS = ("capture", "photos", "masks", "ignored")
 

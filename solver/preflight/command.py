@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..job.exit_codes import CANCELLED, DONE
-from ..job.folder import DEVICES, JobFolder
+from ..job.folder import JobFolder
+from ..job.request import DEVICES
 from ..session import passing_session
 from ..streams import naming_stdout, say
 

@@ -216,7 +216,7 @@ def test_an_installed_result_is_a_connected_textured_mesh_under_its_light(extens
 
 
 def test_a_missing_file_of_a_result_changes_nothing(extension, result_job):
-    from neural_microfacet_fields.solver.job.folder import JobError
+    from neural_microfacet_fields.solver.job.request import JobError
 
     (result_job / "result" / "f0.png").unlink()
     with pytest.raises(JobError, match="f0.png is missing"):
@@ -225,7 +225,7 @@ def test_a_missing_file_of_a_result_changes_nothing(extension, result_job):
 
 
 def test_a_cut_off_mesh_changes_nothing(extension, result_job):
-    from neural_microfacet_fields.solver.job.folder import JobError
+    from neural_microfacet_fields.solver.job.request import JobError
 
     mesh = result_job / "result" / "mesh.ply"
     mesh.write_bytes(mesh.read_bytes()[:-7])

@@ -9,8 +9,8 @@ from fake_capture import write_capture
 from mathutils import Euler, Matrix
 
 from solver.capture.read import read_capture
-from solver.job.folder import JobRequest
 from solver.job.inputs import placement_of
+from solver.job.request import JobRequest
 
 
 @pytest.fixture

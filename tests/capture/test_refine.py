@@ -22,7 +22,7 @@ from solver.capture.photo_matches import PairMatches
 from solver.capture.refine import TOLERATED
 from solver.capture.triangulate import triangulate
 from solver.job.adjusted import adjusted, write_adjusted
-from solver.job.folder import JobError
+from solver.job.request import JobError
 from tests.capture.poses import ring
 from tests.capture.printed_table import camera_at, picture_at, printed, shaken
 

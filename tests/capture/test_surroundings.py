@@ -78,9 +78,10 @@ def test_a_fit_begins_with_the_adjusted_cameras_and_goes_on_with_them(cameras, t
     from solver.capture.photos import load_photos
     from solver.fit.isolation import isolated
     from solver.job.events import EventStream
-    from solver.job.folder import JobFolder, JobRequest
+    from solver.job.folder import JobFolder
     from solver.job.inputs import capture_of
     from solver.job.progress import Progress
+    from solver.job.request import JobRequest
     from solver.job.status import Heartbeat
 
     (tmp_path / "photos").mkdir()

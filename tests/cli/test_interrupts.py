@@ -145,7 +145,8 @@ import os, sys
 import solver.cli, solver.start
 from solver.fit import reconstruct
 from solver.job.events import EventStream
-from solver.job.folder import JobFolder, JobRequest
+from solver.job.folder import JobFolder
+from solver.job.request import JobRequest
 from solver.job.status import Heartbeat
 def pressing(moment, work):
     def pressed(*arguments, **named):

@@ -13,7 +13,8 @@ from PIL import Image
 from solver.asset.export import export_result
 from solver.capture.photos import read_exr
 from solver.fit import evaluate
-from solver.job.folder import JobError, JobFolder
+from solver.job.folder import JobFolder
+from solver.job.request import JobError
 from tests.cli.command import DUCK, solver
 
 ASSET = (

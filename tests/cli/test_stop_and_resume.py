@@ -15,7 +15,8 @@ import pytest
 from solver.cli import main
 from solver.fit.reconstruct import run_job
 from solver.job.control import Cancelled
-from solver.job.folder import JobFolder, JobRequest
+from solver.job.folder import JobFolder
+from solver.job.request import JobRequest
 from tests.capture.test_capture import make_capture
 from tests.cli.command import DUCK, ROOT, TINY, solver, wait_for
 

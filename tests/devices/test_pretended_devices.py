@@ -21,7 +21,8 @@ from solver.fit.render_job import compose_jobs, render_job
 from solver.fit.start import new_trainer
 from solver.fit.time_limit import _SECONDS_BESIDE_A_CARD, finish_within
 from solver.job.control import Cancelled
-from solver.job.folder import JobFolder, JobRequest
+from solver.job.folder import JobFolder
+from solver.job.request import JobRequest
 from solver.kernels.warm_up import compile_kernels
 from solver.light.floor import Floor
 from solver.render.composition import Placement

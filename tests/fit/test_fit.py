@@ -26,11 +26,12 @@ from solver.fit.schedule import neural_share, smoothing_width
 from solver.fit.settings import Settings
 from solver.fit.start import background_of, masks_of, new_trainer, trainer_for
 from solver.fit.visual_hull import bounding_box, carve, signed_distance
-from solver.job import folder as job_folder
+from solver.job import replacing
 from solver.job.control import Control
 from solver.job.events import EventStream
-from solver.job.folder import JobError, JobFolder, JobRequest
+from solver.job.folder import JobFolder
 from solver.job.progress import Progress
+from solver.job.request import JobError, JobRequest
 from solver.job.status import Heartbeat
 from solver.render.radiance import RayBuffers
 from solver.render.surroundings import Surroundings
@@ -239,7 +240,7 @@ def test_a_fit_outlives_previews_and_checkpoints_that_somebody_has_open(tmp_path
         replace(source, target)
 
     monkeypatch.setattr(os, "replace", held)
-    monkeypatch.setattr(job_folder, "_patiently", lambda work, seconds: work())
+    monkeypatch.setattr(replacing, "_patiently", lambda work, seconds: work())
     monkeypatch.setattr(reconstruct, "PREVIEW_PAUSE", 0.0)
     reconstruct.fit(trainer, job, progress, Control(job.cancel_path, False), None, 0.0)
     assert {name: len(there) for name, there in denied.items()} == {

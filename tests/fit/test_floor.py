@@ -13,7 +13,8 @@ from solver.fit.isolation import Isolated, isolated
 from solver.fit.load import load_light
 from solver.fit.presets import PAPER
 from solver.fit.start import new_trainer
-from solver.job.folder import JobFolder, JobRequest
+from solver.job.folder import JobFolder
+from solver.job.request import JobRequest
 from solver.light.floor import Floor
 from tests.fit import table_scene as things
 from tests.fit.table_scene import CENTRE, RADIUS, table_scene

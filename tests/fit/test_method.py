@@ -16,7 +16,8 @@ from solver.fit.schedule import neural_share
 from solver.fit.settings import FitSettings
 from solver.fit.snapshots import write_figure, write_snapshot
 from solver.fit.start import background_of, new_trainer
-from solver.job.folder import JobFolder, JobRequest
+from solver.job.folder import JobFolder
+from solver.job.request import JobRequest
 from tests.fit.test_fit import SMALL, ball_capture, resumed
 
 SMALL_PAPER = {

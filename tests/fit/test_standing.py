@@ -20,7 +20,8 @@ from solver.fit.presets import PAPER, settings_for
 from solver.fit.standing_file import read_masks, read_standing, write_masks, write_standing
 from solver.fit.standing_search import _Search, find_standing
 from solver.fit.support import Support
-from solver.job.folder import JobError, JobFolder, JobRequest
+from solver.job.folder import JobFolder
+from solver.job.request import JobError, JobRequest
 from tests.fit import table_scene as things
 from tests.fit.table_scene import CENTRE, HEIGHT, RADIUS, REGION, WIDTH, table_scene
 from tests.fit.test_fit import SMALL

@@ -21,7 +21,8 @@ from solver.fit.time_limit import (
     too_few_steps,
 )
 from solver.job.control import Cancelled
-from solver.job.folder import JobFolder, JobRequest
+from solver.job.folder import JobFolder
+from solver.job.request import JobRequest
 from tests.capture.test_capture import camera
 from tests.cli.command import DUCK, TINY
 from tests.fit.test_standing import Heard

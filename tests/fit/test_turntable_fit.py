@@ -23,7 +23,8 @@ from solver.fit.render_job import render_job
 from solver.fit.settings import Settings
 from solver.fit.start import new_trainer
 from solver.fit.turned_light import circles_of, turntable_of
-from solver.job.folder import JobFolder, JobRequest
+from solver.job.folder import JobFolder
+from solver.job.request import JobRequest
 from solver.preflight.turning import turning
 from solver.render.image import image_settings, render_view
 from solver.render.scene import RenderSettings, StepTables

@@ -8,14 +8,17 @@ import json
 import os
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from solver.job import folder
+from solver.job import replacing
 from solver.job.events import EventStream
-from solver.job.folder import JobError, JobFolder, JobRequest, write_json_atomic
+from solver.job.folder import JobFolder, set_aside
+from solver.job.replacing import write_json_atomic
+from solver.job.request import JobError, JobRequest
 from solver.job.status import read_status
 
 number = st.floats(allow_nan=False, allow_infinity=False, width=32)
@@ -41,7 +44,7 @@ def test_a_job_killed_while_a_checkpoint_takes_the_place_of_another_can_be_resum
     assert not job.has_checkpoint()
     write_json_atomic(job.checkpoint_dir / "state.json", {"step": 1})
     assert job.has_checkpoint()
-    job.checkpoint_dir.rename(folder.set_aside(job.checkpoint_dir))
+    job.checkpoint_dir.rename(set_aside(job.checkpoint_dir))
     assert job.has_checkpoint()
 
 
@@ -184,7 +187,7 @@ def test_a_failed_write_leaves_the_old_file_and_no_litter(tmp_path, monkeypatch)
     def full(source, target):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(folder, "replace_file", full)
+    monkeypatch.setattr(replacing, "replace_file", full)
     with pytest.raises(OSError, match="No space"):
         write_json_atomic(path, {"n": 2})
     assert json.loads(path.read_text()) == {"n": 1}
@@ -210,18 +213,18 @@ def test_what_a_reader_holds_on_windows_is_replaced_once_it_lets_go(
         clock[0] += seconds
 
     monkeypatch.setattr(os, "replace", held)
-    monkeypatch.setattr(folder.time, "sleep", sleep)
-    monkeypatch.setattr(folder.time, "monotonic", lambda: clock[0])
-    folder.replace_file(source, target)
+    monkeypatch.setattr(replacing.time, "sleep", sleep)
+    monkeypatch.setattr(replacing.time, "monotonic", lambda: clock[0])
+    replacing.replace_file(source, target)
     assert denied and os.listdir(tmp_path) == ["there"]
     slept.append(-1000.0)
     with pytest.raises(PermissionError):
-        folder.replace_file(target, source)
+        replacing.replace_file(target, source)
 
 
 def test_a_file_that_is_being_replaced_on_windows_is_read_all_the_same(tmp_path, monkeypatch):
     job = JobFolder.create(tmp_path / "job", JobRequest(capture="/photos"))
-    read, denied = folder.Path.read_text, []
+    read, denied = Path.read_text, []
 
     def replaced(path, *args, **kwargs):
         if len(denied) < 2:
@@ -229,7 +232,7 @@ def test_a_file_that_is_being_replaced_on_windows_is_read_all_the_same(tmp_path,
             raise PermissionError(13, "Permission denied", str(path))
         return read(path, *args, **kwargs)
 
-    monkeypatch.setattr(folder.Path, "read_text", replaced)
+    monkeypatch.setattr(Path, "read_text", replaced)
     assert job.request.capture == "/photos"
     write_json_atomic(job.status_path, {"state": "running"})
     denied.clear()
@@ -245,7 +248,7 @@ def test_the_job_modules_need_the_standard_library_alone():
 
     answer = subprocess.run(
         [sys.executable, "-c", text], capture_output=True, text=True, check=True,
-        cwd=os.path.dirname(os.path.dirname(os.path.dirname(folder.__file__))),
+        cwd=os.path.dirname(os.path.dirname(os.path.dirname(replacing.__file__))),
     )  # fmt: skip
     assert answer.stdout.strip() == "[]"
 
@@ -274,7 +277,7 @@ def test_every_field_of_a_request_is_checked_when_read():
     for name in names:
         content = {"capture": "/p", name: object()}
         with pytest.raises(JobError, match=f"'{name}'"):
-            JobRequest.from_json(content, folder.Path("job.json"))
+            JobRequest.from_json(content, Path("job.json"))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names are text")

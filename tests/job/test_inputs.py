@@ -8,8 +8,9 @@ import pytest
 from PIL import Image
 
 from solver.capture.errors import CaptureError
-from solver.job.folder import JobFolder, JobRequest
+from solver.job.folder import JobFolder
 from solver.job.inputs import capture_of, held_out_of
+from solver.job.request import JobRequest
 
 DUCK = Path(__file__).parents[2] / "samples" / "duck"
 

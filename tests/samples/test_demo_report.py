@@ -16,7 +16,8 @@ from solver.asset.files import write_exr
 from solver.capture.formats.transforms import write_transforms
 from solver.capture.photos import load_photo, read_exr
 from solver.capture.read import read_capture
-from solver.job.folder import JobFolder, JobRequest
+from solver.job.folder import JobFolder
+from solver.job.request import JobRequest
 
 SAMPLES = Path(__file__).parents[2] / "samples"
 DUCK = SAMPLES / "duck"

@@ -1,0 +1,49 @@
+"""Files that others read while they are replaced: they see the old or the new, never half."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+Result = TypeVar("Result")
+
+
+def write_json_atomic(path: Path, content: Any) -> None:
+    """Write JSON beside the target, then rename: readers see the old or the new, never half."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        part.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        replace_file(part, path)
+    except (OSError, ValueError):
+        part.unlink(missing_ok=True)
+        raise
+
+
+def replace_file(source: Path, target: Path) -> None:
+    """`os.replace`, patient with Windows, where nothing is replaced that a reader or a virus scanner holds.
+
+    A folder is held by any of its files, and longer.
+    """
+    _patiently(lambda: os.replace(source, target), 10.0 if source.is_dir() else 1.0)
+
+
+def read_replaced(path: Path) -> str:
+    """The text of a file that may be replaced just now; Windows lets nobody open it in that moment."""
+    return _patiently(lambda: path.read_text(encoding="utf-8"), 0.1)
+
+
+def _patiently(work: Callable[[], Result], seconds: float) -> Result:
+    """What `work` returns, tried again for some time while it is denied access."""
+    end = time.monotonic() + seconds
+    while True:
+        try:
+            return work()
+        except PermissionError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.02)
