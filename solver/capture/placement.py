@@ -12,6 +12,8 @@ from .frames import scale_and_rotation, unit
 from .upright import up_of
 
 UP = np.array([0.0, 0.0, 1.0])
+SAME = 1e-6
+"""of a region's size, up to which another is the same"""
 SIZE = 2.0
 """edge of what the cameras look at, world units, where the file's unit means nothing"""
 FAR = 100.0
@@ -39,7 +41,10 @@ def suggest_placement(capture: Capture) -> np.ndarray:
 
 
 def placed(capture: Capture, matrix: np.ndarray) -> Capture:
-    """The capture in another world: `matrix` [4, 4] is a similarity from its own to that."""
+    """The capture in another world: `matrix` [4, 4] is a similarity from its own to that.
+
+    A region that its file states becomes the box around it; any other is found anew.
+    """
     scale, rotation = scale_and_rotation(matrix)
     cameras = [camera.placed(matrix) for camera in capture.cameras]
     points = None
@@ -48,8 +53,22 @@ def placed(capture: Capture, matrix: np.ndarray) -> Capture:
     up = None if capture.up is None else rotation @ capture.up
     return replace(
         capture, cameras=tuple(cameras), points=points, up=up,
-        region=region_seen_by(cameras, points), metric=capture.metric and abs(scale - 1) < 1e-9,
+        region=_around(capture.region, matrix) if _states_region(capture)
+        else region_seen_by(cameras, points), metric=capture.metric and abs(scale - 1) < 1e-9,
     )  # fmt: skip
+
+
+def _states_region(capture: Capture) -> bool:
+    """Whether a capture's region is another than its cameras and points tell."""
+    told = region_seen_by(list(capture.cameras), capture.points)
+    return bool(np.abs(capture.region - told).max() > SAME * np.ptp(capture.region, axis=0).max())
+
+
+def _around(region: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """The box [2, 3] around a region in another world."""
+    middle, half = region.mean(0), np.ptp(region, axis=0) / 2
+    middle, half = matrix[:3, :3] @ middle + matrix[:3, 3], np.abs(matrix[:3, :3]) @ half
+    return np.stack([middle - half, middle + half])
 
 
 def counted_from(matrix: np.ndarray, origin: np.ndarray) -> np.ndarray:

@@ -71,6 +71,19 @@ def test_placing_moves_cameras_points_and_what_they_project_to_alike():
         )
 
 
+def test_a_region_that_a_file_states_moves_along_and_any_other_is_found_anew():
+    own = capture_of(ring(8))
+    box = np.array([[-0.2, -0.1, 0.0], [0.4, 0.1, 0.3]])
+    matrix = similarity(3)
+    moved = placed(replace(own, region=box), matrix).region
+    corners = np.stack(np.meshgrid(*box.T, indexing="ij"), -1).reshape(-1, 3)
+    corners = corners @ matrix[:3, :3].T + matrix[:3, 3]
+    np.testing.assert_allclose(moved, [corners.min(0), corners.max(0)], atol=1e-9)
+    np.testing.assert_allclose(placed(replace(own, region=box), np.eye(4)).region, box, atol=1e-12)
+    found = placed(own, matrix)
+    np.testing.assert_allclose(found.region, region_seen_by(list(found.cameras)), atol=1e-12)
+
+
 def test_without_masks_the_region_is_no_longer_than_the_views_are_wide(tmp_path):
     def edge(mode, mask=None):
         photo = tmp_path / f"{mode}.png"
