@@ -42,6 +42,7 @@ from .formats import (
     visualsfm,
 )
 from .image_header import EXTENSIONS as PICTURES
+from .image_header import UnknownSize, image_size
 from .no_capture import no_camera_file, nothing_in, several_in
 from .photo_finder import (
     MIN_PHOTOS,
@@ -169,6 +170,9 @@ def read_capture(
         raise CaptureError(
             ignored, "ignore", "there is no such folder or picture", "check its path"
         )
+    if ignored is not None and Path(ignored).is_file():
+        with suppress(UnknownSize):
+            image_size(Path(ignored))  # one that is no picture is refused before a job is made
     if photos is not None:
         folder = Path(photos)
     else:

@@ -184,6 +184,13 @@ def test_a_folder_holds_what_is_ignored_by_the_photos_names_and_no_photos(tmp_pa
         read_capture(folder, ignored=tmp_path / "nowhere")
 
 
+def test_one_file_for_all_photos_that_is_no_picture_is_refused_before_any_photo_is_read(tmp_path):
+    folder = ignoring_capture(tmp_path, None)
+    (tmp_path / "a.png").write_text("white where a hand is")
+    with pytest.raises(CaptureError, match=r"a\.png: this is no PNG, JPEG"):
+        read_capture(folder, ignored=tmp_path / "a.png")
+
+
 def test_a_lenss_mask_that_all_frames_name_is_black_where_nothing_is_fitted(tmp_path):
     def name(content):
         for frame in content["frames"]:
