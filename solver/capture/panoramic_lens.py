@@ -25,6 +25,13 @@ def of_whole_sphere(width: float, height: float) -> tuple[float, float, float, f
     return width / (2 * np.pi), height / np.pi, width / 2, height / 2
 
 
+def in_turns(width: int, height: int) -> tuple[float, float, float, float]:
+    """fx fy cx cy, in pixels, where both angles are counted in turns and lengths in the longer side, of
+    whatever shape the picture is."""
+    focal = max(width, height) / (2 * np.pi)
+    return focal, focal, width / 2, height / 2
+
+
 def shows_whole_sphere(
     width: int, height: int, fx: float, fy: float, cx: float, cy: float, share: float = 1e-6
 ) -> bool:

@@ -33,7 +33,7 @@ from .image_circle import Circles
 from .masks import read_mask
 from .orientation import as_camera_saw
 from .photo_settings import PhotoSettings
-from .told import check_told, made_smaller, told_of
+from .told import both, check_told, made_smaller, told_of
 
 __all__ = [
     "Photo", "PhotoSettings", "at_sizes_of", "linear_to_srgb", "load_photo", "load_photos", "read_exr",
@@ -165,10 +165,9 @@ def load_photos(
                 progress(len(photos), len(capture.cameras))
     if not any(photo.has_alpha for photo in photos):
         found = circles.found()
-        photos = [
-            _within(photo, found.get(camera.lens_key))
-            for camera, photo in zip(capture.cameras, photos, strict=True)
-        ]
+        for index, camera in enumerate(capture.cameras):
+            if (circle := found.get(camera.lens_key)) is not None:
+                photos[index] = replace(photos[index], told=both(photos[index].told, circle))
     empty = [
         camera for camera, photo in zip(capture.cameras, photos, strict=True)
         if not (photo.cover > 0).any()
@@ -184,13 +183,6 @@ def load_photos(
             "replace it or remove its frame from the camera file",
         )  # fmt: skip
     return photos
-
-
-def _within(photo: Photo, circle: np.ndarray | None) -> Photo:
-    """A photo that says nothing beyond its image's circle [H, W] bool; None: it has none."""
-    if circle is None:
-        return photo
-    return replace(photo, told=circle if photo.told is None else photo.told & circle)
 
 
 @dataclass(frozen=True, eq=False)

@@ -166,13 +166,8 @@ def read_capture(
     for folder, what in ((photos, "photos"), (masks, "masks")):
         if folder is not None and not Path(folder).is_dir():
             raise CaptureError(folder, what, "there is no such folder", "check its path")
-    if ignored is not None and not Path(ignored).exists():
-        raise CaptureError(
-            ignored, "ignore", "there is no such folder or picture", "check its path"
-        )
-    if ignored is not None and Path(ignored).is_file():
-        with suppress(UnknownSize):
-            image_size(Path(ignored))  # one that is no picture is refused before a job is made
+    if ignored is not None:
+        _check_ignored(Path(ignored))
     if photos is not None:
         folder = Path(photos)
     else:
@@ -194,6 +189,15 @@ def read_capture(
             with suppress(CaptureError):
                 return _read(reader, file, PhotoFinder(own, **how))
         raise
+
+
+def _check_ignored(path: Path) -> None:
+    """Make sure that there is a folder or a picture of what is to be ignored, before a job is made."""
+    if not path.exists():
+        raise CaptureError(path, "ignore", "there is no such folder or picture", "check its path")
+    if path.is_file():
+        with suppress(UnknownSize):
+            image_size(path)
 
 
 def _read(reader: ModuleType, file: Path, finder: PhotoFinder) -> Capture:

@@ -11,13 +11,11 @@ from .camera import Camera
 from .image_header import image_orientation
 from .photo_matches import LONGEST, Picture, hidden_around, picture_from
 from .reduced import load_reduced, load_reduced_mask
-from .told import told_of_reduced
+from .told import FAINT, told_of_reduced
 
 TOLERATED_AROUND = 1.5
 """pixels by which photos may lie beside their cameras, of pictures that features were sought in, where the
 object does not count: of a floor that is seen at a slant in small photos, right cameras have 1.0"""
-FAINT = 12
-"""of 255, up to which a mask is black: JPEG is not exact"""
 
 
 def picture_around(camera: Camera) -> Picture:
@@ -30,7 +28,7 @@ def picture_around(camera: Camera) -> Picture:
     mask = load_reduced_mask(
         camera.mask_path, colour.shape[:2], image_orientation(camera.image_path)
     )
-    hidden, told = mask > FAINT, told_of_reduced(camera, mask.shape)
+    hidden, told = mask > 255 * FAINT, told_of_reduced(camera, mask.shape)
     if told is not None:
         hidden |= ~told
     return picture_from(np.ascontiguousarray(colour), hidden_around(hidden))

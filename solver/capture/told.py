@@ -21,7 +21,7 @@ from .masks import read_mask
 from .reduced import load_reduced_mask
 
 FAINT = 12 / 255
-"""by how much a picture may differ from black, or white, where the photo counts: JPEG is not exact"""
+"""by how much a mask may differ from black, or white, and be that: JPEG is not exact"""
 WHOLE = 1 - 1e-4
 """of a pixel that was made of others, from which on all of these count"""
 _ROWS = 256  # of a photo, whose rays are looked for at once
@@ -39,7 +39,7 @@ def told_of(camera: Camera, orientation: int = 1) -> np.ndarray | None:
     """
     told = _reached(camera.lens_key)
     if camera.ignored_path is not None:
-        told = _both(told, _kept(read_mask(camera, orientation, "ignored_path"), camera))
+        told = both(told, _kept(read_mask(camera, orientation, "ignored_path"), camera))
     check_told(camera, told)
     return told
 
@@ -50,7 +50,7 @@ def told_of_reduced(camera: Camera, shape: tuple[int, int]) -> np.ndarray | None
     if camera.ignored_path is not None:
         lies = image_orientation(camera.image_path)
         mask = load_reduced_mask(camera.ignored_path, shape, lies, "ignored_path")
-        told = _both(told, _kept(mask / np.float32(255), camera))
+        told = both(told, _kept(mask / np.float32(255), camera))
     check_told(camera, told)
     return told
 
@@ -94,7 +94,8 @@ def filled(colour: np.ndarray, known: np.ndarray | None) -> np.ndarray:
     return np.where(known[..., None], colour, colour[tuple(at)])
 
 
-def _both(told: np.ndarray | None, kept: np.ndarray) -> np.ndarray | None:
+def both(told: np.ndarray | None, kept: np.ndarray) -> np.ndarray | None:
+    """[H, W] bool: where a photo says something by both; None, as the first may be: everywhere."""
     told = kept if told is None else told & kept
     return None if told.all() else told
 

@@ -27,7 +27,7 @@ from ..fields import entries, mapping, number, numbers
 from ..files import json_head, read_json
 from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble, without_pose
-from ..panoramic_lens import EQUIRECTANGULAR
+from ..panoramic_lens import EQUIRECTANGULAR, in_turns
 from ..photo_finder import PhotoFinder
 
 NAME = "OpenMVG sfm_data.json"
@@ -166,8 +166,7 @@ def _intrinsics(path: Path, where: str, name: str, data: dict) -> Intrinsics:
         int(number(path, f"{where}.{key}", data.get(key))) for key in ("width", "height")
     )
     if name == _PANORAMA:
-        focal = max(width, height) / (2 * np.pi)
-        return Intrinsics(width, height, focal, focal, width / 2, height / 2, EQUIRECTANGULAR)
+        return Intrinsics(width, height, *in_turns(width, height), EQUIRECTANGULAR)
     focal = number(path, f"{where}.focal_length", data.get("focal_length"))
     cx, cy = numbers(path, f"{where}.principal_point", data.get("principal_point"), 2)
     key, count = _DISTORTION[name]

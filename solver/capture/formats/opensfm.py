@@ -37,7 +37,7 @@ from ..fields import mapping, number, numbers, rigid_pose
 from ..files import read_json, text_head
 from ..frames import invert_pose, pose_opengl_from_opencv, rotation_from_quaternion
 from ..intake import Found, Intrinsics, assemble, without_pose
-from ..panoramic_lens import EQUIRECTANGULAR
+from ..panoramic_lens import EQUIRECTANGULAR, in_turns
 from ..photo_finder import PhotoFinder
 from ..sparse_points import SparsePoints
 
@@ -189,9 +189,7 @@ def intrinsics_of(path: Path, where: str, entry: Any) -> Intrinsics:
     width, height = int(value("width")), int(value("height"))
     longer = max(width, height)
     if kind in _PANORAMAS:
-        # Both angles are counted in turns, and lengths in the longer side, whatever the picture's shape.
-        focal = longer / (2 * np.pi)
-        return Intrinsics(width, height, focal, focal, width / 2, height / 2, EQUIRECTANGULAR)
+        return Intrinsics(width, height, *in_turns(width, height), EQUIRECTANGULAR)
     if kind in _ONE_FOCAL:
         fx = fy = value("focal") * longer
         cx, cy = width / 2, height / 2
