@@ -186,7 +186,8 @@ def cases(points: int) -> list[Case]:
             rand(shaded, 3).requires_grad_(), table.detach().requires_grad_()]  # fmt: skip
     glossy_rays = 5 * shaded
     first = 5 * torch.arange(shaded + 1)
-    blockers = Blockers(torch.zeros(3), 1.0, 1 / 128, blocking_grid(3.0 * (free == 0)), 0.02)
+    blocking = blocking_grid(3.0 * (free == 0))
+    blockers = Blockers(torch.zeros(3), torch.empty(0, 3), 1.0, 1 / 128, blocking, 0.02)
     u = rand(glossy_rays, 2)
     # Cells that a ray reads in these scenes, counted once by a plain loop.
     glossy_cells, probe_cells = 6, 9

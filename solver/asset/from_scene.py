@@ -42,9 +42,7 @@ class SceneSurface:
     def __init__(self, scene: Scene, cameras: list[Camera]):
         self._scene, self._cameras = scene, cameras
         self._field, self._occupancy = scene.field, scene.occupancy
-        centre = scene.field.centre.cpu().numpy().astype(np.float64)
-        self.region = np.stack([centre - scene.field.half_size, centre + scene.field.half_size])
-        self.voxel = scene.field.voxel
+        self.edge, self.voxel = 2 * scene.field.half_size, scene.field.voxel
         self.surrounded = scene.room is not None
         with torch.no_grad():
             self._normal_factors = scene.field.normal_factors()
@@ -52,6 +50,13 @@ class SceneSurface:
     def _box_points(self, points: np.ndarray) -> torch.Tensor:
         tensor = torch.from_numpy(points).float().to(self._field.centre.device)
         return self._field.to_box(tensor)
+
+    def from_box(self, box_points: np.ndarray) -> np.ndarray:
+        """World points [N, 3] of box units, in double precision."""
+        offset = (box_points - 0.5) * self.edge
+        if self._field.axes is not None:
+            offset = offset @ self._field.axes.cpu().numpy().astype(np.float64)
+        return self._field.centre.cpu().numpy().astype(np.float64) + offset
 
     @torch.no_grad()
     def density(self, points: np.ndarray) -> np.ndarray:

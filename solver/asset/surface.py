@@ -22,7 +22,7 @@ DUST_SHARE = 1e-3
 class SurfaceField(Protocol):
     """What the asset needs of a field. World units, linear Rec.709."""
 
-    region: np.ndarray  # [2, 3] world box
+    edge: float  # of its box, a cube
     voxel: float  # edge of those that the density is made of
     surrounded: bool  # photos show what is around the object, and nothing says which is which
 
@@ -30,8 +30,11 @@ class SurfaceField(Protocol):
         """Extinction [N] per world unit at points [N, 3] float32."""
 
     def raw_density(self, count: int) -> np.ndarray:
-        """Raw density [K, K, K] float32 at K nodes per axis, from face to face of the region; −∞ where
+        """Raw density [K, K, K] float32 at K nodes per axis, from face to face of the box; −∞ where
         nothing can be. The extinction grows with it; it is linear along the edges of voxels."""
+
+    def from_box(self, box_points: np.ndarray) -> np.ndarray:
+        """World points [N, 3] of box units, of which its edges are one."""
 
     def raw_level(self, extinction: float) -> float:
         """The raw density that has an extinction per world unit."""
@@ -70,25 +73,24 @@ def extract_surface(field: SurfaceField, level: float, settings: AssetSettings) 
 
 
 def marching_cubes(field: SurfaceField, cells: int, level: float) -> trimesh.Trimesh:
-    """Isosurface of the density at `level` in the field's region (Lewiner et al. 2003).
+    """Isosurface of the density at `level` in the field's box (Lewiner et al. 2003).
 
     Runs on the raw density, on the field's own voxels, each cut into as many as `cells` per axis allow:
     along the edges of such a grid it is linear, so every vertex lies where the field has the level.
     Anything else makes thin parts thinner (docs/decisions/0003).
     """
-    low, high = field.region.astype(np.float64)
-    voxels = round((high[0] - low[0]) / field.voxel)
+    voxels = round(field.edge / field.voxel)
     if cells > voxels:
         cells -= cells % voxels
     raw, raw_level = field.raw_density(cells + 1), field.raw_level(level)
     if not (raw > raw_level).any():
         raise EmptySurfaceError
     empty = field.raw_level(EMPTY * level)
-    # One layer of empty nodes all round closes surfaces that touch the region's border.
+    # One layer of empty nodes all round closes surfaces that touch the box's border.
     values = np.pad(raw, 1, constant_values=empty)
     values[np.isneginf(values)] = empty
     vertices, faces, _, _ = skimage.measure.marching_cubes(values, raw_level)
-    vertices = low + (vertices - 1) * ((high - low) / cells)
+    vertices = field.from_box((vertices - 1) / cells)
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     mesh.merge_vertices()
     mesh.update_faces(mesh.nondegenerate_faces() & mesh.unique_faces())

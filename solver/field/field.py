@@ -28,6 +28,7 @@ class MicrofacetField(nn.Module):
     Args:
         centre: [3] world centre of the box. half_size: half its edge, world units.
         size: grid nodes per axis.
+        axes: [3, 3] unit rows, the box's axes in the world, where it is turned; None: the world's.
         smoothed_normals: normals from the Gaussian-smoothed finite difference (paper §3.1), not
             from the derivative of the interpolation.
 
@@ -49,9 +50,12 @@ class MicrofacetField(nn.Module):
         initial_roughness: float = 0.4,
         initial_f0: float = 0.1,
         smoothed_normals: bool = True,
+        axes: torch.Tensor | None = None,
     ):
         super().__init__()
         self.register_buffer("centre", torch.as_tensor(centre, dtype=torch.float32))
+        axes = None if axes is None else torch.as_tensor(axes, dtype=torch.float32)
+        self.register_buffer("axes", axes, persistent=False)
         self.half_size = float(half_size)
         self.density_shift, self.density_scale = density_shift, density_scale
         self.smoothed_normals = smoothed_normals
@@ -75,15 +79,23 @@ class MicrofacetField(nn.Module):
 
     def to_box(self, points: torch.Tensor) -> torch.Tensor:
         """World points [N, 3] in box units."""
-        return (points - self.centre) / (2 * self.half_size) + 0.5
+        return self.to_axes(points - self.centre) / (2 * self.half_size) + 0.5
 
     def from_box(self, box_points: torch.Tensor) -> torch.Tensor:
         """World points [N, 3] of box units, the inverse of `to_box`."""
-        return self.centre + (2 * box_points - 1) * self.half_size
+        return self.centre + self.from_axes((2 * box_points - 1) * self.half_size)
 
     def directions_to_box(self, directions: torch.Tensor) -> torch.Tensor:
         """World directions [N, 3] per world unit of length, in box units."""
-        return directions / (2 * self.half_size)
+        return self.to_axes(directions) / (2 * self.half_size)
+
+    def to_axes(self, directions: torch.Tensor) -> torch.Tensor:
+        """World directions [N, 3] along the box's axes."""
+        return directions if self.axes is None else directions @ self.axes.T
+
+    def from_axes(self, directions: torch.Tensor) -> torch.Tensor:
+        """World directions [N, 3] of those along the box's axes, the inverse of `to_axes`."""
+        return directions if self.axes is None else directions @ self.axes
 
     def raw_density(
         self, box_points: torch.Tensor, known: torch.Tensor | None = None
@@ -124,12 +136,14 @@ class MicrofacetField(nn.Module):
     def normals(
         self, box_points: torch.Tensor, factors: tuple[torch.Tensor, torch.Tensor]
     ) -> torch.Tensor:
-        """Unit outward normals [N, 3]: minus the (smoothed) gradient of the raw density."""
+        """Unit outward normals [N, 3], world: minus the (smoothed) gradient of the raw density."""
         gradient_of = vm_gradient if self.smoothed_normals else vm_interpolation_gradient
         gradient = gradient_of(box_points * (self.size - 1), *factors)
         if at_hand("outward", gradient):
-            return rowwise("outward", (gradient,), (LEAST_SLOPE,), ((3,),))[0]
-        return -F.normalize(gradient, dim=-1, eps=LEAST_SLOPE)
+            outward = rowwise("outward", (gradient,), (LEAST_SLOPE,), ((3,),))[0]
+        else:
+            outward = -F.normalize(gradient, dim=-1, eps=LEAST_SLOPE)
+        return self.from_axes(outward)
 
     def features(self, box_points: torch.Tensor) -> torch.Tensor:
         """Feature vectors [N, F] at box points [N, 3]."""

@@ -76,6 +76,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
         "background": trainer.background,
         "field": {
             "size": scene.field.size, "half_size": scene.field.half_size,
+            "axes": None if scene.field.axes is None else scene.field.axes.tolist(),
             "density_components": settings.field.density_components,
             "feature_components": settings.field.feature_components,
             "feature_size": settings.field.feature_size,
@@ -191,6 +192,7 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
         # Jobs of version 0.1 have the public code's.
         density_scale=shape.get("density_scale", 25.0),
         density_shift=shape.get("density_shift", -4.0),
+        axes=shape.get("axes") and torch.tensor(shape["axes"]),
     )  # fmt: skip
     field.smoothing = shape.get("smoothing", 0.0)  # jobs of version 0.1 have none
     scene = Scene(

@@ -29,7 +29,7 @@ PAPER = Settings(
     field=FieldSettings(
         sizes=(128, 162, 196, 231, 265, 300),
         size_starts=(0.0, 2000 / 30000, 3000 / 30000, 4000 / 30000, 5500 / 30000, 7000 / 30000),
-        finest_without_masks=2048, hull_start=False,
+        finest_without_masks=2048, hull_start=False, turn_box=False,
         initial_albedo=0.91, initial_roughness=0.6, initial_f0=0.5,
         occupancy_min_alpha=0.001, step_smoothing=(0.0, 0.0),
     ),

@@ -26,6 +26,7 @@ from ..job.request import JobRequest
 from ..kernels.backend import fast, trouble_with_warp
 from ..kernels.compile_ahead import compile_ahead
 from . import checkpoint
+from .box import Box
 from .clock import FitClock
 from .devices import choose_device, device_at_hand
 from .exposure import photo_views
@@ -173,11 +174,11 @@ def _run(job: JobFolder, progress: Progress, control: Control, began: float) -> 
         job, scene, settings, capture, photos, trainer.background, numbers, told,
         finish.report_pixels,
     )  # fmt: skip
-    half, centre = scene.field.half_size, scene.field.centre.cpu().numpy()
+    low, high = Box.of(scene.field).world
     job.write_manifest(
         {
             **parts, "report": report, "bounces": 2,
-            "region": {"min": (centre - half).tolist(), "max": (centre + half).tolist()},
+            "region": {"min": low.tolist(), "max": high.tolist()},
             "origin": scene.origin.tolist(),
             "preset": request.preset, "seed": request.seed, "code_version": __version__,
         }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +18,11 @@ from ..capture.panorama import Panorama
 from ..capture.photos import Photo
 from ..capture.placement import far_origin, seen_from
 from ..capture.turntable import Turntable
-from ..field.field import MicrofacetField
 from ..field.room import EXTENT, Room, expand
 from ..job.folder import JobFolder
 from ..light.environment import EnvironmentMap
 from ..render.scene import Scene
+from .box import Box, box_around_hull
 from .checkpoint import load_scene
 from .chunk import SURROUNDED
 from .cut_out import backdrop_behind
@@ -46,13 +45,11 @@ from .turned_light import turntable_of
 from .visual_hull import (
     BELONG_TOGETHER,
     NOTHING_IN_COMMON,
-    hull_box,
     signed_distance,
     start_from_hull,
     whole_hull,
 )
 
-COARSE_HULL_CELLS = 96
 SEEN_CELLS = 64
 EXTINCTION = 35.0
 """scale of the extinction over half the box: what the public code has, for its scenes, per world unit; so
@@ -67,19 +64,6 @@ OUTSIDE, INSIDE = -12.0, 5.0
 and hollows, which no mask shows, have yet to be carved (docs/decisions/0001)"""
 HULL_MARGIN = 3  # cells of the hull's grid by which the object may reach beyond the hull
 LIKELY_MARGIN = 9  # pixels around the object from which rays are drawn as often as from it
-
-
-@dataclass(frozen=True)
-class Region:
-    """A cube in world space."""
-
-    centre: np.ndarray
-    half_size: float
-
-    @property
-    def box(self) -> np.ndarray:
-        """[2, 3] min and max."""
-        return np.stack([self.centre - self.half_size, self.centre + self.half_size])
 
 
 def new_trainer(
@@ -107,32 +91,38 @@ def new_trainer(
     use_masks = uses_masks(photos, settings)
     use_hull = use_masks and settings.field.hull_start
     turntable = turntable_of(near, settings.light.turntable)
-    box = near.region if region is None else np.asarray(region, dtype=np.float64) - origin
+    behind = _behind(photos, settings, turntable)
+    region = near.region if region is None else np.asarray(region, dtype=np.float64) - origin
     if use_masks:
-        cube = _object_cube(near, photos, box, settings.field.box_margin)
+        turn = use_hull and settings.field.turn_box and behind != "room"
+        box = box_around_hull(
+            cameras, lambda: masks_of(photos), region, settings.field.box_margin, turn
+        )
+        if box is None:
+            raise CaptureError(capture.source, "alpha", NOTHING_IN_COMMON, BELONG_TOGETHER)
     else:
-        cube = Region(box.mean(0), float((box[1] - box[0]).max() / 2))
+        box = Box.around(region)
         settings = dataclasses.replace(settings, field=_for_no_masks(settings.field))
     progress(0.2)
     shape = settings.field
     clear_start = shape.hull_start and not use_hull
-    field = MicrofacetField(
-        torch.tensor(cube.centre), cube.half_size, shape.sizes[0], shape.density_components,
-        shape.feature_components, shape.feature_size, initial_albedo=shape.initial_albedo,
-        initial_roughness=shape.initial_roughness, initial_f0=shape.initial_f0,
-        smoothed_normals=shape.smoothed_normals, density_scale=EXTINCTION / cube.half_size,
-        density_shift=THIN_FOG if clear_start else HAZE,
+    field = box.new_field(
+        shape.sizes[0], shape.density_components, shape.feature_components, shape.feature_size,
+        initial_albedo=shape.initial_albedo, initial_roughness=shape.initial_roughness,
+        initial_f0=shape.initial_f0, smoothed_normals=shape.smoothed_normals,
+        density_scale=EXTINCTION / box.half_size, density_shift=THIN_FOG if clear_start else HAZE,
     )  # fmt: skip
     if use_hull:
-        hull, reached = whole_hull(cameras, lambda: masks_of(photos), cube.box, shape.hull_cells)
+        turned, cells = box.seen_along(cameras), shape.hull_cells
+        hull, reached = whole_hull(turned, lambda: masks_of(photos), box.own, cells)
         if shape.carve_hollows:
             progress(0.5)
-            hull = carve_hollows(cameras, photos, hull, cube.box)
-        distance = torch.from_numpy(signed_distance(hull)) * (2 * cube.half_size / hull.shape[0])
-        start_from_hull(field, distance, shape.hull_slope / cube.half_size, OUTSIDE, INSIDE)
+            hull = carve_hollows(turned, photos, hull, box.own)
+        distance = torch.from_numpy(signed_distance(hull)) * (2 * box.half_size / hull.shape[0])
+        start_from_hull(field, distance, shape.hull_slope / box.half_size, OUTSIDE, INSIDE)
     room = None
-    if _behind(photos, settings, turntable) == "room":
-        room = _room(cameras, cube, shape.sizes[0], settings.light.initial)
+    if behind == "room":
+        room = _room(cameras, box, shape.sizes[0], settings.light.initial)
     if near.points is not None and starts_from_points(photos, settings):
         start_from_points(field, room, near.points, shape.points_density)
     environment = EnvironmentMap(settings.light.heights[0], settings.light.initial)
@@ -145,7 +135,7 @@ def new_trainer(
         scene.occupancy.allow_only(torch.from_numpy(reached), HULL_MARGIN)
     elif clear_start:
         told = near.points is not None and len(near.points) >= TELLING_POINTS
-        allowed = (seen_cells if told else looked_at_most)(cameras, cube.box, SEEN_CELLS)
+        allowed = (seen_cells if told else looked_at_most)(cameras, box.own, SEEN_CELLS)
         scene.occupancy.allow_only(torch.from_numpy(allowed), 0)
     if settings.fit.decoder:
         take_decoder(scene, Path(settings.fit.decoder), device)
@@ -165,17 +155,17 @@ def _for_no_masks(shape: FieldSettings) -> FieldSettings:
     return dataclasses.replace(shape, sizes=tuple(round(factor * size) for size in shape.sizes))
 
 
-def _room(cameras: list[Camera], cube: Region, size: int, initial: float) -> Room:
+def _room(cameras: list[Camera], box: Box, size: int, initial: float) -> Room:
     """A room around the box: a thin fog where any camera looks, but not between them and the box, where
     it would be easier to explain each photo by what hangs before it."""
     cells = cell_centres(np.array([[-EXTENT] * 3, [EXTENT] * 3]), SEEN_CELLS)
-    points = cube.centre + cube.half_size * expand(cells)
-    nearest = nearest_distance(cameras, cube.centre)
+    points = box.centre + box.half_size * expand(cells)
+    nearest = nearest_distance(cameras, box.centre)
     seen = seen_points(cameras, points, nearest, fewest=1)
-    seen &= ~walked_through(cameras, points, cube.centre)
+    seen &= ~walked_through(cameras, points, box.centre)
     allowed = torch.from_numpy(seen.reshape((SEEN_CELLS,) * 3))
     return Room(
-        torch.tensor(cube.centre), cube.half_size, size, allowed, nearest, initial=initial
+        torch.tensor(box.centre), box.half_size, size, allowed, nearest, initial=initial
     )  # fmt: skip
 
 
@@ -232,7 +222,7 @@ def trainer_for(
     fog = not (use_masks and settings.field.hull_start)
     opened = None
     if fog and settings.field.hull_start:
-        seen = seen_cells(cameras, _box_of(scene.field), SEEN_CELLS)
+        seen = seen_cells(cameras, Box.of(scene.field).own, SEEN_CELLS)
         opened = torch.from_numpy(seen)
     turns = None
     if scene.turntable is not None:
@@ -250,11 +240,6 @@ def _telling(photo: Photo) -> np.ndarray:
     """[H·W] bool: pixels that show the object, or where it ends."""
     around = scipy.ndimage.maximum_filter(photo.cover > 0.01, LIKELY_MARGIN)
     return (around if photo.unsure is None else around & ~photo.unsure).ravel()
-
-
-def _box_of(field: MicrofacetField) -> np.ndarray:
-    """[2, 3] world min and max."""
-    return Region(field.centre.cpu().numpy().astype(np.float64), field.half_size).box
 
 
 def background_of(photos: list[Photo], wanted: str = "auto") -> str:
@@ -290,11 +275,3 @@ def background_shown(photos: list[Photo], fitted: str) -> str:
     if fitted == "random" or (fitted in SURROUNDED and all(photo.has_alpha for photo in photos)):
         return "white"
     return fitted
-
-
-def _object_cube(capture: Capture, photos: list[Photo], box: np.ndarray, margin: float) -> Region:
-    """The cube around the visual hull within `box`."""
-    tight = hull_box(list(capture.cameras), lambda: masks_of(photos), box, COARSE_HULL_CELLS)
-    if tight is None:
-        raise CaptureError(capture.source, "alpha", NOTHING_IN_COMMON, BELONG_TOGETHER)
-    return Region(tight.mean(0), float((tight[1] - tight[0]).max() / 2 * (1 + 2 * margin)))

@@ -110,8 +110,7 @@ def finish_within(
 
 def _seconds_of_a_lookup(scene: Scene) -> float:
     generator = torch.Generator().manual_seed(0)
-    points = torch.rand(_TRIAL, 3, generator=generator).to(scene.device) * 2 - 1
-    points = scene.field.centre + scene.field.half_size * points
+    points = scene.field.from_box(torch.rand(_TRIAL, 3, generator=generator).to(scene.device))
     best = math.inf
     with torch.no_grad():
         factors = scene.normal_tables()

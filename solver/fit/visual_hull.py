@@ -121,11 +121,16 @@ def whole_hull(
 
 
 def hull_box(
-    cameras: list[Camera], masks: Callable[[], Iterable[np.ndarray]], region: np.ndarray, cells: int
-) -> np.ndarray | None:
-    """World box [2, 3] around the hull within a region; None if masks have nothing in common there."""
+    cameras: list[Camera], masks: Callable[[], Iterable[np.ndarray]], region: np.ndarray, cells: int,
+    wide: bool = True,
+) -> np.ndarray | None:  # fmt: skip
+    """World box [2, 3] around the hull within a region; None if masks have nothing in common there.
+
+    Args:
+        wide: the region may be much larger, and is looked through with fewer cells first.
+    """
     for finer in range(FINER):
-        count = cells if finer else cells // 2
+        count = cells // 2 if wide and not finer else cells
         hull = carve(cameras, masks(), region, count, SEEN_BY, whole_cells=True)
         if not hull.any():
             return None

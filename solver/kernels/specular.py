@@ -16,6 +16,7 @@ class Blockers(NamedTuple):
     """What can be in a secondary ray's way: the occupancy grid over the field's box."""
 
     low: torch.Tensor  # [3] world, the box's lower corner
+    axes: torch.Tensor  # [3, 3] rows, the box's axes in the world; [0, 3]: the world's own
     edge: float  # of the box, world units
     cell: float  # edge of a cell, world units
     blocking: torch.Tensor  # [K, K, K] bytes, see `skipping`
@@ -49,9 +50,9 @@ class _Specular(torch.autograd.Function):
         inputs = [v.contiguous() for v in (normals, views, alphas, f0s, first, shares, u)]
         kernels("specular", normals.device).specular(
             *inputs, masking, averaged, widening, spread.contiguous(), near.shifts.contiguous(), near.up,
-            points.contiguous(), blockers.reach, blockers.low, 1 / blockers.edge, blockers.cell,
-            blockers.blocking, table, rows, radiance, directions, weights, passing, light, slope,
-            centre, size, growth,
+            points.contiguous(), blockers.reach, blockers.low, blockers.axes, 1 / blockers.edge,
+            blockers.cell, blockers.blocking, table, rows, radiance, directions, weights, passing,
+            light, slope, centre, size, growth,
         )  # fmt: skip
         ctx.masking, ctx.near = masking, near
         ctx.save_for_backward(

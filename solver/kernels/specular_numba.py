@@ -56,6 +56,17 @@ def bring_back(begin, end, weights, passing, table, rows, centre, size, light, s
 
 
 @inlined
+def turn_into(axes, vectors):
+    """Vectors [N, 3] along axes [3, 3], in place; where there are none [0, 3], they stay."""
+    if axes.shape[0] == 0:
+        return
+    for k in range(vectors.shape[0]):
+        v = row(vectors, k)
+        for axis in range(3):
+            vectors[k, axis] = dot(row(axes, axis), v)
+
+
+@inlined
 def add_up(s, first, weights, light, radiance):
     r0, r1, r2 = 0.0, 0.0, 0.0
     for k in range(first[s], first[s + 1]):
@@ -68,14 +79,15 @@ def add_up(s, first, weights, light, radiance):
 @kernel
 def specular(
     normals, views, alphas, f0s, first, shares, u, masking, averaged, widening, spread, shifts, up,
-    points, reach, box_low, box_scale, cell, blocking, table, rows,
+    points, reach, box_low, box_axes, box_scale, cell, blocking, table, rows,
     radiance, directions, weights, passing, light, slope, centre, size, growth,
 ):  # fmt: skip
     """Reflected radiance [S, 3] of samples; what rays [K] carried, for the adjoint and for tracing.
 
-    Rays of sample s are first[s]:first[s + 1], each counting `shares[s]`. `box_low`, `box_scale`:
-    world to box units. `shifts` [S, 3] and `up` are those of a floor; without one, `shifts` is empty.
-    `weights` [K, 3] are BRDF · cosine / density · share; `light` and `slope` are dimmed by `passing`
+    Rays of sample s are first[s]:first[s + 1], each counting `shares[s]`. `box_low`, `box_axes`,
+    `box_scale`: world to box units; `box_axes` is empty where the box has the world's. `shifts` [S, 3]
+    and `up` are those of a floor; without one, `shifts` is empty. `weights` [K, 3] are BRDF · cosine /
+    density · share; `light` and `slope` are dimmed by `passing`
     already. `growth` [K, 2]: of `size` by ln α.
     """
     samples, nobody = normals.shape[0], np.empty(0, np.float32)
@@ -92,15 +104,20 @@ def specular(
                 origins[s - low, axis] = (lifted - box_low[axis]) * box_scale
             for k in range(np.uint64(first[s] - begin), np.uint64(first[s + 1] - begin)):
                 owners[k] = s - low
+        turn_into(box_axes, origins)
         for k in range(np.uint64(begin), np.uint64(end), np.uint64(LANES)):
             leave(
                 k, np.uint64(end), low, owners, begin, normals, views, alphas, f0s, first, shares, u,
                 masking, averaged, widening, spread, shifts, up, width, height, reach, found,
                 directions, weights, passing, centre, size, growth,
             )  # fmt: skip
+        along = directions[begin:end]
+        if box_axes.shape[0] > 0:
+            along = along.copy()
+            turn_into(box_axes, along)
         walk(
-            origins, owners, directions[begin:end], np.float32(box_scale), passing[begin:end],
-            np.float32(cell), blocking, passing[begin:end], nobody,
+            origins, owners, along, np.float32(box_scale), passing[begin:end], np.float32(cell), blocking,
+            passing[begin:end], nobody,
         )  # fmt: skip
         bring_back(begin, end, weights, passing, table, rows, centre, size, light, slope)
         for s in range(low, high):

@@ -108,13 +108,22 @@ def side(variance: float, own: float, texels: float, most: float):
     return wp.vec2(wp.clamp(found, 1.0, most), grown)
 
 
+@wp.func
+def along_axes(axes: Vectors, v: wp.vec3):
+    """A vector along axes [3, 3]; where there are none [0, 3], as it is."""
+    if axes.shape[0] == 0:
+        return v
+    x, y, z = vector(axes, 0), vector(axes, 1), vector(axes, 2)
+    return wp.vec3(wp.dot(x, v), wp.dot(y, v), wp.dot(z, v))
+
+
 @wp.kernel
 def _look(
     normals: Vectors, views: Vectors, alphas: Numbers, first: wp.array(dtype=wp.int64), u: Vectors,
     owners: Owners, averaged: bool, widening: bool, spread: wp.array3d(dtype=float), shifts: Vectors,
-    up: wp.vec3, points: Vectors, reach: float, box_low: Numbers, box_scale: float, cell: float,
-    blocking: wp.array3d(dtype=wp.uint8), width: float, height: float, directions: Vectors,
-    passing: Numbers, centre: Vectors, size: Vectors, growth: Vectors,
+    up: wp.vec3, points: Vectors, reach: float, box_low: Numbers, box_axes: Vectors,
+    box_scale: float, cell: float, blocking: wp.array3d(dtype=wp.uint8), width: float, height: float,
+    directions: Vectors, passing: Numbers, centre: Vectors, size: Vectors, growth: Vectors,
 ):  # fmt: skip
     """What rays see of the map, how that grows with ln α, and what the grid lets through."""
     k = wp.tid()
@@ -168,8 +177,9 @@ def _look(
     growth[k, 1] = lines[1]
     start = wp.min(reach * (1.0 / wp.max(out[2], LEAST_LIFT) - 1.0), 4.0 * reach)
     low = wp.vec3(box_low[0], box_low[1], box_low[2])
-    origin = (vector(points, s) + reach * n - low) * box_scale
-    found = through_grid(origin, d * box_scale, start, cell, blocking)
+    origin = along_axes(box_axes, vector(points, s) + reach * n - low) * box_scale
+    along = along_axes(box_axes, d) * box_scale
+    found = through_grid(origin, along, start, cell, blocking)
     passing[k] = found[0]
 
 
@@ -236,8 +246,8 @@ def _owners(first: torch.Tensor, rays: int) -> torch.Tensor:
 
 def specular(
     normals, views, alphas, f0s, first, shares, u, masking, averaged, widening, spread, shifts, up,
-    points, reach, box_low, box_scale, cell, blocking, table, rows, radiance, directions, weights,
-    passing, light, slope, centre, size, growth,
+    points, reach, box_low, box_axes, box_scale, cell, blocking, table, rows, radiance, directions,
+    weights, passing, light, slope, centre, size, growth,
 ) -> None:  # fmt: skip
     rays = len(u)
     owners = _owners(first, rays)
@@ -246,8 +256,8 @@ def specular(
     )  # fmt: skip
     launch(
         _look, rays, normals, views, alphas, first, u, owners, averaged, widening, spread, shifts,
-        wp.vec3(*up), points, reach, box_low, box_scale, cell, blocking, float(table.shape[1] - 1),
-        float(table.shape[0] - 1), directions, passing, centre, size, growth,
+        wp.vec3(*up), points, reach, box_low, box_axes, box_scale, cell, blocking,
+        float(table.shape[1] - 1), float(table.shape[0] - 1), directions, passing, centre, size, growth,
     )  # fmt: skip
     rectangle_mean(table, rows, centre, size, light, slope)
     launch(_gather, (len(normals), 3), first, weights, passing, radiance, light, slope)

@@ -94,7 +94,8 @@ def _run_light() -> None:
 
 def _run_reflection() -> None:
     points, directions = _rays()
-    blockers = Blockers(torch.zeros(3), 1.0, 0.25, blocking_grid(torch.rand(4, 4, 4)), 0.1)
+    blocking = blocking_grid(torch.rand(4, 4, 4))
+    blockers = Blockers(torch.zeros(3), torch.empty(0, 3), 1.0, 0.25, blocking, 0.1)
     table, rows = _light()
     radiance, _ = specular(
         directions.clone().requires_grad_(), _leaf(4), _leaf(4, 3), table, directions, points,

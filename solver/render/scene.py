@@ -209,7 +209,8 @@ class Scene(nn.Module):
         self, points: torch.Tensor, normals: torch.Tensor, spacing: float
     ) -> torch.Tensor:
         """Box points [S, 3] where the light on surfaces at world points is looked up among probes."""
-        return self.field.to_box(points.detach()) + LIFT_NODES * spacing * normals.detach()
+        lift = LIFT_NODES * spacing * self.field.to_axes(normals.detach())
+        return self.field.to_box(points.detach()) + lift
 
     def new_probes(self) -> tuple[list[Nodes], torch.Tensor, torch.Tensor | None]:
         """Nodes close to the surface as it is now, where they are [P, 3], world, and their parts."""
@@ -238,9 +239,10 @@ class Scene(nn.Module):
     def blockers(self, reach: float) -> Blockers:
         """What `grid_transmittance` looks at, for the fused kernel."""
         field = self.field
+        corner = field.from_box(field.centre.new_zeros(1, 3))[0]
+        axes = field.centre.new_empty(0, 3) if field.axes is None else field.axes
         return Blockers(
-            field.centre - field.half_size, 2 * field.half_size, self.cell,
-            self.occupancy.blocking, reach,
+            corner, axes, 2 * field.half_size, self.cell, self.occupancy.blocking, reach
         )  # fmt: skip
 
     @property

@@ -32,8 +32,7 @@ class Balls:
 
     def __init__(self, *balls):
         self.balls = balls
-        self.region = np.array([[-1.0] * 3, [1.0] * 3])
-        self.voxel = 2 / 64
+        self.edge, self.voxel = 2.0, 2 / 64
         self.surrounded = False
 
     def _distance(self, points):
@@ -47,6 +46,9 @@ class Balls:
         points = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 3)
         with np.errstate(divide="ignore"):
             return np.log(self.density(points)).reshape(count, count, count)
+
+    def from_box(self, box_points):
+        return 2 * box_points - 1
 
     def raw_level(self, extinction):
         return float(np.log(extinction))

@@ -4,6 +4,7 @@ import dataclasses
 
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 from solver.kernels.backend import forced_path
 from solver.kernels.skipping import blocking_grid
@@ -46,9 +47,9 @@ def mirrored_sky(origins, directions, keys, start):
     return 1 + directions * directions.roll(1, -1), torch.full_like(start, 0.3)
 
 
-def shaded(path, device, settings, floor=False, trace=None):
+def shaded(path, device, settings, floor=False, trace=None, axes=None):
     """Radiance, and gradients to normals, α, F0 and the light, on a path of a device."""
-    scene = lumpy().to(device)
+    scene = lumpy(axes=axes).to(device)
     # Half-clear things all around, so that rays are dimmed, and some can be traced further.
     depths = 0.5 * torch.rand(
         scene.occupancy.blocking.shape, generator=torch.Generator().manual_seed(1)
@@ -103,6 +104,20 @@ def test_kernels_agree_with_their_twin_in_values_and_gradients(
         assert scale > 0 and torch.isfinite(a).all(), name
         torch.testing.assert_close(
             a, b, rtol=5e-3, atol=5e-3 * scale, msg=lambda m, name=name: f"{name}: {m}"
+        )
+
+
+@pytest.mark.parametrize("path, device", PATHS)
+def test_kernels_agree_with_their_twin_where_the_box_is_turned(path, device):
+    axes = torch.tensor(Rotation.from_rotvec([0.5, -0.7, 1.1]).as_matrix())
+    ours = shaded(path, device, SETTINGS, axes=axes)
+    theirs = shaded("torch", device, SETTINGS, axes=axes)
+    straight = shaded("torch", device, SETTINGS)
+    assert (theirs[0] - straight[0]).abs().max() > 0.1
+    for name, a, b in zip(("radiance", "normals", "alpha", "f0"), ours, theirs, strict=False):
+        scale = float(b.abs().mean())
+        torch.testing.assert_close(
+            a, b, rtol=5e-3, atol=5e-3 * scale, msg=lambda m, n=name: f"{n}: {m}"
         )
 
 

@@ -10,15 +10,19 @@ from solver.render.scene import Scene
 SIZE = 24
 
 
-def ball(radius=0.5, environment=None, albedo=0.5, roughness=0.4, f0=0.1, sharpness=400.0):
+def ball(
+    radius=0.5, environment=None, albedo=0.5, roughness=0.4, f0=0.1, sharpness=400.0, axes=None
+):
     """A ball at the origin in a box of half size 1, of one material, fitted by construction.
+
+    `axes`: those of the box, with which all that is added to the ball turns.
 
     Raw density 12·(1 − |x|²/r²)·k is a sum of products: x² and y² in one plane, z² in another.
     """
     torch.manual_seed(0)
     field = MicrofacetField(
         torch.zeros(3), 1.0, SIZE, density_components=1, feature_components=2, feature_size=4,
-        initial_albedo=albedo, initial_roughness=roughness, initial_f0=f0,
+        initial_albedo=albedo, initial_roughness=roughness, initial_f0=f0, axes=axes,
     )  # fmt: skip
     x = torch.linspace(-1, 1, SIZE)
     with torch.no_grad():

@@ -6,11 +6,14 @@ import math
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 from solver.capture.camera import Camera
+from solver.kernels.backend import forced_path
 from solver.light.environment import EnvironmentMap, equirect_directions
 from solver.render.composition import Composition, Placement
 from solver.render.image import image_settings, render_view
+from solver.render.probing import refresh_probes
 from solver.render.scan_line import scan_line_weights
 from solver.render.scene import RenderSettings, StepTables
 from tests.render.scenes import ball, fill_everywhere, refresh
@@ -40,9 +43,11 @@ def sky(directions):
     return torch.stack([1 + 0.8 * x, 1 + 0.6 * y * x, 1 + 0.7 * z], -1)
 
 
-def lumpy(environment=None):
+def lumpy(environment=None, axes=None):
     """A ball with a bump and materials that vary, so that nothing is symmetric."""
-    scene = ball(environment=environment or light_of(sky), roughness=0.3, f0=0.3, sharpness=800.0)
+    scene = ball(
+        environment=environment or light_of(sky), roughness=0.3, f0=0.3, sharpness=800.0, axes=axes
+    )
     generator = torch.Generator().manual_seed(4)
     with torch.no_grad():
         size = scene.field.size
@@ -124,6 +129,39 @@ def test_tilting_the_world_tilts_the_picture_with_it():
     there = picture(even(lambda d: sky(d @ tilt)), camera(turn=tilt.numpy()))
     error = here.radiance - there.radiance
     assert np.sqrt((error**2).mean()) < 0.02 and abs(error.mean()) < 3e-3
+
+
+@pytest.mark.parametrize("path", ["numba", "torch"])
+@pytest.mark.parametrize("changes", [{}, {"visibility": False}, {"neural": 1.0}])
+def test_what_is_in_a_turned_box_is_turned_with_it(path, changes):
+    """Box, cameras and light together; random numbers differ only through tangent frames."""
+    axes = Rotation.from_rotvec([0.5, -0.7, 1.1]).as_matrix()  # in the world; so the turn's inverse
+    light = light_of(lambda d: sky(d @ torch.tensor(axes).T.float()))
+    settings = dataclasses.replace(SETTINGS, secondary_rays=256, diffuse_visibility=True, **changes)
+    pictures = []
+    with forced_path(path):
+        for scene, seen in (
+            (lumpy(), camera()), (lumpy(light, torch.tensor(axes)), camera(turn=axes.T))
+        ):  # fmt: skip
+            refresh_probes(scene)
+            pictures.append(picture(scene, seen, settings))
+    here, there = pictures
+    np.testing.assert_allclose(here.opacity, there.opacity, atol=1e-4)
+    np.testing.assert_allclose(here.albedo, there.albedo, atol=1e-4)
+    np.testing.assert_allclose(here.normal @ axes, there.normal, atol=1e-4)
+    error = here.radiance - there.radiance
+    assert np.sqrt((error**2).mean()) < 0.01 and abs(error.mean()) < 2e-3
+    unturned = picture(lumpy(), camera(turn=axes.T), settings)
+    assert np.sqrt(((here.radiance - unturned.radiance) ** 2).mean()) > 0.05
+
+
+def test_a_part_in_a_turned_box_is_that_part():
+    axes = Rotation.from_rotvec([0.5, -0.7, 1.1]).as_matrix()
+    scene = lumpy(axes=torch.tensor(axes))
+    alone = picture(scene, camera())
+    composed = picture(Composition([scene], [Placement()], scene.environment), camera())
+    np.testing.assert_allclose(composed.radiance, alone.radiance, atol=1e-3)
+    np.testing.assert_allclose(composed.normal, alone.normal, atol=1e-3)
 
 
 def test_a_composition_of_one_scene_is_that_scene():

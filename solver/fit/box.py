@@ -1,0 +1,122 @@
+"""The cube that a fit takes place in: how large it is, where it stands, and how it is turned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from ..capture.camera import Camera
+from ..field.field import MicrofacetField
+from .seen_space import cell_centres
+from .simplest_axes import simplest_axes
+from .visual_hull import SEEN_BY, carve, hull_box
+
+CELLS = 96
+"""of the hull that says how large the cube has to be, per axis"""
+SHAPE_CELLS = 64
+"""of the hull that says how the cube is to be turned, and then of that in the turned one, per axis"""
+
+Masks = Callable[[], Iterable[np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Box:
+    """A cube in world space.
+
+    Attributes:
+        centre: [3] world. half_size: half its edge, world units.
+        axes: [3, 3] unit rows, its axes in the world; None: the world's.
+    """
+
+    centre: np.ndarray
+    half_size: float
+    axes: np.ndarray | None = None
+
+    @classmethod
+    def around(cls, region: np.ndarray) -> Box:
+        """The cube around the middle of a world box [2, 3] that is as large as its longest edge."""
+        return cls(region.mean(0), float((region[1] - region[0]).max() / 2))
+
+    @classmethod
+    def of(cls, field: MicrofacetField) -> Box:
+        """A field's."""
+        axes = None if field.axes is None else field.axes.cpu().numpy().astype(np.float64)
+        return cls(field.centre.cpu().numpy().astype(np.float64), field.half_size, axes)
+
+    @property
+    def own(self) -> np.ndarray:
+        """[2, 3] min and max along its own axes, as `seen_along` has cameras."""
+        centre = self.centre if self.axes is None else self.axes @ self.centre
+        return np.stack([centre - self.half_size, centre + self.half_size])
+
+    @property
+    def world(self) -> np.ndarray:
+        """[2, 3] min and max, along the world's axes, of the box around it."""
+        half = np.full(3, self.half_size)
+        half = half if self.axes is None else np.abs(self.axes.T) @ half
+        return np.stack([self.centre - half, self.centre + half])
+
+    def seen_along(self, cameras: list[Camera]) -> list[Camera]:
+        """Cameras in a world that has the box's axes."""
+        if self.axes is None:
+            return cameras
+        turn = np.eye(4)
+        turn[:3, :3] = self.axes
+        return [camera.placed(turn) for camera in cameras]
+
+    def new_field(self, *args, **kwargs) -> MicrofacetField:
+        """A field in it (see `MicrofacetField`, whose first two arguments are the box's)."""
+        axes = None if self.axes is None else torch.tensor(self.axes)
+        return MicrofacetField(
+            torch.tensor(self.centre), self.half_size, *args, axes=axes, **kwargs
+        )
+
+
+def box_around_hull(
+    cameras: list[Camera], masks: Masks, region: np.ndarray, margin: float, turn: bool
+) -> Box | None:
+    """The cube around the visual hull in a world box [2, 3]; None if masks have nothing in common there.
+
+    Args:
+        margin: empty, around the hull, as a share of the cube.
+        turn: along the axes that make the object's shape simplest, where that tells.
+    """
+    tight = hull_box(cameras, masks, region, CELLS)
+    if tight is None:
+        return None
+    if turn:
+        turned = _turned(cameras, masks, tight, margin)
+        if turned is not None:
+            return turned
+    return _with_margin(tight, margin, None)
+
+
+def _turned(cameras: list[Camera], masks: Masks, tight: np.ndarray, margin: float) -> Box | None:
+    """The cube around the hull within the world box [2, 3] that just holds it, along its simplest axes;
+    None if those are the world's."""
+    cube = Box.around(tight).world
+    hull = carve(cameras, masks(), cube, SHAPE_CELLS, SEEN_BY, whole_cells=True)
+    # The cube is larger than the box: what else there is of the hull has been left out.
+    centres = cell_centres(cube, SHAPE_CELLS)
+    within = ((centres >= tight[0]) & (centres <= tight[1])).all(axis=1)
+    hull &= within.reshape(hull.shape)
+    axes = simplest_axes(hull)
+    if axes is None:
+        return None
+    along = centres[hull.ravel()] @ axes.T
+    reach = 3**0.5 / 2 * (cube[1] - cube[0]) / SHAPE_CELLS
+    found = np.stack([along.min(0) - reach, along.max(0) + reach])
+    # What is as thin as a cell may be lost between those of another grid.
+    turned = Box(np.zeros(3), 0.0, axes).seen_along(cameras)
+    tighter = hull_box(turned, masks, found, SHAPE_CELLS, wide=False)
+    return _with_margin(found if tighter is None else tighter, margin, axes)
+
+
+def _with_margin(tight: np.ndarray, margin: float, axes: np.ndarray | None) -> Box:
+    """The cube around a box [2, 3] along its axes, with an empty margin, a share of the cube."""
+    cube = Box.around(tight)
+    centre = cube.centre if axes is None else axes.T @ cube.centre
+    return Box(centre, cube.half_size * (1 + 2 * margin), axes)

@@ -1,0 +1,150 @@
+"""The cube that a fit takes place in, around objects that stand askew in their world."""
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from solver.asset.from_scene import SceneSurface
+from solver.asset.surface import marching_cubes
+from solver.capture.camera import Camera
+from solver.capture.capture import Capture
+from solver.capture.photos import Photo
+from solver.fit.box import Box, box_around_hull
+from solver.fit.settings import overridden
+from solver.fit.start import masks_of, new_trainer
+from solver.render.image import render_view
+from solver.render.scene import StepTables
+from tests.fit.test_fit import SMALL, resumed
+from tests.fit.test_simplest_axes import off
+
+SIZE = 64
+AXES = Rotation.from_rotvec([0.4, -0.3, 0.5]).as_matrix()
+PLACE = np.array([0.3, -0.2, 0.1])
+LOW, HIGH = np.array([-0.7, -0.4, -0.25]), np.array([0.7, 0.4, 0.25])
+REGION = np.array([[-1.2] * 3, [1.6] * 3])
+
+
+def askew_brick(axes=AXES, views=24):
+    """Photos, with alpha, of a brick [LOW, HIGH] along axes, its middle at PLACE, from all around.
+
+    Cameras are turned with it."""
+    cameras, photos = [], []
+    for number in range(views):
+        z = 1 - 2 * (number + 0.5) / views
+        angle = 2.4 * number
+        back = np.array([np.cos(angle) * (1 - z * z) ** 0.5, np.sin(angle) * (1 - z * z) ** 0.5, z])
+        right = np.cross((0.1, 0.2, 0.97), back)
+        right /= np.linalg.norm(right)
+        pose = np.eye(4)
+        pose[:3] = axes.T @ np.stack([right, np.cross(back, right), back, 4 * back], axis=1)
+        pose[:3, 3] += PLACE
+        camera = Camera(f"r_{number}", None, pose, SIZE, SIZE, 110.0, 110.0, SIZE / 2, SIZE / 2)
+        row, column = np.mgrid[:SIZE, :SIZE]
+        origins, directions = camera.rays(column.ravel() + 0.5, row.ravel() + 0.5)
+        origins, directions = (origins - PLACE) @ axes.T, directions @ axes.T
+        ends = np.stack([(LOW - origins) / directions, (HIGH - origins) / directions])
+        alpha = ends.min(0).max(1) < ends.max(0).min(1)
+        pixels = np.repeat(alpha.reshape(SIZE, SIZE, 1), 4, axis=2) * np.float32([0.5, 0.3, 0.2, 1])
+        cameras.append(camera)
+        photos.append(Photo(pixels.astype(np.float32), True, False))
+    return Capture("memory", tuple(cameras), REGION), photos
+
+
+def boxed(region=REGION, turn=True, axes=AXES):
+    capture, photos = askew_brick(axes)
+    return box_around_hull(list(capture.cameras), lambda: masks_of(photos), region, 0.08, turn)
+
+
+def in_brick(points, margin=0.0):
+    """Which of world points [N, 3] are in the brick, or no further from it than a margin."""
+    local = (points - PLACE) @ AXES.T
+    return ((local >= LOW - margin) & (local <= HIGH + margin)).all(axis=1)
+
+
+def test_the_box_around_an_askew_brick_has_its_axes_and_just_holds_it():
+    box, unturned, straight = boxed(), boxed(turn=False), boxed(axes=np.eye(3))
+    assert unturned.axes is None and straight.axes is None and off(box.axes, AXES) < 3
+    np.testing.assert_allclose(box.centre, PLACE, atol=0.03)
+    assert box.half_size == pytest.approx(straight.half_size, rel=0.03)
+    assert box.half_size < 0.95 * unturned.half_size
+    # Their worlds agree on where it is.
+    low, high = box.world
+    corners = PLACE + np.array([LOW, HIGH])[[0, 1, 1], [0, 1, 2]] @ AXES
+    assert (corners >= low).all() and (corners <= high).all()
+
+
+def test_of_a_brick_that_a_region_cuts_the_box_holds_what_is_in_the_region():
+    region = REGION.copy()
+    region[1, 0] = PLACE[0] - 0.1
+    cut, whole = boxed(region), boxed()
+    assert cut.half_size < 0.9 * whole.half_size and cut.centre[0] < whole.centre[0] - 0.15
+
+
+def test_a_fit_starts_as_the_brick_where_it_is_and_goes_on_as_it_was_from_a_checkpoint(tmp_path):
+    capture, photos = askew_brick()
+    trainer = new_trainer(capture, photos, SMALL, 0, None, "cpu", lambda fraction: None)
+    field = trainer.scene.field
+    assert off(field.axes.numpy(), AXES) < 3
+    points = PLACE + np.random.default_rng(0).uniform(-0.9, 0.9, (4000, 3))
+    inside, outside = in_brick(points, -0.08), ~in_brick(points, 0.1)
+    with torch.no_grad():
+        raw = field.raw_density(field.to_box(torch.from_numpy(points).float())).numpy()
+    assert (raw[inside] > 2).mean() > 0.97 and (raw[outside] < -2).mean() > 0.97
+
+    other, _ = resumed(trainer, tmp_path, capture, photos)
+    torch.testing.assert_close(other.scene.field.axes, field.axes, rtol=0, atol=0)
+    start, again = (
+        render_view(scene, StepTables.of(scene), SMALL.render, capture.cameras[3]).opacity
+        for scene in (trainer.scene, other.scene)
+    )
+    np.testing.assert_allclose(start, again, atol=1e-6)
+
+
+def test_cameras_see_a_turned_start_as_they_do_a_straight_one():
+    views, wrong = {}, {}
+    for name, axes in (("turned", AXES), ("straight", np.eye(3))):
+        capture, photos = askew_brick(axes)
+        trainer = new_trainer(capture, photos, SMALL, 0, None, "cpu", lambda fraction: None)
+        view = render_view(
+            trainer.scene, StepTables.of(trainer.scene), SMALL.render, capture.cameras[3]
+        )
+        views[name] = view
+        wrong[name] = ((view.opacity > 0.5) != (photos[3].pixels[..., 3] > 0.5)).mean()
+    assert wrong["turned"] < wrong["straight"] + 0.01 < 0.08
+    shown = (views["turned"].opacity > 0.9) & (views["straight"].opacity > 0.9)
+    apart = views["turned"].normal @ AXES.T - views["straight"].normal
+    assert shown.mean() > 0.05 and np.median(np.linalg.norm(apart[shown], axis=1)) < 0.05
+
+
+def test_the_mesh_of_a_turned_box_is_where_the_object_is_in_the_world():
+    capture, photos = askew_brick()
+    trainer = new_trainer(capture, photos, SMALL, 0, None, "cpu", lambda fraction: None)
+    surface = SceneSurface(trainer.scene, list(capture.cameras))
+    mesh = marching_cubes(surface, 62, 20.0)
+    local = (mesh.vertices - PLACE) @ AXES.T
+    np.testing.assert_allclose(local.min(0), LOW, atol=0.09)
+    np.testing.assert_allclose(local.max(0), HIGH, atol=0.09)
+    assert mesh.volume > 0
+
+
+def test_a_box_is_that_of_the_field_made_in_it():
+    box = Box(np.array([1.0, 2.0, 3.0]), 0.5, AXES)
+    field = box.new_field(16)
+    found = Box.of(field)
+    np.testing.assert_allclose(found.axes, AXES, atol=1e-6)
+    np.testing.assert_allclose(found.world, box.world, atol=1e-6)
+    corners = field.from_box(torch.cartesian_prod(*[torch.tensor([0.0, 1.0])] * 3)).numpy()
+    np.testing.assert_allclose([corners.min(0), corners.max(0)], box.world, atol=1e-5)
+    np.testing.assert_allclose(
+        [(corners @ AXES.T).min(0), (corners @ AXES.T).max(0)], box.own, atol=1e-5
+    )
+    back = field.to_box(torch.from_numpy(corners))
+    torch.testing.assert_close(back, back.round(), atol=1e-5, rtol=0)
+
+
+def test_a_setting_keeps_the_box_straight():
+    capture, photos = askew_brick()
+    settings = overridden(SMALL, "field.turn_box", "no")
+    trainer = new_trainer(capture, photos, settings, 0, None, "cpu", lambda fraction: None)
+    assert trainer.scene.field.axes is None
