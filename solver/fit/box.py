@@ -18,6 +18,9 @@ CELLS = 96
 """of the hull that says how large the cube has to be, per axis"""
 SHAPE_CELLS = 64
 """of the hull that says how the cube is to be turned, and then of that in the turned one, per axis"""
+LARGER = 1.1
+"""times as large as along the world's axes, up to which a cube may be turned: its voxels grow with it, and
+a hull that photos from one side leave is long along their views, whatever the object is like"""
 
 Masks = Callable[[], Iterable[np.ndarray]]
 
@@ -47,7 +50,7 @@ class Box:
         return cls(field.centre.cpu().numpy().astype(np.float64), field.half_size, axes)
 
     @property
-    def own(self) -> np.ndarray:
+    def along_axes(self) -> np.ndarray:
         """[2, 3] min and max along its own axes, as `seen_along` has cameras."""
         centre = self.centre if self.axes is None else self.axes @ self.centre
         return np.stack([centre - self.half_size, centre + self.half_size])
@@ -61,11 +64,7 @@ class Box:
 
     def seen_along(self, cameras: list[Camera]) -> list[Camera]:
         """Cameras in a world that has the box's axes."""
-        if self.axes is None:
-            return cameras
-        turn = np.eye(4)
-        turn[:3, :3] = self.axes
-        return [camera.placed(turn) for camera in cameras]
+        return cameras if self.axes is None else cameras_along(self.axes, cameras)
 
     def new_field(self, *args, **kwargs) -> MicrofacetField:
         """A field in it (see `MicrofacetField`, whose first two arguments are the box's)."""
@@ -73,6 +72,13 @@ class Box:
         return MicrofacetField(
             torch.tensor(self.centre), self.half_size, *args, axes=axes, **kwargs
         )
+
+
+def cameras_along(axes: np.ndarray, cameras: list[Camera]) -> list[Camera]:
+    """Cameras in a world that has other axes, unit rows [3, 3]."""
+    turn = np.eye(4)
+    turn[:3, :3] = axes
+    return [camera.placed(turn) for camera in cameras]
 
 
 def box_around_hull(
@@ -87,11 +93,11 @@ def box_around_hull(
     tight = hull_box(cameras, masks, region, CELLS)
     if tight is None:
         return None
-    if turn:
-        turned = _turned(cameras, masks, tight, margin)
-        if turned is not None:
-            return turned
-    return _with_margin(tight, margin, None)
+    straight = _with_margin(tight, margin, None)
+    turned = _turned(cameras, masks, tight, margin) if turn else None
+    if turned is None or turned.half_size > LARGER * straight.half_size:
+        return straight
+    return turned
 
 
 def _turned(cameras: list[Camera], masks: Masks, tight: np.ndarray, margin: float) -> Box | None:
@@ -100,8 +106,8 @@ def _turned(cameras: list[Camera], masks: Masks, tight: np.ndarray, margin: floa
     cube = Box.around(tight).world
     hull = carve(cameras, masks(), cube, SHAPE_CELLS, SEEN_BY, whole_cells=True)
     # The cube is larger than the box: what else there is of the hull has been left out.
-    centres = cell_centres(cube, SHAPE_CELLS)
-    within = ((centres >= tight[0]) & (centres <= tight[1])).all(axis=1)
+    centres, half = cell_centres(cube, SHAPE_CELLS), (cube[1] - cube[0]) / (2 * SHAPE_CELLS)
+    within = ((centres > tight[0] - half) & (centres < tight[1] + half)).all(axis=1)
     hull &= within.reshape(hull.shape)
     axes = simplest_axes(hull)
     if axes is None:
@@ -110,7 +116,7 @@ def _turned(cameras: list[Camera], masks: Masks, tight: np.ndarray, margin: floa
     reach = 3**0.5 / 2 * (cube[1] - cube[0]) / SHAPE_CELLS
     found = np.stack([along.min(0) - reach, along.max(0) + reach])
     # What is as thin as a cell may be lost between those of another grid.
-    turned = Box(np.zeros(3), 0.0, axes).seen_along(cameras)
+    turned = cameras_along(axes, cameras)
     tighter = hull_box(turned, masks, found, SHAPE_CELLS, wide=False)
     return _with_margin(found if tighter is None else tighter, margin, axes)
 

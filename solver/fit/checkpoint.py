@@ -30,6 +30,7 @@ from .settings import Settings
 from .trainer import Trainer
 
 BEFORE = {
+    "field": {"turn_box": False},
     "light": {
         "turntable": "no", "from_room": False, "floor": False, "colour_tolerance": 0.0,
         "step_smoothing": 0.0, "smoothness": 0.0, "colour_smoothness": 0.0,

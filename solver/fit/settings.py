@@ -49,8 +49,8 @@ class FieldSettings:
     box_margin: float = 0.08
     """empty margin around the object's hull, as a share of the box"""
     turn_box: bool = True
-    """turn the box, and so the grids, along the axes that make the hull's shape simplest; without masks, it
-    has the capture's"""
+    """turn the box, and so the grids, along the axes that make the hull's shape simplest; without a hull to
+    start from, or before a room, it has the capture's"""
     occupancy_cells: int = 128
     """cells per axis of the occupancy grid"""
     occupancy_min_alpha: float = 0.005

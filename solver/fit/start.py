@@ -114,10 +114,10 @@ def new_trainer(
     )  # fmt: skip
     if use_hull:
         turned, cells = box.seen_along(cameras), shape.hull_cells
-        hull, reached = whole_hull(turned, lambda: masks_of(photos), box.own, cells)
+        hull, reached = whole_hull(turned, lambda: masks_of(photos), box.along_axes, cells)
         if shape.carve_hollows:
             progress(0.5)
-            hull = carve_hollows(turned, photos, hull, box.own)
+            hull = carve_hollows(turned, photos, hull, box.along_axes)
         distance = torch.from_numpy(signed_distance(hull)) * (2 * box.half_size / hull.shape[0])
         start_from_hull(field, distance, shape.hull_slope / box.half_size, OUTSIDE, INSIDE)
     room = None
@@ -135,7 +135,9 @@ def new_trainer(
         scene.occupancy.allow_only(torch.from_numpy(reached), HULL_MARGIN)
     elif clear_start:
         told = near.points is not None and len(near.points) >= TELLING_POINTS
-        allowed = (seen_cells if told else looked_at_most)(cameras, box.own, SEEN_CELLS)
+        allowed = (seen_cells if told else looked_at_most)(
+            box.seen_along(cameras), box.along_axes, SEEN_CELLS
+        )
         scene.occupancy.allow_only(torch.from_numpy(allowed), 0)
     if settings.fit.decoder:
         take_decoder(scene, Path(settings.fit.decoder), device)
@@ -222,7 +224,8 @@ def trainer_for(
     fog = not (use_masks and settings.field.hull_start)
     opened = None
     if fog and settings.field.hull_start:
-        seen = seen_cells(cameras, Box.of(scene.field).own, SEEN_CELLS)
+        box = Box.of(scene.field)
+        seen = seen_cells(box.seen_along(cameras), box.along_axes, SEEN_CELLS)
         opened = torch.from_numpy(seen)
     turns = None
     if scene.turntable is not None:

@@ -11,6 +11,7 @@ from solver.capture.camera import Camera
 from solver.capture.capture import Capture
 from solver.capture.photos import Photo
 from solver.fit.box import Box, box_around_hull
+from solver.fit.checkpoint import settings_of
 from solver.fit.settings import overridden
 from solver.fit.start import masks_of, new_trainer
 from solver.render.image import render_view
@@ -81,6 +82,18 @@ def test_of_a_brick_that_a_region_cuts_the_box_holds_what_is_in_the_region():
     assert cut.half_size < 0.9 * whole.half_size and cut.centre[0] < whole.centre[0] - 0.15
 
 
+def test_where_photos_are_from_one_side_their_views_turn_no_box():
+    """The hull is long along them, and a cube that has its axes would be half as large again."""
+    capture, photos = askew_brick(np.eye(3), 200)
+    side = np.array([0.6, 0.5, 0.62]) / np.linalg.norm([0.6, 0.5, 0.62])
+    near = [(c.position - PLACE) @ side > 4 * np.cos(np.radians(25)) for c in capture.cameras]
+    cameras = [c for c, some in zip(capture.cameras, near, strict=True) if some]
+    photos = [p for p, some in zip(photos, near, strict=True) if some]
+    assert 8 < len(cameras) < 16
+    box = box_around_hull(cameras, lambda: masks_of(photos), REGION, 0.08, True)
+    assert box.axes is None
+
+
 def test_a_fit_starts_as_the_brick_where_it_is_and_goes_on_as_it_was_from_a_checkpoint(tmp_path):
     capture, photos = askew_brick()
     trainer = new_trainer(capture, photos, SMALL, 0, None, "cpu", lambda fraction: None)
@@ -137,7 +150,7 @@ def test_a_box_is_that_of_the_field_made_in_it():
     corners = field.from_box(torch.cartesian_prod(*[torch.tensor([0.0, 1.0])] * 3)).numpy()
     np.testing.assert_allclose([corners.min(0), corners.max(0)], box.world, atol=1e-5)
     np.testing.assert_allclose(
-        [(corners @ AXES.T).min(0), (corners @ AXES.T).max(0)], box.own, atol=1e-5
+        [(corners @ AXES.T).min(0), (corners @ AXES.T).max(0)], box.along_axes, atol=1e-5
     )
     back = field.to_box(torch.from_numpy(corners))
     torch.testing.assert_close(back, back.round(), atol=1e-5, rtol=0)
@@ -148,3 +161,5 @@ def test_a_setting_keeps_the_box_straight():
     settings = overridden(SMALL, "field.turn_box", "no")
     trainer = new_trainer(capture, photos, settings, 0, None, "cpu", lambda fraction: None)
     assert trainer.scene.field.axes is None
+    # So it was, in effect, before there was such a setting.
+    assert not settings_of({"settings": {}}).field.turn_box
