@@ -21,6 +21,7 @@ from ..solver.cameras.folder import (
     is_video,
 )
 from ..solver.capture.errors import CaptureError
+from ..solver.capture.ignored import check_ignored
 from ..solver.capture.image_header import EXTENSIONS
 from ..solver.capture.picture_names import VIDEOS
 
@@ -59,6 +60,12 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         "only what they show is looked at. For an object that was turned before a camera that stood still, "
         "with anything still behind it",
     )
+    ignored: bpy.props.StringProperty(
+        name="Ignore",
+        description="Folder of pictures that are white where photos show something to be ignored, such as "
+        "a hand or a tripod, named as the photos are; or one picture for all photos. As seen from the "
+        "photos' folder, or a whole path",
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -75,7 +82,7 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         """The file browser's sidebar."""
         column = self.layout.column()
         column.use_property_split, column.use_property_decorate = True, False
-        for name in ("sequential", "single_camera", "video_photos", "masks"):
+        for name in ("sequential", "single_camera", "video_photos", "masks", "ignored"):
             column.prop(self, name)
         column.label(text="Pick the photos' folder, or a video", icon="INFO")
 
@@ -93,6 +100,9 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
             return {"CANCELLED"}
         try:
             masks = None if not self.masks.strip() else _masks_of(source, self.masks.strip())
+            ignored = (
+                None if not self.ignored.strip() else _ignored_of(source, self.ignored.strip())
+            )
         except CaptureError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -103,13 +113,15 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         words += ["--single-camera"] if self.single_camera else []
         words += ["--video-photos", str(self.video_photos)] if of_video else []
         words += ["--masks", str(masks)] if masks else []
+        words += ["--ignore", str(ignored)] if ignored else []
         photos = SolveFolder(out).video_photos_dir if of_video else source
 
         def done(task: SideTask) -> None:
             # True: an operator called from Python makes no undo step of its own accord.
             bpy.ops.nmf.import_capture(
-                "EXEC_DEFAULT", True, filepath=str(out), photos=str(photos), masks=str(masks or "")
-            )
+                "EXEC_DEFAULT", True, filepath=str(out), photos=str(photos), masks=str(masks or ""),
+                ignored=str(ignored or ""),
+            )  # fmt: skip
             result = next(e.data for e in task.events if e.kind == "result")
             said = f"{result.get('placed')} of {result.get('photos')} photos have a camera"
             task.model.text, warnings = said, task.model.warnings
@@ -126,8 +138,11 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         except (TaskError, RuntimeMissing, OSError) as error:
             self.report({"ERROR"}, words_of(error))
             return {"CANCELLED"}
-        if masks:  # the field keeps what was typed for the photos before
+        # The fields keep what was typed for the photos before.
+        if masks:
             self.report({"INFO"}, f"Only what the masks in {masks} show is looked at")
+        if ignored:
+            self.report({"INFO"}, f"What is white in {ignored} is ignored in the photos")
         return {"FINISHED"}
 
 
@@ -146,6 +161,23 @@ def _masks_of(source: Path, stated: str) -> Path:
     if not masks.is_dir():
         raise CaptureError(masks, "masks", "there is no such folder", "check its path")
     return masks
+
+
+def _ignored_of(source: Path, stated: str) -> Path:
+    """The pictures of what is to be ignored, a folder or one for all, that a person has stated for photos.
+
+    Raises:
+        CaptureError: there are none, or only of photos that are yet to be taken from a video.
+    """
+    folder = source.parent if is_video(source) else source
+    ignored = Path(os.path.normpath(folder / bpy.path.abspath(stated)))
+    check_ignored(ignored)
+    if is_video(source) and ignored.is_dir():
+        raise CaptureError(
+            ignored, "ignore", "photos that are yet to be taken from a video have no pictures there",
+            "give one picture for all photos, or solve a folder of photos",
+        )  # fmt: skip
+    return ignored
 
 
 def _unfinished(photos: Path) -> Path | None:

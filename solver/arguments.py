@@ -9,6 +9,9 @@ from pathlib import Path
 
 from .job.request import JobError
 
+IGNORE = "folder of pictures, white where photos are to be ignored, or one for all photos"
+"""help of `--ignore`"""
+
 
 def placement(text: str) -> tuple[float, ...]:
     """x, y, z, scale and degrees, the last two 1 and 0 where they are not given."""

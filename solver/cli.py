@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from . import __version__
-from .arguments import check_names, placement, seconds, whole_number
+from .arguments import IGNORE, check_names, placement, seconds, whole_number
 from .cameras.command import add_frames, add_solve
 from .interrupts import work_is_done
 from .job.exit_codes import CANCELLED, DONE, FAILED
@@ -21,7 +21,7 @@ from .job.folder import JobFolder
 from .job.request import DEVICES, MOST_SEED, JobError, JobRequest, overrides_of
 from .job.resume import take_up
 from .job.status import process_is_alive, read_status
-from .preflight.command import IGNORE, add_check, add_pictures
+from .preflight.command import add_check, add_pictures
 from .session import KNOWN_FAILURES, explain, session
 from .streams import (
     escape_missing_letters,

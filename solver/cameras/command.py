@@ -7,8 +7,9 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from ..arguments import whole_number
+from ..arguments import IGNORE, whole_number
 from ..capture.errors import CaptureError
+from ..capture.ignored import check_ignored
 from ..job.exit_codes import CANCELLED
 from ..job.status import process_is_alive, read_status
 from ..session import Session, passing_session, session
@@ -54,6 +55,7 @@ def add_solve(commands: argparse._SubParsersAction) -> None:
         "--masks", type=Path, metavar="DIR",
         help="look only at what masks show: for an object that was turned before a still camera",
     )  # fmt: skip
+    solve.add_argument("--ignore", type=Path, metavar="PATH", dest="ignored", help=IGNORE)
     solve.add_argument("--seed", type=whole_number(0, MOST_SEED), default=0)
     solve.add_argument("--events", action="store_true", help="events on stdout, no bar")
     solve.set_defaults(run=run_solve, sharing="auto")
@@ -113,10 +115,14 @@ def run_solve(options: argparse.Namespace) -> int:
     folder = SolveFolder(options.out or beside)
     if options.masks is not None and not options.masks.is_dir():
         raise CaptureError(options.masks, "masks", "there is no such folder", "check its path")
+    ignored = None
+    if options.ignored is not None:
+        check_ignored(options.ignored)
+        ignored = os.path.normpath(options.ignored.absolute())
     request = request_of(
         photos, folder, options.video_photos, matcher=options.matcher,
         camera_model=options.camera_model, sharing=options.sharing, seed=options.seed,
-        masks=None if options.masks is None else str(options.masks.absolute()),
+        masks=None if options.masks is None else str(options.masks.absolute()), ignored=ignored,
     )  # fmt: skip
     if process_is_alive(read_status(folder.status_path)):
         raise CaptureError(
@@ -140,8 +146,11 @@ def request_of(
             raise CaptureError(
                 folder.root, "out", "the photos lie in this folder", "give a new folder"
             )
-        masks = None if others.get("masks") is None else Path(others["masks"])
-        names = photos_below(photos, folder.root, masks)
+        masks, ignored = (
+            None if others.get(name) is None else Path(others[name])
+            for name in ("masks", "ignored")
+        )
+        names = photos_below(photos, folder.root, masks, ignored)
         changed = tuple((photos / name).stat().st_mtime_ns for name in names)
         return SolveRequest(str(photos), names, changed, **others)
     from ..capture.video import check_video
@@ -178,7 +187,7 @@ def _run(folder: SolveFolder, request: SolveRequest, events: bool) -> int:
     if run.code == CANCELLED:
         say("Cancelled; the same command continues.")
     elif not events:
-        _tell(folder, Path(request.photos), solved)
+        _tell(folder, request, solved)
     return run.code
 
 
@@ -194,10 +203,14 @@ def _with_photos(folder: SolveFolder, request: SolveRequest, run: Session) -> So
     return replace(request, photos=str(folder.video_photos_dir), names=names, matcher=matcher)
 
 
-def _tell(folder: SolveFolder, photos: Path, solved) -> None:
+def _tell(folder: SolveFolder, request: SolveRequest, solved) -> None:
     print(
         f"{solved.placed} of {solved.photos} photos have a camera, {solved.points} sparse points."
     )
-    if not folder.finds_photos_of(photos):
-        print(f"Reconstruct with --photos {photos}, for the cameras lie elsewhere.")
+    photos = Path(request.photos)
+    elsewhere = [] if folder.finds_photos_of(photos) else [f"--photos {photos}"]
+    if request.ignored is not None and not Path(request.ignored).is_relative_to(photos):
+        elsewhere.append(f"--ignore {request.ignored}")
+    if elsewhere:
+        print(f"Reconstruct with {' '.join(elsewhere)}, for the cameras lie elsewhere.")
     print(folder.cameras_path)

@@ -44,6 +44,8 @@ class SolveRequest:
         changed: when each photo, or the video, was last written, nanoseconds; what was found in another is
             not its own.
         masks: absolute path of a folder of masks; features are taken from what they show. Or None.
+        ignored: absolute path of a folder of pictures that are white where photos are to be ignored, or of
+            one for all photos; None: those that lie beside the photos.
         video_photos: how many to take from a video; 0 for a folder.
         max_image_size: longest side at which features are found, pixels.
     """
@@ -55,6 +57,7 @@ class SolveRequest:
     camera_model: str = "OPENCV"
     sharing: str = "auto"
     masks: str | None = None
+    ignored: str | None = None
     video_photos: int = 0
     max_image_size: int = 1600
     max_features: int = 4096
@@ -102,7 +105,7 @@ class SolveFolder:
                 "reconstruct from it, or give a new folder",
             )  # fmt: skip
         if self.request_path.exists():
-            begun = self.begun()
+            begun = {"ignored": None, **self.begun()}  # which older solves do not state
             if begun == asked:
                 return True
             if begun.get("photos") != asked["photos"]:
@@ -132,12 +135,13 @@ def is_video(path: Path) -> bool:
 
 
 def photos_below(
-    folder: Path, besides: Path | None = None, masks: Path | None = None
-) -> tuple[str, ...]:
+    folder: Path, besides: Path | None = None, masks: Path | None = None, ignored: Path | None = None
+) -> tuple[str, ...]:  # fmt: skip
     """Names of all photos below a folder, relative to it, numbers in their order (2 before 10).
 
     Args:
         besides: a folder whose pictures are left out, or None. masks: that of their masks, or None.
+        ignored: see `IgnoredFinder`.
 
     Raises:
         CaptureError: there is no such folder, it cannot be read, or it holds too few.
@@ -154,7 +158,7 @@ def photos_below(
     except OSError as error:  # macOS asks people which programs may read their folders
         raise no_access(folder, error) from error
     root = Path(os.path.normpath(folder.absolute()))
-    found = PhotoFinder(folder, masks).pictures()
+    found = PhotoFinder(folder, masks, ignored=ignored).pictures()
     if besides is not None:
         besides = Path(os.path.normpath(besides.absolute()))
         found = [path for path in found if not path.is_relative_to(besides)]

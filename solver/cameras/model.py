@@ -90,7 +90,7 @@ def _camera(photo: Prepared, image: Any) -> Camera:
     world_to_camera[:3] = image.cam_from_world().matrix()
     pose = pose_opengl_from_opencv(invert_pose(world_to_camera))
     name = re.sub(r"[^\w.\-]+", "_", photo.name.rpartition(".")[0]).strip("._") or "photo"
-    return Camera(name, photo.path, pose, **vars(lens))
+    return Camera(name, photo.path, pose, ignored_path=photo.ignored, **vars(lens))
 
 
 def _colours(placed: list[tuple[Prepared, Any]]) -> dict[int, np.ndarray]:

@@ -18,7 +18,8 @@ def write_cameras(folder: SolveFolder, photos: Path, cameras: list[Camera]) -> N
     """Write the transforms file; it is complete once it is there.
 
     Photos are named relative to the file where one stands below the other, as other programs expect;
-    else relative to their own folder.
+    else relative to their own folder. So are pictures of what is to be ignored that lie below that;
+    no reader takes others on a file's word.
 
     Args:
         cameras: with `image_path` below `photos`.
@@ -26,10 +27,15 @@ def write_cameras(folder: SolveFolder, photos: Path, cameras: list[Camera]) -> N
     root = photos.absolute()
     near = folder.root.is_relative_to(root) or root.is_relative_to(folder.root)
     start = folder.root if near else root
-    named = []
-    for camera in cameras:
-        relative = PurePosixPath(Path(os.path.relpath(camera.image_path, start)).as_posix())
-        named.append(replace(camera, image_path=relative))
+
+    def name(path: Path | None) -> PurePosixPath | None:
+        if path is None or not path.is_relative_to(root):
+            return None
+        return PurePosixPath(Path(os.path.relpath(path, start)).as_posix())
+
+    named = [
+        replace(c, image_path=name(c.image_path), ignored_path=name(c.ignored_path)) for c in cameras
+    ]  # fmt: skip
     part = folder.cameras_path.with_suffix(".part")
     write_transforms(part, named, {"ply_file_path": folder.points_path.name})
     replace_file(part, folder.cameras_path)

@@ -1,4 +1,5 @@
-"""Photos as features are sought in them: turned as for a fit, reduced, grey, without what is masked out."""
+"""Photos as features are sought in them: turned as for a fit, reduced, grey, without what is not to be
+looked at."""
 
 from __future__ import annotations
 
@@ -9,9 +10,13 @@ import numpy as np
 import scipy.ndimage
 from PIL import Image
 
-from ..capture.image_header import image_orientation
+from ..capture.camera import Camera
+from ..capture.image_header import image_orientation, image_size
+from ..capture.mask_finder import none_fits, other_shape
+from ..capture.orientation import same_shape
 from ..capture.photo_finder import PhotoFinder
 from ..capture.reduced import load_reduced, load_reduced_mask, read_header
+from ..capture.told import told_of_reduced
 
 SMALL, MOST_ENLARGED = 800, 4
 """longer side, in pixels, to which smaller photos are enlarged, and by how much at most: features have a
@@ -30,6 +35,7 @@ class Prepared:
         width, height: of the photo, upright.
         small_width, small_height: at which features are found.
         focal: pixels of the photo, if its header says; else None.
+        mask, ignored: as `Camera.mask_path` and `Camera.ignored_path`.
     """
 
     number: int
@@ -41,6 +47,7 @@ class Prepared:
     small_height: int
     focal: float | None
     mask: Path | None
+    ignored: Path | None
 
     @property
     def file(self) -> str:
@@ -54,14 +61,19 @@ class Prepared:
 
 
 def look_at(
-    folder: Path, names: tuple[str, ...], masks: Path | None, longest: int
-) -> list[Prepared]:
+    folder: Path, names: tuple[str, ...], masks: Path | None, longest: int,
+    ignored: Path | None = None,
+) -> list[Prepared]:  # fmt: skip
     """Read the headers of all photos.
 
+    Args:
+        ignored: see `IgnoredFinder`.
+
     Raises:
-        CaptureError: one is no picture.
+        CaptureError: one is no picture; what is to be ignored of it is of another shape; or `ignored` fits
+            none.
     """
-    finder = PhotoFinder(folder, masks)
+    finder = PhotoFinder(folder, masks, ignored=ignored)
     found = []
     for number, name in enumerate(names, start=1):
         path = folder / name
@@ -72,17 +84,31 @@ def look_at(
         mask = None if masks is None else finder.mask_of(path)
         found.append(
             Prepared(
-                number, name, path, header.width, header.height, *small, header.focal, mask
+                number, name, path, header.width, header.height, *small, header.focal, mask,
+                finder.ignored.of(path),
             )
         )  # fmt: skip
+        _check_shape(found[-1])
+    if ignored is not None and not any(photo.ignored for photo in found):
+        raise none_fits(ignored, names[0], "ignore")
     return found
 
 
+def _check_shape(photo: Prepared) -> None:
+    """Make sure that the picture of what is to be ignored of a photo, if there is one, is of its shape."""
+    if photo.ignored is None:
+        return
+    size, wanted = image_size(photo.ignored), (photo.width, photo.height)
+    turned = max(image_orientation(path) for path in (photo.ignored, photo.path)) >= 5
+    if not any(same_shape(s, wanted) for s in ((size, size[::-1]) if turned else (size,))):
+        raise other_shape(photo.ignored, "ignored_path", size, wanted)
+
+
 def write_prepared(photo: Prepared, pictures: Path, masks: Path) -> None:
-    """Write the grey picture, and its mask if it has one (alpha, or a mask file).
+    """Write the grey picture, and its mask if it has one (alpha, a mask file, or what is to be ignored).
 
     Raises:
-        CaptureError: it cannot be decoded.
+        CaptureError: it cannot be decoded, or all of it is to be ignored.
     """
     size = (photo.small_width, photo.small_height)
     # Turned as a fit turns it, which leaves half turns as they lie.
@@ -91,11 +117,23 @@ def write_prepared(photo: Prepared, pictures: Path, masks: Path) -> None:
     if photo.mask is not None:
         mask = load_reduced_mask(photo.mask, size[::-1], image_orientation(photo.path))
         shown = mask if shown is None else np.minimum(shown, mask)
+    told = told_of_reduced(_seen(photo), size[::-1])
+    if told is not None:
+        shown = np.uint8(255) * told if shown is None else shown * told
     grey = _resized(np.asarray(Image.fromarray(np.ascontiguousarray(colour)).convert("L")), size)
     if shown is not None:
         inside = scipy.ndimage.minimum_filter(shown > 127, 2 * _BORDER + 1)
         _save(inside.astype(np.uint8) * 255, masks / f"{photo.file}.png")
     _save(grey, pictures / photo.file)
+
+
+def _seen(photo: Prepared) -> Camera:
+    """A camera of the photo, whose place and lens are yet to be found."""
+    focal = float(max(photo.width, photo.height))
+    return Camera(
+        photo.name, photo.path, np.eye(4), photo.width, photo.height, focal, focal,
+        photo.width / 2, photo.height / 2, ignored_path=photo.ignored,
+    )  # fmt: skip
 
 
 def _resized(pixels: np.ndarray, size: tuple[int, int]) -> np.ndarray:

@@ -91,8 +91,11 @@ class Solver:
 
     def _run(self) -> Solved:
         root = Path(self.request.photos)
-        masks = None if self.request.masks is None else Path(self.request.masks)
-        photos = look_at(root, self.request.names, masks, self.request.max_image_size)
+        masks, ignored = (
+            None if path is None else Path(path)
+            for path in (self.request.masks, self.request.ignored)
+        )
+        photos = look_at(root, self.request.names, masks, self.request.max_image_size, ignored)
         if masks is not None:
             self._tell_of_missing_masks(masks, photos)
         shutil.rmtree(self.work, ignore_errors=True)

@@ -9,8 +9,11 @@ where there is nothing to be fitted.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
+from .errors import CaptureError
+from .image_header import UnknownSize, image_size
 from .mask_finder import MaskFinder
 from .picture_names import plain, stem_of
 
@@ -29,6 +32,19 @@ def beside_among(pictures: Iterable[Path]) -> set[Path]:
         if plain(path.name).startswith(_BEFORE)
         and (path.parent, stem_of(path.name).removeprefix(_BEFORE)) in named
     }
+
+
+def check_ignored(path: Path) -> None:
+    """Make sure that what a person gave is there, before a job is made.
+
+    Raises:
+        CaptureError: there is no such folder, or no such picture.
+    """
+    if not path.exists():
+        raise CaptureError(path, "ignore", "there is no such folder or picture", "check its path")
+    if path.is_file():
+        with suppress(UnknownSize):
+            image_size(path)
 
 
 class IgnoredFinder:

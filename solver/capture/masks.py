@@ -10,6 +10,7 @@ from .camera import Camera
 from .decoded import Decoded
 from .decoding import decode
 from .errors import CaptureError
+from .mask_finder import other_shape
 from .orientation import oriented, same_shape
 
 NEAR_AN_END, MOST_BETWEEN, SHARP = 0.15, 0.35, 0.05
@@ -45,10 +46,7 @@ def read_mask(camera: Camera, orientation: int, field: str = "mask_path") -> np.
             return np.ascontiguousarray(candidate)
         if same_shape(size, wanted):
             return resized_by_area(candidate, *wanted)
-    raise CaptureError(
-        path, field, f"the mask is {mask.shape[1]} × {mask.shape[0]} pixels, "
-        f"its photo {camera.width} × {camera.height}", "export both at one shape",
-    )  # fmt: skip
+    raise other_shape(path, field, mask.shape[::-1], wanted)
 
 
 def no_mask(path: Path, field: str = "mask_path") -> CaptureError:

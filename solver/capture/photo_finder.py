@@ -230,7 +230,7 @@ class PhotoFinder:
         if self._by_stem is None:
             self._by_stem = {}
             found = [p for p in pictures_below(self.folder) if not self._is_mask(p.parent)]
-            masks = set(masks_among(found)) | beside_among(found)
+            masks = {*masks_among(found), *beside_among(found), self.ignored.given}
             furthest: dict[tuple[Path, str], int] = {}
             for path in found:
                 key = path.parent, stem_of(path.name)

@@ -41,8 +41,8 @@ from .formats import (
     transforms,
     visualsfm,
 )
+from .ignored import check_ignored
 from .image_header import EXTENSIONS as PICTURES
-from .image_header import UnknownSize, image_size
 from .no_capture import no_camera_file, nothing_in, several_in
 from .photo_finder import (
     MIN_PHOTOS,
@@ -167,7 +167,7 @@ def read_capture(
         if folder is not None and not Path(folder).is_dir():
             raise CaptureError(folder, what, "there is no such folder", "check its path")
     if ignored is not None:
-        _check_ignored(Path(ignored))
+        check_ignored(Path(ignored))
     if photos is not None:
         folder = Path(photos)
     else:
@@ -189,15 +189,6 @@ def read_capture(
             with suppress(CaptureError):
                 return _read(reader, file, PhotoFinder(own, **how))
         raise
-
-
-def _check_ignored(path: Path) -> None:
-    """Make sure that there is a folder or a picture of what is to be ignored, before a job is made."""
-    if not path.exists():
-        raise CaptureError(path, "ignore", "there is no such folder or picture", "check its path")
-    if path.is_file():
-        with suppress(UnknownSize):
-            image_size(path)
 
 
 def _read(reader: ModuleType, file: Path, finder: PhotoFinder) -> Capture:

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..arguments import IGNORE
 from ..job.exit_codes import CANCELLED, DONE
 from ..job.folder import JobFolder
 from ..job.request import DEVICES
@@ -19,9 +20,6 @@ if TYPE_CHECKING:
 
     from ..capture.capture import Capture
     from .check import Report
-
-
-IGNORE = "folder of pictures, white where photos are to be ignored, or one for all photos"
 
 
 def add_check(commands: argparse._SubParsersAction) -> None:

@@ -181,8 +181,12 @@ def solve(photos: Path, out: Path) -> int:
     control = Control(out / "cancel")
     control.start()
     out.mkdir(parents=True, exist_ok=True)
-    masks = sys.argv[sys.argv.index("--masks") + 1] if "--masks" in sys.argv else None
-    write_json_atomic(out / "solve.json", {"photos": str(photos), "masks": masks})
+    masks, ignored = (
+        sys.argv[sys.argv.index(option) + 1] if option in sys.argv else None
+        for option in ("--masks", "--ignore")
+    )
+    asked = {"photos": str(photos), "masks": masks, "ignored": ignored}
+    write_json_atomic(out / "solve.json", asked)
     events = EventStream(out / "events.jsonl", stream)
     mode, pause = os.environ.get("NMF_FAKE_MODE", "normal"), 0.02
     if photos.is_file():

@@ -87,12 +87,61 @@ def test_masks_that_are_of_no_use_are_told_before_the_solver_starts(task, photos
     assert not task.running
 
 
+@pytest.mark.parametrize("stated", ["../hands", "../hands/r_1.png", "whole"])
+def test_what_is_to_be_ignored_goes_to_the_solver_and_to_the_capture(
+    extension, task, photos, fake_solver, tmp_path, capfd, stated
+):
+    hands = photos.with_name("hands")
+    hands.mkdir()
+    shutil.copy(photos / "r_1.png", hands)
+    whole = hands if stated == "whole" else photos.parent / stated.removeprefix("../")
+    stated = str(hands) if stated == "whole" else stated
+    result = bpy.ops.nmf.solve_cameras(directory=str(photos), ignored=f" {stated} ")
+    assert result == {"FINISHED"}
+    assert f"What is white in {whole} is ignored" in capfd.readouterr().out
+    task.finish()
+    (begun,) = (tmp_path / "nmf_jobs").glob("*/solve.json")
+    assert json.loads(begun.read_text("utf-8"))["ignored"] == str(whole)
+    cameras = extension("scene.capture_collection").photo_cameras(bpy.context.scene.nmf.capture)
+    solver = [extension("scene.cameras").to_solver(item, Matrix()) for item in cameras]
+    of_all = whole.is_file()
+    for camera in solver:
+        has_one = of_all or camera.image_path.name == "r_1.png"
+        assert camera.ignored_path == (hands / "r_1.png" if has_one else None)
+
+
+def test_one_picture_of_what_is_to_be_ignored_is_for_all_photos_of_a_video(
+    extension, task, photos, fake_solver, tmp_path
+):
+    (tmp_path / "Walk ö.MOV").write_bytes(b"frames")
+    shutil.copy(photos / "r_1.png", tmp_path / "leg.png")
+    bpy.ops.nmf.solve_cameras(
+        filepath=str(tmp_path / "Walk ö.MOV"), video_photos=4, ignored="leg.png"
+    )
+    task.finish()
+    cameras = extension("scene.capture_collection").photo_cameras(bpy.context.scene.nmf.capture)
+    solver = [extension("scene.cameras").to_solver(item, Matrix()) for item in cameras]
+    assert {camera.ignored_path for camera in solver} == {tmp_path / "leg.png"}
+
+
+def test_pictures_to_ignore_that_are_of_no_use_are_told_before_the_solver_starts(
+    task, photos, tmp_path
+):
+    with pytest.raises(RuntimeError, match=r"nowhere, ignore: there is no such folder or picture"):
+        bpy.ops.nmf.solve_cameras(directory=str(photos), ignored="nowhere")
+    (tmp_path / "walk.mp4").write_bytes(b"frames")
+    with pytest.raises(RuntimeError, match="from a video have no pictures there; give one picture"):
+        bpy.ops.nmf.solve_cameras(filepath=str(tmp_path / "walk.mp4"), ignored=str(photos))
+    assert not task.running
+
+
 def test_the_file_browser_asks_for_masks_and_keeps_them_for_the_next_time():
     shown, settings = Layout(), bpy.ops.nmf.solve_cameras.get_rna_type()
     browser = SimpleNamespace(layout=shown, bl_rna=settings)
     bpy.types.NMF_OT_solve_cameras.draw(browser, bpy.context)
-    assert ("prop", "masks") in shown.drawn
-    assert not settings.properties["masks"].is_skip_save
+    for name in ("masks", "ignored"):
+        assert ("prop", name) in shown.drawn
+        assert not settings.properties[name].is_skip_save
 
 
 def test_a_photo_that_is_picked_stands_for_its_folder(task, photos, fake_solver):
