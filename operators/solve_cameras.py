@@ -146,6 +146,11 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         return {"FINISHED"}
 
 
+def _stated(folder: Path, text: str) -> Path:
+    """What a person has stated as seen from a folder, from the blend file (//), or as a whole path."""
+    return Path(os.path.normpath(folder / bpy.path.abspath(text)))
+
+
 def _masks_of(source: Path, stated: str) -> Path:
     """The folder of masks that a person has stated for a folder of photos.
 
@@ -157,7 +162,7 @@ def _masks_of(source: Path, stated: str) -> Path:
             source, "masks", "photos that are yet to be taken from a video have no masks",
             "leave Masks empty, or solve a folder of photos",
         )  # fmt: skip
-    masks = Path(os.path.normpath(source / bpy.path.abspath(stated)))
+    masks = _stated(source, stated)
     if not masks.is_dir():
         raise CaptureError(masks, "masks", "there is no such folder", "check its path")
     return masks
@@ -169,8 +174,7 @@ def _ignored_of(source: Path, stated: str) -> Path:
     Raises:
         CaptureError: there are none, or only of photos that are yet to be taken from a video.
     """
-    folder = source.parent if is_video(source) else source
-    ignored = Path(os.path.normpath(folder / bpy.path.abspath(stated)))
+    ignored = _stated(source.parent if is_video(source) else source, stated)
     check_ignored(ignored)
     if is_video(source) and ignored.is_dir():
         raise CaptureError(

@@ -212,5 +212,7 @@ def _tell(folder: SolveFolder, request: SolveRequest, solved) -> None:
     if request.ignored is not None and not Path(request.ignored).is_relative_to(photos):
         elsewhere.append(f"--ignore {request.ignored}")
     if elsewhere:
-        print(f"Reconstruct with {' '.join(elsewhere)}, for the cameras lie elsewhere.")
+        print(
+            f"Reconstruct with {' '.join(elsewhere)}, for the cameras' file does not say where that is."
+        )
     print(folder.cameras_path)
