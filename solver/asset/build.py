@@ -98,11 +98,11 @@ def build_asset(
     albedo, f0 = texture(samples.albedo), texture(samples.f0 / f0_scale)
     roughness = texture(np.sqrt(samples.alpha)[:, None])
     normal = texture(encode_normals(samples.normals, texel_frames(unwrapped, texels)))
-    base_colour, metalness = metallic_workflow(albedo, f0 * f0_scale)
+    metallic = metallic_workflow(albedo, f0 * f0_scale)
     write_ply(folder / "mesh.ply", unwrapped)
     write_png(folder / "albedo.png", linear_to_srgb(albedo))
-    write_png(folder / "base_colour.png", linear_to_srgb(base_colour))
-    write_png(folder / "metallic.png", metalness)
+    write_png(folder / "base_colour.png", linear_to_srgb(metallic.base_colour))
+    write_png(folder / "metallic.png", metallic.metalness)
     write_png(folder / "f0.png", linear_to_srgb(f0))
     write_png(folder / "roughness.png", roughness)
     # In 8 bits a slow tilt is a staircase, each step of which a mirror shows.
@@ -110,8 +110,8 @@ def build_asset(
     write_exr(folder / "environment.exr", {"RGB": environment})
     progress(0.95, "writing files")
     write_glb(
-        folder / "asset.glb", unwrapped.placed(placement), base_colour, metalness, roughness, f0,
-        f0_scale, normal, name, mesh.is_watertight,
+        folder / "asset.glb", unwrapped.placed(placement), metallic, roughness, normal, name,
+        mesh.is_watertight,
     )  # fmt: skip
     parts = {
         "mesh": "mesh.ply",

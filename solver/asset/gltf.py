@@ -18,6 +18,7 @@ from ..brdf.microfacet import DIELECTRIC_F0
 from ..capture.colour import linear_to_srgb
 from ..job.replacing import replace_file
 from .files import picture_of
+from .metallic import Metallic
 from .tangent import vertex_tangents
 from .unwrap import UnwrappedMesh
 
@@ -27,13 +28,12 @@ _CLAMP_TO_EDGE = 33071
 
 
 def write_glb(
-    path: Path, mesh: UnwrappedMesh, base_colour: np.ndarray, metalness: np.ndarray,
-    roughness: np.ndarray, f0: np.ndarray, f0_scale: float, normal: np.ndarray, name: str, closed: bool,
+    path: Path, mesh: UnwrappedMesh, metallic: Metallic, roughness: np.ndarray, normal: np.ndarray,
+    name: str, closed: bool,
 ) -> None:  # fmt: skip
-    """Write the mesh with textures [S, S, C] (linear; `f0` divided by `f0_scale`; normals coded).
+    """Write the mesh with textures [S, S, C] (linear; normals coded).
 
     Args:
-        base_colour, metalness: see `metallic.metallic_workflow`.
         name: of object, mesh and material; textures are called after it.
         closed: its insides are never seen; else both sides are drawn.
     """
@@ -71,10 +71,11 @@ def write_glb(
          "count": len(indices), "type": "SCALAR"}
     )  # fmt: skip
     zeros = np.zeros_like(roughness)
+    f0_scale = float(max(metallic.rest_f0.max(), 1e-3))
     images = {
-        "base_colour": linear_to_srgb(base_colour),
-        "metallic_roughness": np.concatenate([zeros, roughness, metalness], -1),
-        "normal": normal, "f0": linear_to_srgb(f0),
+        "base_colour": linear_to_srgb(metallic.base_colour),
+        "metallic_roughness": np.concatenate([zeros, roughness, metallic.metalness], -1),
+        "normal": normal, "f0": linear_to_srgb(metallic.rest_f0 / f0_scale),
     }  # fmt: skip
     image_entries = [
         {"name": f"{name}_{kind}", "bufferView": add(_png(image)), "mimeType": "image/png"}

@@ -1,35 +1,50 @@
 """The surface as game engines and exchange formats have it: base colour and metalness.
 
 Few of them know F0 as a colour (glTF's KHR_materials_specular, Blender's specular tint); to the others a
-metal without metalness is black plastic. So metals, which have no diffuse layer to speak of, are given as
-metals. Those that know F0 still get it beside that: it is what the part reflects that is no metal.
+metal without metalness is black plastic. So metals are given as metals, with the little that they have of a
+diffuse layer. Those that know F0 still get it beside that: it is what the part reflects that is no metal.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from ..brdf.microfacet import SURE_DIELECTRIC_F0
+from ..brdf.microfacet import DIELECTRIC_F0, SURE_DIELECTRIC_F0, principled_albedo
 
 SURE_METAL_F0 = 0.4
 """of the brightest channel; half way there from what is surely no metal, a surface is half a one"""
 
 
-def metallic_workflow(albedo: np.ndarray, f0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Base colour [..., 3] and metalness [..., 1] of what has an albedo and an F0 [..., 3], all linear.
+class Metallic(NamedTuple):
+    """A surface as glTF has it, linear."""
 
-    A diffuse share is left as such: metalness m reflects F0 as a metal and leaves (1 − m) · base colour
-    diffuse, which is the albedo if m = 1 − albedo/F0. Where that is 1, the base colour is F0, where it
-    is 0 the albedo, so what is no metal stays as it was.
+    base_colour: np.ndarray  # [..., 3]
+    metalness: np.ndarray  # [..., 1]
+    rest_f0: np.ndarray  # [..., 3] F0 of what is no metal of it
+
+
+def metallic_workflow(albedo: np.ndarray, f0: np.ndarray) -> Metallic:
+    """What looks like a surface that has an albedo and an F0 [..., 3], linear.
+
+    Base colour b and metalness m have a diffuse layer of (1 − m) b and reflect m b + 0.04 (1 − m). To have
+    a of the one and F0 of the other, b = a + F0 − 0.04 (1 − m), and so, by their means over channels,
+    b² − (a + F0) b + 0.04 a = 0 and m = 1 − a/b. What is surely no metal has no metalness and its own F0:
+    to those who do not know it, it is as glossy as most things are.
     """
-    brightest = f0.max(-1, keepdims=True)
-    share = (brightest - SURE_DIELECTRIC_F0) / (SURE_METAL_F0 - SURE_DIELECTRIC_F0)
-    diffuse = albedo.mean(-1, keepdims=True) / np.maximum(f0.mean(-1, keepdims=True), 1e-6)
-    metalness = np.clip(share, 0, 1) * (1 - np.minimum(diffuse, 1))
-    # A metal reflects by its base colour alone, so a little of the albedo must not dim it.
-    of_f0 = 1 - (1 - metalness) ** 2
-    base = (1 - of_f0) * portable_albedo(albedo, f0) + of_f0 * f0
-    return base, metalness
+    metal = (f0.max(-1, keepdims=True) - SURE_DIELECTRIC_F0) / (SURE_METAL_F0 - SURE_DIELECTRIC_F0)
+    metal = np.clip(metal, 0, 1)
+    diffuse = principled_albedo(albedo, f0)
+    left, both = (values.mean(-1, keepdims=True) for values in (diffuse, diffuse + f0))
+    root = np.sqrt(np.maximum(both**2 - 4 * DIELECTRIC_F0 * left, 0))
+    metalness = np.clip(1 - 2 * left / np.maximum(both + root, 1e-6), 0, 1)
+    base = np.clip(diffuse + f0 - DIELECTRIC_F0 * (1 - metalness), 0, 1)
+    return Metallic(
+        (1 - metal) * portable_albedo(albedo, f0) + metal * base,
+        metal * metalness,
+        (1 - metal) * f0 + metal * np.minimum(f0, DIELECTRIC_F0),
+    )
 
 
 def portable_albedo(albedo: np.ndarray, f0: np.ndarray) -> np.ndarray:

@@ -8,8 +8,12 @@ squared (`alpha`).
 from __future__ import annotations
 
 import math
+from typing import TypeVar
 
+import numpy as np
 import torch
+
+Values = TypeVar("Values", torch.Tensor, np.ndarray)
 
 DIELECTRIC_F0 = 0.04
 """reflectance at normal incidence of an index of refraction of 1.5, glTF's and Principled's default"""
@@ -36,6 +40,14 @@ def fresnel_schlick(f0: torch.Tensor, cosine: torch.Tensor) -> torch.Tensor:
     m = (1 - cosine).clamp(0, 1)
     m5 = (m * m) * (m * m) * m
     return f0 + (1 - f0) * m5[..., None]
+
+
+def principled_albedo(albedo: Values, f0: Values) -> Values:
+    """The albedo [..., 3] of Principled's diffuse layer as bright, head-on, as ours beside F0 [..., 3].
+
+    Linear. Its own, base colour · (1 − metalness), gets 1 − 0.04 of the light, ours gets 1 − F0.
+    """
+    return albedo * (1 - f0) / (1 - DIELECTRIC_F0)
 
 
 def sample_visible_normal(view: torch.Tensor, alpha: torch.Tensor, u: torch.Tensor) -> torch.Tensor:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
-from ..brdf.microfacet import DIELECTRIC_F0
+from ..brdf.microfacet import DIELECTRIC_F0, principled_albedo
 from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.decoding import decode, no_colours
@@ -172,9 +172,10 @@ def _normal_scores(camera: Camera, view: RenderedView, photo: Photo) -> dict[str
 class MaterialScores:
     """Errors of materials where their truth lies beside a photo.
 
-    A base colour b with metalness m means albedo b(1 − m) and F0 = 0.04(1 − m) + b·m, linear. Albedos are
-    known up to one factor per channel for all views, so they are scored when all have been taken in; where
-    it is metal all over, none is scored and there is no factor: one of zero would make any albedo right.
+    A base colour b with metalness m means albedo b(1 − m) and F0 = 0.04(1 − m) + b·m, linear; the fit's
+    albedos are brought to these terms. They are known up to one factor per channel for all views, so they
+    are scored when all have been taken in; where it is metal all over, none is scored and there is no
+    factor: one of zero would make any albedo right.
     """
 
     def __init__(self):
@@ -191,9 +192,10 @@ class MaterialScores:
         if truth is not None:
             albedo, f0 = truth
             scores["f0_mae"] = weighted_mae(view.f0, f0, cover)
-            self._fitted.add(view.albedo, albedo, cover)
+            fitted = principled_albedo(view.albedo, view.f0)
+            self._fitted.add(fitted, albedo, cover)
             self._brightest = max(self._brightest, float((albedo * cover[..., None]).max()))
-            self._albedos.append((camera, view.albedo, cover))
+            self._albedos.append((camera, fitted, cover))
         return scores
 
     @property

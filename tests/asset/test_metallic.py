@@ -3,7 +3,7 @@
 import numpy as np
 
 from solver.asset.metallic import SURE_METAL_F0, metallic_workflow
-from solver.brdf.microfacet import SURE_DIELECTRIC_F0
+from solver.brdf.microfacet import DIELECTRIC_F0, SURE_DIELECTRIC_F0, principled_albedo
 
 
 def head_on(base, metalness, dielectric_f0):
@@ -21,34 +21,48 @@ def surfaces(random, count, low, high, most_albedo):
 
 def test_what_is_no_metal_has_none_of_it_and_reflects_by_its_f0():
     albedo, f0 = surfaces(np.random.default_rng(0), 200, 0.0, SURE_DIELECTRIC_F0, 0.7)
-    base, metalness = metallic_workflow(albedo, f0)
+    base, metalness, rest = metallic_workflow(albedo, f0)
     assert not metalness.any()
-    diffuse, mirrored = head_on(base, metalness, f0)
+    np.testing.assert_array_equal(rest, f0)
+    diffuse, mirrored = head_on(base, metalness, rest)
     np.testing.assert_allclose(diffuse, albedo * (1 - f0))
     np.testing.assert_allclose(mirrored, f0)
 
 
 def test_a_metal_is_one_also_where_f0_is_not_known():
     _, f0 = surfaces(np.random.default_rng(1), 200, SURE_METAL_F0, 1.0, 0.0)
-    base, metalness = metallic_workflow(np.zeros_like(f0), f0)
+    base, metalness, _ = metallic_workflow(np.zeros_like(f0), f0)
     np.testing.assert_allclose(base, f0)
     assert (metalness == 1).all()
 
 
-def test_a_little_of_an_albedo_leaves_a_metal_as_bright_as_it_is():
-    albedo, f0 = surfaces(np.random.default_rng(2), 500, 0.5, 0.98, 0.05)
-    base, metalness = metallic_workflow(albedo, f0)
-    assert (metalness > 0.7).all()
-    for dielectric_f0, most in ((f0, 0.03), (np.full_like(f0, 0.04), 0.08)):
+def test_what_is_bright_enough_for_a_metal_comes_out_as_it_is_in_any_program():
+    """Its diffuse layer beside F0, and what it mirrors, whether a program knows F0 or not."""
+    albedo, f0 = surfaces(np.random.default_rng(2), 500, 0.5, 0.98, 0.4)
+    base, metalness, rest = metallic_workflow(albedo, f0)
+    for dielectric_f0 in (rest, np.full_like(f0, DIELECTRIC_F0)):
         diffuse, mirrored = head_on(base, metalness, dielectric_f0)
         wrong = np.abs(diffuse + mirrored - albedo * (1 - f0) - f0)
-        assert wrong.mean() < most / 2 and np.quantile(wrong, 0.95) < most
+        assert wrong.mean() < 2e-3 and np.quantile(wrong, 0.95) < 0.02
+        assert np.abs((diffuse - albedo * (1 - f0)).mean(-1)).max() < 0.02
+
+
+def test_of_what_principled_mixes_base_colour_and_metalness_are_found_again():
+    random = np.random.default_rng(3)
+    base, metalness = random.uniform(0.6, 1, (500, 3)), random.uniform(0.7, 1, (500, 1))
+    f0 = DIELECTRIC_F0 * (1 - metalness) + metalness * base
+    albedo = (1 - metalness) * base * (1 - DIELECTRIC_F0) / (1 - f0)
+    np.testing.assert_allclose(principled_albedo(albedo, f0), (1 - metalness) * base)
+    found = metallic_workflow(albedo, f0)
+    np.testing.assert_allclose(found.metalness, metalness, atol=1e-9)
+    np.testing.assert_allclose(found.base_colour, base, atol=1e-9)
+    np.testing.assert_allclose(found.rest_f0, DIELECTRIC_F0)
 
 
 def test_between_both_nothing_leaps():
     f0 = np.linspace(0.0, 0.95, 2001)[:, None] * np.array([1.0, 0.8, 0.5])
     for albedo in (0.0, 0.1, 0.6):
-        base, metalness = metallic_workflow(np.full_like(f0, albedo), f0)
-        assert np.abs(np.diff(base, axis=0)).max() < 0.01
-        assert np.abs(np.diff(metalness, axis=0)).max() < 0.01
-        assert (base >= 0).all() and (base <= 1).all()
+        base, metalness, rest = metallic_workflow(np.full_like(f0, albedo), f0)
+        for values in (base, metalness, rest):
+            assert np.abs(np.diff(values, axis=0)).max() < 0.01
+            assert (values >= 0).all() and (values <= 1).all()

@@ -12,7 +12,7 @@ from solver.fit.evaluate import MaterialScores, image_scores, true_normals
 from solver.fit.preview import over_plain
 
 
-def scores_of(folder, metalness):
+def scores_of(folder, metalness, albedo=0.3, f0=0.45):
     """Scores and factor of one view of base colour 0.5 (sRGB 188), left and right half of a metalness."""
     size = (4, 6)
     Image.fromarray(np.full((*size, 3), 188, np.uint8)).save(folder / "a_albedo.png")
@@ -20,7 +20,7 @@ def scores_of(folder, metalness):
     Image.fromarray(metallic).save(folder / "a_metallic.png")
     camera = SimpleNamespace(name="a", image_path=folder / "a.png")
     view = SimpleNamespace(
-        albedo=np.full((*size, 3), 0.3), f0=np.full((*size, 3), 0.45), alpha=np.full(size, 0.1)
+        albedo=np.full((*size, 3), albedo), f0=np.full((*size, 3), f0), alpha=np.full(size, 0.1)
     )
     materials = MaterialScores()
     scores = materials.add(camera, view, np.ones(size))
@@ -36,8 +36,15 @@ def test_what_is_metal_all_over_has_no_error_of_albedo(tmp_path):
 
 def test_what_is_metal_in_part_has_one(tmp_path):
     factor, scores = scores_of(tmp_path, (255, 0))
-    np.testing.assert_allclose(factor, 0.25 / 0.3, rtol=0.02)
+    np.testing.assert_allclose(factor, 0.25 / (0.3 * 0.55 / 0.96), rtol=0.02)
     assert scores["albedo_mae"] == pytest.approx(0.25, abs=0.005)
+
+
+def test_half_a_metal_has_no_error_where_as_much_is_diffuse_as_of_principled(tmp_path):
+    """There (1 − m) b gets 0.96 of the light; here a layer beside an F0 of 0.27 gets 0.73 of it."""
+    factor, scores = scores_of(tmp_path, (128, 128), albedo=0.25 * 0.96 / 0.73, f0=0.27)
+    np.testing.assert_allclose(factor, 1, rtol=0.02)
+    assert scores["albedo_mae"] < 0.005 and scores["f0_mae"] < 0.005
 
 
 def test_pictures_are_clipped_and_then_laid_over_their_background_in_srgb():
