@@ -1,10 +1,11 @@
 """The lens `brown`: what photogrammetry programs have beyond OpenCV's polynomials.
 
-    k1 k2 p1 p2 k3 k4, skew, 1 for a fisheye (else 0), p3 p4; missing numbers are 0
+    k1 k2 p1 p2 k3 k4, skew, the projection, p3 p4; missing numbers are 0
 
-Coordinates, NaN and masks are as in `lenses`; those of a fisheye are shrunk to the angle from the axis
-before the polynomial. k1 … k4 are the radial powers r² … r⁸, p1 and p2 OpenCV's tangential terms, which
-are multiplied by 1 + p3 r² + p4 r⁴; `skew`·v is added to u at last.
+Coordinates, NaN and masks are as in `lenses`. The projection is 0 for a perspective lens. Those of a
+fisheye are shrunk before the polynomial: to the angle θ from the axis (1, equidistant) or to 2 sin(θ/2)
+(2, equisolid). k1 … k4 are the radial powers r² … r⁸, p1 and p2 OpenCV's tangential terms, which are
+multiplied by 1 + p3 r² + p4 r⁴; `skew`·v is added to u at last.
 """
 
 from __future__ import annotations
@@ -16,11 +17,13 @@ import numpy as np
 from .lens_solve import WIDEST, first_positive_root, invert_growing, refine_in_plane
 
 BROWN = ("brown",)
+PERSPECTIVE, EQUIDISTANT, EQUISOLID = 0.0, 1.0, 2.0
+"""the projection before the polynomial"""
 
 
 def polynomial_lens(
     radial: Sequence[float], tangential: Sequence[float] = (0.0, 0.0), skew: float = 0.0,
-    equidistant: bool = False,
+    equidistant: bool = False, equisolid: bool = False,
 ) -> tuple[str, tuple[float, ...]]:  # fmt: skip
     """The plainest lens, and its numbers, for a polynomial distortion.
 
@@ -29,12 +32,14 @@ def polynomial_lens(
         tangential: p1, p2 in OpenCV's order, then p3, p4 if there are such.
         skew: what a unit of y adds to x, after the distortion.
         equidistant: the polynomial acts on angles from the axis instead of their tangents.
+        equisolid: it acts on twice the sines of their halves.
     """
     k1, k2, k3, k4 = (*(float(k) for k in radial), 0.0, 0.0, 0.0, 0.0)[:4]
     p1, p2, p3, p4 = (*(float(p) for p in tangential), 0.0, 0.0)[:4]
     grows = (p1 or p2) and (p3 or p4)
-    if skew or (k4 and not equidistant) or (equidistant and (p1 or p2)) or grows:
-        plain = (k1, k2, p1, p2, k3, k4, float(skew), float(equidistant))
+    projection = EQUISOLID if equisolid else EQUIDISTANT if equidistant else PERSPECTIVE
+    if equisolid or skew or (k4 and not equidistant) or (equidistant and (p1 or p2)) or grows:
+        plain = (k1, k2, p1, p2, k3, k4, float(skew), projection)
         return "brown", (*plain, p3, p4) if grows else plain
     if equidistant:
         return "opencv_fisheye", (k1, k2, k3, k4)
@@ -46,8 +51,9 @@ def distort(distortion: tuple[float, ...], directions: np.ndarray) -> tuple[np.n
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     across = np.hypot(x, y)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        if _ten(distortion)[7]:
-            radius = np.arctan2(across, z)
+        if projection := _ten(distortion)[7]:
+            angle = np.arctan2(across, z)
+            radius = 2 * np.sin(0.5 * angle) if projection == EQUISOLID else angle
             scale = np.where(across > 1e-12, radius / across, np.where(z > 0, 1 / z, np.nan))
         else:
             scale = np.where(z > 0, 1 / z, np.nan)
@@ -61,7 +67,7 @@ def undistort(
     distortion: tuple[float, ...], u: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """See `lenses.undistort`."""
-    k1, k2, p1, p2, k3, k4, skew, equidistant, *_ = _ten(distortion)
+    k1, k2, p1, p2, k3, k4, skew, projection, *_ = _ten(distortion)
     limit = min(fold(distortion), WIDEST)
 
     def along(r: np.ndarray):
@@ -77,18 +83,23 @@ def undistort(
         x, y, met = refine_in_plane(
             lambda x, y: _polynomial(distortion, x, y), x, y, straight, v, limit
         )
-    if not equidistant:
+    if not projection:
         return np.stack([x, y, np.ones_like(x)], axis=-1), met
     angle = np.hypot(x, y)
+    if projection == EQUISOLID:
+        # With r = 2 sin(θ/2), sin θ / r is cos(θ/2), and cos θ is 1 − r²/2.
+        half = np.sqrt(np.maximum((1 - 0.5 * angle) * (1 + 0.5 * angle), 0))
+        return np.stack([x * half, y * half, 1 - 0.5 * angle * angle], axis=-1), met
     sine = np.sinc(angle / np.pi)  # sin(angle) / angle, also at 0
     return np.stack([x * sine, y * sine, np.cos(angle)], axis=-1), met
 
 
 def fold(distortion: tuple[float, ...]) -> float:
-    """Where the radial part stops growing: ideal radius, or angle of a fisheye."""
-    k1, k2, _, _, k3, k4, _, equidistant, *_ = _ten(distortion)
+    """Where the radial part stops growing: ideal radius, or what a fisheye has instead."""
+    k1, k2, _, _, k3, k4, _, projection, *_ = _ten(distortion)
     slope = np.array([1.0, 3 * k1, 5 * k2, 7 * k3, 9 * k4])  # in powers of r²
-    return min(first_positive_root(slope), np.pi if equidistant else np.inf)
+    straight_behind = {PERSPECTIVE: np.inf, EQUISOLID: 2.0}.get(projection, np.pi)
+    return min(first_positive_root(slope), straight_behind)
 
 
 def _ten(distortion: tuple[float, ...]) -> tuple[float, ...]:

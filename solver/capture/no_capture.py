@@ -63,8 +63,13 @@ def nothing_in(folder: Path, usual: Sequence[str]) -> CaptureError:
     above = next((file for name in usual if (file := folder.parent / name).is_file()), None)
     files = (file for file in sorted(folder.glob("*")) if file.suffix.lower() in _ARCHIVES)
     archive = next(filter(zipfile.is_zipfile, files), None)
-    # DTU's photos for training lie in Rectified/scan1_train, their cameras in Cameras/train.
-    cameras = (parent / "Cameras" / "train" for parent in list(folder.absolute().parents)[:2])
+    # DTU's photos lie in Rectified/scan1, their cameras in Calibration/cal18; those for training in
+    # Rectified/scan1_train, theirs in Cameras/train.
+    cameras = (
+        parent / cameras
+        for parent in list(folder.absolute().parents)[:2]
+        for cameras in ("Cameras/train", "Calibration/cal18")
+    )
     dtu = next(filter(Path.is_dir, cameras), None)
     table = next(filter(is_table_without_lenses, sorted(folder.glob("*.csv"))), None)
     if archive is not None:

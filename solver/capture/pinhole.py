@@ -1,4 +1,5 @@
-"""What files say of a lens without distortion: its matrix, and the size of the photo that is meant."""
+"""What files say of a lens without distortion: its matrix, alone or in a projection, and the size of the
+photo that is meant."""
 
 from __future__ import annotations
 
@@ -34,6 +35,35 @@ def pinhole_of(path: Path, where: str, matrix: np.ndarray) -> tuple[float, float
             "export the cameras with square pixels",
         )  # fmt: skip
     return float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2])
+
+
+def of_projection(
+    path: Path, where: str, projection: np.ndarray
+) -> tuple[tuple[float, float, float, float], np.ndarray]:
+    """fx fy cx cy, in pixels as the projection counts them, and camera-to-world [4, 4] with OpenCV's axes.
+
+    Args:
+        projection: [3, 4], K [R | t], of any scale and sign (Hartley and Zisserman, Multiple View Geometry,
+            6.2.4).
+
+    Raises:
+        CaptureError: this is no such matrix, or pixels are no rectangles.
+    """
+    matrix = projection[:, :3]
+    largest = np.abs(matrix).max(initial=0)
+    if not 1e-9 < largest < 1e12 or np.linalg.cond(matrix) > 1e12:
+        raise CaptureError(path, where, "this is no projection", "export the cameras again")
+    # RQ by QR of the matrix turned around. A projection's sign is arbitrary; a rotation's is not.
+    if np.linalg.det(matrix) < 0:
+        projection = -projection
+    q, r = np.linalg.qr(np.flipud(projection[:, :3]).T)
+    k, rotation = np.flipud(np.fliplr(r.T)), np.flipud(q.T)
+    signs = np.sign(np.diag(k))
+    k, rotation = k * signs, rotation * signs[:, None]
+    pose = np.eye(4)
+    pose[:3, :3] = rotation.T
+    pose[:3, 3] = -np.linalg.solve(projection[:, :3], projection[:, 3])
+    return pinhole_of(path, where, k), pose
 
 
 def is_for_another_size(size: tuple[int, int], cx: float, cy: float) -> bool:

@@ -14,6 +14,7 @@ from .formats import (
     blocks_exchange,
     bundler,
     colmap,
+    dtu,
     gaussians,
     kapture,
     llff,
@@ -56,7 +57,7 @@ from .picture_names import pictures_below
 FORMATS: tuple[ModuleType, ...] = (
     transforms, colmap, metashape, realitycapture, meshroom, openmvg, opensfm, opendronemap,
     blocks_exchange, opf, pix4d, polycam, record3d, scanner_app, stray_scanner, bundler, visualsfm,
-    neus, sdfstudio, neilf, gaussians, llff, mvsnet, middlebury, pose_folder, nerfies, nero, nerfactor,
+    neus, sdfstudio, neilf, gaussians, llff, mvsnet, dtu, middlebury, pose_folder, nerfies, nero, nerfactor,
     kapture,
 )  # fmt: skip
 """readers, the likeliest first"""

@@ -19,6 +19,8 @@ DISTORTIONS = [
     (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.01, 0.0),
     (0.1, -0.05, 0.002, -0.001, 0.01, -0.02, 0.003, 0.0, 0.8, -0.5),
     (-0.02, 0.004, 0.003, -0.002, 0.001, -0.0005, 0.0, 1.0, -0.6, 0.4),
+    (0.06, 0.065, 0.0002, -0.0002, -0.024, 0.0, 0.002, 2.0),
+    (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0),
 ]
 
 
@@ -73,6 +75,52 @@ def test_a_fisheye_sees_behind_itself():
     assert depth[0] < 0
 
 
+def test_an_equisolid_fisheyes_image_grows_as_the_sine_of_half_the_angle():
+    item = camera((0.1, -0.02, 0, 0, 0, 0, 0, 2.0))
+    for angle in (0.0, 0.3, 1.2, math.pi / 2, 2.4):
+        r = 2 * math.sin(angle / 2)
+        radius = r * (1 + 0.1 * r**2 - 0.02 * r**4)
+        for turn in (0.0, 2.0, 4.0):
+            across, down = math.cos(turn), math.sin(turn)
+            direction = [math.sin(angle) * across, -math.sin(angle) * down, -math.cos(angle)]
+            pixel, _ = item.project(np.array([direction]))
+            wanted = item.cx + item.fx * radius * across, item.cy + item.fy * radius * down
+            np.testing.assert_allclose(pixel, [wanted], atol=1e-9)
+
+
+def test_an_equisolid_fisheye_is_that_of_another_program():
+    # PlaCamera, test_frame_camera.cpp, "MatchesMetashapeProjectionFamilies"
+    item = camera(
+        (0.0,) * 7 + (2.0,), width=800, height=600, fx=400.0, fy=400.0, cx=407.5, cy=295.75
+    )
+    pixel, _ = item.project(np.array([[0.25, 0.1, -1.0]]))
+    np.testing.assert_allclose(pixel, [(504.9019766555284, 256.78920933778863)], atol=1e-11)
+
+
+def test_an_equisolid_fisheyes_pixels_are_of_equal_solid_angles():
+    item = camera((0.0,) * 7 + (2.0,), fx=30.0, fy=30.0, cx=32.0, cy=24.0)
+    pixels = np.array([[32.5, 24.5], [50, 20], [10, 40], [60, 45]])
+    step = 1e-4
+
+    def ray(across, down):
+        return item.rays(pixels[:, 0] + across, pixels[:, 1] + down)[1]
+
+    by_column = (ray(step, 0) - ray(-step, 0)) / (2 * step)
+    by_row = (ray(0, step) - ray(0, -step)) / (2 * step)
+    solid_angles = np.linalg.norm(np.cross(by_column, by_row), axis=1)
+    np.testing.assert_allclose(solid_angles, 1 / 30.0**2, rtol=1e-6)
+
+
+def test_an_equisolid_fisheye_sees_all_but_what_is_straight_behind_it():
+    item = camera((0.0,) * 7 + (2.0,))
+    column = item.cx + item.fx * np.array([1.999, 2.001])
+    assert item.lens_reaches(column, np.full(2, item.cy)).tolist() == [True, False]
+    _, directions = item.rays(column, np.full(2, item.cy))
+    np.testing.assert_allclose(directions[1], [0, 0, 1], atol=1e-9)
+    behind, _ = item.project(np.array([[0, 0, 1.0]]))
+    assert np.isnan(behind).all()
+
+
 def test_the_plainest_lens_is_chosen():
     assert polynomial_lens(()) == ("pinhole", ())
     assert polynomial_lens((0.1,)) == ("opencv", (0.1, 0, 0, 0, 0))
@@ -83,6 +131,7 @@ def test_the_plainest_lens_is_chosen():
     assert polynomial_lens((0.1,), (0, 0, 0.5, 0.5)) == ("opencv", (0.1, 0, 0, 0, 0))
     assert polynomial_lens((0,), (0, 1, 2, 3)) == ("brown", (0, 0, 0, 1, 0, 0, 0, 0, 2, 3))
     assert polynomial_lens((0,), (0.1, 0), equidistant=True)[1][7] == 1
+    assert polynomial_lens((), equisolid=True) == ("brown", (0, 0, 0, 0, 0, 0, 0, 2))
     assert {polynomial_lens((0, 0, 0, k))[0] for k in (0, 1)} <= set(LENSES)
 
 

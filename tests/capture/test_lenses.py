@@ -17,9 +17,9 @@ DISTORTIONS = {
     "pinhole": st.just(()),
     "opencv": numbers(0.3, 0.2, 0.01, 0.01, 0.1),
     "brown": st.builds(
-        lambda n, equidistant, higher: (*n, equidistant, *higher),
+        lambda n, projection, higher: (*n, projection, *higher),
         numbers(0.3, 0.2, 0.01, 0.01, 0.1, 0.05, 0.01),
-        st.sampled_from((0.0, 1.0)),
+        st.sampled_from((0.0, 1.0, 2.0)),
         st.just(()) | numbers(1.0, 0.5),
     ),  # fmt: skip
     "opencv_fisheye": numbers(0.3, 0.2, 0.1, 0.1),
@@ -110,6 +110,8 @@ def test_a_vanishing_coefficient_does_not_move_the_fold(last):
         ("division", (0.25,), np.pi / 4),
         ("fov", (0.9,), np.pi / 2),
         ("visualsfm", (0.4,), np.pi / 2),
+        ("brown", (0.0,) * 7 + (1.0,), np.pi),
+        ("brown", (0.0,) * 7 + (2.0,), np.pi),
         ("thin_prism_fisheye", (0.0,) * 8, np.pi),
         ("rad_tan_thin_prism_fisheye", (0.0,) * 12, np.pi),
     ],

@@ -97,6 +97,10 @@ def reference(values, kind, to_camera, point):
     if kind == "fisheye":
         r0 = math.sqrt(x * x + y * y)
         x, y = x * math.atan(r0) / r0, y * math.atan(r0) / r0
+    if kind == "equisolid_fisheye":
+        across = math.sqrt(X * X + Y * Y)
+        r0 = 2 * math.sin(math.atan2(across, Z) / 2)
+        x, y = X / across * r0, Y / across * r0
     r = math.sqrt(x * x + y * y)
     radial = 1 + k[0] * r**2 + k[1] * r**4 + k[2] * r**6 + k[3] * r**8
     grows = 1 + values.get("p3", 0.0) * r**2 + values.get("p4", 0.0) * r**4
@@ -123,6 +127,8 @@ PLAIN_FISHEYE = dict(f=40.0, cx=0.5, cy=0.25, k1=-0.02, k2=0.004, k3=0.001, k4=-
         (dict(FULL, p3=0.7, p4=-0.3), "frame", "brown"),
         (dict(f=80.0, cx=0.0, cy=0.0, p1=0.004, p4=0.9), "frame", "brown"),
         (dict(PLAIN_FISHEYE, p1=0.003, p2=-0.002, p3=-0.4), "fisheye", "brown"),
+        (dict(f=40.0, cx=0.5, cy=0.25), "equisolid_fisheye", "brown"),
+        (dict(PLAIN_FISHEYE, p1=0.003, p2=-0.002, b1=0.5, b2=0.2), "equisolid_fisheye", "brown"),
         (dict(FRAME, p1=0.0, p2=0.0, p3=0.7, p4=-0.3), "frame", "opencv"),
     ],
 )
@@ -263,6 +269,35 @@ def test_members_of_a_rig_that_was_not_aligned_are_not_aligned(tmp_path):
     text = rig(offset(), photos=4).replace(f"<transform>{numbers(poses(4)[3])}</transform>", "")
     capture = read_capture(write(tmp_path, text))
     assert len(capture.cameras) == 6 and "2 cameras are not aligned" in capture.warnings[0]
+
+
+ROLLS = '<property name="layer_index" value="0"/><property name="rolling_shutter" value="{}"/>'
+
+
+@pytest.mark.parametrize(
+    "value, said", [("true", True), ("1", True), ("false", False), ("", False)]
+)
+def test_of_a_rolling_shutter_it_is_said_that_it_is_left_aside(tmp_path, value, said):
+    plain = '<property name="layer_index" value="0"/>'
+    capture = read_capture(write(tmp_path, simple().replace(plain, ROLLS.format(value))))
+    assert bool(capture.warnings) is said
+    if said:
+        assert "5 cameras were aligned with a rolling shutter" in capture.warnings[0]
+        assert "(the first: IMG_0000)" in capture.warnings[0]
+
+
+def test_the_movement_of_a_single_camera_is_left_aside_with_a_word(tmp_path):
+    moved = (
+        '<camera id="2" sensor_id="0"',
+        "<rolling_shutter><translation>1 0 0</translation></rolling_shutter>",
+    )
+    parts = simple().split(moved[0])
+    text = moved[0].join([parts[0], parts[1].replace("<transform>", moved[1] + "<transform>", 1)])
+    capture = read_capture(write(tmp_path, text))
+    assert "1 cameras were aligned with a rolling shutter" in capture.warnings[0]
+    still = read_capture(write(tmp_path / "still", simple()))
+    for a, b in zip(capture.cameras, still.cameras, strict=True):
+        np.testing.assert_array_equal(a.camera_to_world, b.camera_to_world)
 
 
 def corrected(coefficients):

@@ -188,7 +188,7 @@ def test_line_ends_a_byte_order_mark_and_blanks_in_names(tmp_path):
     "old, new, problem",
     [
         ("radial distortion [3x1]", "fisheye polynomial [4x1]",
-         r"fisheye polynomial \[4x1\]: this is not said of a perspective lens; calibrate"),
+         r"fisheye polynomial \[4x1\]: this is not said of a perspective lens; export the project as OPF"),
         ("80.0 0.0 50.5", "80,0 0,0 50,5", "line 10: '80,0' is not a number"),
         (numbers(RADIAL), "0.1 0.2", "line 13: '0.1 0.2' is not 3 numbers"),
         (f"IMG_0000.png {WIDTH} {HEIGHT}", "IMG_0000.png", "line 9: 'IMG_0000.png' breaks off"),

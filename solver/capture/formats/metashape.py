@@ -10,7 +10,8 @@ What a rig places behind its first camera has no `transform`, but the first one'
 and its sensor has `rotation` and `location`: from its own axes to the first camera's, in the chunk's unit.
 https://photogrammetrycommunity.github.io/metashape-expert-manual ("The slave-sensor transform"), and
 metashape_to_krt.py of Meta's converters for Eyeful Tower, whose rigs were exported so. Lenses are in
-`metashape_lens`.
+`metashape_lens`. With a rolling shutter, `transform` is the pose at the middle row, and how the camera
+moved from the first row to the last (`rolling_shutter`) is left aside with a word.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
 from ..picture_names import parts_of, stem_of
-from .metashape_lens import is_other_panorama, read_lens
+from .metashape_lens import has_rolling_shutter, is_other_panorama, read_lens
 
 NAME = "Metashape cameras.xml"
 EXTENSIONS = (".xml",)
@@ -72,8 +73,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     sensors = {sensor.get("id"): sensor for sensor in chunk.iter("sensor")}
     rigs = _Rigs(path, chunk, sensors)
     lenses: dict[str | None, Intrinsics] = {}
+    rolling = {key for key, sensor in sensors.items() if has_rolling_shutter(sensor)}
     panoramas = {key for key, sensor in sensors.items() if is_other_panorama(sensor)}
-    found, parts = [], []
+    found, parts, moving = [], [], []
     left_out: dict[str, list[str]] = {
         reason: [] for reason in (_DISABLED, _NOT_ALIGNED, _IN_A_RIG, _PANORAMA)
     }
@@ -91,11 +93,17 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             if key not in sensors:
                 raise CaptureError(path, where, "its sensor is missing", "export the cameras again")
             lenses[key] = read_lens(path, sensors[key])
+        if key in rolling or camera.find("rolling_shutter") is not None:
+            moving.append(label)
         component = rigs.placed(camera).get("component_id")
         world = worlds.of(component)
         parts.append("world" if world is not None else str(component))
         pose = pose_opengl_from_opencv(matrix if world is None else world @ matrix)
         found.append(Found(where, stated, photo, pose, lenses.get(key)))
+    if moving:
+        warnings.append(f"{path.name}: {len(moving)} cameras were aligned with a rolling shutter, and are "
+                        "taken as standing still where they were at a photo's middle row "
+                        f"(the first: {shown(moving[0])})")  # fmt: skip
     for what, names in left_out.items():
         if names:
             warnings.append(f"{path.name}: {len(names)} cameras are {what} and left out "

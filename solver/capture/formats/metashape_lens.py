@@ -2,7 +2,8 @@
 
 A lens, in pixels from the corner of the picture (manual, appendix "Camera models"):
 
-    x = X / Z, y = Y / Z; of a fisheye both times atan(r) / r
+    x = X / Z, y = Y / Z; of an equidistant fisheye both times θ / r, where θ is the angle from the axis
+                          and r = tan θ; of an equisolid one times 2 sin(θ/2) / r
     x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶ + k4 r⁸) + (p1 (r² + 2 x²) + 2 p2 x y) t
     y' = y (1 + k1 r² + k2 r⁴ + k3 r⁶ + k4 r⁸) + (p2 (r² + 2 y²) + 2 p1 x y) t
     t  = 1 + p3 r² + p4 r⁴
@@ -11,9 +12,12 @@ A lens, in pixels from the corner of the picture (manual, appendix "Camera model
 
 so p1 and p2 are OpenCV's p2 and p1. PhotoScan before 1.2 wrote fx, fy, skew and cx, cy from the corner
 instead, and p1, p2 in OpenCV's order. A panorama (`spherical`) has no calibration: it shows all directions.
+Equisolid fisheyes, since Metashape 2.3, are as two programs have them that read such exports, PlaCamera
+(frame_camera_math.cpp) and Fisheye-to-Cubemap, of photos of dual fisheyes.
 
 `corrections` are what "Fit additional corrections" adds, a Fourier series over the picture. No source of
-its maker's with the formula was at hand, so they are refused, as any coefficient that is not known.
+its maker's with the formula was at hand, only one program's without its origin, so they are refused, as any
+coefficient that is not known.
 """
 
 from __future__ import annotations
@@ -30,6 +34,7 @@ from ..panoramic_lens import EQUIRECTANGULAR, of_whole_sphere
 
 _PANORAMA = "spherical"
 _FISHEYES = ("fisheye", "equidistant_fisheye", "equidistant fisheye")
+_EQUISOLID = ("equisolid_fisheye", "equisolid fisheye")
 _KNOWN = ("k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4", "b1", "b2")
 _NO_LENS = ("resolution", "f")
 """what a panorama's calibration may have: its focal length follows from the width"""
@@ -54,6 +59,16 @@ def is_other_panorama(sensor: Element) -> bool:
             for element in calibration
         )
     )
+
+
+def has_rolling_shutter(sensor: Element) -> bool:
+    """Whether a sensor's photos were aligned as exposed row by row, from a camera that moves meanwhile."""
+    values = (
+        item.get("value") or ""
+        for item in sensor.iterfind("property")
+        if item.get("name") == "rolling_shutter"
+    )
+    return any(value.strip().lower() not in ("", "0", "false", "no") for value in values)
 
 
 def _is_nothing(element: Element) -> bool:
@@ -85,10 +100,10 @@ def read_lens(path: Path, sensor: Element) -> Intrinsics:
         )
     calibration = calibrations[0]
     kind = (calibration.get("type") or kind_of(sensor)).strip().lower()
-    if kind != "frame" and kind not in _FISHEYES:
+    if kind not in ("frame", *_FISHEYES, *_EQUISOLID):
         raise CaptureError(
             path, f"{where}, type", f"cameras of the type '{shown(kind)}' are not supported",
-            "set the type Frame or Equidistant Fisheye in Metashape's Camera Calibration, and align again",
+            "set the type Frame or a Fisheye in Metashape's Camera Calibration, and align again",
         )  # fmt: skip
 
     def value(name: str, default: float = 0.0) -> float:
@@ -113,7 +128,7 @@ def read_lens(path: Path, sensor: Element) -> Intrinsics:
     tangential = (*tangential, value("p3"), value("p4"))
     lens, distortion = polynomial_lens(
         [value(name) for name in ("k1", "k2", "k3", "k4")], tangential, skew / fx if fx else 0.0,
-        equidistant=kind in _FISHEYES,
+        equidistant=kind in _FISHEYES, equisolid=kind in _EQUISOLID,
     )  # fmt: skip
     return Intrinsics(width, height, fx, fy, cx, cy, lens, distortion)
 

@@ -25,7 +25,7 @@ from ..intake import Found, Intrinsics, assemble
 from ..npy_files import read_npz
 from ..photo_finder import PhotoFinder
 from ..picture_names import folder_called, pictures_in
-from ..pinhole import pinhole_of
+from ..pinhole import of_projection
 
 NAME = "NeuS"
 EXTENSIONS = (".npz",)
@@ -89,34 +89,10 @@ def _found(
 ) -> Found:
     if photo is None:
         return Found(where, where, None, None, None)
-    lens, pose = _decomposed(path, where, projection[:3])
-    width, height = image_size(photo)
-    fx, fy, cx, cy = lens
+    (fx, fy, cx, cy), to_world = of_projection(path, where, projection[:3])
+    intrinsics = Intrinsics(*image_size(photo), fx, fy, cx + 0.5, cy + 0.5)
     mask = masks.get(int(photo.stem)) if _is_number(photo.stem) else None
-    return Found(where, photo.name, photo, pose, Intrinsics(width, height, fx, fy, cx, cy), mask)
-
-
-def _decomposed(
-    path: Path, where: str, projection: np.ndarray
-) -> tuple[tuple[float, float, float, float], np.ndarray]:
-    """fx fy cx cy with pixel centres at + 0.5, and camera-to-world with OpenGL's axes, of P = K [R | t], of
-    any scale and sign (Hartley and Zisserman, Multiple View Geometry, 6.2.4)."""
-    matrix = projection[:, :3]
-    largest = np.abs(matrix).max(initial=0)
-    if not 1e-9 < largest < 1e12 or np.linalg.cond(matrix) > 1e12:
-        raise CaptureError(path, where, "this is no projection", "export the cameras again")
-    # RQ by QR of the matrix turned around. A projection's sign is arbitrary; a rotation's is not.
-    if np.linalg.det(matrix) < 0:
-        projection = -projection
-    q, r = np.linalg.qr(np.flipud(projection[:, :3]).T)
-    k, rotation = np.flipud(np.fliplr(r.T)), np.flipud(q.T)
-    signs = np.sign(np.diag(k))
-    k, rotation = k * signs, rotation * signs[:, None]
-    pose = np.eye(4)
-    pose[:3, :3] = rotation.T
-    pose[:3, 3] = -np.linalg.solve(projection[:, :3], projection[:, 3])
-    fx, fy, cx, cy = pinhole_of(path, where, k)
-    return (fx, fy, cx + 0.5, cy + 0.5), pose_opengl_from_opencv(pose)
+    return Found(where, photo.name, photo, pose_opengl_from_opencv(to_world), intrinsics, mask)
 
 
 def _region(path: Path, spheres: dict[int, np.ndarray]) -> np.ndarray:

@@ -16,7 +16,9 @@ has the centre's offset from half the width. Photos in `undistorted_images` have
 distortion, which is what `…_pmatrix.txt` is for. Places are counted from `…_offset.xyz`, which is left
 aside; +Z is up where `…_wkt.prj` says that the world is a map's, which may have feet.
 
-SURE, ArcGIS and others read this form or write it, too. Other titles, such as a fisheye's, are refused.
+SURE, ArcGIS and others read this form or write it, too. Other titles are refused: what this file, or
+`…_internal_camera_parameters.cam`, has of a fisheye is described nowhere, and none was at hand. Its lens is
+known (`opf`), and the program exports its projects as OPF.
 https://support.pix4d.com/hc/en-us/articles/202977149 and /202559089; `opf` has the lens's formula
 """
 
@@ -74,7 +76,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     if unknown is not None or len(titles) < len(_TITLES):
         raise CaptureError(
             path, shown(unknown or "titles"), "this is not said of a perspective lens",
-            "calibrate the cameras with a perspective lens, or solve them from the photos",
+            "export the project as OPF, of which fisheyes are read, or solve the cameras from the photos",
         )  # fmt: skip
     _, equation = next(lines, (0, ""))
     if _EQUATION not in equation.replace(" ", "").lower():

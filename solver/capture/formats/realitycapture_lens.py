@@ -10,6 +10,11 @@ With s the longer side of the photo in pixels:
 
 so t1 and t2 are OpenCV's p2 and p1. The division model is another formula, and not read: as it is
 described, x' = x / (1 + k1 r²), a wide lens whose lines bend outwards has k1 > 0, but in files k1 < 0.
+Its own database of lenses has −0.3143 for a GoPro of 15 mm. With Fitzgibbon's formula (`closed_lenses`) in
+units of the focal length that is a fisheye between a stereographic lens (−1/4) and an equisolid one (−3/8).
+In units of half the photo's longer side it would be nearly the same for such a lens, though not for
+others, and no file with points was at hand that tells. The models `rationalP2D1` and `rationalP2D1T2`,
+which it knows, too, are described nowhere.
 """
 
 from __future__ import annotations
