@@ -10,43 +10,36 @@ transforms_relight_X.json, else those that bear the names of this camera file's.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from .. import __version__
-from ..brdf.microfacet import DIELECTRIC_F0, principled_albedo
 from ..capture.camera import Camera
 from ..capture.capture import Capture
-from ..capture.decoding import decode, no_colours
 from ..capture.photos import (
     Photo,
     load_photos,
     read_exr,
-    read_exr_channels,
-    read_image,
-    srgb_to_linear,
 )
 from ..capture.read import read_capture
 from ..job.folder import JobFolder
 from ..job.replacing import write_json_atomic
 from ..job.request import JobError
 from ..metrics.image import flip, lpips, ms_ssim, psnr, ssim, true_where_told
-from ..metrics.material import environment_errors, weighted_mae
+from ..metrics.material import environment_errors
 from ..metrics.normals import normal_mae, normal_mae_masked
-from ..metrics.scale import LeastSquaresFactor, clipped_factor
+from ..metrics.scale import clipped_factor
 from ..render.image import RenderedView
 from ..render.scene import Scene
 from .exposure import brought_to
 from .load import background_of_job, held_out_photos, load_job, load_light, render_cameras
+from .material_scores import MaterialScores
 from .preview import display, over_plain
 from .settings import Settings
 from .start import background_shown
-
-BLACK = 1e-3
-"""linear; a true albedo that is nowhere above it is none"""
+from .truth import true_normals
 
 
 def evaluate_job(
@@ -94,8 +87,8 @@ def evaluate_job(
         print(camera.name, _text(scores), flush=True)
     result = {"views": views, "code_version": __version__, "cameras": str(cameras)}
     factor = materials.albedo_factor
-    for name, error in materials.albedo_errors():
-        views[name]["albedo_mae"] = error
+    for name, errors in materials.albedo_errors():
+        views[name].update(errors)
     mean = _mean(list(views.values()))
     if factor is not None:
         result["albedo_factor"] = factor.tolist()
@@ -133,30 +126,6 @@ def image_scores(
     return {name: value for name, value in scores.items() if value is not None}
 
 
-def true_normals(camera: Camera) -> np.ndarray | None:
-    """World normals [H, W, 3] that lie beside a camera's photo, of any length; None if there are none.
-
-    NAME_normal.exr has them as they are, or as (n + 1)/2: then nothing is negative. NAME_normal.png has
-    128 for 0 in 8 bits, as Shiny Blender's (Verbin et al. 2022, doi:10.1109/CVPR52688.2022.00541), and
-    32768 in 16.
-
-    Raises:
-        CaptureError: it cannot be read.
-    """
-    path = _beside(camera, "_normal.exr")
-    if path.is_file():
-        values = read_exr(path)[0]
-        return values if (values < -1e-3).any() else values * 2 - 1
-    path = path.with_suffix(".png")
-    if not path.is_file():
-        return None
-    decoded = decode(path)
-    if decoded.pixels.shape[2] < 3:
-        raise no_colours(path, decoded)
-    half = (decoded.largest + 1) // 2
-    return (decoded.pixels[..., :3].astype(np.float32) - half) / (half - 1)
-
-
 def _normal_scores(camera: Camera, view: RenderedView, photo: Photo) -> dict[str, float]:
     truth = true_normals(camera)
     if truth is None:
@@ -167,62 +136,6 @@ def _normal_scores(camera: Camera, view: RenderedView, photo: Photo) -> dict[str
         "normal_mae_masked": normal_mae_masked(view.normal, truth, alpha),
     }
     return {name: value for name, value in scores.items() if value is not None}
-
-
-class MaterialScores:
-    """Errors of materials where their truth lies beside a photo.
-
-    A base colour b with metalness m means albedo b(1 − m) and F0 = 0.04(1 − m) + b·m, linear; the fit's
-    albedos are brought to these terms. They are known up to one factor per channel for all views, so they
-    are scored when all have been taken in; where it is metal all over, none is scored and there is no
-    factor: one of zero would make any albedo right.
-    """
-
-    def __init__(self):
-        self._fitted, self._brightest = LeastSquaresFactor(), 0.0
-        self._albedos: list[tuple[Camera, np.ndarray, np.ndarray]] = []
-
-    def add(self, camera: Camera, view: RenderedView, cover: np.ndarray) -> dict[str, float]:
-        """Take in a view, each pixel by its photo's `cover` [H, W]; returns roughness_mae and f0_mae."""
-        scores = {}
-        roughness = _map(camera, "_roughness")
-        if roughness is not None:
-            scores["roughness_mae"] = weighted_mae(np.sqrt(view.alpha), roughness[..., 0], cover)
-        truth = _true_albedo_and_f0(camera)
-        if truth is not None:
-            albedo, f0 = truth
-            scores["f0_mae"] = weighted_mae(view.f0, f0, cover)
-            fitted = principled_albedo(view.albedo, view.f0)
-            self._fitted.add(fitted, albedo, cover)
-            self._brightest = max(self._brightest, float((albedo * cover[..., None]).max()))
-            self._albedos.append((camera, fitted, cover))
-        return scores
-
-    @property
-    def albedo_factor(self) -> np.ndarray | None:
-        """The least-squares factor [3] of all views' albedos; None: there is no true albedo."""
-        return None if self._brightest < BLACK else self._fitted.value
-
-    def albedo_errors(self) -> Iterator[tuple[str, float]]:
-        """Name and albedo_mae of every view that has a true albedo."""
-        factor = self.albedo_factor
-        if factor is None:
-            return
-        for camera, fitted, cover in self._albedos:
-            truth, _ = _true_albedo_and_f0(camera)
-            yield camera.name, weighted_mae(fitted * factor, truth, cover)
-
-
-def _true_albedo_and_f0(camera: Camera) -> tuple[np.ndarray, np.ndarray] | None:
-    """Linear [H, W, 3] each."""
-    base = _map(camera, "_albedo")
-    if base is None:
-        return None
-    if _beside(camera, "_albedo.png").is_file():
-        base = srgb_to_linear(base)
-    base, metallic = base[..., :3], _map(camera, "_metallic")
-    metallic = np.zeros_like(base[..., :1]) if metallic is None else metallic[..., :1]
-    return base * (1 - metallic), DIELECTRIC_F0 * (1 - metallic) + base * metallic
 
 
 def _light_scores(scene: Scene, path: Path, albedo_factor: np.ndarray | None) -> dict[str, float]:
@@ -286,10 +199,6 @@ def _factor_of_all(rendered: list[np.ndarray], photos: list[Photo]) -> np.ndarra
     return clipped_factor(np.concatenate(predictions), np.concatenate(truths))
 
 
-def _beside(camera: Camera, ending: str) -> Path:
-    return camera.image_path.with_name(camera.image_path.stem + ending)
-
-
 def _relit_capture(capture: Capture, folder: Path) -> Capture | None:
     """The photos of a relight folder with their cameras; None if there are none."""
     cameras = folder.with_name(f"transforms_{folder.name}.json")
@@ -298,15 +207,6 @@ def _relit_capture(capture: Capture, folder: Path) -> Capture | None:
     moved = [replace(c, image_path=folder / c.image_path.name) for c in capture.cameras]
     there = tuple(camera for camera in moved if camera.image_path.is_file())
     return replace(capture, cameras=there) if there else None
-
-
-def _map(camera: Camera, ending: str) -> np.ndarray | None:
-    """A truth map [H, W, C] as it is stored, PNG scaled to [0, 1]; None if there is none."""
-    path = _beside(camera, f"{ending}.exr")
-    if path.is_file():
-        return read_exr_channels(path)
-    path = path.with_suffix(".png")
-    return read_image(path) if path.is_file() else None
 
 
 def _mean(views: list[dict[str, float]]) -> dict[str, float]:

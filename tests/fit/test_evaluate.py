@@ -8,8 +8,10 @@ from PIL import Image
 
 from solver.asset.files import write_exr, write_fine_png, write_png
 from solver.capture.errors import CaptureError
-from solver.fit.evaluate import MaterialScores, image_scores, true_normals
+from solver.fit.evaluate import image_scores
+from solver.fit.material_scores import MaterialScores
 from solver.fit.preview import over_plain
+from solver.fit.truth import true_normals
 
 
 def scores_of(folder, metalness, albedo=0.3, f0=0.45):
@@ -24,7 +26,8 @@ def scores_of(folder, metalness, albedo=0.3, f0=0.45):
     )
     materials = MaterialScores()
     scores = materials.add(camera, view, np.ones(size))
-    scores.update(("albedo_mae", error) for _, error in materials.albedo_errors())
+    for _, errors in materials.albedo_errors():
+        scores.update(errors)
     return materials.albedo_factor, scores
 
 
@@ -45,6 +48,15 @@ def test_half_a_metal_has_no_error_where_as_much_is_diffuse_as_of_principled(tmp
     factor, scores = scores_of(tmp_path, (128, 128), albedo=0.25 * 0.96 / 0.73, f0=0.27)
     np.testing.assert_allclose(factor, 1, rtol=0.02)
     assert scores["albedo_mae"] < 0.005 and scores["f0_mae"] < 0.005
+
+
+def test_what_is_left_of_an_albedo_under_a_metals_gloss_counts_as_much_as_it_sends(tmp_path):
+    """A metal beside plastic: both albedos are 0.5, but the metal's gets a tenth of the light."""
+    f0 = np.where(np.arange(6) < 3, 0.904, 0.04)[:, None]
+    factor, scores = scores_of(tmp_path, (255, 0), albedo=0.5, f0=f0)
+    np.testing.assert_allclose(factor, (0.5 * 0.5) / (0.5**2 + 0.05**2), rtol=0.02)
+    assert scores["albedo_mae"] == pytest.approx((0.05 + 0.005) / 2, abs=0.005)
+    assert scores["own_albedo_mae"] == pytest.approx(0.25, abs=0.005)
 
 
 def test_pictures_are_clipped_and_then_laid_over_their_background_in_srgb():
