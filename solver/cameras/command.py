@@ -10,6 +10,7 @@ from pathlib import Path
 from ..arguments import IGNORE, whole_number
 from ..capture.errors import CaptureError
 from ..capture.ignored import check_ignored
+from ..job.begun import Begun
 from ..job.exit_codes import CANCELLED
 from ..job.status import process_is_alive, read_status
 from ..session import Session, passing_session, session
@@ -128,8 +129,9 @@ def run_solve(options: argparse.Namespace) -> int:
         raise CaptureError(
             folder.root, "", "another process solves cameras here", "cancel it, or wait for it"
         )
+    begun = Begun.before(folder.request_path)
     folder.take(request)
-    return _run(folder, request, options.events)
+    return _run(folder, request, options.events, begun)
 
 
 def request_of(
@@ -169,12 +171,12 @@ def _check_count(video: Path, option: str, count: int) -> None:
         )  # fmt: skip
 
 
-def _run(folder: SolveFolder, request: SolveRequest, events: bool) -> int:
+def _run(folder: SolveFolder, request: SolveRequest, events: bool, begun: Begun | None) -> int:
     from .solve import SHARES, SHARES_OF_VIDEO, Solver
 
     paths = folder.events_path, folder.status_path, folder.cancel_path
     shares = SHARES_OF_VIDEO if request.video_photos else SHARES
-    with session(*paths, events, has_parent=events, shares=shares) as run:
+    with session(*paths, events, has_parent=events, shares=shares, begun=begun) as run:
         if request.video_photos:
             request = _with_photos(folder, request, run)
         solved = Solver(folder, request, run.progress, run.control).run()

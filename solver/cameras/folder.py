@@ -112,8 +112,7 @@ class SolveFolder:
                 raise CaptureError(
                     self.root, "", "a solve of other photos was begun here", "give a new folder"
                 )
-            for path in self.root.glob(f"{self.database_path.name}*"):
-                path.unlink()
+            self.drop_database()
             shutil.rmtree(self.video_photos_dir, ignore_errors=True)
             write_json_atomic(self.request_path, asked)
             return False
@@ -122,6 +121,11 @@ class SolveFolder:
         self.root.mkdir(parents=True, exist_ok=True)
         write_json_atomic(self.request_path, asked)
         return False
+
+    def drop_database(self) -> None:
+        """Remove the database, and what SQLite keeps beside it."""
+        for path in self.root.glob(f"{self.database_path.name}*"):
+            path.unlink(missing_ok=True)
 
     def finds_photos_of(self, photos: Path) -> bool:
         """True if reading this folder's cameras finds the photos without being told where they are."""
