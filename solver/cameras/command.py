@@ -23,6 +23,7 @@ from .folder import (
     VIDEO_PHOTOS,
     SolveFolder,
     SolveRequest,
+    check_of_video,
     is_video,
     photos_below,
 )
@@ -141,22 +142,22 @@ def request_of(
 
     Raises:
         CaptureError: no photos there, or too few, or in the folder of the solve; no video, or photos that
-            cannot be taken from it.
+            cannot be taken from it, or have masks before they are.
     """
+    masks, ignored = (
+        None if others.get(name) is None else Path(others[name]) for name in ("masks", "ignored")
+    )
     if not is_video(photos):
         if photos.is_relative_to(folder.root):
             raise CaptureError(
                 folder.root, "out", "the photos lie in this folder", "give a new folder"
             )
-        masks, ignored = (
-            None if others.get(name) is None else Path(others[name])
-            for name in ("masks", "ignored")
-        )
         names = photos_below(photos, folder.root, masks, ignored)
         changed = tuple((photos / name).stat().st_mtime_ns for name in names)
         return SolveRequest(str(photos), names, changed, **others)
     from ..capture.video import check_video
 
+    check_of_video(photos, masks, ignored)
     _check_count(photos, "video-photos", video_photos)
     check_video(photos)
     changed = (photos.stat().st_mtime_ns,)

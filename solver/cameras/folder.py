@@ -138,6 +138,27 @@ def is_video(path: Path) -> bool:
     return path.suffix.lower() in VIDEOS and path.is_file()
 
 
+def check_of_video(video: Path, masks: Path | None, ignored: Path | None) -> None:
+    """Make sure that what is given with a video needs no names of its photos, which are yet to be taken.
+
+    Args:
+        masks: a folder, or None. ignored: a folder of pictures, or one for all photos, or None.
+
+    Raises:
+        CaptureError: it does.
+    """
+    if masks is not None:
+        raise CaptureError(
+            video, "masks", "photos that are yet to be taken from a video have no masks",
+            "give none, or solve a folder of photos",
+        )  # fmt: skip
+    if ignored is not None and ignored.is_dir():
+        raise CaptureError(
+            ignored, "ignore", "photos that are yet to be taken from a video have no pictures there",
+            "give one picture for all photos, or solve a folder of photos",
+        )  # fmt: skip
+
+
 def photos_below(
     folder: Path, besides: Path | None = None, masks: Path | None = None, ignored: Path | None = None
 ) -> tuple[str, ...]:  # fmt: skip
