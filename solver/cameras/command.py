@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
 from ..arguments import IGNORE, whole_number
 from ..capture.errors import CaptureError
 from ..capture.ignored import check_ignored
+from ..capture.photo_finder import PhotoFinder
 from ..job.begun import Begun
 from ..job.exit_codes import CANCELLED
 from ..job.status import process_is_alive, read_status
@@ -153,15 +155,28 @@ def request_of(
                 folder.root, "out", "the photos lie in this folder", "give a new folder"
             )
         names = photos_below(photos, folder.root, masks, ignored)
-        changed = tuple((photos / name).stat().st_mtime_ns for name in names)
-        return SolveRequest(str(photos), names, changed, **others)
+        paths = [photos / name for name in names]
+        finder = PhotoFinder(photos, masks, ignored=ignored)
+        return SolveRequest(
+            str(photos), names, _changed(paths),
+            masks_changed=() if masks is None else _changed(map(finder.mask_of, paths)),
+            ignored_changed=_changed(map(finder.ignored.of, paths)), **others,
+        )  # fmt: skip
     from ..capture.video import check_video
 
     check_of_video(photos, masks, ignored)
     _check_count(photos, "video-photos", video_photos)
     check_video(photos)
-    changed = (photos.stat().st_mtime_ns,)
-    return SolveRequest(str(photos), (), changed, video_photos=video_photos, **others)
+    return SolveRequest(
+        str(photos), (), _changed([photos]), ignored_changed=_changed([ignored]),
+        video_photos=video_photos, **others,
+    )  # fmt: skip
+
+
+def _changed(files: Iterable[Path | None]) -> tuple[int | None, ...]:
+    """When files were last written, nanoseconds; None where there is none, () if there are none at all."""
+    times = tuple(None if file is None else file.stat().st_mtime_ns for file in files)
+    return times if any(time is not None for time in times) else ()
 
 
 def _check_count(video: Path, option: str, count: int) -> None:
