@@ -18,6 +18,7 @@ from ..solver.cameras.folder import (
     MOST_VIDEO_PHOTOS,
     VIDEO_PHOTOS,
     SolveFolder,
+    check_of_video,
     is_video,
 )
 from ..solver.capture.errors import CaptureError
@@ -157,12 +158,9 @@ def _masks_of(source: Path, stated: str) -> Path:
     Raises:
         CaptureError: there is none, or `source` is a video, whose photos are yet to be taken.
     """
-    if is_video(source):
-        raise CaptureError(
-            source, "masks", "photos that are yet to be taken from a video have no masks",
-            "leave Masks empty, or solve a folder of photos",
-        )  # fmt: skip
     masks = _stated(source, stated)
+    if is_video(source):
+        check_of_video(source, masks, None)
     if not masks.is_dir():
         raise CaptureError(masks, "masks", "there is no such folder", "check its path")
     return masks
@@ -176,11 +174,8 @@ def _ignored_of(source: Path, stated: str) -> Path:
     """
     ignored = _stated(source.parent if is_video(source) else source, stated)
     check_ignored(ignored)
-    if is_video(source) and ignored.is_dir():
-        raise CaptureError(
-            ignored, "ignore", "photos that are yet to be taken from a video have no pictures there",
-            "give one picture for all photos, or solve a folder of photos",
-        )  # fmt: skip
+    if is_video(source):
+        check_of_video(source, None, ignored)
     return ignored
 
 

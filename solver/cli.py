@@ -16,6 +16,7 @@ from . import __version__
 from .arguments import IGNORE, check_names, placement, seconds, whole_number
 from .cameras.command import add_frames, add_solve
 from .interrupts import work_is_done
+from .job.begun import Begun
 from .job.exit_codes import CANCELLED, DONE, FAILED
 from .job.folder import JobFolder
 from .job.request import DEVICES, MOST_SEED, JobError, JobRequest, overrides_of
@@ -186,7 +187,8 @@ def _reconstruct(options: argparse.Namespace) -> int:
         photos=_absolute(options.photos), masks=_absolute(options.masks),
         ignored=_absolute(options.ignored), code_version=__version__,
     )  # fmt: skip
-    return _run_job(JobFolder.create(options.out, request), options.began)
+    begun = Begun.before(JobFolder(options.out).request_path)
+    return _run_job(JobFolder.create(options.out, request), options.began, begun=begun)
 
 
 def _overrides(sets: list[str]) -> dict[str, str]:
@@ -206,11 +208,15 @@ def _run(options: argparse.Namespace) -> int:
     return _run_job(JobFolder.open(options.job), options.began, options.events, has_parent=True)
 
 
-def _run_job(job: JobFolder, began: float, events: bool = False, has_parent: bool = False) -> int:
+def _run_job(
+    job: JobFolder, began: float, events: bool = False, has_parent: bool = False,
+    begun: Begun | None = None,
+) -> int:  # fmt: skip
     """Run a job with its heartbeat, events and log; the last line on stdout is the manifest."""
     if process_is_alive(read_status(job.status_path)):
         raise JobError(f"{job.root}: another process works on this job; cancel it first.")
-    with session(job.events_path, job.status_path, job.cancel_path, events, has_parent) as run:
+    paths = job.events_path, job.status_path, job.cancel_path
+    with session(*paths, events, has_parent, begun=begun) as run:
         from .fit.reconstruct import run_job
 
         manifest = run_job(job, run.progress, run.control, began)

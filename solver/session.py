@@ -23,8 +23,10 @@ from .job.status import Heartbeat
 from .streams import take_stdout_for_events
 
 if TYPE_CHECKING:
+    from .job.begun import Begun
     from .job.progress import Progress
 
+INPUT_ERRORS = (CaptureError, JobError, SettingsError)
 KNOWN_FAILURES = (EmptySurfaceError,)
 _REMEDIES = {
     **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free space or write elsewhere"),
@@ -54,7 +56,7 @@ class Session:
 @contextmanager
 def session(
     events_path: Path, status_path: Path, cancel_path: Path, to_stdout: bool, has_parent: bool,
-    shares: dict[str, float] | None = None,
+    shares: dict[str, float] | None = None, begun: Begun | None = None,
 ) -> Iterator[Session]:  # fmt: skip
     """Run the body with a heartbeat and events, and tell both how it ended.
 
@@ -64,6 +66,8 @@ def session(
         to_stdout: events go there, too, and there is no bar.
         has_parent: whoever started it speaks on stdin (see `Control`).
         shares: of the time that the stages take (see `Progress`).
+        begun: what was made for this run; if its input cannot be used, that and the session's own files
+            go again, unless there is work to go on with.
 
     Raises:
         JobError: another process began in the same moment; one that began before is told by its heartbeat.
@@ -85,7 +89,7 @@ def session(
     from .job.progress import Progress
 
     progress = Progress(events, heartbeat, not to_stdout and sys.stderr.isatty(), shares)
-    run = Session(progress, control, events)
+    run, useless = Session(progress, control, events), False
     try:
         yield run
     except (Cancelled, KeyboardInterrupt):
@@ -94,6 +98,7 @@ def session(
         if isinstance(error, OSError) and error.errno in _REMEDIES and error.filename is None:
             error.filename = str(events_path.parent)  # a write that fails does not tell where
         run.code, message = explain(error)
+        useless = isinstance(error, INPUT_ERRORS)
         with suppress(OSError):
             events.emit("error", code=run.code, message=message)
         raise
@@ -107,6 +112,8 @@ def session(
             events.emit("bye", exit_code=run.code)
         with suppress(OSError):
             events.close()
+        if useless and begun is not None:
+            begun.take_back((events_path, status_path, cancel_path))
 
 
 @contextmanager
@@ -127,7 +134,7 @@ def passing_session(stage: str, text: str, to_stdout: bool) -> Iterator[Session]
 
 def explain(error: Exception) -> tuple[int, str]:
     """Exit code and one sentence for an error; FAILED for one that nobody foresaw."""
-    if isinstance(error, (CaptureError, JobError, SettingsError)):
+    if isinstance(error, INPUT_ERRORS):
         return BAD_INPUT, str(error)
     text = str(error).lower()
     if isinstance(error, MemoryError) or "out of memory" in text or "can't allocate" in text:

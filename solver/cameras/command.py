@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
 from ..arguments import IGNORE, whole_number
 from ..capture.errors import CaptureError
 from ..capture.ignored import check_ignored
+from ..capture.photo_finder import PhotoFinder
+from ..job.begun import Begun
 from ..job.exit_codes import CANCELLED
 from ..job.status import process_is_alive, read_status
 from ..session import Session, passing_session, session
@@ -22,6 +25,7 @@ from .folder import (
     VIDEO_PHOTOS,
     SolveFolder,
     SolveRequest,
+    check_of_video,
     is_video,
     photos_below,
 )
@@ -128,8 +132,9 @@ def run_solve(options: argparse.Namespace) -> int:
         raise CaptureError(
             folder.root, "", "another process solves cameras here", "cancel it, or wait for it"
         )
+    begun = Begun.before(folder.request_path)
     folder.take(request)
-    return _run(folder, request, options.events)
+    return _run(folder, request, options.events, begun)
 
 
 def request_of(
@@ -139,26 +144,39 @@ def request_of(
 
     Raises:
         CaptureError: no photos there, or too few, or in the folder of the solve; no video, or photos that
-            cannot be taken from it.
+            cannot be taken from it, or have masks before they are.
     """
+    masks, ignored = (
+        None if others.get(name) is None else Path(others[name]) for name in ("masks", "ignored")
+    )
     if not is_video(photos):
         if photos.is_relative_to(folder.root):
             raise CaptureError(
                 folder.root, "out", "the photos lie in this folder", "give a new folder"
             )
-        masks, ignored = (
-            None if others.get(name) is None else Path(others[name])
-            for name in ("masks", "ignored")
-        )
         names = photos_below(photos, folder.root, masks, ignored)
-        changed = tuple((photos / name).stat().st_mtime_ns for name in names)
-        return SolveRequest(str(photos), names, changed, **others)
+        paths = [photos / name for name in names]
+        finder = PhotoFinder(photos, masks, ignored=ignored)
+        return SolveRequest(
+            str(photos), names, _changed(paths),
+            masks_changed=() if masks is None else _changed(map(finder.mask_of, paths)),
+            ignored_changed=_changed(map(finder.ignored.of, paths)), **others,
+        )  # fmt: skip
     from ..capture.video import check_video
 
+    check_of_video(photos, masks, ignored)
     _check_count(photos, "video-photos", video_photos)
     check_video(photos)
-    changed = (photos.stat().st_mtime_ns,)
-    return SolveRequest(str(photos), (), changed, video_photos=video_photos, **others)
+    return SolveRequest(
+        str(photos), (), _changed([photos]), ignored_changed=_changed([ignored]),
+        video_photos=video_photos, **others,
+    )  # fmt: skip
+
+
+def _changed(files: Iterable[Path | None]) -> tuple[int | None, ...]:
+    """When files were last written, nanoseconds; None where there is none, () if there are none at all."""
+    times = tuple(None if file is None else file.stat().st_mtime_ns for file in files)
+    return times if any(time is not None for time in times) else ()
 
 
 def _check_count(video: Path, option: str, count: int) -> None:
@@ -169,12 +187,12 @@ def _check_count(video: Path, option: str, count: int) -> None:
         )  # fmt: skip
 
 
-def _run(folder: SolveFolder, request: SolveRequest, events: bool) -> int:
+def _run(folder: SolveFolder, request: SolveRequest, events: bool, begun: Begun | None) -> int:
     from .solve import SHARES, SHARES_OF_VIDEO, Solver
 
     paths = folder.events_path, folder.status_path, folder.cancel_path
     shares = SHARES_OF_VIDEO if request.video_photos else SHARES
-    with session(*paths, events, has_parent=events, shares=shares) as run:
+    with session(*paths, events, has_parent=events, shares=shares, begun=begun) as run:
         if request.video_photos:
             request = _with_photos(folder, request, run)
         solved = Solver(folder, request, run.progress, run.control).run()

@@ -35,6 +35,14 @@ def numbers(database: Any) -> dict[str, int]:
     return {image.name: image.image_id for image in database.read_all_images()}
 
 
+def has_features(colmap: Any, path: Path) -> bool:
+    """True if features of any photo were looked for: only then is there work in a database."""
+    if not path.exists():
+        return False
+    with opened(colmap, path) as database:
+        return any(map(database.exists_descriptors, numbers(database).values()))
+
+
 def register(colmap: Any, path: Path, photos: list[Prepared], request: SolveRequest) -> None:
     """Put photos and lenses into a new database, all or nothing.
 

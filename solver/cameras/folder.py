@@ -31,6 +31,10 @@ CAMERA_MODELS = (
 FEWEST_PHOTOS = 3
 VIDEO_PHOTOS, MOST_VIDEO_PHOTOS = 100, 1000
 """photos that are taken from a video, if nobody says how many, and at most"""
+_LATER = "masks_changed", "ignored_changed"
+"""fields of a request that older solves do not state"""
+_OF_VIDEO_PHOTOS = "changed", "video_photos"
+"""those that say which photos are taken from a video"""
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,8 @@ class SolveRequest:
         masks: absolute path of a folder of masks; features are taken from what they show. Or None.
         ignored: absolute path of a folder of pictures that are white where photos are to be ignored, or of
             one for all photos; None: those that lie beside the photos.
+        masks_changed, ignored_changed: as `changed`, of each photo's mask and of its picture of what is to
+            be ignored, None where it has none; () if no photo has one. Of a video, of the one for all.
         video_photos: how many to take from a video; 0 for a folder.
         max_image_size: longest side at which features are found, pixels.
     """
@@ -58,6 +64,8 @@ class SolveRequest:
     sharing: str = "auto"
     masks: str | None = None
     ignored: str | None = None
+    masks_changed: tuple[int | None, ...] = ()
+    ignored_changed: tuple[int | None, ...] = ()
     video_photos: int = 0
     max_image_size: int = 1600
     max_features: int = 4096
@@ -91,7 +99,9 @@ class SolveFolder:
     def take(self, request: SolveRequest) -> bool:
         """Begin a solve in this folder, or continue the same one; True if it is continued.
 
-        An unfinished solve of the same folder with other photos or options is begun anew.
+        An unfinished solve of the same folder with other photos or options is begun anew, and so is one
+        whose photos, masks or pictures of what is to be ignored have changed: features were found in other
+        ones.
 
         Raises:
             CaptureError: the folder holds anything else; nothing in it is touched.
@@ -105,16 +115,17 @@ class SolveFolder:
                 "reconstruct from it, or give a new folder",
             )  # fmt: skip
         if self.request_path.exists():
-            begun = {"ignored": None, **self.begun()}  # which older solves do not state
+            # Older solves do not state all: what they do not is as it is now.
+            begun = {"ignored": None, **{name: asked[name] for name in _LATER}, **self.begun()}
             if begun == asked:
                 return True
             if begun.get("photos") != asked["photos"]:
                 raise CaptureError(
                     self.root, "", "a solve of other photos was begun here", "give a new folder"
                 )
-            for path in self.root.glob(f"{self.database_path.name}*"):
-                path.unlink()
-            shutil.rmtree(self.video_photos_dir, ignore_errors=True)
+            self.drop_database()
+            if any(begun.get(name) != asked[name] for name in _OF_VIDEO_PHOTOS):
+                shutil.rmtree(self.video_photos_dir, ignore_errors=True)
             write_json_atomic(self.request_path, asked)
             return False
         if self.root.is_dir() and not holds_nothing(self.root):
@@ -122,6 +133,11 @@ class SolveFolder:
         self.root.mkdir(parents=True, exist_ok=True)
         write_json_atomic(self.request_path, asked)
         return False
+
+    def drop_database(self) -> None:
+        """Remove the database, and what SQLite keeps beside it."""
+        for path in self.root.glob(f"{self.database_path.name}*"):
+            path.unlink(missing_ok=True)
 
     def finds_photos_of(self, photos: Path) -> bool:
         """True if reading this folder's cameras finds the photos without being told where they are."""
@@ -132,6 +148,27 @@ class SolveFolder:
 def is_video(path: Path) -> bool:
     """True for a file that is called like a video."""
     return path.suffix.lower() in VIDEOS and path.is_file()
+
+
+def check_of_video(video: Path, masks: Path | None, ignored: Path | None) -> None:
+    """Make sure that what is given with a video needs no names of its photos, which are yet to be taken.
+
+    Args:
+        masks: a folder, or None. ignored: a folder of pictures, or one for all photos, or None.
+
+    Raises:
+        CaptureError: it does.
+    """
+    if masks is not None:
+        raise CaptureError(
+            video, "masks", "photos that are yet to be taken from a video have no masks",
+            "give none, or solve a folder of photos",
+        )  # fmt: skip
+    if ignored is not None and ignored.is_dir():
+        raise CaptureError(
+            ignored, "ignore", "photos that are yet to be taken from a video have no pictures there",
+            "give one picture for all photos, or solve a folder of photos",
+        )  # fmt: skip
 
 
 def photos_below(

@@ -23,7 +23,7 @@ from ..job.control import Cancelled, Control
 from ..job.progress import Progress
 from ..streams import silent_stderr
 from ..threads import usable_cores
-from .database import evidence_of, numbers, opened, register
+from .database import evidence_of, has_features, numbers, opened, register
 from .diagnosis import Evidence, unplaced
 from .folder import FEWEST_PHOTOS, SolveFolder, SolveRequest
 from .mapping import FEWEST_SEEN_POINTS, Mapper, placed_in
@@ -87,7 +87,12 @@ class Solver:
                 a disk that is full; then the next run goes on, too.
         """
         with chdir(self.folder.root):
-            return self._run()
+            try:
+                return self._run()
+            except CaptureError:
+                if not has_features(self.colmap, self.database):
+                    self.folder.drop_database()
+                raise
 
     def _run(self) -> Solved:
         root = Path(self.request.photos)

@@ -23,6 +23,9 @@ LARGER = 1.4
 a hull that photos from one side leave is long along their views, whatever the object is like. At 1.36 a
 teapot still gained"""
 
+STRAIGHT, TO_BE_TURNED = 0.2, (0.3, 0.9)
+"""shares of the time after which the straight cube is known; and between which axes are looked for"""
+
 Masks = Callable[[], Iterable[np.ndarray]]
 
 
@@ -83,25 +86,32 @@ def cameras_along(axes: np.ndarray, cameras: list[Camera]) -> list[Camera]:
 
 
 def box_around_hull(
-    cameras: list[Camera], masks: Masks, region: np.ndarray, margin: float, turn: bool
-) -> Box | None:
+    cameras: list[Camera], masks: Masks, region: np.ndarray, margin: float, turn: bool,
+    progress: Callable[[float], None] | None = None,
+) -> Box | None:  # fmt: skip
     """The cube around the visual hull in a world box [2, 3]; None if masks have nothing in common there.
 
     Args:
         margin: empty, around the hull, as a share of the cube.
         turn: along the axes that make the object's shape simplest, where that tells.
+        progress: called with the share done; may raise to stop.
     """
+    told = progress or (lambda done: None)
     tight = hull_box(cameras, masks, region, CELLS)
     if tight is None:
         return None
     straight = _with_margin(tight, margin, None)
-    turned = _turned(cameras, masks, tight, margin) if turn else None
+    told(STRAIGHT)
+    turned = _turned(cameras, masks, tight, margin, told) if turn else None
     if turned is None or turned.half_size > LARGER * straight.half_size:
         return straight
     return turned
 
 
-def _turned(cameras: list[Camera], masks: Masks, tight: np.ndarray, margin: float) -> Box | None:
+def _turned(
+    cameras: list[Camera], masks: Masks, tight: np.ndarray, margin: float,
+    told: Callable[[float], None],
+) -> Box | None:  # fmt: skip
     """The cube around the hull within the world box [2, 3] that just holds it, along its simplest axes;
     None if those are the world's."""
     cube = Box.around(tight).world
@@ -110,7 +120,8 @@ def _turned(cameras: list[Camera], masks: Masks, tight: np.ndarray, margin: floa
     centres, half = cell_centres(cube, SHAPE_CELLS), (cube[1] - cube[0]) / (2 * SHAPE_CELLS)
     within = ((centres > tight[0] - half) & (centres < tight[1] + half)).all(axis=1)
     hull &= within.reshape(hull.shape)
-    axes = simplest_axes(hull)
+    begin, end = TO_BE_TURNED
+    axes = simplest_axes(hull, lambda done: told(begin + (end - begin) * done))
     if axes is None:
         return None
     along = centres[hull.ravel()] @ axes.T

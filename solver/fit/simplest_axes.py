@@ -10,14 +10,17 @@ turned anyhow; this is what that costs, and so the box is turned (docs/decisions
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Executor, ThreadPoolExecutor, wait
+from contextlib import closing
+from threading import Event
 
 import numpy as np
 import scipy.ndimage
 import scipy.optimize
 from scipy.spatial.transform import Rotation
 
-from ..threads import usable_cores
+from ..threads import mapped_ahead, usable_cores
 from .visual_hull import signed_distance
 
 RANK = 4
@@ -34,25 +37,39 @@ DIRECTIONS = 7
 """of a lattice of turns, per axis of their Rodrigues vectors: about 15° apart"""
 BEST, TURNED = 4, 0.12
 """turns of the lattice that are refined; and by how much at first, rad"""
+TRIALS = 60
+"""of each of them, at most"""
+ON_LATTICE, PAUSE = 0.5, 0.1
+"""share of the time that the lattice takes; and seconds after which it is told again how far the rest is"""
 WORTH = 0.1
 """by how much the logarithm of the error has to fall"""
 
 
-def simplest_axes(occupied: np.ndarray) -> np.ndarray | None:
+def simplest_axes(
+    occupied: np.ndarray, progress: Callable[[float], None] | None = None
+) -> np.ndarray | None:
     """Unit rows [3, 3], a rotation: axes along which a shape is simplest; of the 24 rotations that have the
     same axes, the one that turns least. None: those of its grid are as good.
 
     Args:
         occupied: [K, K, K] bool, cubic cells of the shape.
+        progress: called with the share done; may raise to stop.
     """
     if not occupied.any():
         return None
+    told = progress or (lambda done: None)
     shape = _Shape(occupied)
     lattice = different_turns(DIRECTIONS)
-    with ThreadPoolExecutor(usable_cores()) as pool:
-        errors = np.array(list(pool.map(shape.log_error, lattice.as_matrix())))
+    cores, errors = usable_cores(), []
+    with ThreadPoolExecutor(cores) as pool:
+        with closing(mapped_ahead(pool, shape.log_error, lattice.as_matrix(), 2 * cores)) as found:
+            for error in found:
+                errors.append(error)
+                told(ON_LATTICE * len(errors) / len(lattice))
         chosen = lattice[np.argsort(errors, kind="stable")[:BEST]]
-        refined = list(pool.map(lambda turn: _refined(shape, turn), chosen))
+        refined = _all_refined(
+            shape, chosen, pool, lambda done: told(ON_LATTICE + (1 - ON_LATTICE) * done)
+        )
     error, turn = min(refined, key=lambda found: found[0])
     if shape.log_error(np.eye(3)) - error < WORTH:
         return None
@@ -74,13 +91,37 @@ def different_turns(count: int) -> Rotation:
     return Rotation.from_quat(np.column_stack([vectors, np.ones(len(vectors))]))
 
 
-def _refined(shape: _Shape, start: Rotation) -> tuple[float, Rotation]:
+def _all_refined(
+    shape: _Shape, starts: Rotation, pool: Executor, progress: Callable[[float], None]
+) -> list[tuple[float, Rotation]]:
+    """The least error near each of some turns, and the turn that has it."""
+    tried, over = [0] * len(starts), Event()
+
+    def error_of(turn: Rotation, number: int) -> float:
+        if over.is_set():
+            raise CancelledError
+        tried[number] += 1
+        return shape.log_error(turn.as_matrix())
+
+    running = [
+        pool.submit(_refined, start, lambda turn, n=number: error_of(turn, n))
+        for number, start in enumerate(starts)
+    ]
+    try:
+        # Told by this thread: whoever listens counts on that, and may raise.
+        while wait(running, PAUSE).not_done:
+            progress(min(1.0, sum(tried) / (TRIALS * len(starts))))
+    finally:
+        over.set()
+    return [future.result() for future in running]
+
+
+def _refined(start: Rotation, error_of: Callable[[Rotation], float]) -> tuple[float, Rotation]:
     """The least error near a turn, and the turn that has it."""
     first = np.vstack([np.zeros(3), TURNED * np.eye(3)])
     found = scipy.optimize.minimize(
-        lambda vector: shape.log_error((Rotation.from_rotvec(vector) * start).as_matrix()), first[0],
-        method="Nelder-Mead",
-        options={"initial_simplex": first, "xatol": 3e-3, "fatol": 1e-3, "maxfev": 60},
+        lambda vector: error_of(Rotation.from_rotvec(vector) * start), first[0], method="Nelder-Mead",
+        options={"initial_simplex": first, "xatol": 3e-3, "fatol": 1e-3, "maxfev": TRIALS},
     )  # fmt: skip
     return found.fun, Rotation.from_rotvec(found.x) * start
 

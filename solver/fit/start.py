@@ -62,6 +62,8 @@ else a surface settles before the cameras"""
 OUTSIDE, INSIDE = -12.0, 5.0
 """raw density far from the hull's surface: clear, and opaque within a few voxels but not more, for slots
 and hollows, which no mask shows, have yet to be carved (docs/decisions/0001)"""
+BOXED = 0.2
+"""share of the time of a start after which the box is known"""
 HULL_MARGIN = 3  # cells of the hull's grid by which the object may reach beyond the hull
 LIKELY_MARGIN = 9  # pixels around the object from which rays are drawn as often as from it
 
@@ -79,6 +81,7 @@ def new_trainer(
 
     Args:
         region: [2, 3] world box given by the person, or None.
+        progress: called with the share done; may raise to stop.
         light: what photos show of it.
 
     Raises:
@@ -96,14 +99,15 @@ def new_trainer(
     if use_masks:
         turn = use_hull and settings.field.turn_box and behind != "room"
         box = box_around_hull(
-            cameras, lambda: masks_of(photos), region, settings.field.box_margin, turn
-        )
+            cameras, lambda: masks_of(photos), region, settings.field.box_margin, turn,
+            lambda done: progress(BOXED * done),
+        )  # fmt: skip
         if box is None:
             raise CaptureError(capture.source, "alpha", NOTHING_IN_COMMON, BELONG_TOGETHER)
     else:
         box = Box.around(region)
         settings = dataclasses.replace(settings, field=_for_no_masks(settings.field))
-    progress(0.2)
+    progress(BOXED)
     shape = settings.field
     clear_start = shape.hull_start and not use_hull
     field = box.new_field(

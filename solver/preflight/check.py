@@ -18,8 +18,9 @@ from .bounds import nothing_in_common, object_box
 from .coverage import coverage
 from .estimate import Estimate, estimate
 from .findings import Finding, note, warning
-from .looks import ReducedPhotos, look_at_photos
+from .looks import look_at_photos
 from .poses import poses
+from .reduced_photos import ReducedPhotos
 from .turning import turning
 from .white_balance import white_balance
 

@@ -7,7 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import scipy.ndimage
@@ -17,23 +16,19 @@ from ..capture.backdrop import backdrop_of, border_of, border_share, object_befo
 from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.image_header import image_orientation
-from ..capture.photos import Photo, at_sizes_of, srgb_to_linear
+from ..capture.photos import Photo, at_sizes_of
 from ..capture.plain_surroundings import EVEN_BORDER, surroundings_of
-from ..capture.reduced import load_reduced, load_reduced_mask, smaller
+from ..capture.reduced import load_reduced_mask, smaller
 from ..capture.sharpness import FEWEST_PIXELS, sharpness_of
-from ..capture.told import filled, told_of_reduced
+from ..capture.told import filled
 from ..fit.before_far import COMPARED, at_size, cut_out_before_far
 from ..fit.common_masks import fit_together, mended
 from ..threads import usable_cores
+from .reduced_photos import MOST_AT_ONCE, TO_LINEAR, ReducedPhotos
 
-LONGEST = 960
-"""pixels of the longer side that is looked at: a quarter of a phone photo's, which JPEG decodes fast"""
-MOST_KEPT = 1 << 28
-"""bytes of photos without masks that are kept to be asked for again: HEIC takes a second each time"""
 WHOLE = 230
 """of 255, from which on a mask shows something fully"""
 _THUMBNAIL = 32
-_TO_LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
@@ -83,9 +78,13 @@ def look_at_photos(
     Raises:
         CaptureError: one cannot be decoded.
     """
-    photos = photos or ReducedPhotos()
+    photos, told = photos or ReducedPhotos(), progress or (lambda number, count: None)
+    second = photos.find_circles(capture.cameras, lambda number, count: told(number // 2, count))
     capture = _where_told(photos, capture)
-    looks = _look_at_all(photos, capture.cameras, capture.region, True, progress)
+    looks = _look_at_all(
+        photos, capture.cameras, capture.region, True,
+        lambda number, count: told((count + number) // 2 if second else number, count),
+    )  # fmt: skip
     if (cut_out := _with_common_backdrop(capture, looks)) is not None:
         return cut_out
     wrong = [look.camera for look in looks if look.backdrop is not None]
@@ -96,40 +95,12 @@ def look_at_photos(
 
 def _where_told(photos: ReducedPhotos, capture: Capture) -> Capture:
     """The capture with cameras that know where their photos say something."""
-    with ThreadPoolExecutor(max_workers=min(usable_cores(), 8)) as pool:
+    with ThreadPoolExecutor(max_workers=min(usable_cores(), MOST_AT_ONCE)) as pool:
         told = list(pool.map(photos.told, capture.cameras))
     if all(mask is None for mask in told):
         return capture
     cameras = (replace(c, told=mask) for c, mask in zip(capture.cameras, told, strict=True))
     return replace(capture, cameras=tuple(cameras))
-
-
-class ReducedPhotos:
-    """Photos at the size that is looked at, as `load_reduced` has them.
-
-    Those without masks, which are asked for again, are decoded once as long as `MOST_KEPT` lasts.
-    """
-
-    def __init__(self):
-        self._kept: dict[tuple[Path | None, int, int], np.ndarray] = {}
-        self._left = MOST_KEPT
-
-    def __call__(self, camera: Camera) -> tuple[np.ndarray, np.ndarray | None]:
-        """Colour [H, W, 3] uint8 sRGB and alpha [H, W] uint8 or None."""
-        seen = camera.width, camera.height
-        if (kept := self._kept.get((camera.image_path, *seen))) is not None:
-            return kept, None
-        colour, alpha = load_reduced(camera.image_path, LONGEST, seen)
-        if alpha is None and camera.mask_path is None and colour.nbytes <= self._left:
-            self._left -= colour.nbytes
-            self._kept[camera.image_path, *seen] = colour
-        return colour, alpha
-
-    def told(self, camera: Camera) -> np.ndarray | None:
-        """[H, W] bool: where a photo says something, at a size like its own here; None: everywhere."""
-        scale = min(1.0, LONGEST / max(camera.width, camera.height))
-        shape = tuple(max(1, round(scale * side)) for side in (camera.height, camera.width))
-        return told_of_reduced(camera, shape)
 
 
 def _before_far_surroundings(
@@ -146,7 +117,7 @@ def _before_far_surroundings(
     if found is None:
         return None
     masks = [photo.pixels[..., 3] > 0.5 for photo in found.photos]
-    with ThreadPoolExecutor(max_workers=min(usable_cores(), 8)) as pool:
+    with ThreadPoolExecutor(max_workers=min(usable_cores(), MOST_AT_ONCE)) as pool:
         again = pool.map(
             lambda camera, mask: look_at(camera, capture.region, shown=mask, read=photos),
             capture.cameras, masks,
@@ -159,7 +130,7 @@ def _small_photo(photos: ReducedPhotos, camera: Camera, small: Camera) -> Photo:
     colour = filled(colour, camera.told_at(colour.shape[:2]))
     colour = smaller(np.ascontiguousarray(colour), max(small.width, small.height))
     opaque = np.ones((*colour.shape[:2], 1), np.float32)
-    return Photo(np.concatenate([_TO_LINEAR[colour], opaque], axis=-1), False, False)
+    return Photo(np.concatenate([TO_LINEAR[colour], opaque], axis=-1), False, False)
 
 
 def _longer_side(mask: np.ndarray, camera: Camera) -> float:
@@ -207,7 +178,7 @@ def _look_at_all(
     progress: Callable[[int, int], None] | None,
 ) -> list[Look]:  # fmt: skip
     looks = []
-    with ThreadPoolExecutor(max_workers=min(usable_cores(), 8)) as pool:
+    with ThreadPoolExecutor(max_workers=min(usable_cores(), MOST_AT_ONCE)) as pool:
         for look in pool.map(lambda camera: look_at(camera, region, cut_out, read=photos), cameras):
             looks.append(look)
             if progress is not None:
@@ -267,7 +238,7 @@ def look_at(
         object_only = scipy.ndimage.binary_erosion(shown, iterations=2)
         object_only = object_only if told is None else object_only & told
         inside = object_only if object_only.sum() > FEWEST_PIXELS else inside
-    linear = _TO_LINEAR[colour] @ _LUMINANCE
+    linear = TO_LINEAR[colour] @ _LUMINANCE
     pixels = colour[inside]
     values = linear[inside]
     thumbnail = Image.fromarray(np.ascontiguousarray(colour)).resize(

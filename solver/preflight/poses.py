@@ -15,7 +15,7 @@ from ..capture.triangulate import compare_some
 from ..fit.before_far import at_size
 from ..fit.settings import Settings
 from .findings import Finding, note, warning
-from .looks import ReducedPhotos
+from .reduced_photos import ReducedPhotos
 
 
 def poses(capture: Capture, photos: ReducedPhotos, settings: Settings) -> list[Finding]:

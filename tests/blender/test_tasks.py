@@ -82,7 +82,7 @@ def test_masks_that_are_of_no_use_are_told_before_the_solver_starts(task, photos
     with pytest.raises(RuntimeError, match=r"nowhere, masks: there is no such folder"):
         bpy.ops.nmf.solve_cameras(directory=str(photos), masks="nowhere")
     (tmp_path / "walk.mp4").write_bytes(b"frames")
-    with pytest.raises(RuntimeError, match="from a video have no masks; leave Masks empty"):
+    with pytest.raises(RuntimeError, match="from a video have no masks; give none, or"):
         bpy.ops.nmf.solve_cameras(filepath=str(tmp_path / "walk.mp4"), masks=str(photos))
     assert not task.running
 

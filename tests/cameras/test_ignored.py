@@ -1,6 +1,7 @@
 """Solving where photos are to be ignored in places: no features there, and the solved cameras know it."""
 
 import json
+import os
 import sqlite3
 from dataclasses import asdict
 
@@ -18,6 +19,7 @@ from solver.capture.read import read_capture
 from solver.cli import main
 from tests.cameras.box_scene import align, box_camera, orbit, write_photos
 from tests.cameras.test_solve import photos_at, solve
+from tests.capture.videos import plain, write_video
 
 pytest.importorskip("pycolmap")
 
@@ -208,11 +210,56 @@ def test_a_solve_goes_on_with_the_same_pictures_and_begins_anew_with_others(tmp_
     assert not folder.database_path.exists()
 
 
+def repainted(path):
+    """A picture written anew, at another time."""
+    Image.new("L", (32, 32), 1).save(path)
+    os.utime(path, ns=(0, 1_700_000_000_000_000_000))
+
+
+@pytest.mark.parametrize("given", ["masks", "ignored", "ignored for all", "beside"])
+def test_a_solve_whose_pictures_were_repainted_meanwhile_finds_features_anew(given, tmp_path):
+    photos, folder = photos_at(tmp_path / "photos"), SolveFolder(tmp_path / "cameras")
+    picture = tmp_path / "hands" / "IMG_1.png"
+    if given == "beside":
+        picture = photos / "dynamic_mask_IMG_1.png"
+    picture.parent.mkdir(exist_ok=True)
+    Image.new("L", (32, 32)).save(picture)
+    options = {
+        "masks": {"masks": str(picture.parent)}, "ignored": {"ignored": str(picture.parent)},
+        "ignored for all": {"ignored": str(picture)}, "beside": {},
+    }[given]  # fmt: skip
+    assert folder.take(request_of(photos, folder, **options)) is False
+    folder.database_path.write_text("features")
+    assert folder.take(request_of(photos, folder, **options)) is True
+    repainted(picture)
+    assert folder.take(request_of(photos, folder, **options)) is False
+    assert not folder.database_path.exists()
+    folder.database_path.write_text("features")
+    assert folder.take(request_of(photos, folder, **options)) is True
+    if given == "ignored for all":
+        return  # without it there is no such request
+    picture.unlink()
+    assert folder.take(request_of(photos, folder, **options)) is False
+
+
+def test_photos_of_a_video_stay_when_what_is_ignored_in_them_was_repainted(tmp_path):
+    folder, ignored = SolveFolder(tmp_path / "cameras"), tmp_path / "leg.png"
+    video = write_video(tmp_path / "walk.mp4", [plain((90, 90, 90))] * 9)
+    Image.new("L", (32, 32)).save(ignored)
+    folder.take(request_of(video, folder, 3, ignored=str(ignored)))
+    folder.video_photos_dir.mkdir()
+    folder.database_path.write_text("features")
+    repainted(ignored)
+    assert folder.take(request_of(video, folder, 3, ignored=str(ignored))) is False
+    assert folder.video_photos_dir.exists() and not folder.database_path.exists()
+
+
 def test_a_solve_that_was_begun_before_there_was_this_option_goes_on(tmp_path):
     folder = SolveFolder(tmp_path / "cameras")
-    request = SolveRequest("/photos", ("a.png", "b.png", "c.png"))
+    request = SolveRequest("/photos", ("a.png", "b.png", "c.png"), ignored_changed=(1, 2, 3))
     folder.take(request)
     older = asdict(request)
-    del older["ignored"]
+    for field in ("ignored", "masks_changed", "ignored_changed"):
+        del older[field]
     folder.request_path.write_text(json.dumps(older))
     assert folder.take(request) is True

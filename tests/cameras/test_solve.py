@@ -335,6 +335,24 @@ def photos_at(folder):
     return folder
 
 
+@pytest.mark.parametrize("given", ["--masks", "--ignore", "a photo that is cut off"])
+def test_a_solve_that_cannot_begin_leaves_nothing(given, tmp_path):
+    photos = photos_at(tmp_path / "photos")
+    (tmp_path / "empty").mkdir()
+    if given.startswith("--"):
+        options = [given, tmp_path / "empty"]
+    else:
+        options, photo = [], photos / "IMG_1.png"
+        photo.write_bytes(photo.read_bytes()[:-30])
+    result = solve(photos, *options)
+    assert result.returncode == 2 and len(result.stderr.strip().splitlines()) == 1
+    assert ("IMG_1.png" if not options else "empty") in result.stderr
+    assert sorted(path.name for path in photos.iterdir()) == ["IMG_0.png", "IMG_1.png", "IMG_2.png"]
+    (photos / "cameras").mkdir()
+    assert solve(photos, *options).returncode == 2
+    assert list((photos / "cameras").iterdir()) == []
+
+
 def test_a_folder_of_masks_is_no_folder_of_photos_and_has_to_fit_them(tmp_path):
     photos = photos_at(tmp_path / "photos")
     masks = photos / "silhouettes"

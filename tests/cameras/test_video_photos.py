@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.ndimage
+from PIL import Image
 
 from solver.cameras.folder import SolveFolder, photos_below
 from solver.cameras.video_photos import CANDIDATES, FEWEST_FRAMES, sharpest, take_photos
@@ -212,6 +213,27 @@ def test_an_impossible_number_of_photos_is_refused_before_anything_is_written(
     result = solve(walk[0], "--video-photos", count, "--out", tmp_path / "cameras")
     assert result.returncode == 2 and "3 to 1000" in result.stderr
     assert not (tmp_path / "cameras").exists()
+
+
+@pytest.mark.parametrize("option", ["--masks", "--ignore"])
+def test_pictures_that_need_names_of_photos_are_refused_before_these_are_taken(
+    walk, option, tmp_path
+):
+    (tmp_path / "hands").mkdir()
+    Image.new("L", (32, 32)).save(tmp_path / "hands" / "frame_000001.png")
+    result = solve(walk[0], option, tmp_path / "hands", "--out", tmp_path / "cameras")
+    assert result.returncode == 2 and len(result.stderr.strip().splitlines()) == 1
+    assert "yet to be taken from a video have no" in result.stderr
+    assert "solve a folder of photos" in result.stderr
+    assert not (tmp_path / "cameras").exists()
+
+
+def test_one_picture_for_all_photos_of_a_video_is_taken(walk, tmp_path):
+    from solver.cameras.command import request_of
+
+    Image.new("L", (32, 32)).save(tmp_path / "leg.png")
+    given = str(tmp_path / "leg.png")
+    assert request_of(walk[0], SolveFolder(tmp_path / "cameras"), ignored=given).ignored == given
 
 
 def test_a_folder_with_only_a_video_names_it(tmp_path):

@@ -10,6 +10,8 @@ import pytest
 from PIL import Image
 
 from solver import cli, doctor
+from solver.job.folder import JobFolder
+from solver.job.request import JobRequest
 from tests.capture.test_capture import make_capture, set_pose
 from tests.cli.command import DUCK, ROOT, solver
 
@@ -29,6 +31,13 @@ def without_photos(path):
 def with_photo(path, size):
     make_capture(path, edit=lambda c: c.update(w=8, h=8))
     Image.new("RGBA", size).save(path / "r_2.png")
+    return path
+
+
+def with_photo_cut_off(path):
+    make_capture(path)
+    photo = path / "r_2.png"
+    photo.write_bytes(photo.read_bytes()[:-30])
     return path
 
 
@@ -53,21 +62,36 @@ BAD = {
 BAD_PHOTOS = {
     "a photo of another size": lambda path: with_photo(path, (9, 8)),
     "a transparent photo": lambda path: with_photo(path, (8, 8)),
+    "a photo that is cut off": with_photo_cut_off,
 }
 
 
 @pytest.mark.parametrize("case", [*BAD, *BAD_PHOTOS])
-def test_bad_input_ends_with_code_2_and_one_sentence(case, tmp_path):
+def test_bad_input_ends_with_code_2_and_one_sentence_and_leaves_nothing(case, tmp_path):
     folder = tmp_path / "capture of ü"
     folder.mkdir()
     path = {**BAD, **BAD_PHOTOS}[case](folder)
     result = solver("reconstruct", path, "--out", tmp_path / "job")
     assert result.returncode == 2
-    told = [line for line in result.stderr.splitlines() if not line.startswith("Warning: ")]
+    others = "Warning: ", "libpng error: "  # that library has a line of its own
+    told = [line for line in result.stderr.splitlines() if not line.startswith(others)]
     assert len(told) == 1
     assert "Traceback" not in result.stderr
-    # What is wrong with the camera file is found before a job is made.
-    assert (tmp_path / "job").exists() == (case in BAD_PHOTOS)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["capture of ü"]
+
+
+@pytest.mark.parametrize("before", ["an empty folder", "a job"])
+def test_what_was_there_before_bad_input_stays(before, tmp_path):
+    folder = with_photo_cut_off(tmp_path / "capture")
+    root, options = tmp_path / "job", []
+    root.mkdir()
+    if before == "a job":
+        JobFolder.create(root, JobRequest(capture=str(folder)))
+        options = ["--resume"]
+    result = solver("reconstruct", folder, "--out", root, *options)
+    assert result.returncode == 2 and "r_2.png" in result.stderr
+    assert (root / "job.json").exists() == (before == "a job")
+    assert options or list(root.iterdir()) == []
 
 
 def test_an_unknown_setting_is_named(tmp_path):

@@ -13,7 +13,7 @@ from solver.capture.photos import Photo
 from solver.fit.box import Box, box_around_hull
 from solver.fit.checkpoint import settings_of
 from solver.fit.settings import overridden
-from solver.fit.start import masks_of, new_trainer
+from solver.fit.start import BOXED, masks_of, new_trainer
 from solver.render.image import render_view
 from solver.render.scene import StepTables
 from tests.fit.test_fit import SMALL, resumed
@@ -163,3 +163,21 @@ def test_a_setting_keeps_the_box_straight():
     assert trainer.scene.field.axes is None
     # So it was, in effect, before there was such a setting.
     assert not settings_of({"settings": {}}).field.turn_box
+
+
+class Asked(Exception):
+    """To stop."""
+
+
+def test_a_fit_can_be_stopped_while_its_box_is_turned():
+    capture, photos = askew_brick()
+    told = []
+
+    def progress(done):
+        told.append(done)
+        if 0.1 < done < BOXED:
+            raise Asked
+
+    with pytest.raises(Asked):
+        new_trainer(capture, photos, SMALL, 0, None, "cpu", progress)
+    assert len(told) > 20 and told == sorted(told)

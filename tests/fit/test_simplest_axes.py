@@ -1,10 +1,14 @@
 """The axes along which a shape is simplest, against shapes whose axes are known."""
 
+import time
+from threading import get_ident
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from solver.fit.simplest_axes import different_turns, simplest_axes
+from solver.fit.simplest_axes import _Shape, different_turns, simplest_axes
+from solver.threads import usable_cores
 
 CELLS = 64
 SAME = Rotation.create_group("O")
@@ -76,6 +80,40 @@ def test_a_shape_at_the_border_of_its_grid_is_no_longer_than_that():
     bar = np.zeros((24, 24, 24), bool)
     bar[:, 8:16, 10:14] = True
     assert simplest_axes(bar) is None
+
+
+class Asked(Exception):
+    """To stop."""
+
+
+def test_it_is_told_all_the_way_how_far_the_search_is():
+    told = []
+    occupied = boxes(centres() @ Rotation.random(random_state=0).as_matrix().T)
+    found = simplest_axes(occupied, lambda done: told.append((done, get_ident())))
+    np.testing.assert_array_equal(found, simplest_axes(occupied))
+    shares, threads = zip(*told, strict=True)
+    assert sorted(shares) == list(shares) and shares[0] < 0.02 and shares[-1] <= 1
+    assert len(shares) > 200
+    assert set(threads) == {get_ident()}, "whoever listens does so in one thread"
+
+
+@pytest.mark.parametrize("share", [0.1, 0.55])
+def test_a_search_that_is_to_stop_looks_at_hardly_any_more_turns(share, monkeypatch):
+    looked, error_of = [], _Shape.log_error
+
+    def slow(shape, axes):
+        looked.append(time.sleep(0.005))
+        return error_of(shape, axes)
+
+    def stop(done):
+        if done > share:
+            looked.clear()
+            raise Asked
+
+    monkeypatch.setattr(_Shape, "log_error", slow)
+    with pytest.raises(Asked):
+        simplest_axes(boxes(centres() @ Rotation.random(random_state=0).as_matrix().T), stop)
+    assert len(looked) <= 4 * usable_cores()
 
 
 def test_turns_of_the_lattice_are_close_to_any_and_all_different():

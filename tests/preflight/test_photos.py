@@ -11,8 +11,8 @@ from PIL import Image
 from solver.capture.formats.transforms import write_transforms
 from solver.capture.read import read_capture
 from solver.capture.reduced import load_reduced
-from solver.preflight import looks
 from solver.preflight import photos as checks
+from solver.preflight import reduced_photos
 from solver.preflight.check import check
 from solver.preflight.looks import look_at_photos
 from tests.preflight.captures import ROOT, blurred, only, warnings, write
@@ -38,8 +38,8 @@ def test_photos_are_decoded_once_as_far_as_memory_for_them_goes(
         decoded.append(path)
         return load_reduced(path, *arguments)
 
-    monkeypatch.setattr(looks, "load_reduced", load)
-    monkeypatch.setattr(looks, "MOST_KEPT", kept)
+    monkeypatch.setattr(reduced_photos, "load_reduced", load)
+    monkeypatch.setattr(reduced_photos, "MOST_KEPT", kept)
     capture = write(tmp_path, pictures, masked=False)
     found = look_at_photos(capture)
     assert [look.name for look in found] == [camera.name for camera in capture.cameras]

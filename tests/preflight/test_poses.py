@@ -11,8 +11,8 @@ from solver.capture.frames import pose_opengl_from_opencv
 from solver.capture.read import read_capture
 from solver.fit.presets import settings_for
 from solver.preflight.check import check
-from solver.preflight.looks import ReducedPhotos
 from solver.preflight.poses import poses
+from solver.preflight.reduced_photos import ReducedPhotos
 from tests.capture.printed_table import camera_at, shaken, write_table
 from tests.preflight.captures import ROOT
 
