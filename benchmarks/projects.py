@@ -128,7 +128,15 @@ WRITERS: dict[str, Callable[[tuple[Camera, ...], Path], None]] = {
 
 
 def write_project(program: str, capture: Capture, folder: Path, seed: int) -> np.ndarray:
-    """Write a project; returns the similarity [4, 4] from the capture's world to the project's."""
+    """Write a project; returns the similarity [4, 4] from the capture's world to the project's.
+
+    Raises:
+        ValueError: cameras have a lens with distortion, or several; projects would be without.
+    """
+    if len({(c.lens, c.width, c.height, c.fx, c.fy, c.cx, c.cy) for c in capture.cameras}) > 1:
+        raise ValueError("a project has one camera for all photos")
+    if capture.cameras[0].lens != "pinhole":
+        raise ValueError(f"a project has no lens {capture.cameras[0].lens}")
     moved = scrambled(capture, folder / "photos", seed)
     WRITERS[program](moved.cameras, folder)
     return another_world(seed)
