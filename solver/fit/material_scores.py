@@ -41,9 +41,13 @@ class MaterialScores:
         if truth is not None:
             albedo, f0 = truth
             scores["f0_mae"] = weighted_mae(view.f0, f0, cover)
-            fitted = {name: term(view.albedo, view.f0) for name, term in ALBEDOS.items()}
+            # Kept until the last view, so only where the photo shows the object.
+            seen = cover > 0
+            fitted = {
+                name: term(view.albedo[seen], view.f0[seen]) for name, term in ALBEDOS.items()
+            }
             for name, factor in self._factors.items():
-                factor.add(fitted[name], albedo, cover)
+                factor.add(fitted[name], albedo[seen], cover[seen])
             self._brightest = max(self._brightest, float((albedo * cover[..., None]).max()))
             self._albedos.append((camera, fitted, cover))
         return scores
@@ -55,14 +59,13 @@ class MaterialScores:
 
     def albedo_errors(self) -> Iterator[tuple[str, dict[str, float]]]:
         """Name and `ALBEDOS` of every view that has a true albedo."""
-        if self._brightest < BLACK:
+        if self.albedo_factor is None:
             return
         for camera, fitted, cover in self._albedos:
-            truth, _ = true_albedo_and_f0(camera)
-            yield (
-                camera.name,
-                {
-                    name: weighted_mae(albedo * self._factors[name].value, truth, cover)
-                    for name, albedo in fitted.items()
-                },
-            )
+            seen = cover > 0
+            truth = true_albedo_and_f0(camera)[0][seen]
+            errors = {
+                name: weighted_mae(albedo * self._factors[name].value, truth, cover[seen])
+                for name, albedo in fitted.items()
+            }
+            yield camera.name, errors

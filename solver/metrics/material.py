@@ -10,9 +10,9 @@ from .scale import LeastSquaresFactor
 
 
 def weighted_mae(prediction: np.ndarray, truth: np.ndarray, weight: np.ndarray) -> float:
-    """Mean absolute error of values [H, W] or [H, W, C], weighted by [H, W]."""
+    """Mean absolute error of values [...] or [..., C], weighted by [...]."""
     error = np.abs(prediction.astype(np.float64) - truth)
-    error = error.mean(-1) if error.ndim == 3 else error
+    error = error.mean(-1) if error.ndim > weight.ndim else error
     return float((error * weight).sum() / max(weight.sum(), 1e-12))
 
 
