@@ -30,6 +30,7 @@ from .jobs.create import create_job, last_job_root, new_job_root
 from .jobs.process import run_blocking, start_job
 from .reports import reason_of
 from .runtime import RuntimeMissing, bootstrap_script, clean_environment
+from .scene.archives import unpack_all
 from .scene.capture_collection import import_capture, photo_paths
 from .scene.install import InstalledAsset, install_result
 from .scene.match_solver import check_cycles, match_photo, match_solver
@@ -76,7 +77,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     command = commands.add_parser("reconstruct", help="photos and cameras to a .blend")
-    command.add_argument("capture", type=Path, help="folder or camera file")
+    command.add_argument("capture", type=Path, help="folder, camera file or archive")
     command.add_argument("out", type=Path, metavar="OUT.blend")
     command.add_argument("--photos", type=Path, help="their folder, if not below the capture's")
     command.add_argument("--masks", type=Path, help="their folder, if not 'masks' there")
@@ -118,7 +119,8 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
         None if folder is None else folder.absolute()
         for folder in (options.photos, options.masks, options.ignore)
     )
-    collection = import_capture(bpy.context, options.capture.absolute(), photos, masks, ignored)
+    (capture,) = unpack_all(bpy.context, [options.capture.absolute()])
+    collection = import_capture(bpy.context, capture, photos, masks, ignored)
     bpy.context.scene.nmf.capture = collection
     name = f"{out.stem}_job"
     root = options.job.absolute() if options.job else last_job_root(name, out.parent)

@@ -8,15 +8,20 @@ from pathlib import Path
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
+from ..nmf_addon.scene.archives import unpack_all
 from ..nmf_addon.scene.capture_collection import import_captures, warnings_of
+from ..solver.capture.archives import ARCHIVES
 from ..solver.capture.errors import CaptureError
 from ..solver.capture.read import CAMERA_FILES
 
-FILTER = ";".join(f"*{extension}" for extension in CAMERA_FILES)
+FILTER = ";".join(f"*{extension}" for extension in CAMERA_FILES + ARCHIVES)
+INSTALLED = ".zip"
+"""what is dropped of it Blender takes for an extension, before it asks anybody else"""
 
 
 class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
-    """Import photos with known cameras as a capture: pick a camera file, or a folder that has one"""
+    """Import photos with known cameras as a capture: pick a camera file, a folder that has one, or the
+    archive (.zip, .r3d) that an app gave, which is unpacked beside itself"""
 
     bl_idname = "nmf.import_capture"
     bl_label = "Import Capture"
@@ -52,6 +57,7 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
             self.report({"ERROR"}, "There is no path; give a camera file or a folder as filepath.")
             return {"CANCELLED"}
         try:
+            paths = unpack_all(context, paths)
             made = import_captures(
                 context, paths, _folder(self.photos), _folder(self.masks),
                 ignored=_folder(self.ignored),
@@ -100,12 +106,12 @@ def _folder(text: str) -> Path | None:
 
 
 class NMF_FH_capture(bpy.types.FileHandler):
-    """Drop of camera files into the 3D View."""
+    """Drop of camera files and archives into the 3D View."""
 
     bl_idname = "NMF_FH_capture"
     bl_label = "Capture for Microfacet Field"
     bl_import_operator = "nmf.import_capture"
-    bl_file_extensions = ";".join(CAMERA_FILES)
+    bl_file_extensions = ";".join(e for e in CAMERA_FILES + ARCHIVES if e != INSTALLED)
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:

@@ -12,6 +12,7 @@ from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import jobs_folder, new_job_root
 from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
 from ..nmf_addon.runtime import RuntimeMissing
+from ..nmf_addon.scene.archives import unpack_all
 from ..nmf_addon.words import words_of
 from ..solver.cameras.folder import (
     FEWEST_PHOTOS,
@@ -21,6 +22,7 @@ from ..solver.cameras.folder import (
     check_of_video,
     is_video,
 )
+from ..solver.capture.archives import ARCHIVES, is_archive
 from ..solver.capture.errors import CaptureError
 from ..solver.capture.ignored import check_ignored
 from ..solver.capture.image_header import EXTENSIONS
@@ -28,8 +30,8 @@ from ..solver.capture.picture_names import VIDEOS
 
 
 class NMF_OT_solve_cameras(bpy.types.Operator):
-    """Find out from where the photos of a folder, or a video, were taken, and import them: pick the video,
-    or the folder. Takes minutes for a hundred photos"""
+    """Find out from where the photos of a folder, an archive or a video were taken, and import them: pick
+    the video, the archive or the folder. Takes minutes for a hundred photos"""
 
     bl_idname = "nmf.solve_cameras"
     bl_label = "Solve Cameras"
@@ -38,11 +40,12 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         name="Photos", description="Folder of the photos", subtype="DIR_PATH", options={"SKIP_SAVE"}
     )
     filepath: bpy.props.StringProperty(
-        name="Video", description="A video, instead of a folder", subtype="FILE_PATH",
-        options={"SKIP_SAVE"},
+        name="Video", description="A video or an archive of photos, instead of a folder",
+        subtype="FILE_PATH", options={"SKIP_SAVE"},
     )  # fmt: skip
     filter_glob: bpy.props.StringProperty(
-        default=";".join(f"*{extension}" for extension in EXTENSIONS + VIDEOS), options={"HIDDEN"}
+        default=";".join(f"*{extension}" for extension in EXTENSIONS + VIDEOS + ARCHIVES),
+        options={"HIDDEN"},
     )
     sequential: bpy.props.BoolProperty(
         name="In Order", description="The photos were taken one after the other, as in a film"
@@ -85,21 +88,22 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         column.use_property_split, column.use_property_decorate = True, False
         for name in ("sequential", "single_camera", "video_photos", "masks", "ignored"):
             column.prop(self, name)
-        column.label(text="Pick the photos' folder, or a video", icon="INFO")
+        column.label(text="Pick the photos' folder, their archive or a video", icon="INFO")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the solver."""
-        video = Path(bpy.path.abspath(self.filepath))
-        of_video = is_video(video)
+        picked = Path(bpy.path.abspath(self.filepath))
+        of_video, of_archive = is_video(picked), is_archive(picked)
         # A photo that was picked stands for its folder.
-        source = video if of_video else Path(bpy.path.abspath(self.directory))
-        if not of_video and not (self.directory and source.is_dir()):
-            missing = source if self.directory else video
+        source = picked if of_video or of_archive else Path(bpy.path.abspath(self.directory))
+        if not (of_video or of_archive) and not (self.directory and source.is_dir()):
+            missing = source if self.directory else picked
             self.report(
                 {"ERROR"}, f"{missing}: there is no such folder; choose the photos' folder."
             )
             return {"CANCELLED"}
         try:
+            (source,) = unpack_all(context, [source])
             masks = None if not self.masks.strip() else _masks_of(source, self.masks.strip())
             ignored = (
                 None if not self.ignored.strip() else _ignored_of(source, self.ignored.strip())

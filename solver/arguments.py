@@ -7,7 +7,9 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
+from .capture.archives import is_archive, unpacked
 from .job.request import JobError
+from .streams import say
 
 IGNORE = "folder of pictures, white where photos are to be ignored, or one for all photos"
 """help of `--ignore`"""
@@ -61,6 +63,20 @@ def check_names(options: argparse.Namespace) -> None:
                 raise JobError(
                     f"{path.absolute()}: the name has bytes that are no UTF-8 (escaped here); rename it."
                 )
+
+
+def unpack_archives(options: argparse.Namespace) -> None:
+    """Put the folders of archives in the place of those that are given as captures, photos or masks.
+
+    Raises:
+        CaptureError: as `unpacked`.
+    """
+    for name in ("capture", "photos", "masks"):
+        path = getattr(options, name, None)
+        if isinstance(path, Path) and is_archive(path):
+            folder = unpacked(path)
+            say(f"{path} is an archive; it is unpacked in {folder}.")
+            setattr(options, name, folder)
 
 
 def _is_text(name: str) -> bool:

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from . import __version__
-from .arguments import IGNORE, check_names, placement, seconds, whole_number
+from .arguments import IGNORE, check_names, placement, seconds, unpack_archives, whole_number
 from .cameras.command import add_frames, add_solve
 from .interrupts import work_is_done
 from .job.begun import Begun
@@ -48,6 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
     prepare_runtimes()
     try:
         check_names(options)
+        unpack_archives(options)
         code = options.run(options)
         flush_stdout()
         return code
@@ -73,7 +74,7 @@ def _parser() -> argparse.ArgumentParser:
     add_check(commands)
     add_pictures(commands)
     new = commands.add_parser("reconstruct", help="photos and cameras to mesh, textures and light")
-    new.add_argument("capture", type=Path, help="folder or camera file")
+    new.add_argument("capture", type=Path, help="folder, camera file or archive")
     new.add_argument("--out", type=Path, required=True, metavar="JOB", help="job folder, new")
     new.add_argument("--photos", type=Path, metavar="DIR", help="if not below the capture's folder")
     new.add_argument("--masks", type=Path, metavar="DIR", help="if not in a folder 'masks' there")

@@ -37,7 +37,7 @@ MOST_SEED = (1 << 31) - 1
 def add_solve(commands: argparse._SubParsersAction) -> None:
     """Add the command to the command line."""
     solve = commands.add_parser("solve", help="cameras from photos or a video")
-    solve.add_argument("photos", type=Path, help="folder of photos, or a video")
+    solve.add_argument("photos", type=Path, help="folder of photos, their archive, or a video")
     solve.add_argument(
         "--out", type=Path, metavar="FOLDER",
         help="new, or of a solve to continue; default PHOTOS/cameras, or 'VIDEO cameras' beside it",

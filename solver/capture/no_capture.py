@@ -6,6 +6,7 @@ import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
+from .archives import ARCHIVES
 from .errors import CaptureError, listed
 from .files import json_head
 from .formats.realitycapture_table import is_table_without_lenses
@@ -20,7 +21,6 @@ _PLACES_ALONE = (
     "a table of places without lenses",
     "export 'Internal/External camera parameters' from RealityCapture or RealityScan",
 )
-_ARCHIVES = (".zip", ".r3d")
 
 
 def no_camera_file(file: Path, known: Sequence[str]) -> CaptureError:
@@ -61,7 +61,7 @@ def nothing_in(folder: Path, usual: Sequence[str]) -> CaptureError:
     remedy = "give the camera file itself, or solve the cameras from the photos"
     problem = "there is no camera file in this folder"
     above = next((file for name in usual if (file := folder.parent / name).is_file()), None)
-    files = (file for file in sorted(folder.glob("*")) if file.suffix.lower() in _ARCHIVES)
+    files = (file for file in sorted(folder.glob("*")) if file.suffix.lower() in ARCHIVES)
     archive = next(filter(zipfile.is_zipfile, files), None)
     # DTU's photos lie in Rectified/scan1, their cameras in Calibration/cal18; those for training in
     # Rectified/scan1_train, theirs in Cameras/train.
@@ -73,7 +73,7 @@ def nothing_in(folder: Path, usual: Sequence[str]) -> CaptureError:
     dtu = next(filter(Path.is_dir, cameras), None)
     table = next(filter(is_table_without_lenses, sorted(folder.glob("*.csv"))), None)
     if archive is not None:
-        remedy = f"unpack {archive.name}, and give its folder"
+        remedy = f"give {archive.name} itself"
     elif dtu is not None:
         remedy = f"give {dtu}, and this folder as that of the photos"
     elif above is not None:

@@ -44,7 +44,7 @@ def add_pictures(commands: argparse._SubParsersAction) -> None:
 
 
 def _add_capture(command: argparse.ArgumentParser) -> None:
-    command.add_argument("capture", type=Path, help="folder, camera file, or a job")
+    command.add_argument("capture", type=Path, help="folder, camera file, archive, or a job")
     command.add_argument(
         "--photos", type=Path, metavar="DIR", help="if not below the capture's folder"
     )

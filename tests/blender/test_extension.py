@@ -85,6 +85,18 @@ def test_the_import_operator_does_what_its_function_does(duck):
     assert bpy.ops.nmf.add_region_box() == {"FINISHED"}
 
 
+def test_an_archive_is_imported_from_the_folder_that_it_is_unpacked_to(duck, tmp_path):
+    shutil.make_archive(str(tmp_path / "Duck scan"), "zip", duck)
+    assert bpy.ops.nmf.import_capture(filepath=str(tmp_path / "Duck scan.zip")) == {"FINISHED"}
+    collection = bpy.context.scene.nmf.capture
+    assert Path(collection["nmf_source"]).parent == tmp_path / "Duck scan"
+    assert sum(item.type == "CAMERA" for item in collection.all_objects) == 60
+    (tmp_path / "bad.zip").write_bytes(b"PK no archive")
+    with pytest.raises(RuntimeError, match="bad.zip: the archive is damaged"):
+        bpy.ops.nmf.import_capture(filepath=str(tmp_path / "bad.zip"))
+    assert not (tmp_path / "bad").exists()
+
+
 def test_the_import_operator_reports_what_is_wrong(tmp_path):
     with pytest.raises(RuntimeError, match="no such file or folder"):
         bpy.ops.nmf.import_capture(filepath=str(tmp_path / "none.json"))

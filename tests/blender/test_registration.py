@@ -134,4 +134,6 @@ def test_every_operator_and_setting_says_what_it_does(extension):
 def test_a_dropped_transforms_file_is_ours_to_import(extension):
     handler = bpy.types.NMF_FH_capture
     assert handler.bl_import_operator == "nmf.import_capture"
-    assert ".json" in handler.bl_file_extensions.split(";")
+    extensions = handler.bl_file_extensions.split(";")
+    assert {".json", ".r3d"} <= set(extensions)
+    assert ".zip" not in extensions, "Blender installs extensions from those"

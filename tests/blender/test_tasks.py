@@ -60,6 +60,22 @@ def test_cameras_of_a_video_are_imported_with_the_photos_taken_from_it(
     assert Path(bpy.path.abspath(photo.filepath)).parent == job / "photos"
 
 
+def test_cameras_of_an_archive_are_solved_from_the_folder_that_it_is_unpacked_to(
+    extension, task, photos, fake_solver, tmp_path
+):
+    shutil.make_archive(str(tmp_path / "Shots"), "zip", photos)
+    result = bpy.ops.nmf.solve_cameras(
+        filepath=str(tmp_path / "Shots.zip"), directory=str(tmp_path), single_camera=True
+    )
+    assert result == {"FINISHED"}
+    task.finish()
+    assert task.model.text == "5 of 6 photos have a camera"
+    collection = bpy.context.scene.nmf.capture
+    cameras = [item for item in collection.objects if item.type == "CAMERA"]
+    photo = extension("scene.cameras").photo_of(cameras[0])
+    assert Path(bpy.path.abspath(photo.filepath)).parent == tmp_path / "Shots"
+
+
 @pytest.mark.parametrize("stated", ["../silhouettes", "//scan ö/silhouettes", "whole"])
 def test_masks_go_to_the_solver_and_to_the_capture(
     extension, task, photos, fake_solver, tmp_path, capfd, stated

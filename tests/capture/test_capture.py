@@ -291,7 +291,7 @@ def test_of_a_folder_without_cameras_it_is_said_what_is_there_instead(tmp_path):
         read_capture(tmp_path / "matched")
     (tmp_path / "packed").mkdir()
     shutil.make_archive(str(tmp_path / "packed" / "scan"), "zip", tmp_path / "scan")
-    with pytest.raises(CaptureError, match="unpack scan.zip, and give its folder"):
+    with pytest.raises(CaptureError, match="give scan.zip itself"):
         read_capture(tmp_path / "packed")
 
 

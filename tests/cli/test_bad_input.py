@@ -1,6 +1,7 @@
 """Input that cannot be used: code 2 and one sentence. And what the machine can do."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -41,6 +42,13 @@ def with_photo_cut_off(path):
     return path
 
 
+def archive_that_is_cut_off(path):
+    file = Path(shutil.make_archive(str(path / "scan"), "zip", make_capture(path / "o")))
+    shutil.rmtree(path / "o")
+    file.write_bytes(file.read_bytes()[:-40])
+    return file
+
+
 def without_poses(content):
     for frame in content["frames"]:
         frame["transform_matrix"] = np.full((4, 4), np.nan).tolist()
@@ -56,6 +64,7 @@ BAD = {
         path, edit=set_pose(np.diag([1.0, 0, 1, 1]).tolist())
     ),
     "NaN in all poses": lambda path: make_capture(path, edit=without_poses),
+    "an archive that is cut off": archive_that_is_cut_off,
 }
 
 
@@ -78,6 +87,15 @@ def test_bad_input_ends_with_code_2_and_one_sentence_and_leaves_nothing(case, tm
     assert len(told) == 1
     assert "Traceback" not in result.stderr
     assert [entry.name for entry in tmp_path.iterdir()] == ["capture of ü"]
+
+
+def test_an_archive_is_checked_as_its_folder_is(tmp_path):
+    folder = make_capture(tmp_path / "scan ü")
+    archive = shutil.make_archive(str(tmp_path / "downloads" / "scan ü"), "zip", folder)
+    ours, theirs = solver("check", archive, "--json"), solver("check", folder, "--json")
+    assert ours.returncode == theirs.returncode == 0
+    assert ours.stdout.replace(f"downloads{os.sep}scan ü", "scan ü") == theirs.stdout
+    assert f"scan ü.zip is an archive; it is unpacked in {tmp_path}" in ours.stderr
 
 
 @pytest.mark.parametrize("before", ["an empty folder", "a job"])

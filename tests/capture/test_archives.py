@@ -1,0 +1,243 @@
+"""Archives: what apps give reads as its folder does, and a hostile one writes nothing outside."""
+
+import io
+import os
+import shutil
+import stat
+import zipfile
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from solver.capture import archives
+from solver.capture.archives import MARK, unpacked
+from solver.capture.errors import CaptureError
+from solver.capture.read import read_capture
+from tests.capture.test_capture import make_capture
+from tests.capture.test_polycam import make_polycam
+from tests.capture.test_record3d import make_record3d
+
+
+def packed(folder, archive, above=""):
+    """All of a folder in an archive, below the folder `above` there."""
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
+        for path in sorted(folder.rglob("*")):
+            file.write(path, os.path.join(above, path.relative_to(folder)))
+    return archive
+
+
+def with_member(archive, name, content=b"x", **changes):
+    """An archive of one photo and a member more, with this and that changed."""
+    with zipfile.ZipFile(archive, "w") as file:
+        file.writestr("photo.png", b"x" * 100)
+        info = zipfile.ZipInfo(name)
+        for key, value in changes.items():
+            setattr(info, key, value)
+        file.writestr(info, content)
+    return archive
+
+
+def files_below(folder):
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+
+
+@pytest.mark.parametrize("make, name", [
+    (make_polycam, "scan.zip"), (make_record3d, "walk.r3d"), (make_capture, "lego.ZIP"),
+])  # fmt: skip
+@pytest.mark.parametrize("above", ["", "lego", "anything"])
+def test_an_archive_reads_as_its_folder_does(tmp_path, make, name, above):
+    folder = make(tmp_path / "original")
+    (tmp_path / "downloads").mkdir()
+    archive = packed(folder, tmp_path / "downloads" / name, above)
+    ours, theirs = read_capture(unpacked(archive)), read_capture(folder)
+    assert ours.format == theirs.format
+    assert [c.name for c in ours.cameras] == [c.name for c in theirs.cameras]
+    assert all(
+        (a.camera_to_world == b.camera_to_world).all()
+        for a, b in zip(ours.cameras, theirs.cameras, strict=True)
+    )
+    assert sorted(os.listdir(archive.parent)) == sorted([name, archive.stem])
+    assert files_below(unpacked(archive)) == files_below(folder)
+
+
+def test_a_folder_of_the_archives_own_name_is_not_put_into_another(tmp_path):
+    archive = packed(make_capture(tmp_path / "o"), tmp_path / "lego.zip", "lego")
+    assert unpacked(archive) == tmp_path / "lego"
+    assert (tmp_path / "lego" / "transforms_train.json").is_file()
+
+
+@pytest.mark.parametrize("place", ["lego", "lego/lego"])
+def test_what_a_person_has_unpacked_is_taken_as_it_is(tmp_path, place):
+    folder = make_capture(tmp_path / place)
+    (folder / "notes.txt").write_text("mine")
+    archive = packed(make_capture(tmp_path / "o"), tmp_path / "lego.zip", "lego")
+    before = files_below(tmp_path / "lego")
+    assert unpacked(archive) == folder
+    assert files_below(tmp_path / "lego") == before
+
+
+def test_another_folder_of_that_name_is_left_alone(tmp_path):
+    archive = packed(make_capture(tmp_path / "o"), tmp_path / "lego.zip")
+    (tmp_path / "lego").mkdir()
+    (tmp_path / "lego" / "r_0.png").write_bytes(b"another")
+    with pytest.raises(CaptureError, match="lego, where something else is; give that folder"):
+        unpacked(archive)
+    assert files_below(tmp_path / "lego") == {"r_0.png": b"another"}
+
+
+def test_one_that_was_stopped_goes_on_and_one_that_was_replaced_begins_anew(tmp_path):
+    folder = make_capture(tmp_path / "o", count=6)
+    archive = packed(folder, tmp_path / "lego.zip")
+
+    class Killed(BaseException):
+        pass
+
+    def kill(fraction):
+        if fraction > 0.2:
+            raise Killed
+
+    with pytest.raises(Killed):
+        unpacked(archive, kill)
+    half = files_below(tmp_path / "lego")
+    assert MARK in half and 1 < len(half) < 7
+    with pytest.raises(CaptureError):
+        read_capture(tmp_path / "lego")
+    told = []
+    assert files_below(unpacked(archive, told.append)) == files_below(folder)
+    assert told == sorted(told) and told[-1] == 1.0
+
+    shutil.rmtree(tmp_path / "lego")
+    with pytest.raises(Killed):
+        unpacked(archive, kill)
+    for name in ("r_0.png", "r_1.png"):
+        data = (folder / name).read_bytes()
+        (folder / name).write_bytes(data[:-1] + b"?")  # as long as before
+    packed(folder, archive)
+    os.utime(archive, ns=(1, 1))
+    assert files_below(unpacked(archive)) == files_below(folder)
+
+
+def test_what_an_archive_has_once_unpacked_is_not_unpacked_again(tmp_path):
+    archive = packed(make_capture(tmp_path / "o"), tmp_path / "lego.zip")
+    folder = unpacked(archive)
+    os.utime(folder / "r_0.png", ns=(5, 5))
+    assert unpacked(archive) == folder
+    assert (folder / "r_0.png").stat().st_mtime_ns == 5
+
+
+@pytest.mark.parametrize("name", [
+    "../evil.png", "a/../../evil.png", "/evil.png", "C:/evil.png", "C:\\evil.png", "..\\evil.png",
+    "\\\\server\\evil.png", "a/c:evil.png",
+])  # fmt: skip
+def test_no_path_leads_out_of_the_archives_folder(tmp_path, name):
+    archive = with_member(tmp_path / "bad.zip", name)
+    with pytest.raises(
+        CaptureError, match="it would not lie in the archive's folder; pack it again"
+    ):
+        unpacked(archive)
+    assert os.listdir(tmp_path) == ["bad.zip"]
+
+
+@pytest.mark.parametrize("kind", [stat.S_IFLNK, stat.S_IFIFO, stat.S_IFBLK])
+def test_links_and_devices_are_refused(tmp_path, kind):
+    archive = with_member(
+        tmp_path / "bad.zip", "a.png", b"/etc/passwd", external_attr=(kind | 0o777) << 16
+    )
+    with pytest.raises(CaptureError, match="this is no file"):
+        unpacked(archive)
+    assert os.listdir(tmp_path) == ["bad.zip"]
+
+
+def test_what_macos_adds_is_left_out_and_its_names_are_read_as_it_means_them(tmp_path):
+    archive = tmp_path / "scan.zip"
+    with zipfile.ZipFile(archive, "w") as file:
+        for name in ("Txxr/a.png", "__MACOSX/Txxr/._a.png", "Txxr/._b.png"):
+            file.writestr(name, b"x")
+    # UTF-8, without the flag that says so.
+    archive.write_bytes(archive.read_bytes().replace(b"Txxr", "Tür".encode()))
+    assert files_below(unpacked(archive)) == {"a.png": b"x"}
+    assert unpacked(archive) == tmp_path / "scan" / "Tür"
+
+
+def test_an_archive_larger_than_any_of_photos_is_refused(tmp_path):
+    archive = tmp_path / "bomb.zip"
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("photo.png", bytes(1 << 26))
+    with pytest.raises(CaptureError, match="which no archive of photos does"):
+        unpacked(archive)
+    assert os.listdir(tmp_path) == ["bomb.zip"]
+
+
+def test_an_archive_that_a_disk_has_no_room_for_is_refused(tmp_path, monkeypatch):
+    archive = packed(make_capture(tmp_path / "o"), tmp_path / "lego.zip")
+    free = shutil.disk_usage(tmp_path)._replace(free=archives._SPARE)
+    monkeypatch.setattr(archives.shutil, "disk_usage", lambda path: free)
+    with pytest.raises(CaptureError, match="it takes .* GB of disk, and 0.3 are free; make room"):
+        unpacked(archive)
+    assert not (tmp_path / "lego").exists()
+
+
+def test_locked_archives_and_those_of_other_kinds_are_to_be_unpacked_by_hand(tmp_path):
+    locked = bytearray(with_member(tmp_path / "l.zip", "b.png").read_bytes())
+    locked[locked.index(b"PK\x01\x02") + 8] |= 1
+    (tmp_path / "l.zip").write_bytes(locked)
+    with pytest.raises(CaptureError, match="locked with a password; unpack it yourself"):
+        unpacked(tmp_path / "l.zip")
+    with zipfile.ZipFile(tmp_path / "x.zip", "w", zipfile.ZIP_LZMA) as file:
+        file.writestr("photo.png", b"x")
+    with pytest.raises(CaptureError, match="a way that is not read here; unpack it yourself"):
+        unpacked(tmp_path / "x.zip")
+
+
+def test_archives_without_photos_are_refused(tmp_path):
+    with zipfile.ZipFile(tmp_path / "project.zip", "w") as file:
+        file.writestr("doc.xml", b"<document/>")
+    with pytest.raises(CaptureError, match="there are no photos in it"):
+        unpacked(tmp_path / "project.zip")
+
+
+def test_a_damaged_archive_leaves_nothing(tmp_path):
+    archive = packed(make_capture(tmp_path / "o"), tmp_path / "lego.zip")
+    content = archive.read_bytes()
+    for damaged in (content[:-40], content[:50], b"", content[:80] + b"????" + content[84:]):
+        archive.write_bytes(damaged)
+        with pytest.raises(CaptureError, match="damaged"):
+            unpacked(archive)
+        assert sorted(os.listdir(tmp_path)) == ["lego.zip", "o"]
+
+
+@settings(
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(st.data())
+def test_no_archive_crashes_or_writes_elsewhere(tmp_path_factory, data):
+    place = tmp_path_factory.mktemp("archives")
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as file:
+        for name in ("a/r_0.png", "a/r_1.png", "a/transforms.json"):
+            file.writestr(name, b"x" * 300)
+    content = bytearray(buffer.getvalue())
+    for _ in range(data.draw(st.integers(1, 6))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    archive = place / "in" / "scan.zip"
+    archive.parent.mkdir()
+    archive.write_bytes(content[: data.draw(st.integers(0, len(content)))] or content)
+    try:
+        unpacked(archive)
+    except CaptureError as error:
+        assert "\n" not in str(error) and error.problem and error.remedy
+    assert os.listdir(place) == ["in"] and set(os.listdir(archive.parent)) <= {
+        "scan.zip",
+        "scan",
+        "a",
+    }
+
+
+def test_any_other_path_stays_as_it_is(tmp_path):
+    for path in (tmp_path, tmp_path / "nowhere.zip", make_capture(tmp_path / "o") / "r_0.png"):
+        assert unpacked(path) == path
