@@ -70,24 +70,24 @@ def _gloss_and_lone(normals, near, beyond, alpha, gloss_roughness, n):
 
 
 @function
-def _colours(albedo, near_albedo, f0, near_f0, n):
+def _colours(albedo, near_albedo, f0, near_f0, even_f0, n):
     """The step of albedo and F0 to a point close by."""
     total = 0.0
     for c in range(3):
-        total += abs(near_albedo[n, c] - albedo[n, c]) + abs(near_f0[n, c] - f0[n, c])
+        total += abs(near_albedo[n, c] - albedo[n, c]) + even_f0 * abs(near_f0[n, c] - f0[n, c])
     return total / 3.0
 
 
 @serial_kernel
 def smoothness(
     normals, near, beyond, alpha, near_alpha, albedo, near_albedo, f0, near_f0, gloss_roughness, crease,
-    same_colour, even_roughness, bends, unevenness,
+    same_colour, even_roughness, even_f0, bends, unevenness,
 ):  # fmt: skip
     """`render.smoothness.smoothness`, of what it looked up."""
     for n in range(normals.shape[0]):
         gloss, lone = _gloss_and_lone(normals, near, beyond, alpha, gloss_roughness, n)
         bends[n] = gloss * saturating(0.25 * dot(lone, lone), crease)
-        colours = _colours(albedo, near_albedo, f0, near_f0, n)
+        colours = _colours(albedo, near_albedo, f0, near_f0, even_f0, n)
         counts = 1.0 + (even_roughness - 1.0) * math.exp(-colours / same_colour)
         unevenness[n] = colours + counts * abs(math.sqrt(near_alpha[n]) - math.sqrt(alpha[n]))
 
@@ -95,8 +95,8 @@ def smoothness(
 @serial_kernel
 def smoothness_backward(
     normals, near, beyond, alpha, near_alpha, albedo, near_albedo, f0, near_f0, gloss_roughness, crease,
-    same_colour, even_roughness, bends, unevenness, g_bends, g_unevenness, g_normals, g_near, g_beyond,
-    g_alpha, g_near_alpha, g_albedo, g_near_albedo, g_f0, g_near_f0,
+    same_colour, even_roughness, even_f0, bends, unevenness, g_bends, g_unevenness, g_normals, g_near,
+    g_beyond, g_alpha, g_near_alpha, g_albedo, g_near_albedo, g_f0, g_near_f0,
 ):  # fmt: skip
     for n in range(normals.shape[0]):
         gloss, lone = _gloss_and_lone(normals, near, beyond, alpha, gloss_roughness, n)
@@ -109,9 +109,9 @@ def smoothness_backward(
         for c in range(3):
             g_near_albedo[n, c] = third * np.sign(near_albedo[n, c] - albedo[n, c])
             g_albedo[n, c] = -g_near_albedo[n, c]
-            g_near_f0[n, c] = third * np.sign(near_f0[n, c] - f0[n, c])
+            g_near_f0[n, c] = even_f0 * third * np.sign(near_f0[n, c] - f0[n, c])
             g_f0[n, c] = -g_near_f0[n, c]
-        colours = _colours(albedo, near_albedo, f0, near_f0, n)
+        colours = _colours(albedo, near_albedo, f0, near_f0, even_f0, n)
         counts = 1.0 + (even_roughness - 1.0) * math.exp(-colours / same_colour)
         here, there = math.sqrt(alpha[n]), math.sqrt(near_alpha[n])
         to_step = g_unevenness[n] * counts * np.sign(there - here)

@@ -42,7 +42,8 @@ def materials(
 def smoothness(
     normals: Vectors, near: Vectors, beyond: Vectors, alpha: Numbers, near_alpha: Numbers,
     albedo: Vectors, near_albedo: Vectors, f0: Vectors, near_f0: Vectors, gloss_roughness: float,
-    crease: float, same_colour: float, even_roughness: float, bends: Numbers, unevenness: Numbers,
+    crease: float, same_colour: float, even_roughness: float, even_f0: float, bends: Numbers,
+    unevenness: Numbers,
 ):  # fmt: skip
     """`render.smoothness.smoothness`, of what it looked up."""
     n = wp.tid()
@@ -51,7 +52,7 @@ def smoothness(
     gloss = wp.exp(-held(roughness) / gloss_roughness)
     bends[n] = gloss * saturating(0.25 * wp.dot(lone, lone), crease)
     colours = mean_distance(vector(near_albedo, n), vector(albedo, n))
-    colours = colours + mean_distance(vector(near_f0, n), vector(f0, n))
+    colours = colours + even_f0 * mean_distance(vector(near_f0, n), vector(f0, n))
     counts = 1.0 + (even_roughness - 1.0) * wp.exp(-held(colours) / same_colour)
     unevenness[n] = colours + counts * distance(wp.sqrt(near_alpha[n]), roughness)
 

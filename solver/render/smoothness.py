@@ -13,9 +13,11 @@ from .shade import Shading
 GLOSS_ROUGHNESS = 0.15
 """roughness r at which a surface's normals are held together e times less than a mirror's"""
 SAME_COLOUR = 0.05
-"""step of albedo and F0 over which a surface is e times less of one material"""
+"""step of colours over which a surface is e times less of one material"""
 EVEN_ROUGHNESS = 5.0
 """how much more a step of roughness counts within one material than between two"""
+EVEN_F0 = 5.0
+"""how much more a step of F0 counts than one of albedo: things have fewer metals than colours"""
 CREASE = 0.063
 """angle, rad, by which a lone normal has to be off to count half as much as any edge does (3.6°)"""
 
@@ -48,7 +50,7 @@ def smoothness(
             "smoothness",
             (shading.normals, near.normals, beyond, here.alpha, there.alpha, here.albedo, there.albedo,
              here.f0, there.f0),
-            (GLOSS_ROUGHNESS, CREASE, SAME_COLOUR, EVEN_ROUGHNESS), ((), ()),
+            (GLOSS_ROUGHNESS, CREASE, SAME_COLOUR, EVEN_ROUGHNESS, EVEN_F0), ((), ()),
         )  # fmt: skip
     gloss = torch.exp(-shading.materials.alpha.detach().sqrt() / GLOSS_ROUGHNESS)
     bends = gloss * bending(shading.normals, near.normals, beyond)
@@ -69,11 +71,13 @@ def bending(here: torch.Tensor, near: torch.Tensor, beyond: torch.Tensor) -> tor
 def unevenness(here: Materials, near: Materials) -> torch.Tensor:
     """By how much materials differ [S] from those close by: the steps of albedo, F0 and roughness r.
 
-    Where colours stay, a step of roughness counts `EVEN_ROUGHNESS` times, without gradient to the colours:
-    photos tell little of roughness but in highlights, and what is of one colour is mostly of one gloss
-    (docs/decisions/0017).
+    A step of F0 counts `EVEN_F0` times, for in a pixel that shows two colours a thin metal fits as well as
+    their mixture (docs/decisions/0045). Where colours stay, a step of roughness counts `EVEN_ROUGHNESS`
+    times, without gradient to the colours: photos tell little of roughness but in highlights, and what is
+    of one colour is mostly of one gloss (docs/decisions/0017).
     """
-    colours = (near.albedo - here.albedo).abs().mean(-1) + (near.f0 - here.f0).abs().mean(-1)
+    of_albedo, of_f0 = (near.albedo - here.albedo).abs(), (near.f0 - here.f0).abs()
+    colours = of_albedo.mean(-1) + EVEN_F0 * of_f0.mean(-1)
     one_material = torch.exp(-colours.detach() / SAME_COLOUR)
     counts = 1 + (EVEN_ROUGHNESS - 1) * one_material
     return colours + counts * (near.alpha.sqrt() - here.alpha.sqrt()).abs()

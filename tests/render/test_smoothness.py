@@ -12,6 +12,7 @@ from solver.render.random_numbers import RandomNumbers
 from solver.render.scene import RenderSettings, StepTables
 from solver.render.smoothness import (
     CREASE,
+    EVEN_F0,
     EVEN_ROUGHNESS,
     GLOSS_ROUGHNESS,
     bending,
@@ -117,7 +118,7 @@ def test_a_step_of_roughness_counts_most_within_one_colour():
     assert float(unevenness(here, material())) == 0
     within = float(unevenness(here, material(roughness=0.3 + step)))
     assert within == pytest.approx(EVEN_ROUGHNESS * step, rel=1e-4)
-    for other, apart in (({"albedo": 0.9}, 0.4), ({"f0": 0.6}, 0.56)):
+    for other, apart in (({"albedo": 0.9}, 0.4), ({"f0": 0.6}, EVEN_F0 * 0.56)):
         alone = float(unevenness(here, material(**other)))
         assert alone == pytest.approx(apart, rel=1e-4)
         across = float(unevenness(here, material(roughness=0.3 + step, **other)))
