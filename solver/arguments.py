@@ -66,12 +66,12 @@ def check_names(options: argparse.Namespace) -> None:
 
 
 def unpack_archives(options: argparse.Namespace) -> None:
-    """Put the folders of archives in the place of those that are given as captures, photos or masks.
+    """Put the folders of archives in the place of those that are given as captures, cameras or pictures.
 
     Raises:
         CaptureError: as `unpacked`.
     """
-    for name in ("capture", "photos", "masks"):
+    for name in ("capture", "cameras", "photos", "masks", "ignored"):
         path = getattr(options, name, None)
         if isinstance(path, Path) and is_archive(path):
             folder = unpacked(path)
