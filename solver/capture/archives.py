@@ -50,6 +50,7 @@ _REMEDIES = {
 _LOCKED = 0x1
 _UTF_8 = 0x800
 """bits of a member's flags"""
+_ADDED = (".ds_store", "thumbs.db", "desktop.ini", MARK)
 _SHOWN = PICTURES + UNREADABLE + VIDEOS
 _WINDOWS = sys.platform == "win32"
 _ONE_CASE = sys.platform in ("win32", "darwin")
@@ -89,8 +90,7 @@ def check_unpacked(path: Path) -> None:
         CaptureError: it is, for unpacking was stopped.
     """
     path = path.absolute()
-    # An archive's only folder is what is read of it, and lies in the one that is marked.
-    for place in (path, *list(path.parents)[:2]):
+    for place in (path, *path.parents):
         with suppress(OSError):
             if (place / MARK).is_file():
                 raise CaptureError(
@@ -120,9 +120,9 @@ def unpacked(path: Path, told: Callable[[float], None] = lambda fraction: None) 
         with zipfile.ZipFile(path) as archive:
             members = _members(path, archive)
             top = _only_folder(members)
-            within, folder = Path() if top is None else Path(top), folder_of(path)
+            within, folder = Path(*top), folder_of(path)
             # What holds one folder of its own name becomes that folder, as macOS has it.
-            root = path.parent if top == folder.name else folder
+            root = path.parent if top[:1] == (folder.name,) else folder
             for place in (root, folder):
                 if not (folder / MARK).exists() and _is_whole(place, members):
                     return place / within
@@ -137,7 +137,7 @@ def unpacked(path: Path, told: Callable[[float], None] = lambda fraction: None) 
 
 
 def _members(path: Path, archive: zipfile.ZipFile) -> list[_Member]:
-    """The files in an archive, without what macOS adds.
+    """The files in an archive, without what systems add.
 
     Raises:
         CaptureError: one of them must not or cannot be unpacked, or none is a photo.
@@ -149,9 +149,7 @@ def _members(path: Path, archive: zipfile.ZipFile) -> list[_Member]:
         if not _is_folder(name, info):
             parts = _parts(path, name, info)
             files[tuple(map(plain, parts)) if _ONE_CASE else parts] = _Member(info, parts)
-    found = [m for m in files.values() if m.parts[0] != "__MACOSX"]
-    # MARK: it was packed from what was not unpacked completely.
-    found = [m for m in found if not m.parts[-1].startswith("._") and m.parts[-1] != MARK]
+    found = [m for m in files.values() if not _is_added(m.parts)]
     if not any(m.parts[-1].lower().endswith(_SHOWN) for m in found):
         if any(m.parts[-1].lower().endswith(ARCHIVES) for m in found):
             raise CaptureError(
@@ -170,6 +168,12 @@ def _members(path: Path, archive: zipfile.ZipFile) -> list[_Member]:
         )
         raise CaptureError(path, "", problem, "give an archive with photos")
     return found
+
+
+def _is_added(parts: tuple[str, ...]) -> bool:
+    """Whether a file is none of a person's: systems write theirs into every folder that is looked at."""
+    name = parts[-1]
+    return parts[0] == "__MACOSX" or name.startswith("._") or name.lower() in _ADDED
 
 
 def _name(info: zipfile.ZipInfo) -> str:
@@ -206,10 +210,9 @@ def _parts(path: Path, name: str, info: zipfile.ZipInfo) -> tuple[str, ...]:
     return tuple(cut) if _WINDOWS else parts
 
 
-def _only_folder(members: list[_Member]) -> str | None:
-    """The one folder that everything in an archive lies in, if there is one."""
-    tops = {member.parts[0] for member in members}
-    return tops.pop() if len(tops) == 1 and all(len(m.parts) > 1 for m in members) else None
+def _only_folder(members: list[_Member]) -> tuple[str, ...]:
+    """The path of the one folder, at most in others that hold no more, in which everything lies."""
+    return tuple(os.path.commonprefix([member.parts[:-1] for member in members]))
 
 
 def _is_whole(root: Path, members: list[_Member]) -> bool:

@@ -61,7 +61,7 @@ def files_below(folder):
 @pytest.mark.parametrize("make, name", [
     (make_polycam, "scan.zip"), (make_record3d, "walk.r3d"), (make_capture, "lego.ZIP"),
 ])  # fmt: skip
-@pytest.mark.parametrize("above", ["", "lego", "anything"])
+@pytest.mark.parametrize("above", ["", "lego", "anything", "home/me/all scans/lego"])
 def test_an_archive_reads_as_its_folder_does(tmp_path, make, name, above):
     folder = make(tmp_path / "original")
     (tmp_path / "downloads").mkdir()
@@ -174,6 +174,17 @@ def test_what_macos_adds_is_left_out_and_its_names_are_read_as_it_means_them(tmp
     archive.write_bytes(archive.read_bytes().replace(b"Txxr", "Tür".encode()))
     assert files_below(unpacked(archive)) == {"a.png": b"x"}
     assert unpacked(archive) == tmp_path / "scan" / "Tür"
+
+
+def test_what_systems_write_into_folders_is_left_out_and_may_change_there(tmp_path):
+    names = ".DS_Store", "Thumbs.db", "shots/desktop.ini"
+    archive = of_names(tmp_path / "scan.zip", "shots/a.png", *names)
+    folder = unpacked(archive)
+    assert folder == tmp_path / "scan" / "shots" and files_below(tmp_path / "scan") == {
+        os.path.join("shots", "a.png"): b"x"
+    }
+    (folder / ".DS_Store").write_bytes(b"the Finder's, of another size")
+    assert unpacked(archive) == folder
 
 
 def test_an_archive_larger_than_any_of_photos_is_refused(tmp_path):
