@@ -1,5 +1,6 @@
 """Archives: what apps give reads as its folder does, and a hostile one writes nothing outside."""
 
+import errno
 import io
 import os
 import shutil
@@ -332,6 +333,20 @@ def test_a_name_that_a_disk_does_not_take_is_told(tmp_path):
     assert os.listdir(tmp_path) == ["scan.zip"]
 
 
+@pytest.mark.parametrize("number, remedy", [
+    (errno.EACCES, "make that folder writable, or move the archive"), (errno.ENOSPC, "make room"),
+    (errno.EINVAL, "unpack it yourself elsewhere and give the folder"),
+])  # fmt: skip
+def test_what_cannot_be_written_is_named_with_the_way_out(tmp_path, monkeypatch, number, remedy):
+    def refuse(*_):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(archives.os, "replace", refuse)
+    with pytest.raises(CaptureError, match=rf"scan.zip, what.*png: it cannot.*\); {remedy}"):
+        unpacked(of_names(tmp_path / "scan.zip", "what?.png"))
+    assert os.listdir(tmp_path) == ["scan.zip"]
+
+
 def test_of_an_archive_around_archives_it_is_said_what_to_do(tmp_path):
     with pytest.raises(CaptureError, match="other archives in it; unpack it and give one of those"):
         unpacked(of_names(tmp_path / "scans.zip", "one.r3d", "two.r3d", "notes.txt"))
@@ -373,3 +388,7 @@ def test_no_archive_crashes_or_writes_elsewhere(tmp_path_factory, data):
 def test_any_other_path_stays_as_it_is(tmp_path):
     for path in (tmp_path, tmp_path / "nowhere.zip", make_capture(tmp_path / "o") / "r_0.png"):
         assert unpacked(path) == path
+
+
+def test_a_path_that_no_disk_has_is_no_archive(tmp_path):
+    assert not archives.is_archive(tmp_path / ("x" * 300 + ".zip"))

@@ -112,6 +112,16 @@ def test_archives_of_pictures_and_of_cameras_are_taken_as_their_folders(tmp_path
     }  # fmt: skip
 
 
+def test_a_terminal_has_a_bar_while_an_archive_is_unpacked(tmp_path, capsys, monkeypatch):
+    shutil.make_archive(str(tmp_path / "scan"), "zip", make_capture(tmp_path / "o"))
+    for bars in (1, 0):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+        unpack_archives(SimpleNamespace(capture=tmp_path / "scan.zip"))
+        said = capsys.readouterr().err
+        assert ("unpacking" in said, "100%" in said) == (bool(bars),) * 2
+        assert "it is unpacked in" in said.splitlines()[-1]
+
+
 @pytest.mark.parametrize("before", ["an empty folder", "a job"])
 def test_what_was_there_before_bad_input_stays(before, tmp_path):
     folder = with_photo_cut_off(tmp_path / "capture")
