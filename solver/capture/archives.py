@@ -234,6 +234,8 @@ def _unpack(
     folder = folder_of(path)
     mark, begun, own = folder / MARK, folder.exists(), _identity(path)
     if begun and not mark.is_file():
+        if _is_whole(root, members):
+            return  # another process has just ended
         raise CaptureError(
             path, "", f"it would be unpacked to {folder}, where something else is",
             "give that folder if it is the capture, or else move it",
@@ -254,8 +256,9 @@ def _unpack(
         raise CaptureError(path, "", problem, "make room, or move it to another disk")
     now = ""
     try:
-        folder.mkdir(exist_ok=True)
-        if not goes_on:
+        if not begun and not _is_made(folder, own):
+            return _unpack(path, archive, members, root, told)
+        if begun and not goes_on:
             mark.write_text(own, encoding="utf-8")
         done = 0
         for file, info in missing.items():
@@ -277,6 +280,21 @@ def _unpack(
             path, now, f"it cannot be unpacked to {folder} ({error.strerror})",
             _REMEDIES.get(error.errno, "unpack it yourself elsewhere and give the folder"),
         ) from error  # fmt: skip
+
+
+def _is_made(folder: Path, mark: str) -> bool:
+    """Make a folder that is marked from its first moment on; False if another process was faster."""
+    new = folder.with_name(f"{os.getpid()}{_PART}")
+    new.mkdir()
+    try:
+        (new / MARK).write_text(mark, encoding="utf-8")
+        new.rename(folder)
+    except OSError:
+        shutil.rmtree(new, ignore_errors=True)
+        if not folder.is_dir():
+            raise
+        return False
+    return True
 
 
 def _holds_others(folder: Path, ours: set[Path]) -> bool:

@@ -253,6 +253,25 @@ def test_a_process_that_another_has_overtaken_leaves_what_that_one_unpacked(tmp_
     assert (tmp_path / "lego" / "r_5.png").stat().st_mtime_ns == 5, "it is being read"
 
 
+@pytest.mark.parametrize("moment", ["_unpack", "_is_made"])
+def test_processes_that_begin_at_once_do_not_refuse_what_the_other_makes(
+    tmp_path, monkeypatch, moment
+):
+    folder = make_capture(tmp_path / "o")
+    archive = packed(folder, tmp_path / "lego.zip")
+    own = getattr(archives, moment)
+
+    def overtaken(*arguments):
+        monkeypatch.setattr(archives, moment, own)
+        unpacked(archive)
+        return own(*arguments)
+
+    monkeypatch.setattr(archives, moment, overtaken)
+    assert unpacked(archive) == tmp_path / "lego"
+    assert sorted(os.listdir(tmp_path)) == ["lego", "lego.zip", "o"]
+    assert files_below(tmp_path / "lego") == files_below(folder)
+
+
 def test_half_of_another_archive_is_not_mixed_with_this_one(tmp_path):
     archive = of_names(tmp_path / "scan.zip", "b.png")
     (tmp_path / "scan").mkdir()
@@ -341,7 +360,7 @@ def test_what_cannot_be_written_is_named_with_the_way_out(tmp_path, monkeypatch,
     def refuse(*_):
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr(archives.os, "replace", refuse)
+    monkeypatch.setattr(archives, "_pieces_into", refuse)
     with pytest.raises(CaptureError, match=rf"scan.zip, what.*png: it cannot.*\); {remedy}"):
         unpacked(of_names(tmp_path / "scan.zip", "what?.png"))
     assert os.listdir(tmp_path) == ["scan.zip"]
