@@ -19,6 +19,7 @@ from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
+from ..job.replacing import replace_file
 from .errors import CaptureError, shown
 from .files import no_access
 from .image_header import EXTENSIONS as PICTURES
@@ -288,7 +289,7 @@ def _is_made(folder: Path, mark: str) -> bool:
     new.mkdir()
     try:
         (new / MARK).write_text(mark, encoding="utf-8")
-        new.rename(folder)
+        replace_file(new, folder)
     except OSError:
         shutil.rmtree(new, ignore_errors=True)
         if not folder.is_dir():
@@ -313,7 +314,7 @@ def _pieces_into(file: Path, archive: zipfile.ZipFile, info: zipfile.ZipInfo) ->
             while piece := source.read(_PIECE):
                 target.write(piece)
                 yield len(piece)
-        os.replace(part, file)
+        replace_file(part, file)
     finally:
         part.unlink(missing_ok=True)
 

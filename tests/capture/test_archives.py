@@ -366,6 +366,21 @@ def test_what_cannot_be_written_is_named_with_the_way_out(tmp_path, monkeypatch,
     assert os.listdir(tmp_path) == ["scan.zip"]
 
 
+def test_what_a_virus_scanner_holds_for_a_moment_is_waited_for(tmp_path, monkeypatch):
+    archive = packed(make_capture(tmp_path / "o"), tmp_path / "lego.zip")
+    own, held = os.replace, []
+
+    def replace(source, target):
+        if target not in held:
+            held.append(target)
+            raise PermissionError(errno.EACCES, "held")
+        own(source, target)
+
+    monkeypatch.setattr(os, "replace", replace)
+    assert files_below(unpacked(archive)) == files_below(tmp_path / "o")
+    assert len(held) == 1 + len(files_below(tmp_path / "o"))
+
+
 def test_of_an_archive_around_archives_it_is_said_what_to_do(tmp_path):
     with pytest.raises(CaptureError, match="other archives in it; unpack it and give one of those"):
         unpacked(of_names(tmp_path / "scans.zip", "one.r3d", "two.r3d", "notes.txt"))
