@@ -94,12 +94,8 @@ def check_unpacked(path: Path) -> None:
     for place in (path, *path.parents):
         with suppress(OSError):
             if (place / MARK).is_file():
-                raise CaptureError(
-                    path,
-                    "",
-                    "it is not unpacked completely",
-                    "give its archive again, which goes on",
-                )
+                problem = "it is not unpacked completely"
+                raise CaptureError(path, "", problem, "give its archive again, which goes on")
 
 
 def unpacked(path: Path, told: Callable[[float], None] = lambda fraction: None) -> Path:
@@ -255,13 +251,16 @@ def _unpack(
     if size + _SPARE > free:
         problem = f"it takes {size / 1e9:.1f} GB of disk, and {free / 1e9:.1f} are free"
         raise CaptureError(path, "", problem, "make room, or move it to another disk")
-    now = ""
     try:
-        if not begun and not _is_made(folder, own):
-            return _unpack(path, archive, members, root, told)
+        overtaken = not begun and not _is_made(folder, own)
         if begun and not goes_on:
             mark.write_text(own, encoding="utf-8")
-        done = 0
+    except OSError as error:
+        raise _not_written(path, "", folder, error) from error
+    if overtaken:
+        return _unpack(path, archive, members, root, told)
+    done, now = 0, ""
+    try:
         for file, info in missing.items():
             now = shown(_name(info))
             # Another process may have been faster, and somebody reads it already.
@@ -273,14 +272,11 @@ def _unpack(
         mark.unlink(missing_ok=True)
     except (OSError, *_DAMAGED) as error:
         # Without the mark, another process has ended well.
-        if not begun and (mark.exists() or not any(folder.glob("*"))):
+        if not begun and mark.exists():
             shutil.rmtree(folder, ignore_errors=True)
         if not isinstance(error, OSError):
             raise
-        raise CaptureError(
-            path, now, f"it cannot be unpacked to {folder} ({error.strerror})",
-            _REMEDIES.get(error.errno, "unpack it yourself elsewhere and give the folder"),
-        ) from error  # fmt: skip
+        raise _not_written(path, now, folder, error) from error
 
 
 def _is_made(folder: Path, mark: str) -> bool:
@@ -333,6 +329,12 @@ def _damaged(path: Path, error: Exception) -> CaptureError:
         f"the archive is damaged ({why})",
         "download or pack it again, or unpack it yourself",
     )
+
+
+def _not_written(path: Path, name: str, folder: Path, error: OSError) -> CaptureError:
+    remedy = _REMEDIES.get(error.errno, "unpack it yourself elsewhere and give the folder")
+    problem = f"it cannot be unpacked to {folder} ({error.strerror})"
+    return CaptureError(path, name, problem, remedy)
 
 
 def _by_hand(path: Path, problem: str) -> CaptureError:

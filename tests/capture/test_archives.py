@@ -272,6 +272,25 @@ def test_processes_that_begin_at_once_do_not_refuse_what_the_other_makes(
     assert files_below(tmp_path / "lego") == files_below(folder)
 
 
+def test_who_is_overtaken_and_then_has_no_room_leaves_what_the_other_has_begun(
+    tmp_path, monkeypatch
+):
+    archive = packed(make_capture(tmp_path / "o"), tmp_path / "lego.zip")
+
+    def overtaken(folder, mark):
+        folder.mkdir()
+        (folder / MARK).write_text(mark)
+        (folder / "r_0.png").write_bytes(b"begun")
+        free = shutil.disk_usage(tmp_path)._replace(free=archives._SPARE)
+        monkeypatch.setattr(archives.shutil, "disk_usage", lambda path: free)
+        return False
+
+    monkeypatch.setattr(archives, "_is_made", overtaken)
+    with pytest.raises(CaptureError, match="make room"):
+        unpacked(archive)
+    assert set(files_below(tmp_path / "lego")) == {MARK, "r_0.png"}
+
+
 def test_half_of_another_archive_is_not_mixed_with_this_one(tmp_path):
     archive = of_names(tmp_path / "scan.zip", "b.png")
     (tmp_path / "scan").mkdir()
