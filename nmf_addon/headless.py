@@ -115,11 +115,10 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
     # Factory settings would switch off the installed extension, which this is.
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     check_cycles(bpy.context.scene)
-    photos, masks, ignored = (
-        None if folder is None else folder.absolute()
-        for folder in (options.photos, options.masks, options.ignore)
+    given = (options.capture, options.photos, options.masks, options.ignore)
+    capture, photos, masks, ignored = unpack_all(
+        bpy.context, [None if path is None else path.absolute() for path in given]
     )
-    (capture,) = unpack_all(bpy.context, [options.capture.absolute()])
     collection = import_capture(bpy.context, capture, photos, masks, ignored)
     bpy.context.scene.nmf.capture = collection
     name = f"{out.stem}_job"

@@ -58,10 +58,9 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
             return {"CANCELLED"}
         try:
             paths = unpack_all(context, paths)
-            made = import_captures(
-                context, paths, _folder(self.photos), _folder(self.masks),
-                ignored=_folder(self.ignored),
-            )  # fmt: skip
+            others = [_folder(text) for text in (self.photos, self.masks, self.ignored)]
+            photos, masks, ignored = unpack_all(context, others)
+            made = import_captures(context, paths, photos, masks, ignored=ignored)
         except CaptureError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

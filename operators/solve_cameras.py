@@ -104,10 +104,9 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
             return {"CANCELLED"}
         try:
             (source,) = unpack_all(context, [source])
-            masks = None if not self.masks.strip() else _masks_of(source, self.masks.strip())
-            ignored = (
-                None if not self.ignored.strip() else _ignored_of(source, self.ignored.strip())
-            )
+            stated = [_stated(source, text.strip()) for text in (self.masks, self.ignored)]
+            masks, ignored = unpack_all(context, stated)
+            _check_stated(source, masks, ignored)
         except CaptureError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -151,36 +150,27 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def _stated(folder: Path, text: str) -> Path:
-    """What a person has stated as seen from a folder, from the blend file (//), or as a whole path."""
-    return Path(os.path.normpath(folder / bpy.path.abspath(text)))
+def _stated(source: Path, text: str) -> Path | None:
+    """What a person has stated as seen from the photos' folder or from a video's, from the blend file (//),
+    or as a whole path; None if that is nothing."""
+    place = source.parent if is_video(source) else source
+    return Path(os.path.normpath(place / bpy.path.abspath(text))) if text else None
 
 
-def _masks_of(source: Path, stated: str) -> Path:
-    """The folder of masks that a person has stated for a folder of photos.
+def _check_stated(source: Path, masks: Path | None, ignored: Path | None) -> None:
+    """Make sure that what is stated for photos is there.
 
     Raises:
-        CaptureError: there is none, or `source` is a video, whose photos are yet to be taken.
+        CaptureError: it is not, or is of photos that are yet to be taken from a video.
     """
-    masks = _stated(source, stated)
     if is_video(source):
         check_of_video(source, masks, None)
-    if not masks.is_dir():
+    if masks is not None and not masks.is_dir():
         raise CaptureError(masks, "masks", "there is no such folder", "check its path")
-    return masks
-
-
-def _ignored_of(source: Path, stated: str) -> Path:
-    """The pictures of what is to be ignored, a folder or one for all, that a person has stated for photos.
-
-    Raises:
-        CaptureError: there are none, or only of photos that are yet to be taken from a video.
-    """
-    ignored = _stated(source.parent if is_video(source) else source, stated)
-    check_ignored(ignored)
+    if ignored is not None:
+        check_ignored(ignored)
     if is_video(source):
         check_of_video(source, None, ignored)
-    return ignored
 
 
 def _unfinished(photos: Path) -> Path | None:

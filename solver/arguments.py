@@ -5,13 +5,16 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 from .capture.archives import is_archive, unpacked
 from .job.request import JobError
 from .streams import say
 
-IGNORE = "folder of pictures, white where photos are to be ignored, or one for all photos"
+IGNORE = (
+    "folder or archive of pictures, white where photos are to be ignored, or one for all photos"
+)
 """help of `--ignore`"""
 
 
@@ -66,17 +69,32 @@ def check_names(options: argparse.Namespace) -> None:
 
 
 def unpack_archives(options: argparse.Namespace) -> None:
-    """Put the folders of archives in the place of those that are given as captures, photos or masks.
+    """Put the folders of archives in the place of those that are given as captures, cameras or pictures.
 
     Raises:
         CaptureError: as `unpacked`.
     """
-    for name in ("capture", "photos", "masks"):
+    for name in ("capture", "cameras", "photos", "masks", "ignored"):
         path = getattr(options, name, None)
         if isinstance(path, Path) and is_archive(path):
-            folder = unpacked(path)
+            folder = _unpacked_with_bar(path)
             say(f"{path} is an archive; it is unpacked in {folder}.")
             setattr(options, name, folder)
+
+
+def _unpacked_with_bar(path: Path) -> Path:
+    """As `unpacked`, with a bar where there is something to unpack."""
+    from .job.progress import plain_bar
+
+    with ExitStack() as bars:
+        opened: list[Callable[[float, str], None]] = []
+
+        def told(fraction: float) -> None:
+            if not opened:
+                opened.append(bars.enter_context(plain_bar()))
+            opened[0](fraction, "unpacking")
+
+        return unpacked(path, told)
 
 
 def _is_text(name: str) -> bool:

@@ -96,14 +96,18 @@ def _parser() -> argparse.ArgumentParser:
 
     render = commands.add_parser("render", help="render cameras of a finished job")
     render.add_argument("job", type=Path)
-    render.add_argument("--cameras", type=Path, required=True, help="camera file")
+    render.add_argument(
+        "--cameras", type=Path, required=True, help="camera file, or an archive with one"
+    )
     render.add_argument("--out", type=Path, required=True)
     _add_light(render)
     render.set_defaults(run=_render)
 
     compose = commands.add_parser("compose", help="render several jobs in one world, one light")
     compose.add_argument("jobs", type=Path, nargs="+", metavar="JOB")
-    compose.add_argument("--cameras", type=Path, required=True, help="camera file")
+    compose.add_argument(
+        "--cameras", type=Path, required=True, help="camera file, or an archive with one"
+    )
     compose.add_argument("--out", type=Path, required=True)
     compose.add_argument(
         "--place", action="append", default=[], type=placement, metavar="X,Y,Z[,SCALE[,DEGREES]]",
@@ -114,7 +118,12 @@ def _parser() -> argparse.ArgumentParser:
 
     evaluate = commands.add_parser("evaluate", help="compare renders with held-out photos")
     evaluate.add_argument("job", type=Path)
-    evaluate.add_argument("--cameras", type=Path, required=True, help="camera file with photos")
+    evaluate.add_argument(
+        "--cameras",
+        type=Path,
+        required=True,
+        help="camera file with photos, or an archive with both",
+    )
     evaluate.add_argument("--photos", type=Path, metavar="DIR", help="if not below its folder")
     evaluate.add_argument("--ignore", type=Path, metavar="PATH", dest="ignored", help=IGNORE)
     evaluate.add_argument("--out", type=Path, help="metrics.json")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import bpy
@@ -9,13 +10,14 @@ import bpy
 from ...solver.capture.archives import is_archive, unpacked
 
 
-def unpack_all(context: bpy.types.Context, paths: list[Path]) -> list[Path]:
+def unpack_all(context: bpy.types.Context, paths: Sequence[Path | None]) -> list[Path | None]:
     """The paths, with the folder of each archive instead of it; how far that is stands at the pointer.
 
     Raises:
         CaptureError: as `unpacked`.
     """
-    return [_unpack(context.window_manager, path) if is_archive(path) else path for path in paths]
+    manager = context.window_manager
+    return [_unpack(manager, path) if path and is_archive(path) else path for path in paths]
 
 
 def _unpack(progress: bpy.types.WindowManager, path: Path) -> Path:

@@ -16,6 +16,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..capture.archives import check_unpacked
 from ..capture.errors import CaptureError
 from ..capture.files import no_access
 from ..capture.image_header import FORMATS
@@ -181,7 +182,7 @@ def photos_below(
         ignored: see `IgnoredFinder`.
 
     Raises:
-        CaptureError: there is no such folder, it cannot be read, or it holds too few.
+        CaptureError: there is no such folder, it cannot be read, holds too few, or half of an archive.
     """
     if folder.is_file():
         raise CaptureError(
@@ -190,6 +191,7 @@ def photos_below(
         )  # fmt: skip
     if not folder.is_dir():
         raise CaptureError(folder, "", "there is no such folder", "give the folder of the photos")
+    check_unpacked(folder)
     try:
         there = sorted(folder.iterdir())
     except OSError as error:  # macOS asks people which programs may read their folders

@@ -7,9 +7,11 @@ over no file that is there already, and no more than there is room for.
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import stat
+import sys
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
@@ -17,10 +19,11 @@ from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
+from ..job.replacing import replace_file
 from .errors import CaptureError, shown
 from .files import no_access
 from .image_header import EXTENSIONS as PICTURES
-from .picture_names import UNREADABLE
+from .picture_names import UNREADABLE, VIDEOS, plain
 
 ARCHIVES = (".zip", ".r3d")
 """extensions of archives, in lower case"""
@@ -32,9 +35,27 @@ _MOST_FILES = 200_000
 _SPARE = 1 << 28
 """bytes that stay free on the disk"""
 _PIECE = 1 << 20
+_PART = ".part"
+"""extension of a file that is being written"""
+_REMEDIES = {
+    **dict.fromkeys(
+        (errno.EACCES, errno.EPERM, errno.EROFS),
+        "make that folder writable, or move the archive to one that is",
+    ),
+    **dict.fromkeys(
+        (errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "make room, or move it to another disk"
+    ),
+    errno.ENAMETOOLONG: "move the archive to a folder of a shorter path",
+}
+"""by the number of what writing ended in"""
 _LOCKED = 0x1
 _UTF_8 = 0x800
 """bits of a member's flags"""
+_ADDED = (".ds_store", "thumbs.db", "desktop.ini", MARK)
+_SHOWN = PICTURES + UNREADABLE + VIDEOS
+_WINDOWS = sys.platform == "win32"
+_ONE_CASE = sys.platform in ("win32", "darwin")
+"""whether disks take letters of either case, and spellings of either kind, for one name"""
 _READABLE = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError, ValueError)
 """what reading a member may end in"""
@@ -47,14 +68,41 @@ class _Member(NamedTuple):
 
 def is_archive(path: Path) -> bool:
     """Whether this is an archive that is unpacked here."""
-    return path.suffix.lower() in ARCHIVES and path.is_file()
+    with suppress(OSError):
+        return path.suffix.lower() in ARCHIVES and path.is_file()
+    return False
+
+
+def folder_of(path: Path) -> Path:
+    """The folder beside an archive that it is unpacked to, of a name that Windows leaves as it is."""
+    return path.with_name(path.stem.rstrip(" .") or "unpacked")
+
+
+def is_of_missing(folder: Path, path: Path) -> bool:
+    """Whether a folder is, or lies in, that of an archive that is there no longer."""
+    gone = path.suffix.lower() in ARCHIVES and not path.exists()
+    return gone and folder.is_relative_to(folder_of(path))
+
+
+def check_unpacked(path: Path) -> None:
+    """Make sure that a folder or a file in it is not of half an archive.
+
+    Raises:
+        CaptureError: it is, for unpacking was stopped.
+    """
+    path = path.absolute()
+    for place in (path, *path.parents):
+        with suppress(OSError):
+            if (place / MARK).is_file():
+                problem = "it is not unpacked completely"
+                raise CaptureError(path, "", problem, "give its archive again, which goes on")
 
 
 def unpacked(path: Path, told: Callable[[float], None] = lambda fraction: None) -> Path:
     """The folder that an archive holds, unpacked beside it; any other path as it is.
 
-    The folder is called as the archive. Where it is there already, unpacked here or by a person, it is
-    taken as it is; one that was left half done is gone on with.
+    The folder is called as the archive (`folder_of`). Where it is there already, unpacked here or by a
+    person, it is taken as it is; one that was left half done is gone on with.
 
     Args:
         told: is called with the fraction done.
@@ -69,11 +117,11 @@ def unpacked(path: Path, told: Callable[[float], None] = lambda fraction: None) 
         with zipfile.ZipFile(path) as archive:
             members = _members(path, archive)
             top = _only_folder(members)
-            within = Path() if top is None else Path(top)
+            within, folder = Path(*top), folder_of(path)
             # What holds one folder of its own name becomes that folder, as macOS has it.
-            root = path.parent if top == path.stem else path.parent / path.stem
-            for place in (root, path.parent / path.stem):
-                if not (path.parent / path.stem / MARK).exists() and _is_whole(place, members):
+            root = path.parent if top[:1] == (folder.name,) else folder
+            for place in (root, folder):
+                if not (folder / MARK).exists() and _is_whole(place, members):
                     return place / within
             _unpack(path, archive, members, root, told)
             return root / within
@@ -86,14 +134,24 @@ def unpacked(path: Path, told: Callable[[float], None] = lambda fraction: None) 
 
 
 def _members(path: Path, archive: zipfile.ZipFile) -> list[_Member]:
-    """The files in an archive, without what macOS adds.
+    """The files in an archive, without what systems add.
 
     Raises:
         CaptureError: one of them must not or cannot be unpacked, or none is a photo.
     """
-    found = [_Member(info, _parts(path, info)) for info in archive.infolist() if not info.is_dir()]
-    found = [m for m in found if m.parts[0] != "__MACOSX" and not m.parts[-1].startswith("._")]
-    if not any(m.parts[-1].lower().endswith(PICTURES + UNREADABLE) for m in found):
+    # Of two of one name the last counts, as for all programs.
+    files: dict[tuple[str, ...], _Member] = {}
+    for info in archive.infolist():
+        name = _name(info)
+        if not _is_folder(name, info):
+            parts = _parts(path, name, info)
+            files[tuple(map(plain, parts)) if _ONE_CASE else parts] = _Member(info, parts)
+    found = [m for m in files.values() if not _is_added(m.parts)]
+    if not any(m.parts[-1].lower().endswith(_SHOWN) for m in found):
+        if any(m.parts[-1].lower().endswith(ARCHIVES) for m in found):
+            raise CaptureError(
+                path, "", "there are only other archives in it", "unpack it and give one of those"
+            )
         raise CaptureError(path, "", "there are no photos in it", "give an archive with photos")
     for info, _ in found:
         if info.flag_bits & _LOCKED:
@@ -109,33 +167,49 @@ def _members(path: Path, archive: zipfile.ZipFile) -> list[_Member]:
     return found
 
 
-def _parts(path: Path, info: zipfile.ZipInfo) -> tuple[str, ...]:
-    """The parts of a member's path.
+def _is_added(parts: tuple[str, ...]) -> bool:
+    """Whether a file is none of a person's: systems write theirs into every folder that is looked at."""
+    name = parts[-1]
+    return parts[0] == "__MACOSX" or name.startswith("._") or name.lower() in _ADDED
 
-    Raises:
-        CaptureError: it leads out of the archive's folder, or is a link or a device.
-    """
+
+def _name(info: zipfile.ZipInfo) -> str:
+    """A member's path, with slashes."""
     name = info.filename
     if not info.flag_bits & _UTF_8:
         # macOS writes UTF-8 and does not say so.
         with suppress(UnicodeError):
             name = name.encode("cp437").decode("utf-8")
-    name = name.replace("\\", "/")
+    return name.replace("\\", "/")
+
+
+def _is_folder(name: str, info: zipfile.ZipInfo) -> bool:
+    """Whether a member is a folder, which older programs on Windows end in a backslash."""
+    return name.endswith("/") or stat.S_ISDIR(info.external_attr >> 16)
+
+
+def _parts(path: Path, name: str, info: zipfile.ZipInfo) -> tuple[str, ...]:
+    """The parts of a member's path.
+
+    Raises:
+        CaptureError: it leads out of the archive's folder, or is a link or a device.
+    """
     parts = PurePosixPath(name).parts
     kind = stat.S_IFMT(info.external_attr >> 16)
     if kind not in (0, stat.S_IFREG):
         remedy = "pack the photos themselves, not links to them"
         raise CaptureError(path, shown(name), "this is no file", remedy)
-    if not parts or parts[0].startswith("/") or ".." in parts or any(":" in part for part in parts):
+    # Windows cuts off points and blanks at the ends of names, so ".. " may mean "..".
+    cut = [part.rstrip(" .") for part in parts]
+    if not parts or parts[0].startswith("/") or not all(cut) or any(":" in part for part in parts):
         problem = "it would not lie in the archive's folder"
         raise CaptureError(path, shown(name), problem, "pack it again")
-    return parts
+    return tuple(cut) if _WINDOWS else parts
 
 
-def _only_folder(members: list[_Member]) -> str | None:
-    """The one folder that everything in an archive lies in, if there is one."""
-    tops = {member.parts[0] for member in members}
-    return tops.pop() if len(tops) == 1 and all(len(m.parts) > 1 for m in members) else None
+def _only_folder(members: list[_Member]) -> tuple[str, ...]:
+    """The path of the one folder, at most in others that hold no more, in which everything lies."""
+    return tuple(os.path.commonprefix([member.parts[:-1] for member in members]))
 
 
 def _is_whole(root: Path, members: list[_Member]) -> bool:
@@ -154,51 +228,89 @@ def _unpack(
     told: Callable[[float], None],
 ) -> None:  # fmt: skip
     """Unpack below `root` what is not there yet."""
-    folder = path.parent / path.stem
-    mark = folder / MARK
-    if folder.exists() and not mark.is_file():
+    folder = folder_of(path)
+    mark, begun, own = folder / MARK, folder.exists(), _identity(path)
+    if begun and not mark.is_file():
+        if _is_whole(root, members):
+            return  # another process has just ended
         raise CaptureError(
             path, "", f"it would be unpacked to {folder}, where something else is",
             "give that folder if it is the capture, or else move it",
         )  # fmt: skip
-    begun, own = folder.exists(), _identity(path)
     goes_on = begun and mark.read_text(encoding="utf-8", errors="replace") == own
-    missing = [m for m in members if not (goes_on and _is_there(root.joinpath(*m.parts), m.info))]
-    size = sum(info.file_size for info, _ in missing)
+    places = {root.joinpath(*parts): info for info, parts in members}
+    if begun and not goes_on and _holds_others(folder, {mark, *places}):
+        raise CaptureError(
+            path, "", f"it would be unpacked to {folder}, where half of another archive is",
+            "move or delete that folder",
+        )  # fmt: skip
+    own_only = goes_on or not begun
+    missing = {p: info for p, info in places.items() if not (own_only and _is_there(p, info))}
+    size = sum(info.file_size for info in missing.values())
     free = shutil.disk_usage(path.parent).free
     if size + _SPARE > free:
         problem = f"it takes {size / 1e9:.1f} GB of disk, and {free / 1e9:.1f} are free"
         raise CaptureError(path, "", problem, "make room, or move it to another disk")
     try:
-        folder.mkdir(exist_ok=True)
-        mark.write_text(own, encoding="utf-8")
-        done = 0
-        for info, parts in missing:
-            for piece in _pieces_into(root.joinpath(*parts), archive, info):
+        overtaken = not begun and not _is_made(folder, own)
+        if begun and not goes_on:
+            mark.write_text(own, encoding="utf-8")
+    except OSError as error:
+        raise _not_written(path, "", folder, error) from error
+    if overtaken:
+        return _unpack(path, archive, members, root, told)
+    done, now = 0, ""
+    try:
+        for file, info in missing.items():
+            now = shown(_name(info))
+            # Another process may have been faster, and somebody reads it already.
+            whole = own_only and _is_there(file, info)
+            for piece in [info.file_size] if whole else _pieces_into(file, archive, info):
                 done += piece
-                told(done / size)
-        mark.unlink()
+                if size:
+                    told(done / size)
+        mark.unlink(missing_ok=True)
     except (OSError, *_DAMAGED) as error:
-        if not begun:
+        # Without the mark, another process has ended well.
+        if not begun and mark.exists():
             shutil.rmtree(folder, ignore_errors=True)
         if not isinstance(error, OSError):
             raise
-        raise CaptureError(
-            path, "", f"it cannot be unpacked to {folder} ({error.strerror})",
-            "make that folder writable, or move the archive to one that is",
-        ) from error  # fmt: skip
+        raise _not_written(path, now, folder, error) from error
+
+
+def _is_made(folder: Path, mark: str) -> bool:
+    """Make a folder that is marked from its first moment on; False if another process was faster."""
+    new = folder.with_name(f"{os.getpid()}{_PART}")
+    new.mkdir()
+    try:
+        (new / MARK).write_text(mark, encoding="utf-8")
+        replace_file(new, folder)
+    except OSError:
+        shutil.rmtree(new, ignore_errors=True)
+        if not folder.is_dir():
+            raise
+        return False
+    return True
+
+
+def _holds_others(folder: Path, ours: set[Path]) -> bool:
+    """Whether there is anything below a folder but these files, and what was left of writing them."""
+    files = (path for path in folder.rglob("*") if not path.is_dir() or path.is_symlink())
+    return any(file not in ours and file.suffix != _PART for file in files)
 
 
 def _pieces_into(file: Path, archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Iterator[int]:
     """Write a member to a file, which is there when it is whole; yields the sizes of its pieces."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    part = file.with_name(f"{file.name}.{os.getpid()}.part")
+    # Not longer than the file's own name, which may be as long as names can be.
+    part = file.with_name(f"{os.getpid()}{_PART}")
     try:
         with archive.open(info) as source, part.open("wb") as target:
             while piece := source.read(_PIECE):
                 target.write(piece)
                 yield len(piece)
-        os.replace(part, file)
+        replace_file(part, file)
     finally:
         part.unlink(missing_ok=True)
 
@@ -211,7 +323,18 @@ def _identity(path: Path) -> str:
 
 def _damaged(path: Path, error: Exception) -> CaptureError:
     why = shown(str(error)) or type(error).__name__
-    return CaptureError(path, "", f"the archive is damaged ({why})", "download or pack it again")
+    return CaptureError(
+        path,
+        "",
+        f"the archive is damaged ({why})",
+        "download or pack it again, or unpack it yourself",
+    )
+
+
+def _not_written(path: Path, name: str, folder: Path, error: OSError) -> CaptureError:
+    remedy = _REMEDIES.get(error.errno, "unpack it yourself elsewhere and give the folder")
+    problem = f"it cannot be unpacked to {folder} ({error.strerror})"
+    return CaptureError(path, name, problem, remedy)
 
 
 def _by_hand(path: Path, problem: str) -> CaptureError:

@@ -7,6 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 
+from .archives import check_unpacked
 from .capture import Capture
 from .errors import CaptureError, shown
 from .files import check_readable
@@ -96,9 +97,10 @@ def camera_file(path: Path | str, split: str = "train") -> Path:
     recognises by what is in it.
 
     Raises:
-        CaptureError: nothing there.
+        CaptureError: nothing there, or half of an archive.
     """
     path = Path(path)
+    check_unpacked(path)
     if path.is_file():
         return path
     if not path.exists():

@@ -6,6 +6,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
+from ..capture.archives import is_of_missing
 from .folder import JobFolder
 from .request import JobError
 
@@ -37,4 +38,7 @@ def take_up(job: JobFolder, asked: dict[str, Any], time_limit: float | None) -> 
 
 
 def _same_place(one: str | None, other: str) -> bool:
-    return one is not None and Path(one).resolve() == Path(other).resolve()
+    """Whether paths lead to the same, or one is of an archive that is there no longer."""
+    if one is None:
+        return False
+    return Path(one).resolve() == Path(other).resolve() or is_of_missing(Path(one), Path(other))

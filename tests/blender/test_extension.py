@@ -97,6 +97,30 @@ def test_an_archive_is_imported_from_the_folder_that_it_is_unpacked_to(duck, tmp
     assert not (tmp_path / "bad").exists()
 
 
+def test_an_archive_of_photos_is_imported_with_the_cameras_beside_it(duck, tmp_path):
+    shutil.make_archive(str(tmp_path / "photos"), "zip", duck)
+    shutil.copy(duck / "transforms_train.json", tmp_path)
+    result = bpy.ops.nmf.import_capture(
+        filepath=str(tmp_path / "transforms_train.json"), photos=str(tmp_path / "photos.zip")
+    )
+    assert result == {"FINISHED"}
+    cameras = [c for c in bpy.context.scene.nmf.capture.all_objects if c.type == "CAMERA"]
+    images = {c.data.background_images[0].image for c in cameras}
+    assert len(images) == 60
+    assert all(Path(i.filepath).is_relative_to(tmp_path / "photos") for i in images)
+
+
+def test_an_archive_of_photos_is_headless_taken_as_its_folder(
+    extension, duck, tmp_path, fake_solver
+):
+    shutil.make_archive(str(tmp_path / "photos"), "zip", duck)
+    shutil.copy(duck / "transforms_train.json", tmp_path)
+    command = ["reconstruct", str(tmp_path / "transforms_train.json"), str(tmp_path / "x.blend")]
+    photos = ["--photos", str(tmp_path / "photos.zip")]
+    assert extension("headless").main([*command, *photos]) == 0
+    assert (tmp_path / "photos").is_dir()
+
+
 def test_the_import_operator_reports_what_is_wrong(tmp_path):
     with pytest.raises(RuntimeError, match="no such file or folder"):
         bpy.ops.nmf.import_capture(filepath=str(tmp_path / "none.json"))

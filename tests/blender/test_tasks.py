@@ -76,6 +76,23 @@ def test_cameras_of_an_archive_are_solved_from_the_folder_that_it_is_unpacked_to
     assert Path(bpy.path.abspath(photo.filepath)).parent == tmp_path / "Shots"
 
 
+def test_archives_of_masks_and_of_what_is_to_be_ignored_go_to_the_solver_as_their_folders(
+    task, photos, fake_solver, tmp_path
+):
+    for name in ("silhouettes", "hands"):
+        shutil.make_archive(str(photos.with_name(name)), "zip", photos)
+    whole = str(photos.with_name("hands.zip"))
+    result = bpy.ops.nmf.solve_cameras(
+        directory=str(photos), masks="../silhouettes.zip", ignored=whole
+    )
+    assert result == {"FINISHED"}
+    task.finish()
+    (begun,) = (tmp_path / "nmf_jobs").glob("*/solve.json")
+    asked = json.loads(begun.read_text("utf-8"))
+    assert asked["masks"] == str(photos.with_name("silhouettes"))
+    assert asked["ignored"] == str(photos.with_name("hands"))
+
+
 @pytest.mark.parametrize("stated", ["../silhouettes", "//scan ö/silhouettes", "whole"])
 def test_masks_go_to_the_solver_and_to_the_capture(
     extension, task, photos, fake_solver, tmp_path, capfd, stated

@@ -1,15 +1,19 @@
 """Archives: what apps give reads as its folder does, and a hostile one writes nothing outside."""
 
+import errno
 import io
 import os
 import shutil
 import stat
+import subprocess
+import sys
 import zipfile
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from solver.cameras.folder import photos_below
 from solver.capture import archives
 from solver.capture.archives import MARK, unpacked
 from solver.capture.errors import CaptureError
@@ -17,6 +21,7 @@ from solver.capture.read import read_capture
 from tests.capture.test_capture import make_capture
 from tests.capture.test_polycam import make_polycam
 from tests.capture.test_record3d import make_record3d
+from tests.cli.command import ROOT
 
 
 def packed(folder, archive, above=""):
@@ -38,6 +43,14 @@ def with_member(archive, name, content=b"x", **changes):
     return archive
 
 
+def of_names(archive, *names, content=b"x"):
+    """An archive of files of these names."""
+    with zipfile.ZipFile(archive, "w") as file:
+        for name in names:
+            file.writestr(zipfile.ZipInfo(name), content)
+    return archive
+
+
 def files_below(folder):
     return {
         str(path.relative_to(folder)): path.read_bytes()
@@ -49,7 +62,7 @@ def files_below(folder):
 @pytest.mark.parametrize("make, name", [
     (make_polycam, "scan.zip"), (make_record3d, "walk.r3d"), (make_capture, "lego.ZIP"),
 ])  # fmt: skip
-@pytest.mark.parametrize("above", ["", "lego", "anything"])
+@pytest.mark.parametrize("above", ["", "lego", "anything", "home/me/all scans/lego"])
 def test_an_archive_reads_as_its_folder_does(tmp_path, make, name, above):
     folder = make(tmp_path / "original")
     (tmp_path / "downloads").mkdir()
@@ -164,6 +177,17 @@ def test_what_macos_adds_is_left_out_and_its_names_are_read_as_it_means_them(tmp
     assert unpacked(archive) == tmp_path / "scan" / "Tür"
 
 
+def test_what_systems_write_into_folders_is_left_out_and_may_change_there(tmp_path):
+    names = ".DS_Store", "Thumbs.db", "shots/desktop.ini"
+    archive = of_names(tmp_path / "scan.zip", "shots/a.png", *names)
+    folder = unpacked(archive)
+    assert folder == tmp_path / "scan" / "shots" and files_below(tmp_path / "scan") == {
+        os.path.join("shots", "a.png"): b"x"
+    }
+    (folder / ".DS_Store").write_bytes(b"the Finder's, of another size")
+    assert unpacked(archive) == folder
+
+
 def test_an_archive_larger_than_any_of_photos_is_refused(tmp_path):
     archive = tmp_path / "bomb.zip"
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
@@ -211,6 +235,182 @@ def test_a_damaged_archive_leaves_nothing(tmp_path):
         assert sorted(os.listdir(tmp_path)) == ["lego.zip", "o"]
 
 
+def test_a_process_that_another_has_overtaken_leaves_what_that_one_unpacked(tmp_path):
+    folder = make_capture(tmp_path / "o", count=6)
+    archive = packed(folder, tmp_path / "lego.zip")
+    code = "import sys, pathlib; from solver.capture.archives import unpacked; "
+    code += "unpacked(pathlib.Path(sys.argv[1]))"
+    whole = []
+
+    def overtaken(fraction):
+        if not whole:
+            subprocess.run([sys.executable, "-c", code, str(archive)], check=True, cwd=ROOT)
+            os.utime(tmp_path / "lego" / "r_5.png", ns=(5, 5))
+        whole.append(MARK not in files_below(tmp_path / "lego"))
+
+    assert unpacked(archive, overtaken) == tmp_path / "lego"
+    assert all(whole) and files_below(tmp_path / "lego") == files_below(folder)
+    assert (tmp_path / "lego" / "r_5.png").stat().st_mtime_ns == 5, "it is being read"
+
+
+@pytest.mark.parametrize("moment", ["_unpack", "_is_made"])
+def test_processes_that_begin_at_once_do_not_refuse_what_the_other_makes(
+    tmp_path, monkeypatch, moment
+):
+    folder = make_capture(tmp_path / "o")
+    archive = packed(folder, tmp_path / "lego.zip")
+    own = getattr(archives, moment)
+
+    def overtaken(*arguments):
+        monkeypatch.setattr(archives, moment, own)
+        unpacked(archive)
+        return own(*arguments)
+
+    monkeypatch.setattr(archives, moment, overtaken)
+    assert unpacked(archive) == tmp_path / "lego"
+    assert sorted(os.listdir(tmp_path)) == ["lego", "lego.zip", "o"]
+    assert files_below(tmp_path / "lego") == files_below(folder)
+
+
+def test_who_is_overtaken_and_then_has_no_room_leaves_what_the_other_has_begun(
+    tmp_path, monkeypatch
+):
+    archive = packed(make_capture(tmp_path / "o"), tmp_path / "lego.zip")
+
+    def overtaken(folder, mark):
+        folder.mkdir()
+        (folder / MARK).write_text(mark)
+        (folder / "r_0.png").write_bytes(b"begun")
+        free = shutil.disk_usage(tmp_path)._replace(free=archives._SPARE)
+        monkeypatch.setattr(archives.shutil, "disk_usage", lambda path: free)
+        return False
+
+    monkeypatch.setattr(archives, "_is_made", overtaken)
+    with pytest.raises(CaptureError, match="make room"):
+        unpacked(archive)
+    assert set(files_below(tmp_path / "lego")) == {MARK, "r_0.png"}
+
+
+def test_half_of_another_archive_is_not_mixed_with_this_one(tmp_path):
+    archive = of_names(tmp_path / "scan.zip", "b.png")
+    (tmp_path / "scan").mkdir()
+    (tmp_path / "scan" / MARK).write_text("scan.zip 1 1")
+    (tmp_path / "scan" / "a.png").write_bytes(b"other")
+    (tmp_path / "scan" / "7.part").write_bytes(b"oth")
+    with pytest.raises(CaptureError, match="where half of another archive is; move or delete that"):
+        unpacked(archive)
+    (tmp_path / "scan" / "a.png").unlink()
+    assert (unpacked(archive) / "b.png").read_bytes() == b"x"
+
+
+def test_what_is_not_unpacked_completely_is_read_by_nobody(tmp_path):
+    folder = make_capture(tmp_path / "lego" / "inside")
+    (tmp_path / "lego" / MARK).write_text("lego.zip 1 1")
+    for place in (folder, tmp_path / "lego"):
+        with pytest.raises(CaptureError, match="not unpacked completely; give its archive again"):
+            read_capture(place)
+        with pytest.raises(CaptureError, match="not unpacked completely; give its archive again"):
+            photos_below(place)
+    with pytest.raises(CaptureError, match="not unpacked completely; give its archive again"):
+        read_capture(folder / "transforms_train.json")
+
+
+def test_an_archive_of_what_was_not_unpacked_completely_is_unpacked_once(tmp_path):
+    archive = of_names(tmp_path / "scan.zip", "scan/a.png", f"scan/{MARK}")
+    assert unpacked(archive) == unpacked(archive) == tmp_path / "scan"
+    assert files_below(tmp_path / "scan") == {"a.png": b"x"}
+
+
+def test_of_two_files_of_one_name_the_last_counts(tmp_path, monkeypatch):
+    with zipfile.ZipFile(tmp_path / "scan.zip", "w") as file:
+        file.writestr("a.png", b"first")
+        with pytest.warns(UserWarning, match="Duplicate"):
+            file.writestr("a.png", b"second one")
+        file.writestr("A.png", b"third")
+    assert unpacked(tmp_path / "scan.zip") == unpacked(tmp_path / "scan.zip")
+    assert files_below(tmp_path / "scan") == {"a.png": b"second one", "A.png": b"third"}
+    shutil.rmtree(tmp_path / "scan")
+    monkeypatch.setattr(archives, "_ONE_CASE", True)  # as on Windows and macOS
+    assert unpacked(tmp_path / "scan.zip") == unpacked(tmp_path / "scan.zip")
+    assert files_below(tmp_path / "scan") == {"A.png": b"third"}
+
+
+def test_folders_that_end_in_a_backslash_are_folders(tmp_path):
+    archive = of_names(tmp_path / "scan.zip", "shots\\", "shots\\a.png", "shots\\more\\b.png")
+    assert unpacked(archive) == tmp_path / "scan" / "shots"
+    assert set(files_below(tmp_path / "scan" / "shots")) == {"a.png", os.path.join("more", "b.png")}
+
+
+@pytest.mark.parametrize("name", [".. /evil.png", "a/. ./.. ./evil.png", "a/.../evil.png"])
+def test_no_name_that_windows_makes_another_of_leads_out(tmp_path, name):
+    with pytest.raises(CaptureError, match="it would not lie in the archive's folder"):
+        unpacked(with_member(tmp_path / "bad.zip", name))
+    assert os.listdir(tmp_path) == ["bad.zip"]
+
+
+@pytest.mark.parametrize("name, folder", [
+    ("scan .zip", "scan"), ("scan...zip", "scan"), ("..zip", "unpacked"), ("...zip", "unpacked"),
+    ("my scan (1).v2.zip", "my scan (1).v2"),
+])  # fmt: skip
+def test_a_folder_has_a_name_that_all_systems_take(tmp_path, name, folder):
+    (tmp_path / "d").mkdir()
+    archive = of_names(tmp_path / "d" / name, "shots/a.png")
+    assert unpacked(archive) == unpacked(archive) == tmp_path / "d" / folder / "shots"
+    assert sorted(os.listdir(tmp_path / "d")) == sorted([name, folder])
+
+
+def test_names_as_long_as_they_can_be_are_unpacked(tmp_path):
+    name = "照" * 83 + ".png"
+    assert len(os.fsencode(name)) > 250
+    assert (unpacked(of_names(tmp_path / "scan.zip", name)) / name).read_bytes() == b"x"
+
+
+def test_a_name_that_a_disk_does_not_take_is_told(tmp_path):
+    with pytest.raises(CaptureError, match="xx…: it cannot be unpacked.* of a shorter path"):
+        unpacked(of_names(tmp_path / "scan.zip", "a.png", "x" * 300 + ".png"))
+    assert os.listdir(tmp_path) == ["scan.zip"]
+
+
+@pytest.mark.parametrize("number, remedy", [
+    (errno.EACCES, "make that folder writable, or move the archive"), (errno.ENOSPC, "make room"),
+    (errno.EINVAL, "unpack it yourself elsewhere and give the folder"),
+])  # fmt: skip
+def test_what_cannot_be_written_is_named_with_the_way_out(tmp_path, monkeypatch, number, remedy):
+    def refuse(*_):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(archives, "_pieces_into", refuse)
+    with pytest.raises(CaptureError, match=rf"scan.zip, what.*png: it cannot.*\); {remedy}"):
+        unpacked(of_names(tmp_path / "scan.zip", "what?.png"))
+    assert os.listdir(tmp_path) == ["scan.zip"]
+
+
+def test_what_a_virus_scanner_holds_for_a_moment_is_waited_for(tmp_path, monkeypatch):
+    archive = packed(make_capture(tmp_path / "o"), tmp_path / "lego.zip")
+    own, held = os.replace, []
+
+    def replace(source, target):
+        if target not in held:
+            held.append(target)
+            raise PermissionError(errno.EACCES, "held")
+        own(source, target)
+
+    monkeypatch.setattr(os, "replace", replace)
+    assert files_below(unpacked(archive)) == files_below(tmp_path / "o")
+    assert len(held) == 1 + len(files_below(tmp_path / "o"))
+
+
+def test_of_an_archive_around_archives_it_is_said_what_to_do(tmp_path):
+    with pytest.raises(CaptureError, match="other archives in it; unpack it and give one of those"):
+        unpacked(of_names(tmp_path / "scans.zip", "one.r3d", "two.r3d", "notes.txt"))
+
+
+def test_an_archive_around_a_video_is_unpacked(tmp_path):
+    folder = unpacked(of_names(tmp_path / "walk.zip", "walk/IMG_1.MOV"))
+    with pytest.raises(CaptureError, match="give the video itself, IMG_1.MOV"):
+        photos_below(folder)
+
+
 @settings(
     max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
@@ -241,3 +441,7 @@ def test_no_archive_crashes_or_writes_elsewhere(tmp_path_factory, data):
 def test_any_other_path_stays_as_it_is(tmp_path):
     for path in (tmp_path, tmp_path / "nowhere.zip", make_capture(tmp_path / "o") / "r_0.png"):
         assert unpacked(path) == path
+
+
+def test_a_path_that_no_disk_has_is_no_archive(tmp_path):
+    assert not archives.is_archive(tmp_path / ("x" * 300 + ".zip"))

@@ -5,12 +5,14 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from solver import cli, doctor
+from solver.arguments import unpack_archives
 from solver.job.folder import JobFolder
 from solver.job.request import JobRequest
 from tests.capture.test_capture import make_capture, set_pose
@@ -96,6 +98,28 @@ def test_an_archive_is_checked_as_its_folder_is(tmp_path):
     assert ours.returncode == theirs.returncode == 0
     assert ours.stdout.replace(f"downloads{os.sep}scan ü", "scan ü") == theirs.stdout
     assert f"scan ü.zip is an archive; it is unpacked in {tmp_path}" in ours.stderr
+
+
+def test_archives_of_pictures_and_of_cameras_are_taken_as_their_folders(tmp_path):
+    folder = make_capture(tmp_path / "scan")
+    given = {}
+    for name in ("photos", "masks", "ignored", "cameras"):
+        given[name] = Path(shutil.make_archive(str(tmp_path / "of" / name), "zip", folder))
+    options = SimpleNamespace(capture=folder, **given)
+    unpack_archives(options)
+    assert vars(options) == {
+        "capture": folder, **{name: path.with_suffix("") for name, path in given.items()}
+    }  # fmt: skip
+
+
+def test_a_terminal_has_a_bar_while_an_archive_is_unpacked(tmp_path, capsys, monkeypatch):
+    shutil.make_archive(str(tmp_path / "scan"), "zip", make_capture(tmp_path / "o"))
+    for bars in (1, 0):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+        unpack_archives(SimpleNamespace(capture=tmp_path / "scan.zip"))
+        said = capsys.readouterr().err
+        assert ("unpacking" in said, "100%" in said) == (bool(bars),) * 2
+        assert "it is unpacked in" in said.splitlines()[-1]
 
 
 @pytest.mark.parametrize("before", ["an empty folder", "a job"])
