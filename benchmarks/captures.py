@@ -28,7 +28,7 @@ from solver.capture.capture import Capture  # noqa: E402
 from solver.capture.formats.transforms import write_transforms  # noqa: E402
 from solver.capture.placement import placed  # noqa: E402
 from solver.capture.read import read_capture  # noqa: E402
-from solver.job.replacing import write_json_atomic  # noqa: E402
+from solver.replacing import write_json_atomic  # noqa: E402
 
 AS_IT_IS = "transforms.json"
 PROGRAMS = [AS_IT_IS, *WRITERS]

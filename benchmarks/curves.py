@@ -36,12 +36,12 @@ from solver.fit.schedule import picture_settings  # noqa: E402
 from solver.fit.settings import Settings  # noqa: E402
 from solver.fit.start import new_trainer  # noqa: E402
 from solver.fit.trainer import Trainer  # noqa: E402
-from solver.job.replacing import write_json_atomic  # noqa: E402
 from solver.kernels.warm_up import compile_kernels  # noqa: E402
 from solver.metrics.image import psnr  # noqa: E402
 from solver.metrics.normals import normal_mae  # noqa: E402
 from solver.render.image import render_view  # noqa: E402
 from solver.render.scene import StepTables  # noqa: E402
+from solver.replacing import write_json_atomic  # noqa: E402
 
 VIEWS, RAYS = 5, 24
 FIRST, FACTOR = 40, 1.5  # steps of the first mark, and from mark to mark

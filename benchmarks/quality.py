@@ -25,7 +25,7 @@ from benchmarks.machine import commit, machine  # noqa: E402
 from benchmarks.tables import write_page  # noqa: E402
 from solver.fit.presets import ABLATIONS, PRESETS  # noqa: E402
 from solver.job.events import read_events  # noqa: E402
-from solver.job.replacing import write_json_atomic  # noqa: E402
+from solver.replacing import write_json_atomic  # noqa: E402
 
 SETTINGS = {"default": {}, **ABLATIONS, "with neural": {"fit.neural_start": 1.0}}
 # What is scored is the field. Pictures on the way, and an ablation's asset, only cost time.

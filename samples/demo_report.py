@@ -26,9 +26,9 @@ from solver.capture.photos import load_photos, read_exr  # noqa: E402
 from solver.capture.read import read_capture  # noqa: E402
 from solver.fit.preview import over_plain, tone_mapped  # noqa: E402
 from solver.job.folder import JobFolder  # noqa: E402
-from solver.job.replacing import write_json_atomic  # noqa: E402
 from solver.metrics.image import psnr, ssim  # noqa: E402
 from solver.metrics.normals import normal_mae  # noqa: E402
+from solver.replacing import write_json_atomic  # noqa: E402
 from solver.report import Row, write_report  # noqa: E402
 
 RELIGHTS = ("sunset", "studio")

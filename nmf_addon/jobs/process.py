@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ...solver.job.events import Event, parse_event
 from ...solver.job.folder import JobFolder
-from ...solver.job.replacing import replace_file
+from ...solver.replacing import replace_file
 from .model import JobModel
 
 TERMINATE_AFTER, KILL_AFTER = 5.0, 10.0  # seconds after Cancel

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ..job.folder import JobFolder
-from ..job.replacing import replace_file
 from ..job.request import JobError
+from ..replacing import replace_file
 
 
 def export_result(job: JobFolder, out: Path) -> Path:

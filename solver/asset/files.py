@@ -11,7 +11,7 @@ import OpenImageIO
 from PIL import Image
 
 from ..capture.colour import REC709
-from ..job.replacing import replace_file
+from ..replacing import replace_file
 from .unwrap import UnwrappedMesh
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from .. import __version__
 from ..brdf.microfacet import DIELECTRIC_F0
 from ..capture.colour import linear_to_srgb
-from ..job.replacing import replace_file
+from ..replacing import replace_file
 from .files import picture_of
 from .metallic import Metallic
 from .tangent import vertex_tangents

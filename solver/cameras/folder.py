@@ -23,7 +23,7 @@ from ..capture.image_header import FORMATS
 from ..capture.photo_finder import PhotoFinder, capture_folder
 from ..capture.picture_names import VIDEOS, numbered
 from ..job.folder import holds_nothing
-from ..job.replacing import write_json_atomic
+from ..replacing import write_json_atomic
 
 MATCHERS = ("auto", "exhaustive", "sequential")
 CAMERA_MODELS = (

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..capture.camera import Camera
 from ..capture.formats.transforms import write_transforms
-from ..job.replacing import replace_file
+from ..replacing import replace_file
 from .folder import SolveFolder
 
 

@@ -16,7 +16,7 @@ from ..capture.colour import REC709
 from ..capture.errors import CaptureError
 from ..capture.sharpness import sharpness_of
 from ..capture.video import Frame, frame_count, frames
-from ..job.replacing import replace_file
+from ..replacing import replace_file
 from ..threads import usable_cores
 from .folder import FEWEST_PHOTOS, photos_below
 

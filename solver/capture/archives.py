@@ -10,28 +10,17 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-import stat
-import sys
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from pathlib import Path, PurePosixPath
-from typing import NamedTuple
+from pathlib import Path
 
-from ..job.replacing import replace_file
+from ..replacing import replace_file
+from .archive_members import ARCHIVES, MARK, Member, common_folder, members_of, name_of
 from .errors import CaptureError, shown
 from .files import no_access
-from .image_header import EXTENSIONS as PICTURES
-from .picture_names import UNREADABLE, VIDEOS, plain
 
-ARCHIVES = (".zip", ".r3d")
-"""extensions of archives, in lower case"""
-MARK = ".unpacking"
-"""file in a folder that is not unpacked completely yet; it says of which archive"""
-_LARGEST_RATIO = 200
-"""bytes unpacked to those of the archive: photos have one or two, text may have ten"""
-_MOST_FILES = 200_000
 _SPARE = 1 << 28
 """bytes that stay free on the disk"""
 _PIECE = 1 << 20
@@ -48,22 +37,8 @@ _REMEDIES = {
     errno.ENAMETOOLONG: "move the archive to a folder of a shorter path",
 }
 """by the number of what writing ended in"""
-_LOCKED = 0x1
-_UTF_8 = 0x800
-"""bits of a member's flags"""
-_ADDED = (".ds_store", "thumbs.db", "desktop.ini", MARK)
-_SHOWN = PICTURES + UNREADABLE + VIDEOS
-_WINDOWS = sys.platform == "win32"
-_ONE_CASE = sys.platform in ("win32", "darwin")
-"""whether disks take letters of either case, and spellings of either kind, for one name"""
-_READABLE = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError, ValueError)
 """what reading a member may end in"""
-
-
-class _Member(NamedTuple):
-    info: zipfile.ZipInfo
-    parts: tuple[str, ...]  # of its path in the archive
 
 
 def is_archive(path: Path) -> bool:
@@ -115,8 +90,8 @@ def unpacked(path: Path, told: Callable[[float], None] = lambda fraction: None) 
     path = Path(os.path.normpath(path.absolute()))
     try:
         with zipfile.ZipFile(path) as archive:
-            members = _members(path, archive)
-            top = _only_folder(members)
+            members = members_of(path, archive)
+            top = common_folder(members)
             within, folder = Path(*top), folder_of(path)
             # What holds one folder of its own name becomes that folder, as macOS has it.
             root = path.parent if top[:1] == (folder.name,) else folder
@@ -133,86 +108,7 @@ def unpacked(path: Path, told: Callable[[float], None] = lambda fraction: None) 
         raise _damaged(path, error) from error
 
 
-def _members(path: Path, archive: zipfile.ZipFile) -> list[_Member]:
-    """The files in an archive, without what systems add.
-
-    Raises:
-        CaptureError: one of them must not or cannot be unpacked, or none is a photo.
-    """
-    # Of two of one name the last counts, as for all programs.
-    files: dict[tuple[str, ...], _Member] = {}
-    for info in archive.infolist():
-        name = _name(info)
-        if not _is_folder(name, info):
-            parts = _parts(path, name, info)
-            files[tuple(map(plain, parts)) if _ONE_CASE else parts] = _Member(info, parts)
-    found = [m for m in files.values() if not _is_added(m.parts)]
-    if not any(m.parts[-1].lower().endswith(_SHOWN) for m in found):
-        if any(m.parts[-1].lower().endswith(ARCHIVES) for m in found):
-            raise CaptureError(
-                path, "", "there are only other archives in it", "unpack it and give one of those"
-            )
-        raise CaptureError(path, "", "there are no photos in it", "give an archive with photos")
-    for info, _ in found:
-        if info.flag_bits & _LOCKED:
-            raise _by_hand(path, "it is locked with a password")
-        if info.compress_type not in _READABLE:
-            raise _by_hand(path, "it is compressed in a way that is not read here")
-    size = sum(info.file_size for info, _ in found)
-    if len(found) > _MOST_FILES or size > _LARGEST_RATIO * path.stat().st_size:
-        problem = (
-            f"it holds {len(found)} files of {size / 1e9:.1f} GB, which no archive of photos does"
-        )
-        raise CaptureError(path, "", problem, "give an archive with photos")
-    return found
-
-
-def _is_added(parts: tuple[str, ...]) -> bool:
-    """Whether a file is none of a person's: systems write theirs into every folder that is looked at."""
-    name = parts[-1]
-    return parts[0] == "__MACOSX" or name.startswith("._") or name.lower() in _ADDED
-
-
-def _name(info: zipfile.ZipInfo) -> str:
-    """A member's path, with slashes."""
-    name = info.filename
-    if not info.flag_bits & _UTF_8:
-        # macOS writes UTF-8 and does not say so.
-        with suppress(UnicodeError):
-            name = name.encode("cp437").decode("utf-8")
-    return name.replace("\\", "/")
-
-
-def _is_folder(name: str, info: zipfile.ZipInfo) -> bool:
-    """Whether a member is a folder, which older programs on Windows end in a backslash."""
-    return name.endswith("/") or stat.S_ISDIR(info.external_attr >> 16)
-
-
-def _parts(path: Path, name: str, info: zipfile.ZipInfo) -> tuple[str, ...]:
-    """The parts of a member's path.
-
-    Raises:
-        CaptureError: it leads out of the archive's folder, or is a link or a device.
-    """
-    parts = PurePosixPath(name).parts
-    kind = stat.S_IFMT(info.external_attr >> 16)
-    if kind not in (0, stat.S_IFREG):
-        remedy = "pack the photos themselves, not links to them"
-        raise CaptureError(path, shown(name), "this is no file", remedy)
-    # Windows cuts off points and blanks at the ends of names, so ".. " may mean "..".
-    cut = [part.rstrip(" .") for part in parts]
-    if not parts or parts[0].startswith("/") or not all(cut) or any(":" in part for part in parts):
-        problem = "it would not lie in the archive's folder"
-        raise CaptureError(path, shown(name), problem, "pack it again")
-    return tuple(cut) if _WINDOWS else parts
-
-
-def _only_folder(members: list[_Member]) -> tuple[str, ...]:
-    """The path of the one folder, at most in others that hold no more, in which everything lies."""
-    return tuple(os.path.commonprefix([member.parts[:-1] for member in members]))
-
-
-def _is_whole(root: Path, members: list[_Member]) -> bool:
+def _is_whole(root: Path, members: list[Member]) -> bool:
     """Whether all of an archive's files lie below a folder, as large as they are."""
     return all(_is_there(root.joinpath(*parts), info) for info, parts in members)
 
@@ -224,7 +120,7 @@ def _is_there(file: Path, info: zipfile.ZipInfo) -> bool:
 
 
 def _unpack(
-    path: Path, archive: zipfile.ZipFile, members: list[_Member], root: Path,
+    path: Path, archive: zipfile.ZipFile, members: list[Member], root: Path,
     told: Callable[[float], None],
 ) -> None:  # fmt: skip
     """Unpack below `root` what is not there yet."""
@@ -262,7 +158,7 @@ def _unpack(
     done, now = 0, ""
     try:
         for file, info in missing.items():
-            now = shown(_name(info))
+            now = shown(name_of(info))
             # Another process may have been faster, and somebody reads it already.
             whole = own_only and _is_there(file, info)
             for piece in [info.file_size] if whole else _pieces_into(file, archive, info):
@@ -335,7 +231,3 @@ def _not_written(path: Path, name: str, folder: Path, error: OSError) -> Capture
     remedy = _REMEDIES.get(error.errno, "unpack it yourself elsewhere and give the folder")
     problem = f"it cannot be unpacked to {folder} ({error.strerror})"
     return CaptureError(path, name, problem, remedy)
-
-
-def _by_hand(path: Path, problem: str) -> CaptureError:
-    return CaptureError(path, "", problem, "unpack it yourself and give the folder")

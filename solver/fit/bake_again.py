@@ -13,7 +13,7 @@ from ..asset.from_scene import asset_of, has_finer_photos
 from ..capture.placement import counted_from
 from ..job.folder import JobFolder
 from ..job.inputs import capture_of, placement_of
-from ..job.replacing import write_json_atomic
+from ..replacing import write_json_atomic
 from .errors import SettingsError
 from .exposure import photo_views
 from .load import held_out_photos, load_job, log_gain_of_job

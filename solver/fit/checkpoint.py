@@ -17,7 +17,6 @@ from ..capture.turntable import Turntable
 from ..field.field import MicrofacetField
 from ..field.room import Room
 from ..job.folder import set_aside
-from ..job.replacing import replace_file, write_json_atomic
 from ..job.request import JobError
 from ..light.environment import EnvironmentMap
 from ..light.floor import Floor
@@ -25,6 +24,7 @@ from ..light.irradiance import Arriving
 from ..render.probes import Nodes
 from ..render.probing import PASSING_STEPS
 from ..render.scene import Scene
+from ..replacing import replace_file, write_json_atomic
 from .same_photos import COLOURS, check_exposed
 from .settings import Settings
 from .trainer import Trainer

@@ -25,7 +25,6 @@ from ..capture.photos import (
 )
 from ..capture.read import read_capture
 from ..job.folder import JobFolder
-from ..job.replacing import write_json_atomic
 from ..job.request import JobError
 from ..metrics.image import flip, lpips, ms_ssim, psnr, ssim, true_where_told
 from ..metrics.material import environment_errors
@@ -33,6 +32,7 @@ from ..metrics.normals import normal_mae, normal_mae_masked
 from ..metrics.scale import clipped_factor
 from ..render.image import RenderedView
 from ..render.scene import Scene
+from ..replacing import write_json_atomic
 from .exposure import brought_to
 from .load import background_of_job, held_out_photos, load_job, load_light, render_cameras
 from .material_scores import MaterialScores

@@ -15,10 +15,10 @@ from ..capture.photos import Photo, resized
 from ..job.events import read_events
 from ..job.folder import JobFolder
 from ..job.inputs import held_out_of, region_of
-from ..job.replacing import write_json_atomic
 from ..metrics.image import psnr, ssim, true_where_told
 from ..render.image import render_view
 from ..render.scene import Scene, StepTables
+from ..replacing import write_json_atomic
 from ..report import Row, write_report
 from .cut_out import photos_as_fitted
 from .exposure import brought_to

@@ -13,8 +13,8 @@ from PIL import Image
 
 from ..asset.files import write_png
 from ..capture.camera import Camera
-from ..job.replacing import replace_file
 from ..job.request import JobError
+from ..replacing import replace_file
 from .colour_counts import ColourCounts
 from .ground import Ground, GroundColours
 from .places import Places

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..capture.camera import Camera
-from .replacing import write_json_atomic
+from ..replacing import write_json_atomic
 from .request import JobError, is_similarity
 
 

@@ -14,7 +14,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-from .replacing import read_replaced, write_json_atomic
+from ..replacing import read_replaced, write_json_atomic
 from .request import SCHEMA_VERSION, JobError, JobRequest
 
 LEFT_BY_FILE_BROWSERS = (".ds_store", "._.ds_store", "desktop.ini", "thumbs.db")

@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from .replacing import read_replaced, write_json_atomic
+from ..replacing import read_replaced, write_json_atomic
 
 
 class Heartbeat:

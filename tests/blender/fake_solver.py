@@ -36,8 +36,8 @@ import fake_result  # noqa: E402
 from solver.job.control import Control  # noqa: E402
 from solver.job.events import EventStream  # noqa: E402
 from solver.job.folder import JobFolder  # noqa: E402
-from solver.job.replacing import write_json_atomic  # noqa: E402
 from solver.job.status import Heartbeat  # noqa: E402
+from solver.replacing import write_json_atomic  # noqa: E402
 from solver.streams import take_stdout_for_events  # noqa: E402
 
 STAGES = ("photos", "compile", "geometry", "fit", "asset", "report")

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from solver.cameras.folder import photos_below
-from solver.capture import archives
+from solver.capture import archive_members, archives
 from solver.capture.archives import MARK, unpacked
 from solver.capture.errors import CaptureError
 from solver.capture.read import read_capture
@@ -330,7 +330,7 @@ def test_of_two_files_of_one_name_the_last_counts(tmp_path, monkeypatch):
     assert unpacked(tmp_path / "scan.zip") == unpacked(tmp_path / "scan.zip")
     assert files_below(tmp_path / "scan") == {"a.png": b"second one", "A.png": b"third"}
     shutil.rmtree(tmp_path / "scan")
-    monkeypatch.setattr(archives, "_ONE_CASE", True)  # as on Windows and macOS
+    monkeypatch.setattr(archive_members, "_ONE_CASE", True)  # as on Windows and macOS
     assert unpacked(tmp_path / "scan.zip") == unpacked(tmp_path / "scan.zip")
     assert files_below(tmp_path / "scan") == {"A.png": b"third"}
 

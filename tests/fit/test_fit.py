@@ -11,6 +11,7 @@ import pytest
 import torch
 from safetensors import SafetensorError
 
+from solver import replacing
 from solver.capture.camera import Camera
 from solver.capture.capture import Capture
 from solver.capture.errors import CaptureError
@@ -26,7 +27,6 @@ from solver.fit.schedule import neural_share, smoothing_width
 from solver.fit.settings import Settings
 from solver.fit.start import background_of, masks_of, new_trainer, trainer_for
 from solver.fit.visual_hull import bounding_box, carve, signed_distance
-from solver.job import replacing
 from solver.job.control import Control
 from solver.job.events import EventStream
 from solver.job.folder import JobFolder

@@ -14,12 +14,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from solver.job import replacing
+from solver import replacing
 from solver.job.events import EventStream
 from solver.job.folder import JobFolder, set_aside
-from solver.job.replacing import write_json_atomic
 from solver.job.request import JobError, JobRequest
 from solver.job.status import read_status
+from solver.replacing import write_json_atomic
 
 number = st.floats(allow_nan=False, allow_infinity=False, width=32)
 requests = st.builds(
@@ -248,7 +248,7 @@ def test_the_job_modules_need_the_standard_library_alone():
 
     answer = subprocess.run(
         [sys.executable, "-c", text], capture_output=True, text=True, check=True,
-        cwd=os.path.dirname(os.path.dirname(os.path.dirname(replacing.__file__))),
+        cwd=os.path.dirname(os.path.dirname(replacing.__file__)),
     )  # fmt: skip
     assert answer.stdout.strip() == "[]"
 
