@@ -127,7 +127,7 @@ def _run_pointwise() -> None:
         ("outward", (vectors(),), 1, ((3,),)),
         ("diffuse", (vectors(), vectors(), vectors(), vectors(), view), 0, ((3,), (3,))),
         ("smoothness", (vectors(), vectors(), vectors(), numbers(), numbers(), vectors(), vectors(),
-                        vectors(), vectors()), 4, ((), ())),
+                        vectors(), vectors()), 5, ((), ())),
         ("pixel_loss", (_leaf(4, 2, 4), numbers(), numbers(), numbers(), points, numbers().detach(), known,
                         known[:, None].expand(4, 3).contiguous(), points), 5, ((), ())),
         ("material_priors", (vectors(), vectors(), numbers().detach()), 13, ((),)),
