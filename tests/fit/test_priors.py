@@ -90,25 +90,6 @@ def test_colours_far_apart_are_left_alone():
     assert of(0.01) < 0.1 * of(0.45)
 
 
-def test_what_is_hardly_off_is_pulled_all_along_and_textures_ever_less():
-    fit = dataclasses.replace(
-        settings_for("draft").fit, dielectric_weight=0.0, grey_f0_weight=0.0, metal_weight=0.0,
-        metal_albedo_weight=0.0,
-    )  # fmt: skip
-
-    def of(difference, fraction):
-        def term(seen):
-            seen.f0 = torch.full_like(seen.albedo, 0.04)
-            return priors.of_materials(seen, fit, fraction)
-
-        albedo = [[0.5] * 3, [0.5 + difference] * 3]
-        return float(pull(term, "albedo", albedo)[0].mean().abs())
-
-    assert of(0.005, 0.99) == pytest.approx(of(0.005, 0.0), rel=0.7)
-    assert of(0.01, 0.99) > 3 * of(0.1, 0.99), "a texture's steps are left alone at the end"
-    assert of(0.1, 0.0) > 2 * of(0.01, 0.0), "at the start they may be shadows"
-
-
 def test_a_darker_object_is_no_better_than_a_brighter_one():
     albedo = [0.8, 0.7, 0.3, 0.35, 0.82, 0.1]
     assert palette([0.2 * a for a in albedo]) == pytest.approx(palette(albedo), rel=1e-5)
