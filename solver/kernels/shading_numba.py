@@ -70,11 +70,11 @@ def _gloss_and_lone(normals, near, beyond, alpha, gloss_roughness, n):
 
 
 @function
-def _colours(albedo, near_albedo, f0, near_f0, even_f0, n):
-    """The step of albedo and F0 to a point close by."""
+def _step(here, near, n):
+    """The step of a colour to a point close by."""
     total = 0.0
     for c in range(3):
-        total += abs(near_albedo[n, c] - albedo[n, c]) + even_f0 * abs(near_f0[n, c] - f0[n, c])
+        total += abs(near[n, c] - here[n, c])
     return total / 3.0
 
 
@@ -87,9 +87,10 @@ def smoothness(
     for n in range(normals.shape[0]):
         gloss, lone = _gloss_and_lone(normals, near, beyond, alpha, gloss_roughness, n)
         bends[n] = gloss * saturating(0.25 * dot(lone, lone), crease)
-        colours = _colours(albedo, near_albedo, f0, near_f0, even_f0, n)
-        counts = 1.0 + (even_roughness - 1.0) * math.exp(-colours / same_colour)
-        unevenness[n] = colours + counts * abs(math.sqrt(near_alpha[n]) - math.sqrt(alpha[n]))
+        of_albedo, of_f0 = _step(albedo, near_albedo, n), _step(f0, near_f0, n)
+        counts = 1.0 + (even_roughness - 1.0) * math.exp(-(of_albedo + of_f0) / same_colour)
+        of_roughness = abs(math.sqrt(near_alpha[n]) - math.sqrt(alpha[n]))
+        unevenness[n] = of_albedo + even_f0 * of_f0 + counts * of_roughness
 
 
 @serial_kernel
@@ -111,8 +112,8 @@ def smoothness_backward(
             g_albedo[n, c] = -g_near_albedo[n, c]
             g_near_f0[n, c] = even_f0 * third * np.sign(near_f0[n, c] - f0[n, c])
             g_f0[n, c] = -g_near_f0[n, c]
-        colours = _colours(albedo, near_albedo, f0, near_f0, even_f0, n)
-        counts = 1.0 + (even_roughness - 1.0) * math.exp(-colours / same_colour)
+        of_albedo, of_f0 = _step(albedo, near_albedo, n), _step(f0, near_f0, n)
+        counts = 1.0 + (even_roughness - 1.0) * math.exp(-(of_albedo + of_f0) / same_colour)
         here, there = math.sqrt(alpha[n]), math.sqrt(near_alpha[n])
         to_step = g_unevenness[n] * counts * np.sign(there - here)
         g_near_alpha[n] = 0.5 * to_step / there

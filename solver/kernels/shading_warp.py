@@ -51,10 +51,11 @@ def smoothness(
     roughness = wp.sqrt(alpha[n])
     gloss = wp.exp(-held(roughness) / gloss_roughness)
     bends[n] = gloss * saturating(0.25 * wp.dot(lone, lone), crease)
-    colours = mean_distance(vector(near_albedo, n), vector(albedo, n))
-    colours = colours + even_f0 * mean_distance(vector(near_f0, n), vector(f0, n))
-    counts = 1.0 + (even_roughness - 1.0) * wp.exp(-held(colours) / same_colour)
-    unevenness[n] = colours + counts * distance(wp.sqrt(near_alpha[n]), roughness)
+    of_albedo = mean_distance(vector(near_albedo, n), vector(albedo, n))
+    of_f0 = mean_distance(vector(near_f0, n), vector(f0, n))
+    counts = 1.0 + (even_roughness - 1.0) * wp.exp(-held(of_albedo + of_f0) / same_colour)
+    of_roughness = distance(wp.sqrt(near_alpha[n]), roughness)
+    unevenness[n] = of_albedo + even_f0 * of_f0 + counts * of_roughness
 
 
 @wp.kernel

@@ -13,7 +13,7 @@ from .shade import Shading
 GLOSS_ROUGHNESS = 0.15
 """roughness r at which a surface's normals are held together e times less than a mirror's"""
 SAME_COLOUR = 0.05
-"""step of colours over which a surface is e times less of one material"""
+"""step of albedo and F0 over which a surface is e times less of one material"""
 EVEN_ROUGHNESS = 5.0
 """how much more a step of roughness counts within one material than between two"""
 EVEN_F0 = 5.0
@@ -76,8 +76,9 @@ def unevenness(here: Materials, near: Materials) -> torch.Tensor:
     times, without gradient to the colours: photos tell little of roughness but in highlights, and what is
     of one colour is mostly of one gloss (docs/decisions/0017).
     """
-    of_albedo, of_f0 = (near.albedo - here.albedo).abs(), (near.f0 - here.f0).abs()
-    colours = of_albedo.mean(-1) + EVEN_F0 * of_f0.mean(-1)
-    one_material = torch.exp(-colours.detach() / SAME_COLOUR)
+    of_albedo = (near.albedo - here.albedo).abs().mean(-1)
+    of_f0 = (near.f0 - here.f0).abs().mean(-1)
+    one_material = torch.exp(-(of_albedo + of_f0).detach() / SAME_COLOUR)
     counts = 1 + (EVEN_ROUGHNESS - 1) * one_material
-    return colours + counts * (near.alpha.sqrt() - here.alpha.sqrt()).abs()
+    of_roughness = (near.alpha.sqrt() - here.alpha.sqrt()).abs()
+    return of_albedo + EVEN_F0 * of_f0 + counts * of_roughness
