@@ -354,13 +354,13 @@ def test_a_camera_file_without_access_is_told_as_such(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["capture.zip", "capture.r3d"])
-def test_an_archive_is_to_be_unpacked(tmp_path, name):
+def test_an_archive_in_a_folder_is_to_be_given_itself(tmp_path, name):
     with zipfile.ZipFile(tmp_path / name, "w") as archive:
         archive.writestr("transforms.json", "{}")
     with pytest.raises(CaptureError, match="this is an archive; unpack it"):
         read_capture(tmp_path / name)
     (tmp_path / "a film.r3d").write_bytes(b"RED2")
-    with pytest.raises(CaptureError, match=f"no camera file.*unpack {name}"):
+    with pytest.raises(CaptureError, match=f"no camera file.*give {name} itself"):
         read_capture(tmp_path)
 
 
