@@ -119,11 +119,8 @@ def _parser() -> argparse.ArgumentParser:
     evaluate = commands.add_parser("evaluate", help="compare renders with held-out photos")
     evaluate.add_argument("job", type=Path)
     evaluate.add_argument(
-        "--cameras",
-        type=Path,
-        required=True,
-        help="camera file with photos, or an archive with both",
-    )
+        "--cameras", type=Path, required=True, help="camera file with photos, or an archive with both"
+    )  # fmt: skip
     evaluate.add_argument("--photos", type=Path, metavar="DIR", help="if not below its folder")
     evaluate.add_argument("--ignore", type=Path, metavar="PATH", dest="ignored", help=IGNORE)
     evaluate.add_argument("--out", type=Path, help="metrics.json")

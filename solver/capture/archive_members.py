@@ -11,6 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 from .errors import CaptureError, shown
+from .files import LEFT_BY_FILE_BROWSERS
 from .image_header import EXTENSIONS as PICTURES
 from .picture_names import UNREADABLE, VIDEOS, plain
 
@@ -24,7 +25,7 @@ _MOST_FILES = 200_000
 _LOCKED = 0x1
 _UTF_8 = 0x800
 """bits of a member's flags"""
-_ADDED = (".ds_store", "thumbs.db", "desktop.ini", MARK)
+_ADDED = (*LEFT_BY_FILE_BROWSERS, MARK)
 _SHOWN = PICTURES + UNREADABLE + VIDEOS
 _WINDOWS = sys.platform == "win32"
 _ONE_CASE = sys.platform in ("win32", "darwin")

@@ -95,9 +95,10 @@ def unpacked(path: Path, told: Callable[[float], None] = lambda fraction: None) 
             within, folder = Path(*top), folder_of(path)
             # What holds one folder of its own name becomes that folder, as macOS has it.
             root = path.parent if top[:1] == (folder.name,) else folder
-            for place in (root, folder):
-                if not (folder / MARK).exists() and _is_whole(place, members):
-                    return place / within
+            if not (folder / MARK).exists():
+                for place in (root, folder):
+                    if _is_whole(place, members):
+                        return place / within
             _unpack(path, archive, members, root, told)
             return root / within
     except OSError as error:
@@ -219,12 +220,8 @@ def _identity(path: Path) -> str:
 
 def _damaged(path: Path, error: Exception) -> CaptureError:
     why = shown(str(error)) or type(error).__name__
-    return CaptureError(
-        path,
-        "",
-        f"the archive is damaged ({why})",
-        "download or pack it again, or unpack it yourself",
-    )
+    remedy = "download or pack it again, or unpack it yourself"
+    return CaptureError(path, "", f"the archive is damaged ({why})", remedy)
 
 
 def _not_written(path: Path, name: str, folder: Path, error: OSError) -> CaptureError:

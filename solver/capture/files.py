@@ -23,6 +23,8 @@ LONGEST_LINE = 1 << 24
 MOST_IN_JSON, MOST_IN_XML = LARGEST_TEXT >> 5, LARGEST_TEXT >> 4
 """lists and objects, or elements, in a file; with nothing inside they take twenty times the memory of their
 text. Those that say where a point is and who sees it are longer than 32 bytes, and 16, in the mean."""
+LEFT_BY_FILE_BROWSERS = (".ds_store", "._.ds_store", "desktop.ini", "thumbs.db")
+"""what Finder and Explorer put, hidden, into a folder that somebody has looked at"""
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 """how text in it begins"""
 _NO_TEXT = re.compile(r"[\x00-\x08\x0e-\x19\x1c-\x1f]")

@@ -14,11 +14,9 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
+from ..capture.files import LEFT_BY_FILE_BROWSERS
 from ..replacing import read_replaced, write_json_atomic
 from .request import SCHEMA_VERSION, JobError, JobRequest
-
-LEFT_BY_FILE_BROWSERS = (".ds_store", "._.ds_store", "desktop.ini", "thumbs.db")
-"""what Finder and Explorer put, hidden, into a folder that somebody has looked at"""
 
 
 class JobFolder:
