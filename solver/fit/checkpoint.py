@@ -37,9 +37,10 @@ BEFORE = {
     },
     "render": {"diffuse_visibility": False},
     "fit": {
-        "palette_weight": 0.0, "dielectric_weight": 0.0, "grey_f0_weight": 0.0,
-        "metal_weight": 0.0, "metal_albedo_weight": 0.0, "light_floor_without_room": 0.0,
-        "cut_out": False, "cut_out_before_far": False, "cut_out_standing": False, "unbiased": False,
+        "palette_weight": 0.0, "palette_narrowing": 1.0, "dielectric_weight": 0.0,
+        "grey_f0_weight": 0.0, "metal_weight": 0.0, "metal_albedo_weight": 0.0,
+        "light_floor_without_room": 0.0, "cut_out": False, "cut_out_before_far": False,
+        "cut_out_standing": False, "unbiased": False,
     },
 }  # fmt: skip
 """settings as they were, in effect, before there was such a setting"""

@@ -23,6 +23,7 @@ LEAST = {
     "render.step": 0.01, "render.secondary_step": 0.01, "render.pixel_grid": 1,
     "render.secondary_rays": 1, "render.secondary_bounce_rays": 1,
     "fit.steps": 1, "fit.rays": 1, "fit.rays_at_once": 1, "fit.final_learning_rate": _TINY,
+    "fit.palette_narrowing": _TINY,
     "asset.cells": 8, "asset.triangles": 4, "asset.texture_size": 16, "asset.march_voxels": _TINY,
     "asset.march_samples": 1,
 }  # fmt: skip
@@ -33,8 +34,8 @@ MOST = {
     "light.step_smoothing_end": 1, "light.smoothness_start": 1,
     "render.pixel_grid": 16, "render.min_weight": 1, "render.min_transmittance": 1,
     "fit.pixel_grid_start": 1, "fit.final_learning_rate": 1, "fit.smoothness_end": 1,
-    "fit.palette_end": 1, "fit.f0_start": 1, "fit.neural_start": 1, "fit.light_floor": 1,
-    "fit.light_floor_without_room": 1, "fit.neural_fade": 1, "fit.emission_fade": 1,
+    "fit.palette_end": 1, "fit.palette_narrowing": 1, "fit.f0_start": 1, "fit.neural_start": 1,
+    "fit.light_floor": 1, "fit.light_floor_without_room": 1, "fit.neural_fade": 1, "fit.emission_fade": 1,
     "asset.cells": 2048, "asset.texture_size": 16384, "asset.floater_share": 1,
     "asset.shred_share": 1, "asset.unseen_share": 1,
 }  # fmt: skip

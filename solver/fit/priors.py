@@ -23,7 +23,7 @@ COOL_SPREAD = 0.65
 """share of the brightest channel by which an F0 is green or blue that no longer is a bare metal's; chrome
 under a light that came out too warm is so by 0.3"""
 COLOUR_SPREAD = 0.2
-"""of albedos that may be one and the same, as a share of the mean of all"""
+"""of albedos that may be one and the same at the start, as a share of the mean of all"""
 LEAST_OPACITY = 0.1
 """of pixels at the object's edge, which else would have materials far brighter than any"""
 
@@ -33,7 +33,8 @@ def of_materials(buffers: RayBuffers, settings: FitSettings, fraction: float) ->
     loss = buffers.opacity.new_zeros(())
     if settings.palette_weight > 0:
         weight = settings.palette_weight * settings.palette_end**fraction
-        loss = loss + weight * off_palette(buffers)
+        spread = COLOUR_SPREAD * settings.palette_narrowing**fraction
+        loss = loss + weight * off_palette(buffers, spread)
     if settings.roughness_weight > 0:
         loss = loss + (1 - fraction) * settings.roughness_weight * buffers.alpha.mean()
     if fraction < settings.f0_start:
@@ -103,27 +104,26 @@ def diffuse_metal(buffers: RayBuffers) -> torch.Tensor:
     return (metal * _straight(buffers.albedo, buffers.opacity).square().mean(-1)).mean()
 
 
-def off_palette(buffers: RayBuffers) -> torch.Tensor:
+def off_palette(buffers: RayBuffers, spread: float = COLOUR_SPREAD) -> torch.Tensor:
     """How much albedos of pairs of pixels differ that may be of one colour, in [0, 1).
 
     Mean of x²/(x² + s²), x the root mean square difference over channels, as a share of the mean albedo,
-    so that a darker object is no better than a brighter one. Pairs are half a batch apart, which is
-    anywhere on the object: an object has few colours, wherever they are; shadows, bounces and highlights
-    left over in the albedo have many. Low entropy of reflectance is the parsimony of Barron and Malik
-    (2015), doi:10.1109/TPAMI.2014.2377712. See docs/decisions/0017.
+    so that a darker object is no better than a brighter one; s is the `spread`. Pairs are half a batch
+    apart, which is anywhere on the object: an object has few colours, wherever they are; shadows, bounces
+    and highlights left over in the albedo have many. Metals do not count: what is left of their albedo
+    would take on the colour of the rest. Low entropy of reflectance is the parsimony of Barron and Malik
+    (2015), doi:10.1109/TPAMI.2014.2377712. See docs/decisions/0017 and 0046.
     """
-    opacity = buffers.opacity.detach()
+    metal = _above(_straight(buffers.f0, buffers.opacity).detach().amax(-1), LEAST_METAL_F0)
+    share = buffers.opacity.detach() * (1 - metal)
     albedo = _straight(buffers.albedo, buffers.opacity)
-    mean = (opacity[:, None] * albedo).mean() / opacity.mean().clamp(min=LEAST_OPACITY)
-    half = len(opacity) // 2
+    mean = (share[:, None] * albedo).mean() / share.mean().clamp(min=LEAST_OPACITY)
+    half = len(share) // 2
     if at_hand("off_palette", albedo):
-        inputs, numbers = (
-            (buffers.albedo, mean.view(1), opacity),
-            (LEAST_OPACITY, COLOUR_SPREAD, half),
-        )
-        return rowwise("off_palette", inputs, numbers, ((),))[0].mean()
+        inputs = albedo, mean.view(1), share
+        return rowwise("off_palette", inputs, (spread, half), ((),))[0].mean()
     square = (albedo - albedo.roll(half, 0)).square().mean(-1) / mean.square().clamp(min=1e-6)
-    return (opacity * opacity.roll(half) * saturating(square, COLOUR_SPREAD)).mean()
+    return (share * share.roll(half) * saturating(square, spread)).mean()
 
 
 def _coolness(f0: torch.Tensor) -> torch.Tensor:

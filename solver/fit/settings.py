@@ -184,6 +184,9 @@ class FitSettings:
     while shadows left over in the albedo have many (docs/decisions/0017)"""
     palette_end: float = 0.1
     """what remains of it at the end, when photos have told textures from shadows"""
+    palette_narrowing: float = 0.5
+    """what remains at the end of the difference up to which colours may be one: then all that is left over
+    in the albedo is small, and what is larger is texture (docs/decisions/0046)"""
     dielectric_weight: float = 1e-3
     """of x²/(x² + 0.02²), x being how far F0 is from 0.04: photos hardly tell a brighter light from a
     higher F0, but what is no metal has an index of refraction near 1.5 (docs/decisions/0015)"""

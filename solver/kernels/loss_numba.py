@@ -126,42 +126,29 @@ def pixel_loss_backward(
         g_unevenness[n] = g_shape[n] * by_unevenness
 
 
-@function
-def _step_of_albedo(albedo, opacity, least_opacity, half, n):
-    """The other pixel of a pair, by which both albedos are divided, and how they then differ."""
-    other = (n - half) % albedo.shape[0]
-    own, others = max(opacity[n], least_opacity), max(opacity[other], least_opacity)
-    return (
-        other,
-        own,
-        others,
-        minus(times(1 / own, row(albedo, n)), times(1 / others, row(albedo, other))),
-    )
-
-
 @serial_kernel
-def off_palette(albedo, mean, opacity, least_opacity, spread, half, loss):
+def off_palette(albedo, mean, share, spread, half, loss):
     """How unlike a pixel's albedo is to that of another half a batch away; see `fit.priors`."""
     norm = max(mean[0] * mean[0], LEAST_SQUARE)
     for n in range(albedo.shape[0]):
-        other, _, _, step = _step_of_albedo(albedo, opacity, least_opacity, half, n)
-        loss[n] = opacity[n] * opacity[other] * saturating(dot(step, step) / 3.0 / norm, spread)
+        other = (n - half) % albedo.shape[0]
+        step = minus(row(albedo, n), row(albedo, other))
+        loss[n] = share[n] * share[other] * saturating(dot(step, step) / 3.0 / norm, spread)
 
 
 @serial_kernel
-def off_palette_backward(
-    albedo, mean, opacity, least_opacity, spread, half, loss, g_loss, g_albedo, g_mean
-):
+def off_palette_backward(albedo, mean, share, spread, half, loss, g_loss, g_albedo, g_mean):
     norm = max(mean[0] * mean[0], LEAST_SQUARE)
     g_albedo[:] = 0.0
     to_norm = 0.0
     for n in range(albedo.shape[0]):
-        other, own, others, step = _step_of_albedo(albedo, opacity, least_opacity, half, n)
+        other = (n - half) % albedo.shape[0]
+        step = minus(row(albedo, n), row(albedo, other))
         square = dot(step, step) / 3.0 / norm
-        to_square = g_loss[n] * opacity[n] * opacity[other] * saturating_slope(square, spread)
+        to_square = g_loss[n] * share[n] * share[other] * saturating_slope(square, spread)
         to_step = times(2.0 / 3.0 * to_square / norm, step)
-        put(g_albedo, n, plus(row(g_albedo, n), 1.0 / own, to_step))
-        put(g_albedo, other, plus(row(g_albedo, other), -1.0 / others, to_step))
+        put(g_albedo, n, plus(row(g_albedo, n), 1.0, to_step))
+        put(g_albedo, other, plus(row(g_albedo, other), -1.0, to_step))
         to_norm -= to_square * square / norm
     g_mean[0] = 2.0 * mean[0] * to_norm if mean[0] * mean[0] >= LEAST_SQUARE else 0.0
 

@@ -58,20 +58,16 @@ def pixel_loss(
 
 @wp.kernel
 def off_palette(
-    albedo: Vectors, mean: Numbers, opacity: Numbers, least_opacity: float, spread: float,
-    half: int, loss: Numbers,
-):  # fmt: skip
+    albedo: Vectors, mean: Numbers, share: Numbers, spread: float, half: int, loss: Numbers
+):
     """How unlike a pixel's albedo is to that of another half a batch away; see `fit.priors`."""
     n = wp.tid()
     other = n - half
     if other < 0:
         other = other + albedo.shape[0]
-    own = held(opacity[n])
-    others = held(opacity[other])
-    step = vector(albedo, n) / wp.max(own, least_opacity)
-    step = step - vector(albedo, other) / wp.max(others, least_opacity)
+    step = vector(albedo, n) - vector(albedo, other)
     square = mean_square(step) / wp.max(mean[0] * mean[0], 1.0e-6)
-    loss[n] = own * others * saturating(square, spread)
+    loss[n] = held(share[n]) * held(share[other]) * saturating(square, spread)
 
 
 @wp.kernel

@@ -135,7 +135,7 @@ def _run_pointwise() -> None:
     for name, inputs, count, widths in calls:
         sum(out.sum() for out in rowwise(name, inputs, (0.5,) * count, widths)).backward()
     palette = vectors(), _leaf(1), numbers().detach()
-    rowwise("off_palette", palette, (0.1, 0.2, 2), ((),))[0].sum().backward()
+    rowwise("off_palette", palette, (0.2, 2), ((),))[0].sum().backward()
     with torch.no_grad():
         edges = points, view, points, torch.ones(4), torch.ones(4)
         (other,) = rowwise("pixel_edges", edges, (0.1,), ((2, 3),))

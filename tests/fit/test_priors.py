@@ -13,8 +13,10 @@ from solver.fit.presets import settings_for
 def pull(term, name, values, **others):
     """Gradients of a term to the materials of opaque pixels."""
     values = torch.tensor(values, requires_grad=True)
-    others = {key: torch.tensor(value) for key, value in others.items()}
-    seen = SimpleNamespace(opacity=torch.ones(len(values)), **{name: values}, **others)
+    seen = SimpleNamespace(opacity=torch.ones(len(values)), f0=torch.full((len(values), 3), 0.04))
+    for key, value in others.items():
+        setattr(seen, key, torch.tensor(value))
+    setattr(seen, name, values)
     term(seen).backward()
     return values.grad
 
@@ -22,9 +24,8 @@ def pull(term, name, values, **others):
 def palette(albedo, opacity=None):
     albedo = torch.tensor(albedo)[:, None].expand(-1, 3)
     opacity = torch.ones(len(albedo)) if opacity is None else torch.tensor(opacity)
-    return float(
-        priors.off_palette(SimpleNamespace(albedo=albedo * opacity[:, None], opacity=opacity))
-    )
+    albedo, f0 = albedo * opacity[:, None], 0.04 * opacity[:, None].expand(-1, 3)
+    return float(priors.off_palette(SimpleNamespace(albedo=albedo, f0=f0, opacity=opacity)))
 
 
 def test_f0_close_to_a_dielectrics_is_pulled_there_and_metals_are_left_alone():
@@ -88,6 +89,32 @@ def test_colours_far_apart_are_left_alone():
         return float(pull(priors.off_palette, "albedo", [[0.5] * 3, [other] * 3])[0].mean().abs())
 
     assert of(0.01) < 0.1 * of(0.45)
+
+
+def test_differences_that_are_small_are_pulled_ever_more_beside_larger_ones():
+    fit = dataclasses.replace(
+        settings_for("draft").fit, dielectric_weight=0.0, grey_f0_weight=0.0, metal_weight=0.0,
+        metal_albedo_weight=0.0, roughness_weight=0.0,
+    )  # fmt: skip
+
+    def of(difference, fraction):
+        def term(seen):
+            return priors.of_materials(seen, fit, fraction)
+
+        albedo = [[0.5] * 3, [0.5 + difference] * 3]
+        return float(pull(term, "albedo", albedo)[0].mean().abs())
+
+    assert of(0.1, 0.0) > of(0.02, 0.0), "at the start they may be shadows"
+    assert of(0.1, 0.99) < 0.5 * of(0.02, 0.99), "a texture's steps are left alone at the end"
+
+
+def test_metals_have_no_colour_of_the_palette_and_pull_nobody_to_theirs():
+    def of(*f0):
+        albedo = [[0.5] * 3, [0.45] * 3]
+        return pull(priors.off_palette, "albedo", albedo, f0=f0).mean(-1).abs()
+
+    alike, beside_gold = of([0.04] * 3, [0.04] * 3), of([0.04] * 3, [0.9, 0.6, 0.3])
+    assert float(beside_gold.max()) < 0.01 * float(alike.min())
 
 
 def test_a_darker_object_is_no_better_than_a_brighter_one():
