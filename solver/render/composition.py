@@ -150,6 +150,12 @@ class Composition(nn.Module):
             arriving = arriving.index_copy(0, mine, found)
         return arriving
 
+    @property
+    def cell(self) -> float:
+        """Edge of the largest occupancy cell, world units."""
+        placed = zip(self.parts, self.placements, strict=True)
+        return max(scene.cell * placement.scale for scene, placement in placed)
+
     def new_probes(self):
         """See `Scene.new_probes`."""
         nodes, points, part = [], [], []

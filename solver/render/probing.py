@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from ..light.irradiance import Arriving, arriving_harmonics, irradiance, middles, patches
+from .mirrors import Looking, look_into_mirrors
 from .scene import Scene
 
 BOUNCES = 2
@@ -22,7 +23,8 @@ PASSING_STEPS = 255
 def refresh_probes(scene: Scene) -> None:
     """Put probes where the surface is now (a `Scene`'s or `Composition`'s), in the light of the moment.
 
-    Blockers send what they reflect diffusely, and their gloss as if it were diffuse.
+    Blockers send what they reflect diffusely. Metals mirror; other gloss, and a metal in a metal, counts as
+    diffuse.
     """
     nodes, points, part = scene.new_probes()
     cut = patches(points.device)
@@ -34,17 +36,25 @@ def refresh_probes(scene: Scene) -> None:
     scene.probes.fill(nodes, Arriving(passing, lobes, dark))
     if len(points) == 0:
         return
-    normals, reflectance = _nearest_surface(scene, points, part, distance, directions)
+    normals, materials = _nearest_surface(scene, points, part, distance, directions)
     blockers = _rows_of_blockers(scene, points, distance, directions)
+    looking = Looking(points, part, directions, cut.solid_angle, passing, distance, blockers)
+    mirrored = look_into_mirrors(scene, light, looking, materials)
+    pairs = mirrored.probe, mirrored.patch
+    diffuse = materials.albedo * (1 - materials.f0)
     sent = dark
     stopped = (1 - passing) * cut.solid_angle
     for _ in range(BOUNCES):
         harmonics = arriving_harmonics(light, Arriving(passing, lobes, sent))
-        radiance = reflectance * irradiance(harmonics, normals) / math.pi
-        radiance = torch.cat([radiance.mean(0, keepdim=True), radiance])
-        sent = torch.stack(
-            [(colour[blockers] * stopped) @ cut.lobes for colour in radiance.unbind(1)], -1
-        )
+        arriving = irradiance(harmonics, normals) / math.pi
+        dull, whole = _rows(diffuse * arriving), _rows((diffuse + materials.f0) * arriving)
+        in_metals = dull[blockers[pairs]] + mirrored.light
+        in_metals = in_metals + mirrored.blocked * whole[mirrored.blocker]
+        seen = [
+            colour[blockers].index_put(pairs, in_metal)
+            for colour, in_metal in zip(whole.unbind(1), in_metals.unbind(1), strict=True)
+        ]
+        sent = torch.stack([(colour * stopped) @ cut.lobes for colour in seen], -1)
     scene.probes.fill(nodes, Arriving(passing, lobes, sent))
 
 
@@ -62,15 +72,19 @@ def _light_of(scene) -> tuple[torch.Tensor, torch.Tensor]:
     return sum(tables) / len(tables), patches(scene.device).lobes
 
 
+def _rows(radiance: torch.Tensor) -> torch.Tensor:
+    """What is next to probes [P, 3] by `Nodes.row` [1 + P, 3]; far from all of them, their mean."""
+    return torch.cat([radiance.mean(0, keepdim=True), radiance])
+
+
 def _nearest_surface(scene, points, part, distance, directions):
-    """Normals and reflectances [P, 3] of the surface next to each probe."""
+    """Normals [P, 3] and materials of the surface next to each probe."""
     nearest, toward = distance.min(1)
     nearest = torch.where(nearest.isfinite(), nearest, 0.0)
     surface = scene.surface(
         points + nearest[:, None] * directions[toward], part, scene.normal_tables()
     )
-    albedo, f0 = surface.materials.albedo, surface.materials.f0
-    return surface.normals, albedo * (1 - f0) + f0
+    return surface.normals, surface.materials
 
 
 def _rows_of_blockers(scene, points, distance, directions) -> torch.Tensor:

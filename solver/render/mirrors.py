@@ -1,0 +1,104 @@
+"""What probes see in metals around them: light that is mirrored onto what stands beside (caustics).
+
+Taken for diffuse, a metal would send what it gets to all sides alike, and the lamps that it throws onto a
+table would stay in the table's albedo. So where a probe looks at metal, it sees the mean of the light over
+what its patch of directions becomes in that mirror, however bent. See docs/decisions/0047.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+
+from ..brdf.microfacet import fresnel_schlick, tangent_frame
+from ..field.heads import Materials
+from ..light.environment import LightTables
+
+MIRROR_F0 = 0.2
+"""of the brightest channel, from which a surface is a mirror"""
+LEAST_COSINE, LEAST_SLOPE = 0.05, 0.2
+"""between surface and view: at the first a ray grazes, below the second a patch is no longer"""
+BEND_CELLS = 2.0
+"""cells over which the bend of a surface is measured at most: further on its tangent leaves it"""
+MOST_SPREAD = 2.0
+"""rad, edge of what a patch becomes"""
+AT_ONCE = 65_536
+"""mirrored rays whose patches are looked for together; bounds the memory"""
+
+
+class Mirrored(NamedTuple):
+    """What K pairs of probes and patches of directions see in metals."""
+
+    probe: torch.Tensor  # [K] long
+    patch: torch.Tensor  # [K] long, in which the probe looks
+    light: torch.Tensor  # [K, 3] mirrored radiance that comes from far away
+    blocked: torch.Tensor  # [K, 3] share of what the blocker on the way sends
+    blocker: torch.Tensor  # [K] long: its row, as in `Nodes.row`
+
+
+class Looking(NamedTuple):
+    """How P probes see J patches of directions."""
+
+    points: torch.Tensor  # [P, 3] world
+    part: torch.Tensor | None  # [P] long
+    directions: torch.Tensor  # [J, 3] world, unit
+    solid_angle: torch.Tensor  # [J] sr
+    passing: torch.Tensor  # [P, J]
+    distance: torch.Tensor  # [P, J] of what stands in the way, or infinite
+    blockers: torch.Tensor  # [P, J] long: its row
+
+
+def look_into_mirrors(
+    scene, light: torch.Tensor, looking: Looking, materials: Materials
+) -> Mirrored:
+    """What probes see in the metals around them.
+
+    Args:
+        scene: a `Scene` or a `Composition`. light: prefix sums (`LightTables.table`).
+        materials: of the surfaces next to the probes.
+    """
+    mirrors = F.pad(materials.f0.amax(-1) > MIRROR_F0, (1, 0))
+    probe, patch = mirrors[looking.blockers].nonzero(as_tuple=True)
+    beside = looking.blockers[probe, patch] - 1
+    toward, distance = looking.directions[patch], looking.distance[probe, patch]
+    hits = looking.points[probe] + distance[:, None] * toward
+    part = None if looking.part is None else looking.part[beside]
+    edge = looking.solid_angle[patch].sqrt()
+    mirrored, cosine, spread = _mirror(scene, hits, part, toward, distance, edge)
+    # Of a lobe's peak: 1 / pdf, for its rays lie a quarter as dense as normals do.
+    lobe = 4 * torch.pi * materials.alpha[beside].square()
+    lobe = lobe.clamp(max=4 * torch.pi)
+    environment = scene.environment
+    radiance = environment.lookup(LightTables(light, None), mirrored, lobe, spread, hits)
+    share = fresnel_schlick(materials.f0[beside], cosine)
+    back = [(some @ looking.directions.T).argmax(1) for some in mirrored.split(AT_ONCE)]
+    back = torch.cat(back) if back else patch
+    passing = looking.passing[beside, back][:, None]
+    return Mirrored(
+        probe, patch, share * passing * radiance, share * (1 - passing),
+        looking.blockers[beside, back],
+    )  # fmt: skip
+
+
+def _mirror(scene, hits, part, toward, distance, edge):
+    """Mirrored directions [K, 3], their cosines [K], and the edges [K, 2, 3] of what patches become; see
+    `footprint.reflected_spread`, whose pixels are small."""
+    tables = scene.normal_tables()
+    normals = scene.surface_normals(hits, part, tables)
+    cosine = -(normals * toward).sum(-1)
+    facing = cosine.clamp(min=LEAST_COSINE)[:, None]
+    mirrored = F.normalize(toward + 2 * facing * normals, dim=-1)
+    reach = (edge * distance)[:, None]
+    measured = reach.clamp(max=BEND_CELLS * scene.cell)
+    edges = []
+    for side in tangent_frame(-toward):
+        slid = (side * normals).sum(-1, keepdim=True) / facing.clamp(min=LEAST_SLOPE)
+        other = scene.surface_normals(hits + measured * (side + slid * toward), part, tables)
+        bend, turn = (other - normals) * (reach / measured), edge[:, None] * side
+        change = (turn * normals + toward * bend).sum(-1, keepdim=True)
+        edges.append(turn - 2 * change * normals + 2 * facing * bend)
+    spread = torch.stack(edges, 1)
+    length = spread.norm(dim=-1, keepdim=True)
+    return mirrored, cosine, spread * (MOST_SPREAD / length.clamp(min=MOST_SPREAD))
