@@ -157,7 +157,7 @@ def test_a_turned_region_box_is_told_when_the_reconstruction_begins(
 ):
     extension("scene.region").region_box(capture).rotation_euler.z = 0.3
     assert bpy.ops.nmf.reconstruct() == {"FINISHED"}
-    assert "is turned; the region is the straight box" in capfd.readouterr().out
+    assert "is rotated, so the region is the unrotated box" in capfd.readouterr().out
 
 
 def test_photos_lie_over_the_scene_again_once_the_render_has_their_shape(extension, tmp_path):
@@ -408,5 +408,5 @@ def test_a_camera_that_is_not_perspective_is_refused(extension, duck):
     collection = scene.import_capture(bpy.context, duck)
     item = next(item for item in collection.objects if item.type == "CAMERA")
     item.data.type = "ORTHO"
-    with pytest.raises(Exception, match="type: a camera of the type Ortho is not understood"):
+    with pytest.raises(Exception, match="type: cameras of the type Ortho are not supported"):
         extension("scene.cameras").to_solver(item, Matrix.Identity(4))
