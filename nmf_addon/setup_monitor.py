@@ -66,9 +66,7 @@ def base_python(chosen: str = "") -> Path:
     if chosen:
         if Path(chosen).is_file():
             return Path(chosen)
-        raise runtime.RuntimeMissing(
-            f"{chosen}: there is no such Python; correct Build With in the preferences."
-        )
+        raise runtime.RuntimeMissing(f"{chosen}: there is no such Python; correct Build With.")
     candidates = [Path(sys.executable), Path(getattr(sys, "_base_executable", "") or "")]
     names = [f"python3.{sys.version_info.minor}", "python3", "python.exe", "python"]
     folders = [Path(prefix) / "bin" for prefix in (sys.prefix, sys.base_prefix)]

@@ -114,10 +114,7 @@ class SideTask:
                 self._done(self)
         except Exception as error:  # whatever fails, the panel has to say so
             _log.exception("%s: the result could not be used", self.title)
-            self.model.state, self.model.text = (
-                "failed",
-                f"{self.title}: the result could not be used",
-            )
+            self.model.state, self.model.text = "failed", f"{self.title}: the result is unusable"
             self.model.error = reason_of(error)
 
     def shut_down(self) -> None:

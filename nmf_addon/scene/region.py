@@ -22,10 +22,7 @@ def new_region_box(
     """
     if collection.library or collection.override_library:
         raise CaptureError(
-            collection.name,
-            "",
-            "the capture is linked from another file",
-            "add the region box there",
+            collection.name, "", "the capture is in another file", "add the region box there"
         )
     box = bpy.data.objects.new(f"{collection.name} Region", None)
     box[REGION] = True

@@ -196,7 +196,7 @@ def test_a_region_box_that_is_turned_or_there_twice_is_told(extension, duck):
     box.rotation_euler, box.scale = (0, 0, np.pi / 2), (1, 0.2, 0.3)
     assert problem() == ""
     box.rotation_euler.z = 0.1
-    assert "is turned" in problem()
+    assert "is rotated" in problem()
     box.rotation_euler.z = 0
     collection.objects.link(box.copy())
     assert "2 region boxes" in problem()

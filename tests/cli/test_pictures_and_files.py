@@ -187,7 +187,7 @@ def test_what_cannot_be_baked_anew_is_told(job, tmp_path):
         assert not (tmp_path / "asset").exists()
         return result.stderr
 
-    assert "only those of the asset" in refused(job, "fit.steps=9")
+    assert "only the asset's can be changed" in refused(job, "fit.steps=9")
     assert "8 or more" in refused(job, "asset.cells=2")
     unfinished = tmp_path / "unfinished"
     unfinished.mkdir()
