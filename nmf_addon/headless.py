@@ -175,7 +175,7 @@ def pack_pictures(photos: set[Path]) -> None:
         photos = set()
     else:
         print(
-            f"The photos ({large / 1e6:.0f} MB) are not packed; the file goes by where they lie.",
+            f"The photos ({large / 1e6:.0f} MB) are not packed; the file links to them.",
             file=sys.stderr,
         )
     for image in bpy.data.images:

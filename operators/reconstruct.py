@@ -86,7 +86,9 @@ class NMF_OT_resume(bpy.types.Operator):
         job = monitor.job
         if model_of_folder(job).state == "elsewhere":  # begun since the panel has looked
             monitor.look_at(str(job.root))
-            self.report({"ERROR"}, f"{job.root}: another process is working on this job.")
+            self.report(
+                {"ERROR"}, f"{job.root}: another process is working on this job; cancel it first."
+            )
             return {"CANCELLED"}
         try:
             python = preferences.solver_python()

@@ -109,7 +109,7 @@ def duplicates(looks: list[Look]) -> list[Finding]:
                 text = f"it is nearly the same as {looks[other].name}; leave one of them out"
             else:
                 text = (f"it looks the same as {looks[other].name}, but its camera is turned by "
-                        f"{degrees:.0f}°; one of the cameras is wrong; solve them again")  # fmt: skip
+                        f"{degrees:.0f}°, so one of the cameras is wrong; solve them again")  # fmt: skip
             found.append(warning(text, look.name))
     return found
 
@@ -153,7 +153,7 @@ def masks(looks: list[Look], stands: bool = False) -> list[Finding]:
     if np.median([look.half_shown for look in looks]) > HALF_SHOWN:
         found.append(
             warning("most masks show most of the object only in part, as if it were transparent; the "
-                    "object has to be white in them, and all else black")
+                    "object must be white in them, and all else black")
         )  # fmt: skip
     masked = [look for look in looks if look.coverage is not None and look.coverage <= FULL]
     inverted = [look.name for look in masked if look.cut > INVERTED]

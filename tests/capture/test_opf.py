@@ -207,7 +207,7 @@ def test_a_rolling_shutter_is_told(tmp_path):
     "file, at, value, problem",
     [
         (CALIBRATED, ("sensors", 0, "internals", "type"), "spherical",
-         r"sensors\[0\].internals.type: lenses called 'spherical' are not read; calibrate the cameras with"),
+         r"sensors\[0\].internals.type: lenses called 'spherical' are not supported; calibrate the cameras with"),
         (CALIBRATED, ("sensors", 0, "internals"), fisheye([0.01, 1, 0.2]), "begin with 0, 1 and"),
         (CALIBRATED, ("sensors", 0, "internals"), fisheye([0, 0.1, 0.2]), "begin with 0, 1 and"),
         (CALIBRATED, ("sensors", 0, "internals"), fisheye([0, 1, 0, 0, 0, 1]), "begin with 0, 1 and"),

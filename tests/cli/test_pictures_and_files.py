@@ -69,7 +69,7 @@ def test_one_camera_can_be_rendered_but_never_over_its_photo(job, tmp_path):
     few = ["--cameras", cameras, "--rays", 1]
     for command in (["render", job], ["compose", job]):
         result = solver(*command, *few, "--out", tmp_path / "test")
-        assert result.returncode == 2 and "the photos of these cameras lie here" in result.stderr
+        assert result.returncode == 2 and "the photos of these cameras are here" in result.stderr
     assert Path(photo).read_bytes() == before and len(list((tmp_path / "test").iterdir())) == 1
     assert solver("render", job, *few, "--out", tmp_path / "out").returncode == 0
     assert solver("render", job, *few, "--out", tmp_path / "out").returncode == 0

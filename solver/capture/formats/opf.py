@@ -224,7 +224,7 @@ def _lens(file: Path, where: str, sensor: dict, size: np.ndarray) -> Intrinsics:
         return _fisheye(file, field, internals, size)
     if kind != "perspective":
         raise CaptureError(
-            file, f"{field}.type", f"lenses called '{shown(kind)}' are not read",
+            file, f"{field}.type", f"lenses called '{shown(kind)}' are not supported",
             "calibrate the cameras with a perspective lens, or solve them from the photos",
         )  # fmt: skip
     focal = number(file, f"{field}.focal_length_px", internals.get("focal_length_px"))
