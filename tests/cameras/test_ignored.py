@@ -87,7 +87,7 @@ def test_pictures_elsewhere_are_not_named_by_the_cameras_but_told(tmp_path, monk
     (tmp_path / "leg.png").write_bytes((photos / "IMG_0.png").read_bytes())
     monkeypatch.setattr(Solver, "run", lambda self: Solved(3, 3, 9, ""))
     assert main(["solve", str(photos), "--ignore", str(photos / ".." / "leg.png")]) == 0
-    assert f"Reconstruct with --ignore {tmp_path / 'leg.png'}, for" in capsys.readouterr().out
+    assert f"Reconstruct with --ignore {tmp_path / 'leg.png'}, since" in capsys.readouterr().out
     camera = box_camera(np.eye(4), "c", photos / "IMG_0.png")
     cameras = [
         type(camera)(**{**vars(camera), "ignored_path": path})
