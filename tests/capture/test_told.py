@@ -245,7 +245,7 @@ def test_pictures_that_cannot_be_used_are_named_with_what_to_do(tmp_path):
         load_photos(read_capture(folder, ignored=tmp_path / "ignore.png"))
 
     with pytest.raises(
-        CaptureError, match="ignore.png, ignored_path: .*20 × 8.*16 × 16.*one shape"
+        CaptureError, match="ignore.png, ignored_path: .*20 × 8.*16 × 16.*the same shape"
     ):
         load()
     (tmp_path / "ignore.png").write_bytes((tmp_path / "ignore.png").read_bytes()[:40])

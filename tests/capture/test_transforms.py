@@ -444,7 +444,7 @@ def test_many_points_are_thinned(tmp_path):
 @pytest.mark.parametrize(
     "content, problem",
     [
-        (b"", "no PLY"), (b"ply\nformat ascii 1.0\n", "no PLY"), (b"\x89PNG" * 9, "no PLY"),
+        (b"", "not a PLY"), (b"ply\nformat ascii 1.0\n", "not a PLY"), (b"\x89PNG" * 9, "not a PLY"),
         (ply(POINTS, count=10**11), "states 100000000000 points and has fewer"),
         (ply(POINTS, "ascii", count=10**11), "states 100000000000 points and has fewer"),
         (ply(POINTS, "ascii", count=151), "states 151 points and has fewer"),
