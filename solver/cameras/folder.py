@@ -203,7 +203,7 @@ def photos_below(
         found = [path for path in found if not path.is_relative_to(besides)]
     if len(found) < FEWEST_PHOTOS:
         video = next((path for path in there if is_video(path)), None)
-        remedy = f"give {FEWEST_PHOTOS} or more that overlap, better 50"
+        remedy = f"give at least {FEWEST_PHOTOS} that overlap, better 50"
         raise CaptureError(
             folder, "photos", f"it has too few photos: {len(found)} ({FORMATS})",
             remedy if video is None else f"give the video itself, {video.name}",

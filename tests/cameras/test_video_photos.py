@@ -245,7 +245,11 @@ def test_a_folder_with_only_a_video_names_it(tmp_path):
 def test_a_file_that_is_no_video_is_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("no")
     result = solve(tmp_path / "notes.txt")
-    assert result.returncode == 2 and "no video" in result.stderr and ".mp4" in result.stderr
+    assert (
+        result.returncode == 2
+        and "not a known kind of video" in result.stderr
+        and ".mp4" in result.stderr
+    )
     (tmp_path / "a.mp4").write_text("no")
     result = solve(tmp_path / "a.mp4")
     assert result.returncode == 2 and len(result.stderr.strip().splitlines()) == 1

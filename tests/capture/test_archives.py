@@ -288,7 +288,7 @@ def test_who_is_overtaken_and_then_has_no_room_leaves_what_the_other_has_begun(
         return False
 
     monkeypatch.setattr(archives, "_is_made", overtaken)
-    with pytest.raises(CaptureError, match="make room"):
+    with pytest.raises(CaptureError, match="free space"):
         unpacked(archive)
     assert set(files_below(tmp_path / "lego")) == {MARK, "r_0.png"}
 
@@ -382,7 +382,7 @@ def test_a_name_that_a_disk_does_not_take_is_told(tmp_path):
 
 
 @pytest.mark.parametrize("number, remedy", [
-    (errno.EACCES, "make that folder writable, or move the archive"), (errno.ENOSPC, "make room"),
+    (errno.EACCES, "make that folder writable, or move the archive"), (errno.ENOSPC, "free space"),
     (errno.EINVAL, "unpack it yourself elsewhere and give the folder"),
 ])  # fmt: skip
 def test_what_cannot_be_written_is_named_with_the_way_out(tmp_path, monkeypatch, number, remedy):

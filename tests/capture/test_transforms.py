@@ -476,8 +476,8 @@ def test_unusable_points_are_a_warning(tmp_path):
     (tmp_path / "outside.ply").write_bytes(ply(POINTS))
     (tmp_path / "a" / "cut.ply").write_bytes(ply(POINTS)[:300])
     for stated, said in {
-        "cut.ply": "has fewer", "none.ply": "not there", "../outside.ply": "not there",
-        str(tmp_path / "outside.ply"): "not there", "x" * 5000: "",
+        "cut.ply": "has fewer", "none.ply": "do not exist", "../outside.ply": "do not exist",
+        str(tmp_path / "outside.ply"): "do not exist", "x" * 5000: "",
     }.items():  # fmt: skip
         capture = capture_with(tmp_path / "a", ply_file_path=stated)
         assert capture.points is None and len(capture.warnings) == 1 and said in capture.warnings[0]
