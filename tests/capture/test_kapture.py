@@ -142,7 +142,7 @@ def test_rigs_in_a_circle_and_empty_poses_are_no_pose(tmp_path):
         ("sensors.txt", "80.0", "80;0", "line 3: '80;0' is not a number"),
         ("records_camera.txt", "2, cam, ", "2; cam; ", "records_camera.txt, line 5: '2; cam; mapping/I.* breaks off"),
         ("trajectories.txt", "2, cam, ", "2, cam, 9, ", "trajectories.txt, line 5: .* is not 7 numbers"),
-        ("trajectories.txt", "2, cam, ", "2, cam, 0, 0, 0, 0, 0, 0, 0\n9, cam, ", "line 5: its quaternion is no rot"),
+        ("trajectories.txt", "2, cam, ", "2, cam, 0, 0, 0, 0, 0, 0, 0\n9, cam, ", "line 5: its quaternion is not a rot"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_a_file_is_named(tmp_path, file, old, new, problem):
