@@ -16,7 +16,7 @@ from ..solver.capture.errors import CaptureError
 
 
 class NMF_OT_use_moving_camera(bpy.types.Operator):
-    """Make a capture from a camera that is tracked, animated or imported, and the film behind it: one
+    """Make a capture from a camera that is tracked, animated or imported, and the footage behind it: one
     camera for each photo, where it stands in the scene"""
 
     bl_idname = "nmf.use_moving_camera"
@@ -75,7 +75,7 @@ class NMF_OT_use_moving_camera(bpy.types.Operator):
             scene, found = next(there, (None, None))
             film = None if found is None else shot_of(found, scene)
             if film is None:
-                raise CaptureError(name, "", "the camera or its film is gone", "start again")
+                raise CaptureError(name, "", "the camera or its footage is gone", "start again")
             pictures = photos_in(film, photos)
             # The person may be looking at another scene by now.
             looked_at = bpy.context.scene == scene

@@ -341,7 +341,7 @@ def test_a_camera_that_is_gone_when_its_photos_are_there_is_named(task, fake_sol
     bpy.ops.nmf.use_moving_camera()
     bpy.data.objects.remove(camera)
     task.finish()
-    assert task.model.error.startswith("Walk: the camera or its film is gone")
+    assert task.model.error.startswith("Walk: the camera or its footage is gone")
 
 
 def test_a_capture_comes_to_the_scene_of_its_camera_while_another_is_looked_at(
