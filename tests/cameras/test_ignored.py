@@ -191,7 +191,7 @@ def test_pictures_that_are_of_no_use_are_named_with_what_to_do(tmp_path):
         ("other", "other, ignore: no mask there has a photo's name; name masks like the photos"),
         ("text.png", "text.png: this is no PNG, JPEG"),
         ("flat.png", "ignored_path: the mask is 32 × 20 pixels, its photo 32 × 32; export both"),
-        ("white.png", "ignored_path: all of the photo 'IMG_0.png' is to be ignored; make white"),
+        ("white.png", "ignored_path: all of the photo 'IMG_0.png' is to be ignored; make only"),
     ):
         result = solve(photos, "--ignore", tmp_path / given, "--out", tmp_path / f"of {given}")
         assert result.returncode == 2 and problem in result.stderr
