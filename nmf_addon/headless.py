@@ -73,14 +73,14 @@ def main(arguments: list[str]) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="nmf", description="Photos and cameras to a .blend with a relightable object."
+        prog="nmf", description="Turn photos and cameras into a .blend with a relightable object."
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    command = commands.add_parser("reconstruct", help="photos and cameras to a .blend")
+    command = commands.add_parser("reconstruct", help="turn photos and cameras into a .blend")
     command.add_argument("capture", type=Path, help="folder, camera file or archive")
     command.add_argument("out", type=Path, metavar="OUT.blend")
-    command.add_argument("--photos", type=Path, help="their folder, if not below the capture's")
-    command.add_argument("--masks", type=Path, help="their folder, if not 'masks' there")
+    command.add_argument("--photos", type=Path, help="photo folder, if not in the capture's")
+    command.add_argument("--masks", type=Path, help="mask folder, if not 'masks' there")
     command.add_argument(
         "--ignore", type=Path, help="pictures, white where photos are to be ignored"
     )
@@ -108,7 +108,7 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
     if out.is_dir():
         raise JobError(f"{out}: this is a folder; give the name of a .blend.")
     if out.exists() and not options.overwrite:
-        raise JobError(f"{out}: it exists already; give another name or --overwrite.")
+        raise JobError(f"{out}: it already exists; give another name or --overwrite.")
     overrides = overrides_of(options.sets)
     python = preferences.solver_python()
     check_writable(out.parent)
@@ -164,7 +164,7 @@ def check_writable(folder: Path) -> None:
             pass
     except OSError as error:
         raise JobError(
-            f"{folder}: no file can be written there ({error.strerror}); give another place."
+            f"{folder}: it cannot be written to ({error.strerror}); give another folder."
         ) from error
 
 
@@ -175,7 +175,7 @@ def pack_pictures(photos: set[Path]) -> None:
         photos = set()
     else:
         print(
-            f"The photos ({large / 1e6:.0f} MB) are not packed; the file goes by where they lie.",
+            f"The photos ({large / 1e6:.0f} MB) are not packed; the file links to them.",
             file=sys.stderr,
         )
     for image in bpy.data.images:
@@ -213,7 +213,7 @@ def take_up_job(
     """
     photos = {camera.image_path.name for camera in capture_of(job).cameras if camera.image_path}
     if photos != {path.name for path in photo_paths(collection)}:
-        raise JobError(f"{job.root}: this is a job of other photos; give another --job.")
+        raise JobError(f"{job.root}: this job was made from other photos; give another --job.")
     asked = {
         "preset": options.preset, "device": options.device, "seed": options.seed,
         "overrides": overrides_of(options.sets) or None,

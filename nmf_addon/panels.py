@@ -52,9 +52,9 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
             row.operator("nmf.import_capture", icon="IMPORT")
             layout.operator("nmf.solve_cameras", icon="CON_CAMERASOLVER")
             _draw_moving_camera(layout, context, True)
-            note(layout, context, "Photos with known cameras, from COLMAP, Metashape, RealityScan, "
-                  "Meshroom, transforms.json and others; or drop a camera file here. Photos alone, "
-                  "or a video: Solve Cameras.")  # fmt: skip
+            note(layout, context, "Import photos with cameras from COLMAP, Metashape, RealityScan, "
+                  "Meshroom, transforms.json and others, or drop a camera file here. For photos "
+                  "alone, or a video: Solve Cameras.")  # fmt: skip
             _draw_task(layout, context)
             return
         narrow = units(context) < NARROW
@@ -198,8 +198,8 @@ def _draw_missing_solver(
         return
     if runtime.variable_python():
         return
-    note(box, context, f"Once per computer: {preferences.SIZE_TEXT} are downloaded into a "
-          "private folder. Nothing of Blender's is changed.")  # fmt: skip
+    note(box, context, f"Downloads {preferences.SIZE_TEXT} into a private folder, once per "
+          "computer. Blender itself is not changed.")  # fmt: skip
     preferences.draw_setup(box, context)
 
 
@@ -224,7 +224,11 @@ def _draw_progress(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     if model.psnr is not None and model.stage == "fit":
         note(layout, context, f"Agreement with the photos: {model.psnr:.1f} dB")
     if monitor.silent_for:
-        note(layout, context, f"No news for {clock(monitor.silent_for)}; the solver still runs.")
+        note(
+            layout,
+            context,
+            f"No news for {clock(monitor.silent_for)}; the solver is still running.",
+        )
     _draw_warnings(layout, context, model)
 
 
@@ -256,7 +260,7 @@ def _draw_warnings(layout: bpy.types.UILayout, context: bpy.types.Context, model
     for text in model.warnings[:2]:
         paragraph(layout, context, text, icon="ERROR")
     if len(model.warnings) > 2:
-        note(layout, context, f"and {len(model.warnings) - 2} more warnings in the log")
+        note(layout, context, f"and {len(model.warnings) - 2} more in the log")
 
 
 def _draw_preview(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

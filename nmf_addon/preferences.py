@@ -36,14 +36,14 @@ class NMF_preferences(bpy.types.AddonPreferences):
     runtime_folder: bpy.props.StringProperty(
         name="Folder",
         description="Where the solver is set up; leave empty for the extension's own folder, which "
-        "goes when the extension is removed (on Windows for one in AppData\\Local, which stays)",
+        "is deleted with it (on Windows for one in AppData\\Local, which stays)",
         subtype="DIR_PATH",
         options=PATH_OPTIONS,
         update=_look_again,
     )
     base_python: bpy.props.StringProperty(
         name="Build With",
-        description="Python 3.11 to 3.13 that the solver is set up with; leave empty to use Blender's",
+        description="Python 3.11 to 3.13 to set up the solver with; leave empty to use Blender's",
         subtype="FILE_PATH",
         options=PATH_OPTIONS,
     )
@@ -55,7 +55,7 @@ class NMF_preferences(bpy.types.AddonPreferences):
     )
     pip_arguments: bpy.props.StringProperty(
         name="pip Arguments",
-        description="More arguments for pip, such as the index of another build of torch",
+        description="Extra arguments for pip, such as the index of another PyTorch build",
     )
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -115,7 +115,7 @@ def draw_setup(layout: bpy.types.UILayout, context: bpy.types.Context, again: bo
     column = layout.column(align=True)
     if state.error:
         column.alert = True
-        what = "The solver does not start:" if state.is_check else "The set-up did not work:"
+        what = "The solver does not start:" if state.is_check else "The set-up failed:"
         paragraph(column, context, what, icon="ERROR")
         for line in state.error.splitlines()[-6:]:
             paragraph(column, context, line)

@@ -25,7 +25,7 @@ class NMF_scene(bpy.types.PropertyGroup):
     preset: bpy.props.EnumProperty(
         name="Preset",
         items=(
-            ("draft", "Draft", "Minutes on any computer: did the capture work?"),
+            ("draft", "Draft", "Minutes on any computer, to see whether the capture works"),
             (
                 "standard",
                 "Standard",
@@ -33,7 +33,7 @@ class NMF_scene(bpy.types.PropertyGroup):
             ),
         ),
         default="draft",
-        description="How much time goes into quality",
+        description="How much time to spend on quality",
     )
     device: bpy.props.EnumProperty(
         name="Device",
@@ -49,11 +49,11 @@ class NMF_scene(bpy.types.PropertyGroup):
     exposure: bpy.props.EnumProperty(
         name="Exposure",
         items=(
-            ("fixed", "As Shot", "All photos have one exposure and white balance"),
-            ("gain", "Even Out", "Find each photo's exposure: the camera was on automatic"),
+            ("fixed", "As Shot", "All photos share one exposure and white balance"),
+            ("gain", "Even Out", "Find each photo's exposure, if the camera was on automatic"),
             (
                 "white_balance",
-                "Even Out with Colour",
+                "Even Out with Color",
                 "Find each photo's exposure and white balance",
             ),
         ),
@@ -63,33 +63,33 @@ class NMF_scene(bpy.types.PropertyGroup):
     turntable: bpy.props.EnumProperty(
         name="Turntable",
         items=(
-            ("auto", "Automatic", "See by the cameras and by what stands beside the object"),
+            ("auto", "Automatic", "Detect it from the cameras and from what is next to the object"),
             (
                 "yes",
                 "Yes",
-                "The object was turned before a still camera: highlights stayed where they were",
+                "The object was turned in front of a still camera: highlights stayed in place",
             ),
             ("no", "No", "The camera went round the object"),
         ),
         default="auto",
-        description="Whether the object was turned, and not the camera carried around it",
+        description="Whether the object was turned instead of the camera moving around it",
     )
     texture_size: bpy.props.EnumProperty(
         name="Textures",
         items=tuple(
             (str(size), f"{size} × {size}", text)
             for size, text in (
-                (512, "For things far away"),
-                (1024, "For most things"),
+                (512, "For distant objects"),
+                (1024, "For most objects"),
                 (2048, "For close-ups; about half a minute more"),
                 (
                     4096,
-                    "Where photos have the pixels for it; about two minutes and 4 GB of memory more",
+                    "For photos with that much detail; about two minutes and 4 GB of memory more",
                 ),
             )
         ),
         default="1024",
-        description="Pixels of the result's textures",
+        description="Size of the result's textures in pixels",
     )
     use_time_limit: bpy.props.BoolProperty(
         name="Time Limit", description="Plan the reconstruction to end within a given time"

@@ -66,7 +66,7 @@ def base_python(chosen: str = "") -> Path:
     if chosen:
         if Path(chosen).is_file():
             return Path(chosen)
-        raise runtime.RuntimeMissing(f"{chosen}: there is no such Python; correct the preferences.")
+        raise runtime.RuntimeMissing(f"{chosen}: there is no such Python; correct Build With.")
     candidates = [Path(sys.executable), Path(getattr(sys, "_base_executable", "") or "")]
     names = [f"python3.{sys.version_info.minor}", "python3", "python.exe", "python"]
     folders = [Path(prefix) / "bin" for prefix in (sys.prefix, sys.base_prefix)]
@@ -76,8 +76,8 @@ def base_python(chosen: str = "") -> Path:
         if candidate.stem.lower().startswith("python") and candidate.is_file():
             if any(part in str(candidate) for part in _TEMPORARY):
                 raise runtime.RuntimeMissing(
-                    "Blender runs from its disk image or its download, where nothing lasts; quit it, "
-                    "move it to Applications with the Finder, and start it there."
+                    "Blender is running from its disk image or download, where nothing lasts; quit "
+                    "it, move it to Applications with the Finder, and start it there."
                 )
             return candidate
     raise runtime.RuntimeMissing(

@@ -205,18 +205,16 @@ def why_without_packages() -> str:
     if sys.version_info[:2] > NEWEST:
         newest = ".".join(map(str, NEWEST))
         return (
-            f"They do not all come for Python {platform.python_version()}: choose one from 3.11 to "
+            f"Not all of them exist for Python {platform.python_version()}; choose one from 3.11 to "
             f"{newest} as Build With in the preferences."
         )
     if sys.platform == "darwin" and platform.machine() == "x86_64":
-        return (
-            "They no longer come for Intel Macs; on a Mac with Apple's chip, take Blender for that."
-        )
+        return "They no longer exist for Intel Macs; on a Mac with an Apple chip, use Blender for that."
     if sys.platform == "darwin" and int(platform.mac_ver()[0].partition(".")[0] or 14) < 14:
         return "They need macOS 14 or newer."
     if sysconfig.get_platform() in ("win32", "win-arm64"):
         return (
-            "They need a Python of 64 bits for Intel's and AMD's processors: install one and choose it as "
+            "They need a 64-bit Python for Intel and AMD processors; install one and choose it as "
             "Build With in the preferences."
         )
     return ""
@@ -305,7 +303,7 @@ def rename(source: Path, target: Path) -> None:
         except PermissionError as error:
             if time.monotonic() > end:
                 raise StepFailed(
-                    f"{source}: it cannot be renamed ({error.strerror}); end what uses it, such as a "
+                    f"{source}: it cannot be renamed ({error.strerror}); close what uses it, such as a "
                     "solver of another Blender, then press Set Up Solver again."
                 ) from error
             time.sleep(0.1)

@@ -22,7 +22,7 @@ from ..solver.job.request import JobError
 
 
 class NMF_OT_check_capture(bpy.types.Operator):
-    """Look for blurred, badly exposed and missing views, and tell time and memory; takes seconds"""
+    """Look for blurred, badly exposed and missing views, and estimate time and memory; takes seconds"""
 
     bl_idname = "nmf.check_capture"
     bl_label = "Check Capture"

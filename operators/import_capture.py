@@ -20,8 +20,8 @@ INSTALLED = ".zip"
 
 
 class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
-    """Import photos with known cameras as a capture: pick a camera file, a folder that has one, or the
-    archive (.zip, .r3d) that an app gave, which is unpacked beside itself"""
+    """Import photos with known cameras as a capture: pick a camera file, its folder, or an app's
+    archive (.zip, .r3d), which is unpacked next to itself"""
 
     bl_idname = "nmf.import_capture"
     bl_label = "Import Capture"
@@ -34,19 +34,19 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
     directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
     photos: bpy.props.StringProperty(
         name="Photos",
-        description="Folder of the photos, if they are not below that of the cameras",
+        description="Folder of the photos, if they are not in the cameras' folder",
         options={"SKIP_SAVE"},
     )
     masks: bpy.props.StringProperty(
         name="Masks",
-        description="Folder of the masks, if it is not a folder 'masks' beside the photos",
+        description="Folder of the masks, if it is not 'masks' next to the photos",
         options={"SKIP_SAVE"},
     )
 
     ignored: bpy.props.StringProperty(
         name="Ignore",
-        description="Folder of pictures that are white where photos show something to be ignored, such as "
-        "a hand or a tripod, named as the photos are; or one picture for all photos",
+        description="Folder of pictures, named like the photos, that are white where something is to be "
+        "ignored, such as a hand or a tripod; or one picture for all photos",
         options={"SKIP_SAVE"},
     )
 
@@ -87,7 +87,7 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
         column.prop(self, "photos")
         column.prop(self, "masks")
         column.prop(self, "ignored")
-        column.label(text="A folder may be picked as well", icon="INFO")
+        column.label(text="You can also pick a folder", icon="INFO")
 
     def _paths(self) -> list[Path]:
         """The files that were picked, or the folder; empty if there is neither."""
@@ -108,7 +108,7 @@ class NMF_FH_capture(bpy.types.FileHandler):
     """Drop of camera files and archives into the 3D View."""
 
     bl_idname = "NMF_FH_capture"
-    bl_label = "Capture for Microfacet Field"
+    bl_label = "Capture for Microfacet Fields"
     bl_import_operator = "nmf.import_capture"
     bl_file_extensions = ";".join(e for e in CAMERA_FILES + ARCHIVES if e != INSTALLED)
 
@@ -121,7 +121,7 @@ class NMF_FH_capture(bpy.types.FileHandler):
 def draw_menu(self, context: bpy.types.Context) -> None:
     """Entry of File › Import."""
     self.layout.operator(
-        NMF_OT_import_capture.bl_idname, text="Capture for Microfacet Field (Photos with Cameras)"
+        NMF_OT_import_capture.bl_idname, text="Capture for Microfacet Fields (Photos with Cameras)"
     )
 
 

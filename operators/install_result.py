@@ -55,12 +55,10 @@ class NMF_OT_install_result(bpy.types.Operator):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         if asset.moved_cameras:
-            self.report(
-                {"INFO"}, f"{asset.moved_cameras} cameras were moved to where their photos fit"
-            )
+            self.report({"INFO"}, f"Cameras moved to fit their photos: {asset.moved_cameras}")
         if asset.kept:
             names = ", ".join(f"'{name}'" for name in asset.kept)
-            self.report({"WARNING"}, f"What you had changed stays in the file, not shown: {names}")
+            self.report({"WARNING"}, f"What you had edited stays in the file, hidden: {names}")
         return {"FINISHED"}
 
 

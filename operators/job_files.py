@@ -35,8 +35,8 @@ class NMF_OT_open_job_folder(bpy.types.Operator):
 
 
 class NMF_OT_open_report(bpy.types.Operator):
-    """Show the report of the active object's job, else of the last one, in the web browser: photos beside
-    renders, and the numbers"""
+    """Show the report of the active object's job, else of the last one, in the web browser: photos next to
+    renders, and numbers"""
 
     bl_idname = "nmf.open_report"
     bl_label = "Open Report"
@@ -54,7 +54,7 @@ class NMF_OT_open_report(bpy.types.Operator):
 
 
 class NMF_OT_copy_report(bpy.types.Operator):
-    """Copy what went wrong, with the end of the log, to paste into a question"""
+    """Copy the error with the end of the log, to paste into a bug report"""
 
     bl_idname = "nmf.copy_report"
     bl_label = "Copy Error Report"
@@ -68,7 +68,7 @@ class NMF_OT_copy_report(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Copy to the clipboard."""
         context.window_manager.clipboard = error_report()
-        self.report({"INFO"}, "The report is in the clipboard")
+        self.report({"INFO"}, "Copied the report to the clipboard")
         return {"FINISHED"}
 
 
@@ -126,7 +126,7 @@ def _job_meant(context: bpy.types.Context) -> JobFolder:
 
 def _open(operator: bpy.types.Operator, path: Path) -> set[str]:
     if not path.exists():
-        operator.report({"ERROR"}, f"{path}: it is gone")
+        operator.report({"ERROR"}, f"{path}: it no longer exists")
         return {"CANCELLED"}
     bpy.ops.wm.path_open(filepath=str(path))
     return {"FINISHED"}

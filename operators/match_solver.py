@@ -8,14 +8,14 @@ from ..nmf_addon.scene.match_solver import match_photo, match_solver
 
 
 class NMF_OT_match_solver(bpy.types.Operator):
-    """Set Cycles, the view transform and the photo's size, so that renders compare with the photos"""
+    """Set Cycles, the view transform and the size of the photos, so that renders compare with them"""
 
     bl_idname = "nmf.match_solver"
     bl_label = "Match Solver"
     bl_options = {"REGISTER", "UNDO"}
 
     bounces: bpy.props.IntProperty(
-        name="Bounces", description="Reflections between surfaces, as the solver traces", default=2,
+        name="Bounces", description="Reflections between surfaces that the solver traces", default=2,
         min=1,
     )  # fmt: skip
 

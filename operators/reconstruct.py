@@ -27,11 +27,11 @@ def _busy() -> str:
     """Why no job can begin now; empty if one can."""
     if monitor.running:
         return "A job is running"
-    return f"Of the last job: {WAITS}" if monitor.waits_to_install else ""
+    return f"Last job: {WAITS}" if monitor.waits_to_install else ""
 
 
 class NMF_OT_reconstruct(bpy.types.Operator):
-    """Find mesh, materials and light from the photos; you can go on working meanwhile"""
+    """Find mesh, materials and light from the photos; you can keep working meanwhile"""
 
     bl_idname = "nmf.reconstruct"
     bl_label = "Reconstruct"
@@ -69,7 +69,7 @@ class NMF_OT_reconstruct(bpy.types.Operator):
 
 
 class NMF_OT_resume(bpy.types.Operator):
-    """Go on with the last job from where it stopped"""
+    """Continue the last job from where it stopped"""
 
     bl_idname = "nmf.resume"
     bl_label = "Resume"
@@ -86,7 +86,9 @@ class NMF_OT_resume(bpy.types.Operator):
         job = monitor.job
         if model_of_folder(job).state == "elsewhere":  # begun since the panel has looked
             monitor.look_at(str(job.root))
-            self.report({"ERROR"}, f"{job.root}: another process works on this job.")
+            self.report(
+                {"ERROR"}, f"{job.root}: another process is working on this job; cancel it first."
+            )
             return {"CANCELLED"}
         try:
             python = preferences.solver_python()
@@ -99,7 +101,7 @@ class NMF_OT_resume(bpy.types.Operator):
 
 
 class NMF_OT_cancel(bpy.types.Operator):
-    """Stop the job; what is done so far is kept, and Resume goes on from there"""
+    """Stop the job; what is done so far is kept, and Resume continues from there"""
 
     bl_idname = "nmf.cancel"
     bl_label = "Cancel"

@@ -17,7 +17,7 @@ from .polls import WithCapture
 
 
 class NMF_OT_add_region_box(WithCapture, bpy.types.Operator):
-    """Add a box that says where the object is; move and scale it"""
+    """Add a box to mark where the object is; move and scale it"""
 
     bl_idname = "nmf.add_region_box"
     bl_label = "Add Region Box"
@@ -36,7 +36,7 @@ class NMF_OT_add_region_box(WithCapture, bpy.types.Operator):
 
 
 class NMF_OT_select_region_box(bpy.types.Operator):
-    """Select the region box; move and scale it until the object is in it, with little else"""
+    """Select the region box; move and scale it until it holds the object and little else"""
 
     bl_idname = "nmf.select_region_box"
     bl_label = "Select Region Box"
@@ -62,7 +62,7 @@ class NMF_OT_select_region_box(bpy.types.Operator):
 
 
 class NMF_OT_fit_region_box(WithCapture, bpy.types.Operator):
-    """Fit the region box to where all photos' masks show the object"""
+    """Fit the region box to the object, as the masks of all photos show it"""
 
     bl_idname = "nmf.fit_region_box"
     bl_label = "Fit Box to Masks"

@@ -11,7 +11,7 @@ from ..nmf_addon.scene.world import relight
 
 
 class NMF_OT_relight_hdri(ImportHelper, bpy.types.Operator):
-    """Light the scene by another HDRI; the recovered light stays in the file as a World"""
+    """Light the scene with another HDRI; the recovered light stays in the file as a World"""
 
     bl_idname = "nmf.relight_hdri"
     bl_label = "Relight with HDRI"

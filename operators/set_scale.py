@@ -9,14 +9,14 @@ from .polls import WithCapture
 
 
 class NMF_OT_set_scale(WithCapture, bpy.types.Operator):
-    """Give the distance of two points you picked: two vertices in Edit Mode, or two objects"""
+    """Set the real distance between two selected vertices in Edit Mode, or two objects"""
 
     bl_idname = "nmf.set_scale"
     bl_label = "Set Scale"
     bl_options = {"REGISTER", "UNDO"}
 
     distance: bpy.props.FloatProperty(
-        name="Distance", description="Distance of the two points in the real world",
+        name="Distance", description="Distance between the two points in the real world",
         default=1.0, min=LEAST, subtype="DISTANCE", unit="LENGTH",
     )  # fmt: skip
 

@@ -47,7 +47,7 @@ class NMF_OT_setup_solver(bpy.types.Operator):
 
 
 class NMF_OT_cancel_setup(bpy.types.Operator):
-    """Stop; a solver that was there before stays as it was"""
+    """Stop; a solver that was set up before stays as it was"""
 
     bl_idname = "nmf.cancel_setup"
     bl_label = "Cancel"
@@ -60,7 +60,7 @@ class NMF_OT_cancel_setup(bpy.types.Operator):
 
 
 class NMF_OT_copy_setup_log(bpy.types.Operator):
-    """Copy all that the set-up or the check printed, to paste into a question"""
+    """Copy the output of the set-up or the check, to paste into a bug report"""
 
     bl_idname = "nmf.copy_setup_log"
     bl_label = "Copy Log"
@@ -69,7 +69,7 @@ class NMF_OT_copy_setup_log(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Copy to the clipboard."""
         context.window_manager.clipboard = "\n".join(setup_monitor.setup_state().log)
-        self.report({"INFO"}, "The log is in the clipboard")
+        self.report({"INFO"}, "Copied the log to the clipboard")
         return {"FINISHED"}
 
 

@@ -48,7 +48,7 @@ class NMF_OT_show_photos(bpy.types.Operator):
             found = capture_of_number(number)
             result = next(event.data for event in task.events if event.kind == "result")
             count = 0 if found is None else show_pictures(found, result["pictures"])
-            task.model.text = said or f"{count} photos are shown"
+            task.model.text = said or f"Photos shown: {count}"
             bpy.ops.ed.undo_push(message=NMF_OT_show_photos.bl_label)
 
         try:

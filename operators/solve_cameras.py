@@ -30,8 +30,8 @@ from ..solver.capture.picture_names import VIDEOS
 
 
 class NMF_OT_solve_cameras(bpy.types.Operator):
-    """Find out from where the photos of a folder, an archive or a video were taken, and import them: pick
-    the video, the archive or the folder. Takes minutes for a hundred photos"""
+    """Find where photos were taken from, and import them with their cameras: pick their folder, an archive
+    or a video. Takes minutes for a hundred photos"""
 
     bl_idname = "nmf.solve_cameras"
     bl_label = "Solve Cameras"
@@ -48,7 +48,7 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         options={"HIDDEN"},
     )
     sequential: bpy.props.BoolProperty(
-        name="In Order", description="The photos were taken one after the other, as in a film"
+        name="In Order", description="The photos were taken one after the other, as in a video"
     )
     single_camera: bpy.props.BoolProperty(
         name="One Lens", description="All photos were taken with one lens at one zoom and focus"
@@ -60,15 +60,15 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
     # No subtype: the file browser cannot open another one.
     masks: bpy.props.StringProperty(
         name="Masks",
-        description="Folder of masks, as seen from the photos' folder (masks, ../masks) or a whole path: "
-        "only what they show is looked at. For an object that was turned before a camera that stood still, "
-        "with anything still behind it",
+        description="Folder of masks, relative to the photos' folder (masks, ../masks) or a full path: "
+        "only what they show is used. For an object turned in front of a still camera, with anything still "
+        "behind it",
     )
     ignored: bpy.props.StringProperty(
         name="Ignore",
-        description="Folder of pictures that are white where photos show something to be ignored, such as "
-        "a hand or a tripod, named as the photos are; or one picture for all photos. As seen from the "
-        "photos' folder, or a whole path",
+        description="Folder of pictures, named like the photos, that are white where something is to be "
+        "ignored, such as a hand or a tripod; or one picture for all photos. Relative to the photos' "
+        "folder, or a full path",
     )
 
     @classmethod
@@ -144,7 +144,7 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
             return {"CANCELLED"}
         # The fields keep what was typed for the photos before.
         if masks:
-            self.report({"INFO"}, f"Only what the masks in {masks} show is looked at")
+            self.report({"INFO"}, f"Only what the masks in {masks} show is used")
         if ignored:
             self.report({"INFO"}, f"What is white in {ignored} is ignored in the photos")
         return {"FINISHED"}

@@ -16,22 +16,22 @@ from ..solver.capture.errors import CaptureError
 
 
 class NMF_OT_use_moving_camera(bpy.types.Operator):
-    """Make a capture of a camera that moves, by Blender's tracker, keyframes or an import, and of the film
-    behind it: one camera for each photo, where it stands in the scene"""
+    """Make a capture from a camera that is tracked, animated or imported, and the footage behind it: one
+    camera for each photo, where it stands in the scene"""
 
     bl_idname = "nmf.use_moving_camera"
     bl_label = "Use Moving Camera"
     bl_options = {"UNDO"}
 
     first: bpy.props.IntProperty(
-        name="First Frame", description="Of the scene", options={"SKIP_SAVE"}
+        name="First Frame", description="First frame of the scene to use", options={"SKIP_SAVE"}
     )
     last: bpy.props.IntProperty(
-        name="Last Frame", description="Of the scene", options={"SKIP_SAVE"}
+        name="Last Frame", description="Last frame of the scene to use", options={"SKIP_SAVE"}
     )
     count: bpy.props.IntProperty(
         name="Photos", default=VIDEO_PHOTOS, min=FEWEST_PHOTOS, max=MOST_VIDEO_PHOTOS,
-        description="How many to take, at most: of a video, each is the sharpest frame of its part",
+        description="How many to take at most; from a video, each is the sharpest frame of its part",
     )  # fmt: skip
 
     @classmethod
@@ -75,14 +75,14 @@ class NMF_OT_use_moving_camera(bpy.types.Operator):
             scene, found = next(there, (None, None))
             film = None if found is None else shot_of(found, scene)
             if film is None:
-                raise CaptureError(name, "", "the camera or its film is gone", "start again")
+                raise CaptureError(name, "", "the camera or its footage is gone", "start again")
             pictures = photos_in(film, photos)
             # The person may be looking at another scene by now.
             looked_at = bpy.context.scene == scene
             layer = bpy.context.view_layer if looked_at else scene.view_layers[0]
             with bpy.context.temp_override(scene=scene, view_layer=layer):
                 scene.nmf.capture = capture_shot(bpy.context, found, film, pictures, cameras)
-            task.model.text = f"{len(pictures)} photos were taken"
+            task.model.text = f"{len(pictures)} photos extracted"
             bpy.ops.ed.undo_push(message=NMF_OT_use_moving_camera.bl_label)
 
         try:

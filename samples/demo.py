@@ -58,7 +58,7 @@ def main() -> int:
     with blender_output_to(out / "blender.log"):
         code = importlib.import_module(f"{package.__name__}.nmf_addon.headless").main(command)
         if code != 0:
-            say(f"The log is {out / 'job' / 'log.txt'}; make demo goes on where this stopped.")
+            say(f"The log is {out / 'job' / 'log.txt'}; make demo continues where this stopped.")
             return code
         cameras = held_out_cameras(package)
         render_all(package, cameras, out / "renders")

@@ -13,7 +13,7 @@ from .job.request import JobError
 from .streams import say
 
 IGNORE = (
-    "folder or archive of pictures, white where photos are to be ignored, or one for all photos"
+    "folder or archive of pictures, white where photos are to be ignored, or one picture for all"
 )
 """help of `--ignore`"""
 
@@ -54,7 +54,7 @@ def number(text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"'{text}' is no number")
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number")
     return value
 
 
@@ -64,7 +64,7 @@ def check_names(options: argparse.Namespace) -> None:
         for path in value if isinstance(value, list) else [value]:
             if isinstance(path, Path) and not _is_text(str(path.absolute())):
                 raise JobError(
-                    f"{path.absolute()}: the name has bytes that are no UTF-8 (escaped here); rename it."
+                    f"{path.absolute()}: the name has bytes that are not UTF-8 (escaped here); rename it."
                 )
 
 
@@ -78,7 +78,7 @@ def unpack_archives(options: argparse.Namespace) -> None:
         path = getattr(options, name, None)
         if isinstance(path, Path) and is_archive(path):
             folder = _unpacked_with_bar(path)
-            say(f"{path} is an archive; it is unpacked in {folder}.")
+            say(f"{path} is an archive; it is unpacked to {folder}.")
             setattr(options, name, folder)
 
 

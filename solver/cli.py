@@ -1,4 +1,4 @@
-"""The command line: from photos to cameras, from them to an asset, and what can be done with that.
+"""Turn photos of a shiny object into cameras, mesh, textures and light, and use the result.
 
 Exit codes: 0 done, 2 bad input, 3 cancelled, 4 out of memory, 1 anything else.
 """
@@ -73,20 +73,20 @@ def _parser() -> argparse.ArgumentParser:
     add_frames(commands)
     add_check(commands)
     add_pictures(commands)
-    new = commands.add_parser("reconstruct", help="photos and cameras to mesh, textures and light")
+    new = commands.add_parser("reconstruct", help="turn photos into mesh, textures and light")
     new.add_argument("capture", type=Path, help="folder, camera file or archive")
-    new.add_argument("--out", type=Path, required=True, metavar="JOB", help="job folder, new")
-    new.add_argument("--photos", type=Path, metavar="DIR", help="if not below the capture's folder")
+    new.add_argument("--out", type=Path, required=True, metavar="JOB", help="new job folder")
+    new.add_argument("--photos", type=Path, metavar="DIR", help="if not in the capture's folder")
     new.add_argument("--masks", type=Path, metavar="DIR", help="if not in a folder 'masks' there")
     new.add_argument("--ignore", type=Path, metavar="PATH", dest="ignored", help=IGNORE)
-    new.add_argument("--preset", help="draft (as it is without), standard or paper")
+    new.add_argument("--preset", help="draft (default), standard or paper")
     new.add_argument("--device", choices=DEVICES)
     new.add_argument("--seed", type=whole_number(0, MOST_SEED))
-    new.add_argument("--time-limit", type=seconds, metavar="SECONDS", help="asset included")
+    new.add_argument("--time-limit", type=seconds, metavar="SECONDS", help="for the whole job")
     new.add_argument(
         "--resume", action="store_true", help="continue the job in JOB; only its limit may change"
     )
-    _add_settings(new, "section.field=value", "a setting (their list: docs/manual.md)")
+    _add_settings(new, "section.field=value", "change a setting (see docs/manual.md)")
     new.set_defaults(run=_reconstruct)
 
     run = commands.add_parser("run", help="run or resume a job folder (how Blender starts it)")
@@ -94,7 +94,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--events", action="store_true", help="events on stdout, no bar")
     run.set_defaults(run=_run)
 
-    render = commands.add_parser("render", help="render cameras of a finished job")
+    render = commands.add_parser("render", help="render a finished job from given cameras")
     render.add_argument("job", type=Path)
     render.add_argument(
         "--cameras", type=Path, required=True, help="camera file, or an archive with one"
@@ -103,7 +103,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_light(render)
     render.set_defaults(run=_render)
 
-    compose = commands.add_parser("compose", help="render several jobs in one world, one light")
+    compose = commands.add_parser("compose", help="render several jobs together under one light")
     compose.add_argument("jobs", type=Path, nargs="+", metavar="JOB")
     compose.add_argument(
         "--cameras", type=Path, required=True, help="camera file, or an archive with one"
@@ -121,22 +121,22 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument(
         "--cameras", type=Path, required=True, help="camera file with photos, or an archive with both"
     )  # fmt: skip
-    evaluate.add_argument("--photos", type=Path, metavar="DIR", help="if not below its folder")
+    evaluate.add_argument("--photos", type=Path, metavar="DIR", help="if not in its folder")
     evaluate.add_argument("--ignore", type=Path, metavar="PATH", dest="ignored", help=IGNORE)
-    evaluate.add_argument("--out", type=Path, help="metrics.json")
+    evaluate.add_argument("--out", type=Path, help="file for the scores, such as metrics.json")
     _add_rendering(evaluate)
     evaluate.set_defaults(run=_evaluate)
 
-    export = commands.add_parser("export", help="copy a job's asset files, or bake them anew")
+    export = commands.add_parser("export", help="copy a job's asset files, or bake them again")
     export.add_argument("job", type=Path)
-    export.add_argument("--out", type=Path, help="new folder; default JOB/export")
-    _add_settings(export, "asset.field=value", "bake anew with another mesh or other textures")
+    export.add_argument("--out", type=Path, help="new folder; default: JOB/export")
+    _add_settings(export, "asset.field=value", "bake again with another mesh or other textures")
     export.set_defaults(run=_export)
 
-    loops = commands.add_parser("compile", help="what the first fit would have to wait for")
+    loops = commands.add_parser("compile", help="compile what the first fit would have to wait for")
     loops.set_defaults(run=_compile)
 
-    doctor = commands.add_parser("doctor", help="what this machine can do")
+    doctor = commands.add_parser("doctor", help="show what this machine can do")
     doctor.set_defaults(run=_doctor)
     return parser
 
@@ -149,14 +149,14 @@ def _add_settings(command: argparse.ArgumentParser, form: str, purpose: str) -> 
 
 def _add_light(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--environment", type=Path, help="another light: an equirect EXR, or another job's"
+        "--environment", type=Path, help="another light: an equirectangular EXR, or another job"
     )
     _add_rendering(command)
 
 
 def _add_rendering(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--rays", type=whole_number(1, MOST_RAYS), default=64, help="secondary rays a pixel"
+        "--rays", type=whole_number(1, MOST_RAYS), default=64, help="secondary rays per pixel"
     )
     command.add_argument(
         "--without-neural", action="store_const", const=0.0, dest="neural",
@@ -221,7 +221,7 @@ def _run_job(
 ) -> int:  # fmt: skip
     """Run a job with its heartbeat, events and log; the last line on stdout is the manifest."""
     if process_is_alive(read_status(job.status_path)):
-        raise JobError(f"{job.root}: another process works on this job; cancel it first.")
+        raise JobError(f"{job.root}: another process is working on this job; cancel it first.")
     paths = job.events_path, job.status_path, job.cancel_path
     with session(*paths, events, has_parent, begun=begun) as run:
         from .fit.reconstruct import run_job
@@ -251,7 +251,7 @@ def _compose(options: argparse.Namespace) -> int:
     from .render.composition import Placement
 
     if len(options.place) > len(options.jobs):
-        raise JobError(f"--place is given {len(options.place)} times for {len(options.jobs)} jobs.")
+        raise JobError("--place is given more often than JOB; leave some out.")
     places = options.place + [(0.0, 0.0, 0.0, 1.0, 0.0)] * (len(options.jobs) - len(options.place))
     placements = []
     for x, y, z, scale, degrees in places:

@@ -87,7 +87,7 @@ def report() -> str:
         )
         trouble = trouble_with_warp("cuda")
         if trouble:
-            lines.append(f"Its fast kernels DO NOT RUN, jobs take several times as long: {trouble}")
+            lines.append(f"Its fast kernels DO NOT RUN; jobs take several times as long: {trouble}")
     else:
         lines.append("CUDA not available: the CPU is used")
         idle = idle_card()

@@ -77,7 +77,7 @@ def session(
         events = EventStream(events_path, stream)
     except BlockingIOError as error:
         raise JobError(
-            f"{events_path.parent}: another process works here; cancel it, or wait for it."
+            f"{events_path.parent}: another process is working here; cancel it, or wait for it."
         ) from error
     cancel_path.unlink(missing_ok=True)
     control = Control(cancel_path, has_parent)

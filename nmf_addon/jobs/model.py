@@ -16,7 +16,7 @@ OUT_OF_MEMORY_ON_WINDOWS = (0xC0000017, 0xC000012D)
 STAGE_TEXTS = {
     "photos": "Reading photos", "compile": "Preparing the solver (first run: a minute)",
     "geometry": "Finding the shape", "fit": "Fitting shape, materials and light",
-    "video": "Taking photos from the video",
+    "video": "Extracting photos from the video",
     "features": "Finding features", "matching": "Comparing photos",
     "mapping": "Placing cameras", "adjustment": "Refining cameras",
     "pictures": "Copying photos that Blender cannot show",
@@ -113,7 +113,7 @@ def model_of_folder(job: JobFolder) -> JobModel:
     if job.is_complete():
         model.state, model.text, model.overall = "done", "Done", 1.0
     elif process_is_alive(status):
-        model.state, model.text = "elsewhere", "Another process works on this job"
+        model.state, model.text = "elsewhere", "Another process is working on this job"
     elif status.get("state") == "cancelled":
         model.state, model.text = "cancelled", "Cancelled"
     elif status.get("state") == "failed":
@@ -128,7 +128,7 @@ def model_of_folder(job: JobFolder) -> JobModel:
 def crash_text(exit_code: int) -> str:
     """What the exit code of a process that did not say goodbye tells."""
     if exit_code == -9:
-        return "The system ended it, most likely for want of memory; choose the draft preset."
+        return "The system ended it, most likely because memory ran out; choose the draft preset."
     if exit_code < 0:
         return f"It was ended by signal {-exit_code}."
     if exit_code in OUT_OF_MEMORY_ON_WINDOWS:

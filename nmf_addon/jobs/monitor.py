@@ -23,7 +23,7 @@ from .process import JobProcess, start_job, take_in
 INTERVAL = 0.2  # seconds
 LOOK_AGAIN = 3.0  # seconds between looks at a job that another process works on
 SILENCE = 60.0  # seconds without news before the panel says so
-WAITS = "its object is not in the scene yet; leave Edit Mode, or let the render end, first"
+WAITS = "its object is not in the scene yet; leave Edit Mode or let the render finish first"
 NOT_NOW = "can't modify blend data in this state"  # what Blender says of an operator while it draws
 _log = logging.getLogger(BASE_PACKAGE)
 
@@ -106,7 +106,7 @@ class Monitor:
             if code == 0 and self.of_this_file:
                 self.waits_to_install = True
             elif code == 0:
-                self.model.text = "Done; another file was opened meanwhile: use Install Result"
+                self.model.text = "Done, but another file was opened; use Install Result"
         if changed or silent:
             redraw_panels()
 
@@ -126,7 +126,7 @@ class Monitor:
             wait = "nothing is being moved"
         elif not in_object_mode:
             wait = "you are in Object Mode"
-        text = f"Done; the object comes as soon as {wait}"
+        text = f"Done; the object will be added once {wait}"
         if wait and self.model.text != text:
             self.model.text = text
             redraw_panels()
@@ -162,7 +162,7 @@ class Monitor:
             if self.model.state == "elsewhere":
                 _tick_soon()
             elif self.model.state == "done" and installed_before(job, bpy.context.scene) is None:
-                self.model.text = "Done; Install Result brings its object"
+                self.model.text = "Done; press Install Result to add its object"
 
     def is_named_by_file(self) -> bool:
         """True if a scene of the open .blend says that the job is its own."""
@@ -290,7 +290,7 @@ def lose_sight(watcher, what: str) -> None:
     if watcher.process is not None:
         watcher.process.close()
     watcher.process = None
-    watcher.model.state, watcher.model.text = "lost", f"Blender lost sight of {what}"
+    watcher.model.state, watcher.model.text = "lost", f"Blender lost track of {what}"
 
 
 def redraw_panels() -> None:

@@ -101,7 +101,7 @@ class SideTask:
             if code == 0 and self.of_this_file:
                 self._finish()
             elif code == 0:
-                text = f"{self.title} is done; another file was opened meanwhile. {self._kept}"
+                text = f"{self.title} is done, but another file was opened. {self._kept}"
                 self.model.text = text.strip()
         if changed:
             redraw_panels()
@@ -114,7 +114,7 @@ class SideTask:
                 self._done(self)
         except Exception as error:  # whatever fails, the panel has to say so
             _log.exception("%s: the result could not be used", self.title)
-            self.model.state, self.model.text = "failed", f"{self.title}: the result is of no use"
+            self.model.state, self.model.text = "failed", f"{self.title}: the result is unusable"
             self.model.error = reason_of(error)
 
     def shut_down(self) -> None:

@@ -203,7 +203,7 @@ def to_solver(item: bpy.types.Object, to_capture: Matrix) -> Camera:
     image = photo_of(item)
     if image is None:
         raise CaptureError(
-            item.name, "background image", "the camera has no photo", "add it as background image"
+            item.name, "background image", "the camera has no photo", "add it as a background image"
         )
     path = photo_path(image)
     width, height = size_of(item) if path.is_file() else (0, 0)
@@ -213,7 +213,7 @@ def to_solver(item: bpy.types.Object, to_capture: Matrix) -> Camera:
             what = "the photo is packed into the .blend"
             way_out = "unpack it (File > External Data)"
         if not image.filepath:
-            path, what = image.name, "the image is in no file"
+            path, what = image.name, "the image is not saved to a file"
             way_out = "save it in the Image Editor (Image > Save As)"
         raise CaptureError(path, f"photo of {item.name}", what, way_out)
     return camera_of(
@@ -246,7 +246,7 @@ def camera_of(
         )  # fmt: skip
     if data.type != "PERSP":
         raise CaptureError(
-            data.name, "type", f"a camera of the type {data.type.title()} is not understood",
+            data.name, "type", f"cameras of the type {data.type.title()} are not supported",
             "set its lens type to Perspective or Panoramic, if that is how its photo was taken",
         )  # fmt: skip
     aspect = float(data.get(ASPECT, 1.0)) if aspect is None else aspect

@@ -262,7 +262,7 @@ def write_capture(collection: bpy.types.Collection, folder: Path) -> Path:
             if mask is not None and not mask.is_file():
                 raise CaptureError(
                     mask, f"mask of {camera.name}", "it does not exist",
-                    "put the masks back, or import the capture anew",
+                    "put the masks back, or import the capture again",
                 )  # fmt: skip
     write_transforms(path, cameras)
     return path
@@ -279,7 +279,7 @@ def add_region_box(
     """A box empty around what the cameras look at, for the person to move and scale.
 
     Raises:
-        CaptureError: a camera cannot be used, or the capture comes from another file.
+        CaptureError: a camera cannot be used, or the capture is in another file.
     """
     existing = region_box(collection)
     if existing is not None:
@@ -315,7 +315,7 @@ def fit_region_box(collection: bpy.types.Collection) -> bpy.types.Object | None:
     """Move the region box to where masks show the object, or make one there; None if none do.
 
     Raises:
-        CaptureError: the capture comes from another file, where a change would not last.
+        CaptureError: the capture is in another file, where a change would not last.
     """
     region, box = masked_box(check_report(collection)), region_box(collection)
     if region is None:
@@ -324,7 +324,7 @@ def fit_region_box(collection: bpy.types.Collection) -> bpy.types.Object | None:
         return new_region_box(collection, region, root_of(collection))
     if box.library:
         raise CaptureError(
-            box.name, "", "the capture comes from another file", "fit the region box there"
+            box.name, "", "the capture is in another file", "fit the region box there"
         )
     place_box(box, region)
     return box

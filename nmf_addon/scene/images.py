@@ -46,7 +46,7 @@ def load_picture(path: Path, colour_space: str | None = None) -> bpy.types.Image
             set_colour_space(image, colour_space)
         if 0 in image.size:
             raise RuntimeError(
-                f"{path}: Blender cannot read this picture; it is damaged or of another kind."
+                f"{path}: Blender cannot read this image; replace it if it is damaged, or convert it."
             )
     return image
 

@@ -43,8 +43,8 @@ def _view_left(scene: bpy.types.Scene) -> str:
     if set_plain_view(scene):
         return ""
     return (
-        f"The view transform stays '{scene.view_settings.view_transform}', since this colour configuration "
-        "has none like Blender's 'Standard': renders look different from the photos."
+        f"The view transform stays '{scene.view_settings.view_transform}', since this color configuration "
+        "has no equivalent of Blender's 'Standard'; renders will not look like the photos."
     )
 
 
@@ -54,9 +54,8 @@ def _working_space_left() -> str:
     if not space:
         return ""
     return (
-        f"The working space stays '{space}', in which saturated colours are reflected otherwise than in "
-        "the solver's: for renders like the photos, set it to Linear Rec.709 in the render properties, "
-        "under Color Management."
+        f"The working space stays '{space}', which reflects saturated colors differently from the solver; "
+        "to match the photos, set it to Linear Rec.709 in the render properties, under Color Management."
     )
 
 

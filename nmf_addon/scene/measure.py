@@ -49,10 +49,10 @@ def picked_points(context: bpy.types.Context) -> tuple[Vector, Vector]:
         what = "objects"
     if len(points) != 2:
         raise MeasureError(
-            f"{len(points)} {what} are selected; select two vertices in Edit Mode, or two objects."
+            f"Two {what} are needed, not {len(points)}; select two vertices in Edit Mode, or two objects."
         )
     if (points[0] - points[1]).length < LEAST:
-        raise MeasureError("The two points are at one place; select two that are apart.")
+        raise MeasureError("The two points are in the same place; select two that are apart.")
     return points[0], points[1]
 
 

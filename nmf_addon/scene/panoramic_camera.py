@@ -40,7 +40,7 @@ def panorama_of(data: bpy.types.Camera, width: int, height: int) -> dict[str, fl
     kind = None if settings is None else settings.panorama_type
     if kind != EQUIRECTANGULAR.upper():
         raise CaptureError(
-            data.name, "panorama type", f"a panorama of the type {kind or 'unknown'} is not understood",
+            data.name, "panorama type", f"panoramas of the type {kind or 'unknown'} are not supported",
             "set its panorama type to Equirectangular, if that is how its photo was taken (with Cycles "
             "enabled)",
         )  # fmt: skip
@@ -48,7 +48,7 @@ def panorama_of(data: bpy.types.Camera, width: int, height: int) -> dict[str, fl
     down = settings.latitude_max - settings.latitude_min
     if min(across, down) <= 0:
         raise CaptureError(
-            data.name, "longitude, latitude", "the panorama's least one is not below its greatest",
+            data.name, "longitude, latitude", "the panorama's minimum is not below its maximum",
             "set its longitudes and latitudes to those that the photo shows",
         )  # fmt: skip
     fx, fy = width / across, height / down

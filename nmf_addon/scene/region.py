@@ -22,7 +22,7 @@ def new_region_box(
     """
     if collection.library or collection.override_library:
         raise CaptureError(
-            collection.name, "", "the capture comes from another file", "add the region box there"
+            collection.name, "", "the capture is in another file", "add the region box there"
         )
     box = bpy.data.objects.new(f"{collection.name} Region", None)
     box[REGION] = True
@@ -71,8 +71,8 @@ def region_problem(collection: bpy.types.Collection, to_capture: Matrix) -> str:
     if (np.abs(axes).max(0) >= (1 - STRAIGHT) * lengths).all():
         return ""
     return (
-        f"{boxes[0].name} is turned; the region is the straight box around it. Set its rotation to 0 in "
-        "the sidebar's tab Item."
+        f"{boxes[0].name} is rotated, so the region is the unrotated box around it; set its rotation to 0 "
+        "in the sidebar's Item tab."
     )
 
 

@@ -45,7 +45,7 @@ def read_manifest(job: JobFolder) -> dict:
         if not is_similarity(manifest.get("placement", np.eye(4).tolist())):
             raise ValueError("placement")
         if not all(isinstance(text, str) for text in files + spaces):
-            raise TypeError("a name is no text")
+            raise TypeError("a name is not text")
         if not (np.isfinite([scale, *origin]).all() and scale > 0 and len(origin) == 3):
             raise ValueError("scale or origin")
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -81,7 +81,7 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray
         or names != "x y z nx ny nz s t".split()
         or len(body) != vertices * 32 + triangles * 13
     ):
-        raise JobError(f"{path}: the mesh is damaged or not of this solver; run the job again.")
+        raise JobError(f"{path}: the mesh is damaged or from another program; run the job again.")
     vertex = np.frombuffer(body, "<f4", vertices * 8).reshape(-1, 8)
     face = np.frombuffer(body, [("n", "u1"), ("v", "<i4", 3)], triangles, vertices * 32)["v"]
     return vertex[:, :3], vertex[:, 3:6], vertex[:, 6:], np.ascontiguousarray(face)

@@ -33,8 +33,8 @@ def pictures_of(shot: Shot, frames: Sequence[int], count: int) -> dict[int, Path
     there = [frame for frame in frames if shot.picture(frame).is_file()]
     if len(there) < FEWEST_PHOTOS:
         raise CaptureError(
-            shot.file, "frames", f"{len(there)} of the sequence's {len(frames)} pictures that were asked "
-            "for are there", "relink it, or choose other frames",
+            shot.file, "frames", f"only {len(there)} of the {len(frames)} pictures of the sequence exist",
+            "relink it, or choose other frames",
         )  # fmt: skip
     chosen = (there[place] for place in evenly_taken(len(there), count))
     return {frame: shot.picture(frame) for frame in chosen}
@@ -110,8 +110,8 @@ def _size(path: Path, shot: Shot) -> tuple[int, int]:
     width, height = image_size(path)
     if shot.is_video and (width - height) * (shot.size[0] - shot.size[1]) < 0:
         raise CaptureError(
-            path, "size", f"it is {width} × {height} pixels, where Blender has {shot.size[0]} × "
-            f"{shot.size[1]} in {shot.file.name}", "convert the video to one that is stored upright",
+            path, "size", f"it is {width} × {height} pixels, but Blender says {shot.size[0]} × "
+            f"{shot.size[1]} of {shot.file.name}", "convert the video so that it is stored upright",
         )  # fmt: skip
     return width, height
 

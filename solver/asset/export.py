@@ -34,7 +34,7 @@ def new_folder(out: Path) -> Iterator[Path]:
         JobError: `out` exists and is not empty. OSError: it cannot be written.
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise JobError(f"{out}: it exists already; give a new folder.")
+        raise JobError(f"{out}: it already exists; give a new folder.")
     part = out.absolute().with_name(f"{out.absolute().name}.part")
     shutil.rmtree(part, ignore_errors=True)
     try:

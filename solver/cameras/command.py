@@ -36,11 +36,11 @@ MOST_SEED = (1 << 31) - 1
 
 def add_solve(commands: argparse._SubParsersAction) -> None:
     """Add the command to the command line."""
-    solve = commands.add_parser("solve", help="cameras from photos or a video")
+    solve = commands.add_parser("solve", help="find the cameras of photos or a video")
     solve.add_argument("photos", type=Path, help="folder of photos, their archive, or a video")
     solve.add_argument(
         "--out", type=Path, metavar="FOLDER",
-        help="new, or of a solve to continue; default PHOTOS/cameras, or 'VIDEO cameras' beside it",
+        help="new, or of a solve to continue; default: PHOTOS/cameras, or 'VIDEO cameras' next to it",
     )  # fmt: skip
     solve.add_argument(
         "--video-photos", type=int, default=VIDEO_PHOTOS, metavar="N",
@@ -48,7 +48,7 @@ def add_solve(commands: argparse._SubParsersAction) -> None:
     )  # fmt: skip
     solve.add_argument(
         "--matcher", default="auto", choices=MATCHERS,
-        help="sequential: photos are in the order of a walk, as those of a video are",
+        help="sequential: photos were taken in order, like those of a video",
     )  # fmt: skip
     solve.add_argument("--camera-model", default="OPENCV", choices=CAMERA_MODELS)
     sharing = solve.add_mutually_exclusive_group()
@@ -57,7 +57,7 @@ def add_solve(commands: argparse._SubParsersAction) -> None:
     sharing.add_argument("--camera-per-photo", action="store_const", const="each", dest="sharing")
     solve.add_argument(
         "--masks", type=Path, metavar="DIR",
-        help="look only at what masks show: for an object that was turned before a still camera",
+        help="use only what masks show, for an object turned in front of a still camera",
     )  # fmt: skip
     solve.add_argument("--ignore", type=Path, metavar="PATH", dest="ignored", help=IGNORE)
     solve.add_argument("--seed", type=whole_number(0, MOST_SEED), default=0)
@@ -67,16 +67,16 @@ def add_solve(commands: argparse._SubParsersAction) -> None:
 
 def add_frames(commands: argparse._SubParsersAction) -> None:
     """Add the command to the command line."""
-    command = commands.add_parser("frames", help="photos from a video")
+    command = commands.add_parser("frames", help="extract photos from a video")
     command.add_argument("video", type=Path)
-    command.add_argument("--out", type=Path, required=True, metavar="DIR", help="new")
+    command.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder")
     command.add_argument(
         "--photos", type=int, default=VIDEO_PHOTOS, metavar="N",
         help="how many, each the sharpest frame of its part (default %(default)s)",
     )  # fmt: skip
     command.add_argument(
         "--span", type=int, nargs=2, metavar=("FIRST", "LAST"),
-        help="from these frames, counted from 0 by the video's clock; default: from all",
+        help="only from these frames, counted from 0 by the video's clock; default: from all",
     )  # fmt: skip
     command.add_argument("--events", action="store_true", help="events on stdout, no bar")
     command.set_defaults(run=run_frames)
@@ -95,9 +95,9 @@ def run_frames(options: argparse.Namespace) -> int:
     _check_count(video, "photos", options.photos)
     check_video(video)
     if folder.exists():
-        raise CaptureError(folder, "out", "it is there already", "give a new folder")
+        raise CaptureError(folder, "out", "it already exists", "give a new folder")
     span = None if options.span is None else range(options.span[0], options.span[1] + 1)
-    with passing_session("video", "taking photos from the video", options.events) as run:
+    with passing_session("video", "extracting photos from the video", options.events) as run:
         names = take_photos(video, folder, options.photos, run.told, span)
         run.events.emit("result", photos=list(names))
     if run.code == CANCELLED:
@@ -130,7 +130,7 @@ def run_solve(options: argparse.Namespace) -> int:
     )  # fmt: skip
     if process_is_alive(read_status(folder.status_path)):
         raise CaptureError(
-            folder.root, "", "another process solves cameras here", "cancel it, or wait for it"
+            folder.root, "", "another process is solving cameras here", "cancel it, or wait for it"
         )
     begun = Begun.before(folder.request_path)
     folder.take(request)
@@ -152,7 +152,7 @@ def request_of(
     if not is_video(photos):
         if photos.is_relative_to(folder.root):
             raise CaptureError(
-                folder.root, "out", "the photos lie in this folder", "give a new folder"
+                folder.root, "out", "the photos are in this folder", "give a new folder"
             )
         names = photos_below(photos, folder.root, masks, ignored)
         paths = [photos / name for name in names]
@@ -203,7 +203,7 @@ def _run(folder: SolveFolder, request: SolveRequest, events: bool, begun: Begun 
             points=solved.points,
         )  # fmt: skip
     if run.code == CANCELLED:
-        say("Cancelled; the same command continues.")
+        say("Cancelled; run the same command to continue.")
     elif not events:
         _tell(folder, request, solved)
     return run.code
@@ -213,7 +213,7 @@ def _with_photos(folder: SolveFolder, request: SolveRequest, run: Session) -> So
     """The request of a video as one of the photos that are taken from it."""
     from .video_photos import take_photos
 
-    run.progress.stage("video", "taking photos from the video")
+    run.progress.stage("video", "extracting photos from the video")
     names = take_photos(
         Path(request.photos), folder.video_photos_dir, request.video_photos, run.told
     )  # fmt: skip
@@ -231,6 +231,6 @@ def _tell(folder: SolveFolder, request: SolveRequest, solved) -> None:
         elsewhere.append(f"--ignore {request.ignored}")
     if elsewhere:
         print(
-            f"Reconstruct with {' '.join(elsewhere)}, for the cameras' file does not say where that is."
+            f"Reconstruct with {' '.join(elsewhere)}, since the camera file does not say where that is."
         )
     print(folder.cameras_path)

@@ -62,9 +62,9 @@ def register(colmap: Any, path: Path, photos: list[Prepared], request: SolveRequ
                 camera, rig = rigs[key]
                 if (camera.width, camera.height) != (photo.small_width, photo.small_height):
                     raise CaptureError(
-                        photo.path, "", f"the photo is {photo.width} × {photo.height} pixels, "
-                        "others are not, so they have no lens in common",
-                        "solve without --single-camera",
+                        photo.path, "", f"the photo is {photo.width} × {photo.height} pixels "
+                        "and others are not, so they cannot share a lens",
+                        "solve without One Lens (--single-camera)",
                     )  # fmt: skip
                 image = colmap.Image(name=photo.file, camera_id=camera.camera_id)
                 number = database.write_image(image)

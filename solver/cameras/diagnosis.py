@@ -48,11 +48,11 @@ def unplaced(evidence: list[Evidence], placed: set[str]) -> tuple[str, str]:
             apart.append(item.name)
     kinds = [
         (plain, "too few features (blurred, or nothing with texture in view)",
-         "take them again sharp, with a patterned floor or background in view"),
+         "retake them sharp, with a patterned floor or background in view"),
         (alone, "no overlap with any other photo", "take photos in between"),
         (weak, "too few matches with other photos", "take smaller steps from photo to photo"),
         (apart, "matches, but not enough with the photos that were placed",
-         "take photos that join them to the others"),
+         "take photos that link them to the others"),
     ]  # fmt: skip
     kinds = [kind for kind in kinds if kind[0]]
     problem = f"{len(missing)} of {len(evidence)} photos could not be placed: "

@@ -162,12 +162,12 @@ def check_of_video(video: Path, masks: Path | None, ignored: Path | None) -> Non
     """
     if masks is not None:
         raise CaptureError(
-            video, "masks", "photos that are yet to be taken from a video have no masks",
+            video, "masks", "a video's photos have no masks yet",
             "give none, or solve a folder of photos",
         )  # fmt: skip
     if ignored is not None and ignored.is_dir():
         raise CaptureError(
-            ignored, "ignore", "photos that are yet to be taken from a video have no pictures there",
+            ignored, "ignore", "a video's photos have no pictures there yet",
             "give one picture for all photos, or solve a folder of photos",
         )  # fmt: skip
 
@@ -186,7 +186,7 @@ def photos_below(
     """
     if folder.is_file():
         raise CaptureError(
-            folder, "", "this is no video that is known here",
+            folder, "", "this is not a known kind of video",
             f"give a folder of photos, or a video ({' '.join(VIDEOS)})",
         )  # fmt: skip
     if not folder.is_dir():
@@ -203,9 +203,9 @@ def photos_below(
         found = [path for path in found if not path.is_relative_to(besides)]
     if len(found) < FEWEST_PHOTOS:
         video = next((path for path in there if is_video(path)), None)
-        remedy = f"cameras need at least {FEWEST_PHOTOS} photos that overlap, better 50"
+        remedy = f"give at least {FEWEST_PHOTOS} that overlap, better 50"
         raise CaptureError(
-            folder, "photos", f"there are {len(found)} photos in it ({FORMATS})",
+            folder, "photos", f"it has too few photos: {len(found)} ({FORMATS})",
             remedy if video is None else f"give the video itself, {video.name}",
         )  # fmt: skip
     return tuple(sorted((path.relative_to(root).as_posix() for path in found), key=numbered))

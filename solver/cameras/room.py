@@ -26,5 +26,5 @@ def check_room(folder: Path, pictures: int, largest_size: int) -> None:
     if free < needed:
         raise CaptureError(
             folder, "", f"the disk is full: {free >> 20} MB are free, and {needed >> 20} MB are needed",
-            "free space, and the same command continues",
+            "free space, then run it again to continue",
         )  # fmt: skip

@@ -124,8 +124,8 @@ class Solver:
             raise none_fits(masks, photos[0].name)
         if without:
             self.progress.warning(
-                f"{len(without)} of {len(photos)} photos have no mask ({listed(without)}), so all that "
-                "they show counts"
+                f"no mask for {len(without)} of {len(photos)} photos ({listed(without)}), so all that "
+                "these show is used"
             )
 
     @contextmanager
@@ -273,9 +273,9 @@ class Solver:
         )  # fmt: skip
         if walked is None:
             self.progress.warning(
-                "photos that follow each other do not fit together, so things that look alike may have "
-                "been taken for each other; give photos names in the order in which they were taken, leave "
-                "out what comes after a cut, or take photos between"
+                "consecutive photos do not fit together, so things that look alike may have been "
+                "confused; name photos in the order in which they were taken, leave out what comes after a "
+                "cut, or take photos in between"
             )
         return model if walked is None else walked
 

@@ -55,7 +55,7 @@ def take_photos(
         try:
             for done, frame in sharpest(video, count, span):
                 write_photo(frame, part)
-                told(done, "taking photos from the video")
+                told(done, "extracting photos from the video")
             if len(list(part.iterdir())) < FEWEST_PHOTOS:  # it is damaged
                 raise _too_short(video)
         except BaseException:

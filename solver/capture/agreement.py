@@ -72,20 +72,20 @@ def convention_that_fits(cameras: list[Camera], pairs: list[PairMatches]) -> str
 def another_convention(beside: float) -> str:
     """What is wrong with such cameras, one clause, of which photos lie so many pixels beside."""
     return (
-        f"photos lie {beside:.0f} pixels (of {LONGEST}) beside these cameras, but fit them if these are "
+        f"photos and cameras disagree by {beside:.0f} pixels (of {LONGEST}), but not if the poses are "
         "read in another convention"
     )
 
 
 _CONVENTIONS = {
-    "negate the second and third column of each, for they look along +Z with +Y down": (
+    "negate the second and third column of each, since they look along +Z with +Y down": (
         pose_opengl_from_opencv
     ),
-    "invert each, for they are from world to camera": invert_pose,
-    "invert each and negate the second and third column of that, for they are from world to camera, of "
+    "invert each, since they are from world to camera": invert_pose,
+    "invert each and negate the second and third column of that, since they are from world to camera, of "
     "cameras that look along +Z with +Y down": lambda pose: pose_opengl_from_opencv(
         invert_pose(pose)
     ),
-    "turn the photos by half, for they lie upside down in their files (what EXIF says of that is not "
-    "followed, as most programs do not)": lambda pose: pose * (-1.0, -1.0, 1.0, 1.0),
+    "rotate the photos by 180°, since they are upside down in their files (EXIF orientation is not "
+    "followed here, as in most programs)": lambda pose: pose * (-1.0, -1.0, 1.0, 1.0),
 }

@@ -64,7 +64,7 @@ def members_of(path: Path, archive: zipfile.ZipFile) -> list[Member]:
         if info.flag_bits & _LOCKED:
             raise _by_hand(path, "it is locked with a password")
         if info.compress_type not in _READABLE:
-            raise _by_hand(path, "it is compressed in a way that is not read here")
+            raise _by_hand(path, "it is compressed in a way that is not supported")
     size = sum(info.file_size for info, _ in found)
     if len(found) > _MOST_FILES or size > _LARGEST_RATIO * path.stat().st_size:
         problem = (
@@ -105,11 +105,11 @@ def _parts(path: Path, name: str, info: zipfile.ZipInfo) -> tuple[str, ...]:
     kind = stat.S_IFMT(info.external_attr >> 16)
     if kind not in (0, stat.S_IFREG):
         remedy = "pack the photos themselves, not links to them"
-        raise CaptureError(path, shown(name), "this is no file", remedy)
+        raise CaptureError(path, shown(name), "this is not a file", remedy)
     # Windows cuts off points and blanks at the ends of names, so ".. " may mean "..".
     cut = [part.rstrip(" .") for part in parts]
     if not parts or parts[0].startswith("/") or not all(cut) or any(":" in part for part in parts):
-        problem = "it would not lie in the archive's folder"
+        problem = "it would be outside the archive's folder"
         raise CaptureError(path, shown(name), problem, "pack it again")
     return tuple(cut) if _WINDOWS else parts
 

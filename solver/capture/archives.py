@@ -32,9 +32,9 @@ _REMEDIES = {
         "make that folder writable, or move the archive to one that is",
     ),
     **dict.fromkeys(
-        (errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "make room, or move it to another disk"
+        (errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free space, or move it to another disk"
     ),
-    errno.ENAMETOOLONG: "move the archive to a folder of a shorter path",
+    errno.ENAMETOOLONG: "move the archive to a folder with a shorter path",
 }
 """by the number of what writing ended in"""
 _DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError, ValueError)
@@ -69,8 +69,8 @@ def check_unpacked(path: Path) -> None:
     for place in (path, *path.parents):
         with suppress(OSError):
             if (place / MARK).is_file():
-                problem = "it is not unpacked completely"
-                raise CaptureError(path, "", problem, "give its archive again, which goes on")
+                problem = "it is not completely unpacked"
+                raise CaptureError(path, "", problem, "give its archive again to continue")
 
 
 def unpacked(path: Path, told: Callable[[float], None] = lambda fraction: None) -> Path:
@@ -132,13 +132,13 @@ def _unpack(
             return  # another process has just ended
         raise CaptureError(
             path, "", f"it would be unpacked to {folder}, where something else is",
-            "give that folder if it is the capture, or else move it",
+            "give that folder if it is the capture, else move it away",
         )  # fmt: skip
     goes_on = begun and mark.read_text(encoding="utf-8", errors="replace") == own
     places = {root.joinpath(*parts): info for info, parts in members}
     if begun and not goes_on and _holds_others(folder, {mark, *places}):
         raise CaptureError(
-            path, "", f"it would be unpacked to {folder}, where half of another archive is",
+            path, "", f"it would be unpacked to {folder}, where another archive is half unpacked",
             "move or delete that folder",
         )  # fmt: skip
     own_only = goes_on or not begun
@@ -146,8 +146,8 @@ def _unpack(
     size = sum(info.file_size for info in missing.values())
     free = shutil.disk_usage(path.parent).free
     if size + _SPARE > free:
-        problem = f"it takes {size / 1e9:.1f} GB of disk, and {free / 1e9:.1f} are free"
-        raise CaptureError(path, "", problem, "make room, or move it to another disk")
+        problem = f"it takes {size / 1e9:.1f} GB of disk space, and {free / 1e9:.1f} GB are free"
+        raise CaptureError(path, "", problem, "free space, or move it to another disk")
     try:
         overtaken = not begun and not _is_made(folder, own)
         if begun and not goes_on:

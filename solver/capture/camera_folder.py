@@ -66,7 +66,7 @@ def matrix_of(path: Path, field: str, words: Sequence[str], rows: int, columns: 
     except ValueError:
         values = []
     if len(values) != rows * columns:
-        raise CaptureError(path, field, f"this is no {rows} × {columns} matrix", _REMEDY)
+        raise CaptureError(path, field, f"this is not a {rows} × {columns} matrix", _REMEDY)
     return np.array(values, dtype=np.float64).reshape(rows, columns)
 
 

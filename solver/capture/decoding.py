@@ -98,8 +98,8 @@ def _decode(path: Path) -> Decoded:
             )  # fmt: skip
         if spec.width * spec.height * spec.nchannels > _MOST_VALUES:
             raise CaptureError(
-                path, "channels", f"it has {spec.nchannels} of {spec.width} × {spec.height} pixels, "
-                "which no memory is there for", "export it with R, G, B and A alone",
+                path, "channels", f"it has {spec.nchannels} channels of {spec.width} × {spec.height}, too "
+                "many for the memory", "export it with R, G, B and A alone",
             )  # fmt: skip
         pixels = file.read_image(0, 0, 0, spec.nchannels, kind)
         problem = file.geterror()
@@ -184,7 +184,7 @@ def no_colours(path: Path, decoded: Decoded) -> CaptureError:
     """The error for an image whose channels are no colours."""
     names = shown(", ".join(decoded.channels))
     return CaptureError(
-        path, "channels", f"it has no R, G and B but {names}", "export an RGB or RGBA image"
+        path, "channels", f"it has no R, G and B, only {names}", "export an RGB or RGBA image"
     )
 
 

@@ -115,7 +115,7 @@ def check_quaternion(path: Path, field: str, quaternion: Sequence[float], remedy
         CaptureError: they are not.
     """
     if not 0.5 < np.linalg.norm(quaternion) < 2:
-        raise CaptureError(path, field, "its quaternion is no rotation", remedy)
+        raise CaptureError(path, field, "its quaternion is not a rotation", remedy)
 
 
 def is_no_pose(value: Any) -> bool:

@@ -57,7 +57,7 @@ def file_size(path: Path) -> int:
     """
     found = path.stat()
     if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
-        raise OSError(errno.EINVAL, "this is no file, but a pipe or a device")
+        raise OSError(errno.EINVAL, "this is not a file but a pipe or a device")
     return found.st_size
 
 

@@ -36,11 +36,11 @@ def photos_in_order(
         return [None] * count
     if not there:
         raise CaptureError(
-            path, "photos", f"there are none in the folder {folders[0]} beside it",
-            "put the photos there, or say where they are",
+            path, "photos", f"there are none in the folder {folders[0]} next to it",
+            "put the photos there, or give their folder",
         )  # fmt: skip
     raise CaptureError(
         path, field, f"it has {count} cameras, but {there[0]} has {len(by_folder[there[0]])} photos, "
-        "and it does not say which belong together",
-        "leave just the photos of its cameras there, or give the cameras it was made from",
+        "and nothing says which belong together",
+        "leave only the photos of its cameras there, or give the cameras it was made from",
     )  # fmt: skip

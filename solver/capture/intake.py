@@ -118,11 +118,11 @@ def assemble(
             raise none_fits(photos.masks.masks, cameras[0].image_path.name)
         if (unused := photos.masks.first()) is not None:
             notes.append(
-                f"{unused} and others are masks, but none has a photo's name; they are not used"
+                f"{unused} and others look like masks but are not used; name them like the photos"
             )
     if resized:
-        notes.append(f"{len(resized)} photos have another size than the cameras say; the lenses were "
-                     f"scaled with them (the first: {resized[0]})")  # fmt: skip
+        notes.append(f"the cameras say another size for {len(resized)} of {len(cameras)} photos (the "
+                     f"first: {resized[0]}); the lenses were scaled with them")  # fmt: skip
     notes += _same_places(cameras)
     points = _usable(points)
     return Capture(
@@ -143,8 +143,8 @@ def _too_few(source: Path, count: int, missing: list[str], photos: PhotoFinder) 
         return CaptureError(
             source, "photos", f"{len(missing)} of {count} photos are missing, "
             f"the first is '{shown(missing[0])}'",
-            f"put the photos below {photos.folder}, give the folder of the whole project, or say "
-            "where the photos are",
+            f"put the photos below {photos.folder}, give the folder of the whole project, or give "
+            "the photos' folder",
         )  # fmt: skip
     return CaptureError(
         source, "cameras",

@@ -51,7 +51,7 @@ def none_fits(masks: Path, photo: str, field: str = "masks") -> CaptureError:
     """
     return CaptureError(
         masks, field, "no mask there has a photo's name",
-        f"name masks as photos are, as {Path(photo).stem}.png",
+        f"name masks like the photos, such as {Path(photo).stem}.png",
     )  # fmt: skip
 
 
@@ -61,7 +61,7 @@ def other_shape(
     """The error that a mask of `size` (width, height) is of another shape than its photo."""
     return CaptureError(
         path, field, f"the mask is {size[0]} × {size[1]} pixels, its photo {photo[0]} × {photo[1]}",
-        "export both at one shape",
+        "export both in the same shape",
     )  # fmt: skip
 
 

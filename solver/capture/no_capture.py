@@ -40,7 +40,7 @@ def no_camera_file(file: Path, known: Sequence[str]) -> CaptureError:
             file, "", "a video has no cameras yet", "solve its cameras first, and give their folder"
         )
     return CaptureError(
-        file, "", "this is no camera file that is known here", "give one of " + ", ".join(known)
+        file, "", "this is not a known kind of camera file", "give one of " + ", ".join(known)
     )
 
 
@@ -75,17 +75,17 @@ def nothing_in(folder: Path, usual: Sequence[str]) -> CaptureError:
     if archive is not None:
         remedy = f"give {archive.name} itself"
     elif dtu is not None:
-        remedy = f"give {dtu}, and this folder as that of the photos"
+        remedy = f"give {dtu}, and this folder as the photos'"
     elif above is not None:
         remedy = f"give {folder.parent}, which has {above.name}"
     elif (folder / "database.db").is_file():
         remedy = "give its model (sparse/0)"
-        problem += ", for database.db is COLMAP's list of matches"
+        problem += ", since database.db is COLMAP's list of matches"
     elif _has_lenses_alone(folder / "cameras.json"):
-        problem += f", for cameras.json is {_LENSES_ALONE[0]}"
+        problem += f", since cameras.json is {_LENSES_ALONE[0]}"
         remedy = _LENSES_ALONE[1]
     elif table is not None:
-        problem += f", for {table.name} is {_PLACES_ALONE[0]}"
+        problem += f", since {table.name} is {_PLACES_ALONE[0]}"
         remedy = _PLACES_ALONE[1]
     return CaptureError(folder, "", problem, remedy)
 

@@ -70,7 +70,7 @@ def _array(path: Path, field: str, content: bytes) -> np.ndarray:
         SyntaxError,
         tokenize.TokenError,  # of a header that Python 2 might have written
     ) as error:
-        raise CaptureError(path, field, "this is no array of numbers", _REMEDY) from error
+        raise CaptureError(path, field, "this is not an array of numbers", _REMEDY) from error
     if not np.isfinite(array).all():
         raise CaptureError(path, field, "it holds a value that is not a number", _REMEDY)
     return array

@@ -93,7 +93,7 @@ def load_photo(camera: Camera, settings: PhotoSettings | None = None) -> Photo:
         height, width = decoded.pixels.shape[:2]
         raise CaptureError(
             path, "", f"the photo is {width} × {height} pixels, but its camera says "
-            f"{camera.width} × {camera.height}", "export cameras and photos at one size",
+            f"{camera.width} × {camera.height}", "export cameras and photos at the same size",
         )  # fmt: skip
     linear = _linear_colour(decoded, (settings or PhotoSettings()).colour_space)
     pixels = np.empty((camera.height, camera.width, 4), np.float32)

@@ -49,11 +49,11 @@ def matrices_in(path: Path, largest: int) -> list[np.ndarray]:
     try:
         values = _held(content)
         if not isinstance(values, (list, tuple)):
-            raise ValueError("this is no list")
+            raise ValueError("this is not a list")
         return [_array(value) for value in values]
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError) as error:
         raise CaptureError(
-            path, "", "this is no pickled list of matrices, or a damaged one",
+            path, "", "this is not a pickled list of matrices, or it is damaged",
             "export the cameras again",
         ) from error  # fmt: skip
 
@@ -109,7 +109,7 @@ def _held(content: bytes) -> object:
                 made.state = state
                 stack.append(made)
             case name:
-                raise ValueError(f"{name} is no step of a list of arrays")
+                raise ValueError(f"{name} is not a step of a list of arrays")
     return stack[-1]
 
 
@@ -122,7 +122,7 @@ def _array(value: object) -> np.ndarray:
     match value:
         case _Made(by, _, (_, shape, kind, by_columns, content)) if by in _ARRAYS:
             return array_of(_bytes(content), _type(kind), shape, by_columns)
-    raise ValueError("this is no array")
+    raise ValueError("this is not an array")
 
 
 def _type(value: object) -> np.dtype:
@@ -131,7 +131,7 @@ def _type(value: object) -> np.dtype:
             order + kind
         ):
             return np.dtype(order + kind)
-    raise ValueError("this is no type of numbers")
+    raise ValueError("this is not a type of numbers")
 
 
 def _bytes(value: object) -> bytes:
@@ -141,4 +141,4 @@ def _bytes(value: object) -> bytes:
             return value
         case _Made("_codecs encode", (str(text), "latin1")):
             return text.encode("latin-1")
-    raise ValueError("these are no bytes")
+    raise ValueError("these are not bytes")

@@ -33,7 +33,7 @@ def read_ply_points(path: Path) -> np.ndarray:
     head, ending, _ = content[:_LARGEST_HEADER].partition(b"end_header")
     at = content.find(b"\n", len(head)) + 1
     if head[:3] not in (b"ply", b"PLY") or not ending or at == 0:
-        raise _refused(path, "header", "this is no PLY file or its header is cut off")
+        raise _refused(path, "header", "this is not a PLY file, or its header is cut off")
     order, count, types = _header(path, head.decode("ascii", "replace"))
     names = [name for name, _ in types]
     if any(names.count(axis) != 1 for axis in "xyz"):
@@ -63,7 +63,7 @@ def _header(path: Path, text: str) -> tuple[str | None, int, list[tuple[str, str
             case ["element", "vertex", number] if element is None:
                 element = "vertex"
                 if not number.isdecimal() or len(number) > 12:
-                    raise _refused(path, "element vertex", f"'{shown(number)}' is no count")
+                    raise _refused(path, "element vertex", f"'{shown(number)}' is not a count")
                 count = int(number)
             case ["element", name, *_]:
                 if element is None:

@@ -210,7 +210,7 @@ def _read(reader: ModuleType, file: Path, finder: PhotoFinder) -> Capture:
         # A reader must foresee what a file can hold; where one does not, nobody sees a traceback.
         why = shown(str(error)) or type(error).__name__  # a MemoryError says nothing
         raise CaptureError(
-            file, "", f"it cannot be understood as {reader.NAME} ({why})", "export it again",
+            file, "", f"it cannot be read as {reader.NAME} ({why})", "export it again",
         ) from error  # fmt: skip
 
 

@@ -71,7 +71,7 @@ def check_told(camera: Camera, told: np.ndarray | None) -> None:
     white = "black" if camera.ignored_is_black else "white"
     raise CaptureError(
         camera.ignored_path, "ignored_path", f"all of the photo '{camera.name}' is to be ignored",
-        f"make {white} only what says nothing of the object, or leave the photo out",
+        f"make only what is to be ignored {white}, or leave the photo out",
     )  # fmt: skip
 
 

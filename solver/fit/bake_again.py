@@ -40,7 +40,7 @@ def bake_again(
     for key, value in overrides.items():
         if not key.startswith("asset."):
             raise SettingsError(
-                f"Setting '{key}': only those of the asset can be changed after a fit; start a new job."
+                f"Setting '{key}': only the asset's can be changed after a fit; start a new job."
             )
         settings = overridden(settings, key, value)
     capture = capture_of(job)

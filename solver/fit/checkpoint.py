@@ -145,8 +145,8 @@ def keep_seconds(folder: Path, seconds: float) -> None:
 
 def _damaged(path: Path, error: Exception) -> JobError:
     return JobError(
-        f"{path}: the checkpoint cannot be read ({error}); delete the folder {path.parent.name} beside the "
-        "result to begin the fit again."
+        f"{path}: the checkpoint cannot be read ({error}); delete the folder {path.parent.name} next to "
+        "the result to start the fit again."
     )
 
 

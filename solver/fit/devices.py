@@ -58,7 +58,7 @@ def idle_card() -> str | None:
         return None
     if torch.version.cuda is None:
         return (
-            f"{name} is not used, for the solver's PyTorch is one for processors only; with one for CUDA, "
+            f"{name} is not used, since the solver's PyTorch is for processors only; with one for CUDA, "
             "jobs take a fraction of the time (see Devices in the manual)"
         )
     return (

@@ -89,8 +89,8 @@ def isolated(
         backdrop = backdrop_behind(photos)
         if backdrop is not None:
             progress.warning(
-                f"the photos are before plain {backdrop}, but parts of the object are as {backdrop}, so "
-                "masks cannot be made of it; add some"
+                f"the photos have a plain {backdrop} background, but parts of the object are {backdrop} "
+                "too, so no masks can be made from it; add some"
             )
     if resumed or not starts_from_points(photos, settings):
         return Isolated(capture, photos, light)
@@ -152,7 +152,7 @@ def _with_better_cameras(
         return capture
     write_adjusted(job.cameras_path, found.refined)
     progress.warning(
-        f"photos lay {found.beside:.1f} pixels (of {LONGEST}) beside their cameras, so these were "
+        f"photos and cameras disagreed by {found.beside:.1f} pixels (of {LONGEST}), so cameras were "
         f"adjusted: {found.refined_beside:.1f} now (fit.refine_cameras=no leaves them as they are)"
     )
     return replace(capture, cameras=tuple(found.refined))
@@ -178,9 +178,9 @@ def _on_support(
     write_masks(job.masks_dir, capture.cameras, found.outlines)
     write_standing(job.standing_path, found.standing)
     progress.warning(
-        "there are no masks, so all that stands there was taken for the object, as the job's folder "
-        "'masks' shows; if that is wrong, draw the Region around the object, or add masks (to have none, "
-        "set fit.cut_out_standing=no)"
+        "there are no masks, so everything standing there was taken for the object (see 'masks' in the "
+        "job's folder); if that is wrong, fit the region box to the object, or add masks "
+        "(fit.cut_out_standing=no makes none)"
     )
     capture = replace(capture, region=found.box)
     return _isolated_by(
@@ -211,7 +211,7 @@ def _as_they_were(
     if outlines is None:
         raise JobError(
             f"{job.masks_dir}: masks that the reconstruction began with are missing or of another size; "
-            "put them back, or start it anew."
+            "put them back, or start a new job."
         )
     if settings.light.floor:
         return _isolated_by(

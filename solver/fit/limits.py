@@ -50,19 +50,19 @@ DECIDED_ELSEWHERE = {
 def problem_of(key: str, value: object) -> str | None:
     """What is wrong with a setting's value of the right type, as half a sentence; None if nothing is."""
     if key in DECIDED_ELSEWHERE:
-        return f"a fit decides it by {DECIDED_ELSEWHERE[key]}"
+        return f"set {DECIDED_ELSEWHERE[key]} instead"
     if key in CHOICES and value not in CHOICES[key]:
         return f"choose one of {', '.join(CHOICES[key])}"
     numbers = [v for v in (value if isinstance(value, tuple) else (value,)) if _is_number(v)]
     if not all(math.isfinite(number) for number in numbers):
-        return "it has to be finite"
+        return "it must be finite"
     least, most = LEAST.get(key, 0), MOST.get(key, math.inf)
     if any(number < least for number in numbers):
-        return f"it has to be {least:g} or more"
+        return f"it must be {least:g} or more"
     if any(number > most for number in numbers):
-        return f"it has to be {most:g} or less"
+        return f"it must be {most:g} or less"
     if key in RISING and numbers != sorted(numbers):
-        return "the numbers have to rise"
+        return "the numbers must increase"
     return None
 
 

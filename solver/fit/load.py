@@ -87,7 +87,7 @@ def load_light(path: Path, device: torch.device) -> EnvironmentMap:
     if radiance.shape[1] != 2 * radiance.shape[0]:
         raise CaptureError(
             path, "", f"it is {radiance.shape[1]} × {radiance.shape[0]} pixels",
-            "give an equirectangular map, twice as wide as high",
+            "give an equirectangular map, twice as wide as it is high",
         )  # fmt: skip
     return EnvironmentMap.from_radiance(torch.from_numpy(radiance.copy())).to(device)
 

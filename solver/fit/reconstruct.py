@@ -86,7 +86,7 @@ def _run(job: JobFolder, progress: Progress, control: Control, began: float) -> 
     )
     progress.stage("photos")
     if request.device not in ("auto", device):
-        progress.warning(f"this machine has no '{request.device}'; the job goes on on '{device}'")
+        progress.warning(f"this machine has no '{request.device}'; the job continues on '{device}'")
     capture = capture_of(job)
     placement = placement_of(request, capture)
     for warning in capture.warnings:
@@ -205,7 +205,7 @@ def _at_start(
     )  # fmt: skip
     if trainer.scene.turntable is not None and settings.light.turntable == "auto":
         progress.warning(
-            "the object was turned before a still camera, so the light goes round with the cameras; if it "
+            "the object was turned in front of a still camera, so the light turns with the cameras; if it "
             "was the camera that moved, set Turntable to No (light.turntable=no)"
         )
     return trainer

@@ -76,7 +76,7 @@ def _cameras_of(file: Path, out: Path) -> Capture:
     if out.exists() and not out.is_dir():
         raise JobError(f"{out}: this is a file; give a folder for the pictures.")
     if out.resolve() in {c.image_path.resolve().parent for c in capture.cameras if c.image_path}:
-        raise JobError(f"{out}: the photos of these cameras lie here; give another folder.")
+        raise JobError(f"{out}: the photos of these cameras are here; give another folder.")
     return capture
 
 

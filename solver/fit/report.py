@@ -58,7 +58,7 @@ def write_job_report(
             held_out = True
     except CaptureError as error:
         # A broken test split must not cost the person a finished reconstruction.
-        warnings.append(f"the photos that were held out cannot be shown: {error}".rstrip("."))
+        warnings.append(f"held-out photos cannot be shown: {error}".rstrip("."))
     render_settings = picture_settings(settings)
     behind = background_shown(images, background)
     rows, scores = [], []

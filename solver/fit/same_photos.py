@@ -26,15 +26,15 @@ def check_exposed(tensors: dict[str, torch.Tensor], known: int, now: torch.Tenso
     """
     if known != len(now):
         raise JobError(
-            f"The fit knows the exposures of {known} photos, and there are {len(now)} now; put back "
-            "those that are missing, or begin another job."
+            f"The fit knows the exposures of {known} photos, but there are {len(now)} now; put back "
+            "the missing ones, or start a new job."
         )
     off = _others(tensors, now)
     if off:
         raise JobError(
             f"The fit knows the exposures of other photos: {listed([str(i + 1) for i in off])} in the "
-            "order of the cameras, counted from 1, changed since; put back those that were there, or begin "
-            "another job."
+            "order of the cameras, counted from 1, changed since; put back those that were there, or start "
+            "a new job."
         )
 
 
@@ -48,7 +48,7 @@ def what_changed(
     """
     before = len(tensors.get(COLOURS, now))
     if before != len(now):
-        return f"the job began with {before} photos and goes on with {len(now)}, so its result mixes both"
+        return f"the job began with {before} photos and continues with {len(now)}, so its result mixes both"
     off = [names[i] for i in _others(tensors, now)]
     if not off:
         return None

@@ -263,11 +263,11 @@ def overridden(settings: Settings, key: str, value: object) -> Settings:
         converted = _convert(value, types[name])
     except (TypeError, ValueError):
         raise SettingsError(
-            f"Setting '{key}': '{value}' is not a valid {_type_name(types[name])}."
+            f"Setting '{key}': '{value}' is not valid; expected {_type_name(types[name])}."
         ) from None
     problem = problem_of(key, converted)
     if problem is not None:
-        raise SettingsError(f"Setting '{key}': '{value}' cannot be; {problem}.")
+        raise SettingsError(f"Setting '{key}': '{value}' is not allowed; {problem}.")
     section = dataclasses.replace(section, **{name: converted})
     return dataclasses.replace(settings, **{section_name: section})
 
@@ -285,7 +285,7 @@ def checked(settings: Settings) -> Settings:
             f"{len(starts)} starts; give as many of one as of the other."
         )
     if starts[0] != 0:
-        raise SettingsError("Setting 'field.size_starts': the first has to be 0.")
+        raise SettingsError("Setting 'field.size_starts': the first must be 0.")
     smooth = settings.field.step_smoothing
     if min(smooth) == 0 and max(smooth) > 0:
         raise SettingsError(

@@ -66,9 +66,7 @@ def read_standing(path: Path) -> Standing | None:
             Places(read["surface"], float(read["surface_edge"])),
         )  # fmt: skip
     except (OSError, EOFError, ValueError, KeyError, TypeError, *DAMAGED) as error:
-        raise JobError(
-            f"{path}: it cannot be read ({error}); start the reconstruction anew."
-        ) from error
+        raise JobError(f"{path}: it cannot be read ({error}); start a new job.") from error
 
 
 def write_masks(folder: Path, cameras: Sequence[Camera], outlines: Sequence[Outline]) -> None:

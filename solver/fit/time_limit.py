@@ -69,11 +69,11 @@ class Finish:
         less = []
         if self.texture_size < settings.asset.texture_size:
             less.append(
-                f"textures have {self.texture_size} texels an edge (`export` bakes finer ones)"
+                f"textures have {self.texture_size} texels per edge (`export` bakes finer ones)"
             )
         if self.report_pixels < MOST_PIXELS:
             less.append("the report's pictures are small")
-        return f"for the time limit's sake {' and '.join(less)}" if less else None
+        return f"because of the time limit, {' and '.join(less)}" if less else None
 
 
 def finish_within(
@@ -168,7 +168,7 @@ def too_few_steps(done: int, planned: int, fog: bool) -> str | None:
     """
     told = f"there was time for {done} of {planned} steps"
     if fog and done < FEW_STEPS_FROM_FOG * planned:
-        return (
-            f"{told}, too few for an object to form without masks; give it more time, or add masks"
-        )
-    return f"{told}; for a better result, give it more" if done < FEW_STEPS * planned else None
+        return f"{told}, too few for an object to form without masks; raise the time limit, or add masks"
+    return (
+        f"{told}; for a better result, raise the time limit" if done < FEW_STEPS * planned else None
+    )

@@ -70,7 +70,7 @@ def turntable_of(capture: Capture, wanted: str) -> Turntable | None:
     found = Turntable.through(up_of(capture), capture.region.mean(0), first)
     if found is None:
         raise SettingsError(
-            "Setting 'light.turntable': the first photo is from right above, so it does not tell where the "
-            "light was; put another one first, or choose no."
+            "Setting 'light.turntable': the first photo was taken from straight above, so it does not "
+            "show where the light was; put another first, or choose no."
         )
     return found

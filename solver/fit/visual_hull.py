@@ -32,14 +32,14 @@ THIN_CELLS = 2
 """cells around the hull within which it is not too thin for its cells' centres, but ends"""
 BELONG_TOGETHER = (
     "check that masks show the object white and all else black and belong to their cameras, or enlarge the "
-    "region"
+    "region box"
 )
 
 
 def not_all_masked(without: list[str], count: int) -> str:
     """What to tell of the photos `without` a mask, by name, among `count`, of which others have one."""
     return (
-        f"{len(without)} of {count} photos have no mask ({listed(without)}), so the masks of the others "
+        f"no mask for {len(without)} of {count} photos ({listed(without)}), so the masks of the others "
         "are not used either; add the missing ones"
     )
 

@@ -38,6 +38,6 @@ def adjusted(path: Path, cameras: Sequence[Camera]) -> tuple[Camera, ...]:
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise JobError(
             f"{path}: the adjusted cameras cannot be read ({error}); delete the job's checkpoint and this "
-            "file, or start it anew."
+            "file, or start a new job."
         ) from error
     return tuple(found)

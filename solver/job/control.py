@@ -128,7 +128,7 @@ class Control:
                 self.cancelled = self.cancelled or command == "cancel"
                 if command is None and not passed_over:
                     passed_over = True
-                    say("Standard input is read for commands; lines that are none are passed over.")
+                    say("Standard input is read for commands; other lines are ignored.")
 
 
 def _command(line: str) -> str | None:

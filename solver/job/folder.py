@@ -95,7 +95,7 @@ class JobFolder:
         """
         job = cls(root)
         if not job.request_path.is_file():
-            raise JobError(f"{job.root}: there is no job in this folder (no job.json).")
+            raise JobError(f"{job.root}: there is no job.json; give the folder of a job.")
         return job
 
     @property
@@ -104,7 +104,9 @@ class JobFolder:
         try:
             content = json.loads(read_replaced(self.request_path))
         except (OSError, ValueError) as error:
-            raise JobError(f"{self.request_path}: it cannot be read ({error}).") from error
+            raise JobError(
+                f"{self.request_path}: unreadable ({error}); start a new job."
+            ) from error
         return JobRequest.from_json(content, self.request_path)
 
     def is_complete(self) -> bool:
@@ -126,9 +128,7 @@ class JobFolder:
             content = json.loads(read_replaced(self.manifest_path))
         except FileNotFoundError as error:
             if not self.request_path.is_file():
-                raise JobError(
-                    f"{self.root}: this is no job folder; choose the folder of one job."
-                ) from error
+                raise JobError(f"{self.root}: this is not a job folder; choose one.") from error
             raise JobError(
                 f"{self.root}: the job has no complete result yet; resume it."
             ) from error
@@ -137,7 +137,7 @@ class JobFolder:
                 f"{self.manifest_path}: it cannot be read ({error}); run the job again."
             ) from error
         if not isinstance(content, dict):
-            raise JobError(f"{self.manifest_path}: this is no manifest; run the job again.")
+            raise JobError(f"{self.manifest_path}: this is not a manifest; run the job again.")
         return content
 
     def write_manifest(self, content: dict[str, Any]) -> None:

@@ -67,7 +67,7 @@ def held_out_of(job: JobFolder, fitted: Capture) -> Capture | None:
             raise CaptureError(
                 file, "masks", f"'{camera.mask_path}' would be the mask of '{camera.name}' as well as "
                 f"of the photo '{taken[camera.mask_path]}'",
-                "keep masks in folders that are named as those of their photos",
+                "keep masks in folders named like their photos'",
             )  # fmt: skip
     return held_out
 

@@ -59,7 +59,7 @@ class JobRequest:
             JobError: fields missing or of a newer schema.
         """
         if not isinstance(content, dict) or "capture" not in content:
-            raise JobError(f"{file}: this is no job request (no 'capture'); start a new job.")
+            raise JobError(f"{file}: this is not a job request (no 'capture'); start a new job.")
         version = content.get("schema_version", 1)
         if not isinstance(version, int) or version > SCHEMA_VERSION:
             raise JobError(f"{file}: the job was made by a newer version; update the solver.")
@@ -67,7 +67,7 @@ class JobRequest:
         request = cls(**{key: value for key, value in content.items() if key in known})
         wrong = request._wrong_field()
         if wrong:
-            raise JobError(f"{file}: '{wrong}' is not what it should be; start a new job.")
+            raise JobError(f"{file}: '{wrong}' has a wrong value; start a new job.")
         return request
 
     def check(self) -> None:
@@ -78,9 +78,7 @@ class JobRequest:
         """
         wrong = self._wrong_field()
         if wrong:
-            raise JobError(
-                f"{wrong}: {getattr(self, wrong)!r} is not what it should be; change it."
-            )
+            raise JobError(f"{wrong}: {getattr(self, wrong)!r} is a wrong value; change it.")
 
     def _wrong_field(self) -> str | None:
         """Name of the first field of a wrong type or value; None if all are good."""

@@ -103,8 +103,8 @@ def check(
         box = object_box(capture, looks, margin)
     if told.memory is not None and told.bytes > 0.8 * told.memory:
         found.append(
-            warning(f"the fit will need about {told.bytes / 1e9:.0f} GB of this machine's "
-                    f"{told.memory / 1e9:.0f}; make the photos smaller")
+            warning(f"the fit will need about {told.bytes / 1e9:.0f} of this machine's "
+                    f"{told.memory / 1e9:.0f} GB of memory; make the photos smaller")
         )  # fmt: skip
     found.sort(key=lambda finding: finding.level != "warning")
     return Report(tuple(found), told, box)

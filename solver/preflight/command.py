@@ -24,21 +24,21 @@ if TYPE_CHECKING:
 
 def add_check(commands: argparse._SubParsersAction) -> None:
     """Add the command to the command line."""
-    check = commands.add_parser("check", help="look for problems of a capture, in seconds")
+    check = commands.add_parser("check", help="look for problems in a capture, in seconds")
     _add_capture(check)
     check.add_argument("--preset", help="draft, standard or paper; default: the job's, or draft")
     check.add_argument(
-        "--device", choices=DEVICES, help="that it is to run on; default: the job's, or auto"
+        "--device", choices=DEVICES, help="device to run on; default: the job's, or auto"
     )
-    check.add_argument("--json", action="store_true", help="one object on stdout, for programs")
+    check.add_argument("--json", action="store_true", help="one JSON object on stdout")
     check.set_defaults(run=run_check)
 
 
 def add_pictures(commands: argparse._SubParsersAction) -> None:
     """Add the command to the command line."""
-    pictures = commands.add_parser("pictures", help="small JPEGs of HEIC, AVIF and raw photos")
+    pictures = commands.add_parser("pictures", help="make JPEGs of HEIC, AVIF and raw photos")
     _add_capture(pictures)
-    pictures.add_argument("--out", type=Path, required=True, metavar="DIR", help="new, or empty")
+    pictures.add_argument("--out", type=Path, required=True, metavar="DIR", help="new or empty")
     pictures.add_argument("--events", action="store_true", help="events on stdout, no bar")
     pictures.set_defaults(run=run_pictures)
 
@@ -46,7 +46,7 @@ def add_pictures(commands: argparse._SubParsersAction) -> None:
 def _add_capture(command: argparse.ArgumentParser) -> None:
     command.add_argument("capture", type=Path, help="folder, camera file, archive, or a job")
     command.add_argument(
-        "--photos", type=Path, metavar="DIR", help="if not below the capture's folder"
+        "--photos", type=Path, metavar="DIR", help="if not in the capture's folder"
     )
     command.add_argument(
         "--masks", type=Path, metavar="DIR", help="if not in a folder 'masks' there"

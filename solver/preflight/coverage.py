@@ -75,9 +75,9 @@ def coverage(capture: Capture) -> list[Finding]:
     away = looking_away(capture)
     if len(away) > MOST_AWAY * count:
         found.append(
-            warning(f"{len(away)} of {count} cameras ({away[0]} first) see nothing of the region: what is "
-                    "reconstructed is one object that all photos show, not the cameras' surroundings; if "
-                    "there is one, move the region's box to it")
+            warning(f"{len(away)} of {count} cameras (the first: {away[0]}) do not see the region, "
+                    "but only an object that all photos show is reconstructed, not the surroundings; if "
+                    "there is one, move the region box to it")
         )  # fmt: skip
         return found
     seen = coverage_of(capture)
@@ -85,13 +85,13 @@ def coverage(capture: Capture) -> list[Finding]:
     if seen.widest < NARROW:
         found.append(
             warning(f"all cameras lie within {seen.widest:.0f}° of one another as seen from the object; "
-                    "walk around it, for shape and reflections need views from several sides")
+                    "walk around it, since shape and reflections need views from several sides")
         )  # fmt: skip
         return found
     if seen.gap > WIDE_GAP:
         found.append(
-            warning(f"no photo shows the object {side_of(seen.gap_at)} (as seen in {first}): a gap of "
-                    f"{seen.gap:.0f}° around it; take photos there")
+            warning(f"no photo shows the object {side_of(seen.gap_at)} (with {first} as the front): a "
+                    f"gap of {seen.gap:.0f}° around it; take photos there")
         )  # fmt: skip
     low, high = seen.heights
     if high - low < SAME_HEIGHT:

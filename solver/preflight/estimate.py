@@ -42,8 +42,8 @@ FINDING_STANDING = 1.0
 LOADING = 0.25e-6
 """processor seconds a pixel of the photos takes until it is in the ray bank"""
 
-ON_PROCESSOR = "an estimate for the processor; other work slows it down"
-ON_A_CARD = "an estimate for {card}, as it was measured on an H200; a smaller card takes longer"
+ON_PROCESSOR = "on the processor; other work slows it down"
+ON_A_CARD = "on {card}, as measured on an H200; a smaller card takes longer"
 
 PHOTO_BYTES = 16  # float32 RGBA, kept for hull, previews and report
 BANK_BYTES = 8  # half RGB and alpha
@@ -80,6 +80,8 @@ class Estimate:
         """For a terminal."""
         minutes = self.seconds / 60
         time = f"{minutes:.0f} minutes" if minutes < 90 else f"{minutes / 60:.1f} hours"
+        if minutes < 1.5:
+            time = "a minute"
         return (
             f"estimate: preset {self.preset} takes about {time} and {self.bytes / 1e9:.1f} GB of "
             f"memory ({self.note})"

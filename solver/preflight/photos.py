@@ -37,7 +37,7 @@ def blur(looks: list[Look]) -> list[Finding]:
     spread = 1.4826 * np.median(np.abs(known - middle))
     limit = middle - max(BLUR, 3.5 * spread)
     return [
-        warning("the photo is blurred compared with the others; leave it out or take it again",
+        warning("the photo is blurred compared with the others; leave it out or retake it",
                 look.name)
         for look in looks if look.sharpness < limit
     ]  # fmt: skip
@@ -54,20 +54,20 @@ def exposure(looks: list[Look], fixed: bool = True) -> list[Finding]:
         if usual > CLIPPED:
             found.append(
                 warning(f"{usual:.0%} of the object's pixels are over-exposed in most photos; "
-                        "expose less, since highlights that are cut off say nothing of the light")
+                        "expose less, since clipped highlights say nothing about the light")
             )  # fmt: skip
     bright = [look for look in looks if look.clipped > max(usual, 0.02) + CLIPPED]
     if len(bright) > MANY:
         most = max(look.clipped for look in bright)
         found.append(
             warning(f"{len(bright)} photos are over-exposed, by up to {most:.0%} of their pixels "
-                    f"({listed([look.name for look in bright])}); expose less, since highlights that "
-                    "are cut off say nothing of the light")
+                    f"({listed([look.name for look in bright])}); expose less, since clipped "
+                    "highlights say nothing about the light")
         )  # fmt: skip
     else:
         found += [
-            warning(f"{look.clipped:.0%} of the pixels are over-exposed; leave it out, or take it "
-                    "again with less exposure", look.name)
+            warning(f"{look.clipped:.0%} of the pixels are over-exposed; leave the photo out, or "
+                    "retake it with less exposure", look.name)
             for look in bright
         ]  # fmt: skip
     if not fixed:
@@ -76,7 +76,7 @@ def exposure(looks: list[Look], fixed: bool = True) -> list[Finding]:
     stops = values - np.median(values)
     near = np.array([values[i] - np.median(values[_nearest(looks, i)]) for i in range(len(looks))])
     apart = np.flatnonzero((np.abs(stops) > STOPS) & (np.abs(near) > STOPS) & (stops * near > 0))
-    remedy = "even out the exposure (fit.exposure=gain), and lock it the next time"
+    remedy = "set Exposure to Even Out (fit.exposure=gain), and lock it next time"
     if len(apart) > MANY:
         names = listed([looks[index].name for index in apart])
         found.append(
@@ -106,10 +106,10 @@ def duplicates(looks: list[Look]) -> list[Finding]:
         for other in np.flatnonzero(same & ~flat[:index])[:1]:
             degrees = _turn(looks[other], look)
             if degrees < SAME_POSE_DEGREES:
-                text = f"it is nearly the same as {looks[other].name}; one of the two adds nothing"
+                text = f"it is nearly the same as {looks[other].name}; leave one of them out"
             else:
                 text = (f"it looks the same as {looks[other].name}, but its camera is turned by "
-                        f"{degrees:.0f}°; one of the cameras is wrong, solve them again")  # fmt: skip
+                        f"{degrees:.0f}°, so one of the cameras is wrong; solve them again")  # fmt: skip
             found.append(warning(text, look.name))
     return found
 
@@ -124,15 +124,17 @@ def masks(looks: list[Look], stands: bool = False) -> list[Finding]:
     if len(without) == len(looks):
         if stands:
             return [note("no photo has a mask or alpha: masks are made of what stands on the table or "
-                         "floor; if that is more than the object, draw the region around it")]  # fmt: skip
+                         "floor; if that is more than the object, fit the region box to it")]  # fmt: skip
         return [note("no photo has a mask or alpha; the object is found without them, which is slower "
                      "and less sure, so add masks if the background is busy")]  # fmt: skip
     backdrop = looks[0].backdrop
     if backdrop is not None and not without:
-        behind = {"plain": "a plain backdrop", "far": "surroundings that are far away"}.get(
+        behind = {"plain": "a plain backdrop", "far": "scenery that is far away"}.get(
             backdrop, f"plain {backdrop}"
         )
-        found = [note(f"the object is before {behind}; what stands out from it is taken as mask")]
+        found = [
+            note(f"behind the object is {behind}; what stands out from it is taken as the mask")
+        ]
     else:
         found = [note(f"{len(looks) - len(without)} of {len(looks)} photos have a mask or alpha")]
     if without:
@@ -141,17 +143,17 @@ def masks(looks: list[Look], stands: bool = False) -> list[Finding]:
     usual = float(np.median(sizes))
     empty = [look.name for look in looks if look.coverage is not None and look.coverage < EMPTY]
     whole = [look.name for look in looks if look.coverage is not None and look.coverage > FULL]
-    found += _of_each(empty, "the mask is empty; make it again or leave the photo out", "are empty")
+    found += _of_each(empty, "the mask is empty; replace it or leave the photo out", "are empty")
     if usual < 0.9:
         found += _of_each(
             whole,
-            "the mask shows the whole photo; make it again or leave it out",
+            "the mask shows the whole photo; replace it or leave the photo out",
             "show the whole photo",
         )
     if np.median([look.half_shown for look in looks]) > HALF_SHOWN:
         found.append(
             warning("most masks show most of the object only in part, as if it were transparent; the "
-                    "object has to be white in them, and all else black")
+                    "object must be white in them, and all else black")
         )  # fmt: skip
     masked = [look for look in looks if look.coverage is not None and look.coverage <= FULL]
     inverted = [look.name for look in masked if look.cut > INVERTED]
@@ -163,8 +165,8 @@ def masks(looks: list[Look], stands: bool = False) -> list[Finding]:
         )  # fmt: skip
     elif cut:
         found.append(
-            warning(f"the object reaches beyond the frame in {len(cut)} photos ({listed(cut)}); step "
-                    "back, so that all of it is seen")
+            warning(f"the frame cuts off the object in {len(cut)} of {len(looks)} photos ({listed(cut)}); "
+                    "step back, so that all of it is seen")
         )  # fmt: skip
     return found
 
@@ -173,7 +175,7 @@ def _of_each(names: list[str], each: str, all_of_them: str) -> list[Finding]:
     """A warning of `each` mask by its photo's name, or one of many."""
     if len(names) <= MANY:
         return [warning(each, name) for name in names]
-    return [warning(f"{len(names)} masks {all_of_them} ({listed(names)}); make them again")]
+    return [warning(f"{len(names)} masks {all_of_them} ({listed(names)}); replace them")]
 
 
 def size(looks: list[Look], capture: Capture, most_pixels: int) -> list[Finding]:
@@ -187,10 +189,10 @@ def size(looks: list[Look], capture: Capture, most_pixels: int) -> list[Finding]
     across = scale * pixels_across(looks, capture)
     smaller = ""
     if scale < 1:
-        smaller = f" once photos are made smaller, to {scale:.0%} of their size, as the preset does"
+        smaller = f" once the preset has scaled photos down to {scale:.0%} of their size"
     if across < FEWEST_ACROSS:
         remedy = (
-            "go closer, or fit whole photos (--set photos.most_pixels=0)"
+            "go closer, or keep photos whole (--set photos.most_pixels=0)"
             if smaller
             else ("go closer, or use larger photos")
         )

@@ -39,9 +39,9 @@ def poses(capture: Capture, photos: ReducedPhotos, settings: Settings) -> list[F
         return []
     if found.remedy is not None:
         return [warning(f"{another_convention(found.beside)}; {found.remedy}")]
-    told = f"photos lie {found.beside:.1f} pixels (of {LONGEST}) beside their cameras"
+    told = f"photos and cameras disagree by {found.beside:.1f} pixels (of {LONGEST})"
     if found.beside < (TOLERATED_AROUND if masked else TOLERATED):
         return [note(told)]
     if settings.fit.refine_cameras and capture.has_few_points:
-        return [warning(f"{told}; these will be adjusted to them, as far as photos tell")]
-    return [warning(f"{told}, and will be blurred; solve cameras from these photos anew")]
+        return [warning(f"{told}; the cameras will be adjusted, as far as photos tell")]
+    return [warning(f"{told}, which blurs the result; solve cameras from these photos")]

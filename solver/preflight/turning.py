@@ -12,10 +12,10 @@ def turning(circles: Circles | None) -> list[Finding]:
         return []
     if circles.still:
         return [
-            note("the object was turned before a still camera: the light will go round with the cameras "
-                 "(if it was the camera that moved, set Turntable to No, light.turntable=no)")
+            note("the object was turned in front of a still camera: the light will go round with the "
+                 "cameras (if it was the camera that moved, set Turntable to No, light.turntable=no)")
         ]  # fmt: skip
     return [
-        note("the cameras stand on exact circles: if the object was turned before a still camera, set "
-             "Turntable to Yes (light.turntable=yes), for its light turned as well")
+        note("the cameras stand on exact circles: if the object was turned in front of a still camera, set "
+             "Turntable to Yes (light.turntable=yes), since its light turned as well")
     ]  # fmt: skip

@@ -33,6 +33,6 @@ def white_balance(capture: Capture) -> list[Finding]:
     if len(known) < 2 or (most := (known.max(0) / known.min(0) - 1).max()) < DIFFERENT:
         return []
     return [
-        warning(f"the camera's white balance differs by up to {most:.0%} between raw photos; even it out "
-                "(fit.exposure=white_balance), and lock it the next time")
+        warning(f"the camera's white balance differs by up to {most:.0%} between raw photos; set Exposure "
+                "to Even Out with Color (fit.exposure=white_balance), and lock it next time")
     ]  # fmt: skip

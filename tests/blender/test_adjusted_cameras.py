@@ -50,7 +50,7 @@ def test_cameras_move_to_where_the_job_has_them_in_the_captures_own_space(
     job = finished_job(tmp_path / "job", **how)
     adjust(job)
     assert bpy.ops.nmf.install_result(directory=str(job)) == {"FINISHED"}
-    assert f"{len(before)} cameras were moved" in capfd.readouterr().out
+    assert f"Cameras moved to fit their photos: {len(before)}" in capfd.readouterr().out
     for name, pose in poses(capture).items():
         expected = before[name].copy()
         expected[2, 3] += 0.2

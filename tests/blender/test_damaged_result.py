@@ -54,7 +54,7 @@ def test_a_manifest_that_lacks_something_is_told_and_changes_nothing(
 def test_a_picture_that_cannot_be_decoded_is_told_and_changes_nothing(install, result_job, name):
     (result_job / "result" / name).write_bytes(b"xx")
     before = blocks()
-    with pytest.raises(RuntimeError, match=f"{name}: Blender cannot read this picture"):
+    with pytest.raises(RuntimeError, match=f"{name}: Blender cannot read this image"):
         bpy.ops.nmf.install_result(directory=str(result_job))
     assert blocks() == before
 

@@ -68,7 +68,7 @@ def test_names_are_in_title_case_and_descriptions_are_no_sentences_with_a_full_s
         if item.type == "ENUM":
             names |= {choice.name for choice in item.enum_items}
             assert not any(choice.description.endswith(".") for choice in item.enum_items)
-    assert {"Solve Cameras", "Even Out with Colour", "Masks"} <= names
+    assert {"Solve Cameras", "Even Out with Color", "Masks"} <= names
     small = {"a", "and", "for", "of", "to", "with"}
     for name in names:
         first, *others = name.split()
@@ -277,7 +277,10 @@ def test_headless_resumes_only_what_was_asked(extension, duck, tmp_path, fake_so
     (other / "transforms_train.json").write_text(json.dumps(content))
     before = out.read_bytes()
     assert extension("headless").main([again[0], str(other), *again[2:]]) == 2
-    assert "a job of other photos" in capsys.readouterr().err and out.read_bytes() == before
+    assert (
+        "this job was made from other photos" in capsys.readouterr().err
+        and out.read_bytes() == before
+    )
     assert extension("headless").main([*again, "--time-limit", "77"]) == 0
     assert json.loads((job / "job.json").read_text())["time_limit"] == 77
 
@@ -318,7 +321,7 @@ def test_headless_does_not_start_where_it_cannot_save(
     job = tmp_path / "job"
     command = ["reconstruct", str(duck), "/proc/x.blend", "--job", str(job)]
     assert extension("headless").main(command) == 2
-    assert "/proc: no file can be written there" in capsys.readouterr().err
+    assert "/proc: it cannot be written to" in capsys.readouterr().err
     assert not job.exists()
 
 

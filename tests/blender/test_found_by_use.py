@@ -240,7 +240,9 @@ def test_an_image_that_is_in_no_file_is_named_and_can_be_saved(
 ):
     item = extension("scene.capture_collection").photo_cameras(capture)[0]
     pasted = item.data.background_images[0].image = bpy.data.images.new("Clipboard", 16, 16)
-    with pytest.raises(RuntimeError, match="Error: Clipboard, photo of r_0: the image is in no"):
+    with pytest.raises(
+        RuntimeError, match="Error: Clipboard, photo of r_0: the image is not saved"
+    ):
         bpy.ops.nmf.reconstruct()
     pasted.filepath_raw = str(tmp_path / "pasted.png")
     pasted.save()

@@ -55,7 +55,7 @@ def test_copies_stand_behind_the_cameras_and_the_photos_stay_the_solvers(
     assert len(hidden.hidden_cameras(capture)) == 3
     assert bpy.ops.nmf.show_photos() == {"FINISHED"}
     task.finish()
-    assert task.model.state == "done" and task.model.text == "3 photos are shown"
+    assert task.model.state == "done" and task.model.text == "Photos shown: 3"
     assert not hidden.hidden_cameras(capture)
     scene, cameras = extension("scene.capture_collection"), extension("scene.cameras")
     for item in cameras_of(capture):
@@ -75,7 +75,7 @@ def test_copies_come_to_the_cameras_of_a_capture_that_was_renamed_meanwhile(
     bpy.ops.nmf.show_photos()
     capture.name = "Teapot"
     task.finish()
-    assert task.model.text == "3 photos are shown"
+    assert task.model.text == "Photos shown: 3"
 
 
 def test_copies_find_their_photos_beside_the_folder_of_the_blend(extension, capture, tmp_path):
@@ -159,7 +159,7 @@ def test_raw_photos_whose_size_the_solver_alone_can_read_are_imported_shown_and_
     assert [cameras.size_of(item) for item in cameras_of(raw_capture)] == [SIZE] * 3
     assert bpy.ops.nmf.show_photos() == {"FINISHED"}
     task.finish()
-    assert task.model.text == "3 photos are shown"
+    assert task.model.text == "Photos shown: 3"
     for item in cameras_of(raw_capture):
         (picture,) = shown(item)
         assert tuple(picture.size) == SIZE

@@ -69,7 +69,7 @@ def test_a_job_installed_again_shows_what_it_holds_now(install, result_job):
 
 
 def test_a_folder_that_is_no_job_is_told_apart_from_an_unfinished_one(install, tmp_path):
-    with pytest.raises(RuntimeError, match="this is no job folder; choose the folder of one job"):
+    with pytest.raises(RuntimeError, match="this is not a job folder; choose one"):
         install(tmp_path)
     (tmp_path / "job.json").write_text("{}")
     with pytest.raises(RuntimeError, match="no complete result yet; resume it"):

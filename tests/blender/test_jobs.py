@@ -108,7 +108,7 @@ def test_a_grandchild_that_holds_the_pipe_does_not_hold_up_the_end(start, part):
         ("oom", 4, "Out of memory", "draft preset"),
         ("raise", 1, "The solver crashed", "ZeroDivisionError"),
         ("die", 139, "The solver crashed", "Segmentation fault"),
-        ("killed", -9, "The solver crashed", "want of memory"),
+        ("killed", -9, "The solver crashed", "because memory ran out"),
     ],
 )
 def test_each_way_to_fail_is_told_apart(start, part, mode, code, text, error):

@@ -136,7 +136,7 @@ def test_a_job_that_another_process_ends_well_offers_its_object(
     assert monitor.model.state == "elsewhere"
     process.popen.wait(20)
     assert monitor.tick() is None
-    assert monitor.model.text == "Done; Install Result brings its object" and not results()
+    assert monitor.model.text == "Done; press Install Result to add its object" and not results()
 
 
 def test_a_job_that_another_blender_has_resumed_is_not_resumed_here_as_well(
@@ -148,7 +148,7 @@ def test_a_job_that_another_blender_has_resumed_is_not_resumed_here_as_well(
     bpy.ops.nmf.resume()
     tick(lambda: read_status(monitor.job.status_path).get("state") == "preparing")
     process, monitor.process, monitor.model = monitor.process, None, mine
-    with pytest.raises(RuntimeError, match="another process works on this job"):
+    with pytest.raises(RuntimeError, match="another process is working on this job"):
         bpy.ops.nmf.resume()
     assert monitor.model.state == "elsewhere" and not monitor.running
     assert bpy.context.scene.nmf.job == root
@@ -161,7 +161,7 @@ def test_a_job_that_another_blender_has_resumed_is_not_resumed_here_as_well(
 def test_a_job_whose_folder_is_gone_is_told_in_a_sentence(capture, monitor, fake_solver, tick):
     stop_in_the_fit(monitor, tick, fake_solver)
     shutil.rmtree(monitor.job.root)
-    with pytest.raises(RuntimeError, match=r"no job in this folder"):
+    with pytest.raises(RuntimeError, match=r"there is no job.json; give the folder of a job"):
         bpy.ops.nmf.resume()
     assert not monitor.running
 
@@ -261,7 +261,9 @@ def test_what_a_check_of_a_linked_capture_found_is_in_the_panel(
     task.finish()
     assert task.model.text == "Check: 1 warning"
     assert "r_0: " in draw("capture")[1]
-    with pytest.raises(RuntimeError, match="comes from another file; fit the region box there"):
+    with pytest.raises(
+        RuntimeError, match="the capture is in another file; fit the region box there"
+    ):
         bpy.ops.nmf.fit_region_box()
 
 
@@ -276,7 +278,9 @@ def test_a_capture_of_another_file_gets_its_region_box_there(
     bpy.context.scene.nmf.capture = collection
     bpy.data.objects.remove(extension("scene.region").region_box(collection))
     before = set(bpy.data.objects)
-    with pytest.raises(RuntimeError, match="comes from another file; add the region box there"):
+    with pytest.raises(
+        RuntimeError, match="the capture is in another file; add the region box there"
+    ):
         bpy.ops.nmf.add_region_box()
     assert set(bpy.data.objects) == before
 

@@ -136,7 +136,7 @@ def test_a_camera_that_stands_still_and_a_film_that_is_gone_are_refused(film, ca
         bpy.ops.nmf.use_moving_camera()
     for path in film.parent.iterdir():
         path.unlink()
-    with pytest.raises(RuntimeError, match="0 of the sequence's 9 pictures"):
+    with pytest.raises(RuntimeError, match="only 0 of the 9 pictures of the sequence"):
         bpy.ops.nmf.use_moving_camera()
     assert not (tmp_path / "nmf_jobs").exists() and len(bpy.data.cameras) == 1
 
@@ -315,7 +315,7 @@ def test_photos_of_a_video_are_taken_by_the_solver_from_the_frames_that_were_ask
 ):
     assert bpy.ops.nmf.use_moving_camera(first=4, last=20) == {"FINISHED"}
     task.finish()
-    assert task.model.text == "3 photos were taken"
+    assert task.model.text == "3 photos extracted"
     assert [item.name for item in made()] == ["frame_000002", "frame_000004", "frame_000006"]
     data = made()[0].data
     assert data.lens * 36 / data.sensor_width == pytest.approx(34)
@@ -325,7 +325,7 @@ def test_a_video_that_is_stored_on_its_side_is_refused(task, fake_solver, camera
     video.reverse()
     bpy.ops.nmf.use_moving_camera()
     task.finish()
-    assert "80 × 48 pixels, where Blender has 48 × 80" in task.model.error
+    assert "80 × 48 pixels, but Blender says 48 × 80" in task.model.error
 
 
 def test_a_camera_that_is_renamed_while_its_photos_are_taken_is_found(
@@ -334,14 +334,14 @@ def test_a_camera_that_is_renamed_while_its_photos_are_taken_is_found(
     bpy.ops.nmf.use_moving_camera(first=4, last=20)
     camera.name = "Hero"
     task.finish()
-    assert task.model.text == "3 photos were taken" and len(made()) == 3
+    assert task.model.text == "3 photos extracted" and len(made()) == 3
 
 
 def test_a_camera_that_is_gone_when_its_photos_are_there_is_named(task, fake_solver, camera, video):
     bpy.ops.nmf.use_moving_camera()
     bpy.data.objects.remove(camera)
     task.finish()
-    assert task.model.error.startswith("Walk: the camera or its film is gone")
+    assert task.model.error.startswith("Walk: the camera or its footage is gone")
 
 
 def test_a_capture_comes_to_the_scene_of_its_camera_while_another_is_looked_at(
@@ -351,7 +351,7 @@ def test_a_capture_comes_to_the_scene_of_its_camera_while_another_is_looked_at(
     bpy.ops.nmf.use_moving_camera(first=4, last=20)
     bpy.context.window.scene = other
     task.finish()
-    assert task.model.text == "3 photos were taken", task.model.error
+    assert task.model.text == "3 photos extracted", task.model.error
     assert other.nmf.capture is None and not other.collection.children
     capture = mine.nmf.capture
     assert capture in list(mine.collection.children) and bpy.context.scene == other

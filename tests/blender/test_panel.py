@@ -180,7 +180,7 @@ def test_a_failure_offers_resume_and_report(draw, capture, monitor, fake_solver,
     bpy.ops.nmf.reconstruct()
     tick()
     drawn, words = draw("reconstruct")
-    assert "crashed" in words and "want of memory" in words
+    assert "crashed" in words and "because memory ran out" in words
     assert ("operator", "nmf.resume") in drawn and ("operator", "nmf.copy_report") in drawn
 
 

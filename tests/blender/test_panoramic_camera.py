@@ -137,11 +137,11 @@ def test_a_panorama_of_another_kind_or_of_no_range_is_refused(extension):
     camera_of = extension("scene.cameras").camera_of
     settings = settings_of(data)
     settings.panorama_type = "FISHEYE_EQUIDISTANT"
-    with pytest.raises(Exception, match="panorama of the type FISHEYE_EQUIDISTANT is not"):
+    with pytest.raises(Exception, match="panoramas of the type FISHEYE_EQUIDISTANT are not"):
         camera_of(data, Matrix.Identity(4), 64, 32, name="c", image_path=None)
     settings.panorama_type = "EQUIRECTANGULAR"
     camera = camera_of(data, Matrix.Identity(4), 64, 32, name="c", image_path=None, lens="pinhole")
     assert camera.lens == EQUIRECTANGULAR
     settings.longitude_max = settings.longitude_min
-    with pytest.raises(Exception, match="least one is not below its greatest; set its longitudes"):
+    with pytest.raises(Exception, match="minimum is not below its maximum; set its longitudes"):
         camera_of(data, Matrix.Identity(4), 64, 32, name="c", image_path=None)

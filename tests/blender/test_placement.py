@@ -311,5 +311,5 @@ def test_vertices_picked_in_edit_mode_are_measured(extension, capture):
 def test_one_point_is_not_enough_to_measure(extension, capture):
     for item in bpy.context.view_layer.objects.selected:
         item.select_set(False)
-    with pytest.raises(RuntimeError, match="0 objects are selected; select two"):
+    with pytest.raises(RuntimeError, match="Two objects are needed, not 0; select two"):
         bpy.ops.nmf.set_scale(distance=2.0)

@@ -157,7 +157,7 @@ def test_a_turned_region_box_is_told_when_the_reconstruction_begins(
 ):
     extension("scene.region").region_box(capture).rotation_euler.z = 0.3
     assert bpy.ops.nmf.reconstruct() == {"FINISHED"}
-    assert "is turned; the region is the straight box" in capfd.readouterr().out
+    assert "is rotated, so the region is the unrotated box" in capfd.readouterr().out
 
 
 def test_photos_lie_over_the_scene_again_once_the_render_has_their_shape(extension, tmp_path):
@@ -196,7 +196,7 @@ def test_a_region_box_that_is_turned_or_there_twice_is_told(extension, duck):
     box.rotation_euler, box.scale = (0, 0, np.pi / 2), (1, 0.2, 0.3)
     assert problem() == ""
     box.rotation_euler.z = 0.1
-    assert "is turned" in problem()
+    assert "is rotated" in problem()
     box.rotation_euler.z = 0
     collection.objects.link(box.copy())
     assert "2 region boxes" in problem()
@@ -408,5 +408,5 @@ def test_a_camera_that_is_not_perspective_is_refused(extension, duck):
     collection = scene.import_capture(bpy.context, duck)
     item = next(item for item in collection.objects if item.type == "CAMERA")
     item.data.type = "ORTHO"
-    with pytest.raises(Exception, match="type: a camera of the type Ortho is not understood"):
+    with pytest.raises(Exception, match="type: cameras of the type Ortho are not supported"):
         extension("scene.cameras").to_solver(item, Matrix.Identity(4))

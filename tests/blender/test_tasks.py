@@ -115,7 +115,7 @@ def test_masks_that_are_of_no_use_are_told_before_the_solver_starts(task, photos
     with pytest.raises(RuntimeError, match=r"nowhere, masks: there is no such folder"):
         bpy.ops.nmf.solve_cameras(directory=str(photos), masks="nowhere")
     (tmp_path / "walk.mp4").write_bytes(b"frames")
-    with pytest.raises(RuntimeError, match="from a video have no masks; give none, or"):
+    with pytest.raises(RuntimeError, match="a video's photos have no masks yet; give none, or"):
         bpy.ops.nmf.solve_cameras(filepath=str(tmp_path / "walk.mp4"), masks=str(photos))
     assert not task.running
 
@@ -163,7 +163,9 @@ def test_pictures_to_ignore_that_are_of_no_use_are_told_before_the_solver_starts
     with pytest.raises(RuntimeError, match=r"nowhere, ignore: there is no such folder or picture"):
         bpy.ops.nmf.solve_cameras(directory=str(photos), ignored="nowhere")
     (tmp_path / "walk.mp4").write_bytes(b"frames")
-    with pytest.raises(RuntimeError, match="from a video have no pictures there; give one picture"):
+    with pytest.raises(
+        RuntimeError, match="a video's photos have no pictures there yet; give one picture"
+    ):
         bpy.ops.nmf.solve_cameras(filepath=str(tmp_path / "walk.mp4"), ignored=str(photos))
     assert not task.running
 

@@ -87,7 +87,7 @@ def test_pictures_elsewhere_are_not_named_by_the_cameras_but_told(tmp_path, monk
     (tmp_path / "leg.png").write_bytes((photos / "IMG_0.png").read_bytes())
     monkeypatch.setattr(Solver, "run", lambda self: Solved(3, 3, 9, ""))
     assert main(["solve", str(photos), "--ignore", str(photos / ".." / "leg.png")]) == 0
-    assert f"Reconstruct with --ignore {tmp_path / 'leg.png'}, for" in capsys.readouterr().out
+    assert f"Reconstruct with --ignore {tmp_path / 'leg.png'}, since" in capsys.readouterr().out
     camera = box_camera(np.eye(4), "c", photos / "IMG_0.png")
     cameras = [
         type(camera)(**{**vars(camera), "ignored_path": path})
@@ -188,10 +188,10 @@ def test_pictures_that_are_of_no_use_are_named_with_what_to_do(tmp_path):
     (tmp_path / "text.png").write_text("white where a hand is")
     for given, problem in (
         ("nowhere", "nowhere, ignore: there is no such folder or picture; check its path"),
-        ("other", "other, ignore: no mask there has a photo's name; name masks as photos are"),
+        ("other", "other, ignore: no mask there has a photo's name; name masks like the photos"),
         ("text.png", "text.png: this is no PNG, JPEG"),
         ("flat.png", "ignored_path: the mask is 32 × 20 pixels, its photo 32 × 32; export both"),
-        ("white.png", "ignored_path: all of the photo 'IMG_0.png' is to be ignored; make white"),
+        ("white.png", "ignored_path: all of the photo 'IMG_0.png' is to be ignored; make only"),
     ):
         result = solve(photos, "--ignore", tmp_path / given, "--out", tmp_path / f"of {given}")
         assert result.returncode == 2 and problem in result.stderr

@@ -277,7 +277,7 @@ def test_a_solve_ends_before_a_disk_is_full_and_goes_on_when_there_is_room(
     left = [1 << 40] * 3 + [70 << 20]
     with monkeypatch.context() as full:
         full.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=left.pop(0)))
-        with pytest.raises(CaptureError, match="disk is full: 70 MB .* same command continues"):
+        with pytest.raises(CaptureError, match="disk is full: 70 MB .* run it again to continue"):
             Solver(folder, request, Mock(), SimpleNamespace(should_stop=False)).run()
     assert not folder.work_dir.exists()
     assert folder.take(request) is True
@@ -360,10 +360,10 @@ def test_a_folder_of_masks_is_no_folder_of_photos_and_has_to_fit_them(tmp_path):
     Image.new("L", (32, 32)).save(masks / "other.png")
     result = solve(photos, "--masks", masks, "--out", tmp_path / "cameras")
     assert result.returncode == 2
-    assert "silhouettes, masks: no mask there has a photo's name; name masks as" in result.stderr
+    assert "silhouettes, masks: no mask there has a photo's name; name masks like" in result.stderr
     (masks / "other.png").rename(masks / "IMG_1.png")
     result = solve(photos, "--masks", masks, "--out", tmp_path / "cameras")
-    assert "2 of 3 photos have no mask (IMG_0.png, IMG_2.png)" in result.stderr
+    assert "no mask for 2 of 3 photos (IMG_0.png, IMG_2.png)" in result.stderr
     assert photos_below(photos, None, masks) == ("IMG_0.png", "IMG_1.png", "IMG_2.png")
 
 
@@ -371,7 +371,7 @@ def test_cameras_are_not_written_where_the_photos_lie(tmp_path):
     photos = photos_at(tmp_path / "photos")
     for out in (photos, tmp_path):
         result = solve(photos, "--out", out)
-        assert result.returncode == 2 and "the photos lie in this folder" in result.stderr
+        assert result.returncode == 2 and "the photos are in this folder" in result.stderr
 
 
 def test_a_folder_that_may_not_be_read_is_told_as_that(tmp_path, monkeypatch):

@@ -100,7 +100,7 @@ def test_the_command_frames_takes_photos_and_leaves_nothing_when_it_cannot(walk,
     assert made.returncode == 0 and "5 photos in" in made.stdout
     assert len(list((tmp_path / "a").iterdir())) == 5
     again = run("frames", walk[0], "--out", tmp_path / "a")
-    assert again.returncode == 2 and "it is there already; give a new folder" in again.stderr
+    assert again.returncode == 2 and "it already exists; give a new folder" in again.stderr
     empty = run("frames", walk[0], "--out", tmp_path / "b", "--span", 90, 99)
     assert empty.returncode == 2 and "too short" in empty.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
@@ -223,7 +223,7 @@ def test_pictures_that_need_names_of_photos_are_refused_before_these_are_taken(
     Image.new("L", (32, 32)).save(tmp_path / "hands" / "frame_000001.png")
     result = solve(walk[0], option, tmp_path / "hands", "--out", tmp_path / "cameras")
     assert result.returncode == 2 and len(result.stderr.strip().splitlines()) == 1
-    assert "yet to be taken from a video have no" in result.stderr
+    assert "a video's photos have no" in result.stderr
     assert "solve a folder of photos" in result.stderr
     assert not (tmp_path / "cameras").exists()
 
@@ -245,7 +245,11 @@ def test_a_folder_with_only_a_video_names_it(tmp_path):
 def test_a_file_that_is_no_video_is_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("no")
     result = solve(tmp_path / "notes.txt")
-    assert result.returncode == 2 and "no video" in result.stderr and ".mp4" in result.stderr
+    assert (
+        result.returncode == 2
+        and "not a known kind of video" in result.stderr
+        and ".mp4" in result.stderr
+    )
     (tmp_path / "a.mp4").write_text("no")
     result = solve(tmp_path / "a.mp4")
     assert result.returncode == 2 and len(result.stderr.strip().splitlines()) == 1

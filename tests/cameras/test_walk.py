@@ -135,4 +135,4 @@ def test_one_is_told_where_names_are_no_order_that_could_tell_what_looks_alike(a
     for camera, number in zip(some, order, strict=True):
         shutil.copy(folder / f"{camera.name}.jpg", shuffled / f"IMG_{number:03d}.jpg")
     told, _ = solve(shuffled, tmp_path / "cameras")
-    assert "names in the order in which they were taken" in told
+    assert "name photos in the order in which they were taken" in told

@@ -150,7 +150,7 @@ def test_what_an_archive_has_once_unpacked_is_not_unpacked_again(tmp_path):
 def test_no_path_leads_out_of_the_archives_folder(tmp_path, name):
     archive = with_member(tmp_path / "bad.zip", name)
     with pytest.raises(
-        CaptureError, match="it would not lie in the archive's folder; pack it again"
+        CaptureError, match="it would be outside the archive's folder; pack it again"
     ):
         unpacked(archive)
     assert os.listdir(tmp_path) == ["bad.zip"]
@@ -161,7 +161,7 @@ def test_links_and_devices_are_refused(tmp_path, kind):
     archive = with_member(
         tmp_path / "bad.zip", "a.png", b"/etc/passwd", external_attr=(kind | 0o777) << 16
     )
-    with pytest.raises(CaptureError, match="this is no file"):
+    with pytest.raises(CaptureError, match="this is not a file"):
         unpacked(archive)
     assert os.listdir(tmp_path) == ["bad.zip"]
 
@@ -201,7 +201,9 @@ def test_an_archive_that_a_disk_has_no_room_for_is_refused(tmp_path, monkeypatch
     archive = packed(make_capture(tmp_path / "o"), tmp_path / "lego.zip")
     free = shutil.disk_usage(tmp_path)._replace(free=archives._SPARE)
     monkeypatch.setattr(archives.shutil, "disk_usage", lambda path: free)
-    with pytest.raises(CaptureError, match="it takes .* GB of disk, and 0.3 are free; make room"):
+    with pytest.raises(
+        CaptureError, match="it takes .* GB of disk space, and 0.3 GB are free; free space"
+    ):
         unpacked(archive)
     assert not (tmp_path / "lego").exists()
 
@@ -214,7 +216,7 @@ def test_locked_archives_and_those_of_other_kinds_are_to_be_unpacked_by_hand(tmp
         unpacked(tmp_path / "l.zip")
     with zipfile.ZipFile(tmp_path / "x.zip", "w", zipfile.ZIP_LZMA) as file:
         file.writestr("photo.png", b"x")
-    with pytest.raises(CaptureError, match="a way that is not read here; unpack it yourself"):
+    with pytest.raises(CaptureError, match="a way that is not supported; unpack it yourself"):
         unpacked(tmp_path / "x.zip")
 
 
@@ -286,7 +288,7 @@ def test_who_is_overtaken_and_then_has_no_room_leaves_what_the_other_has_begun(
         return False
 
     monkeypatch.setattr(archives, "_is_made", overtaken)
-    with pytest.raises(CaptureError, match="make room"):
+    with pytest.raises(CaptureError, match="free space"):
         unpacked(archive)
     assert set(files_below(tmp_path / "lego")) == {MARK, "r_0.png"}
 
@@ -297,7 +299,9 @@ def test_half_of_another_archive_is_not_mixed_with_this_one(tmp_path):
     (tmp_path / "scan" / MARK).write_text("scan.zip 1 1")
     (tmp_path / "scan" / "a.png").write_bytes(b"other")
     (tmp_path / "scan" / "7.part").write_bytes(b"oth")
-    with pytest.raises(CaptureError, match="where half of another archive is; move or delete that"):
+    with pytest.raises(
+        CaptureError, match="where another archive is half unpacked; move or delete that"
+    ):
         unpacked(archive)
     (tmp_path / "scan" / "a.png").unlink()
     assert (unpacked(archive) / "b.png").read_bytes() == b"x"
@@ -307,11 +311,17 @@ def test_what_is_not_unpacked_completely_is_read_by_nobody(tmp_path):
     folder = make_capture(tmp_path / "lego" / "inside")
     (tmp_path / "lego" / MARK).write_text("lego.zip 1 1")
     for place in (folder, tmp_path / "lego"):
-        with pytest.raises(CaptureError, match="not unpacked completely; give its archive again"):
+        with pytest.raises(
+            CaptureError, match="not completely unpacked; give its archive again to continue"
+        ):
             read_capture(place)
-        with pytest.raises(CaptureError, match="not unpacked completely; give its archive again"):
+        with pytest.raises(
+            CaptureError, match="not completely unpacked; give its archive again to continue"
+        ):
             photos_below(place)
-    with pytest.raises(CaptureError, match="not unpacked completely; give its archive again"):
+    with pytest.raises(
+        CaptureError, match="not completely unpacked; give its archive again to continue"
+    ):
         read_capture(folder / "transforms_train.json")
 
 
@@ -343,7 +353,7 @@ def test_folders_that_end_in_a_backslash_are_folders(tmp_path):
 
 @pytest.mark.parametrize("name", [".. /evil.png", "a/. ./.. ./evil.png", "a/.../evil.png"])
 def test_no_name_that_windows_makes_another_of_leads_out(tmp_path, name):
-    with pytest.raises(CaptureError, match="it would not lie in the archive's folder"):
+    with pytest.raises(CaptureError, match="it would be outside the archive's folder"):
         unpacked(with_member(tmp_path / "bad.zip", name))
     assert os.listdir(tmp_path) == ["bad.zip"]
 
@@ -366,13 +376,13 @@ def test_names_as_long_as_they_can_be_are_unpacked(tmp_path):
 
 
 def test_a_name_that_a_disk_does_not_take_is_told(tmp_path):
-    with pytest.raises(CaptureError, match="xx…: it cannot be unpacked.* of a shorter path"):
+    with pytest.raises(CaptureError, match="xx…: it cannot be unpacked.* with a shorter path"):
         unpacked(of_names(tmp_path / "scan.zip", "a.png", "x" * 300 + ".png"))
     assert os.listdir(tmp_path) == ["scan.zip"]
 
 
 @pytest.mark.parametrize("number, remedy", [
-    (errno.EACCES, "make that folder writable, or move the archive"), (errno.ENOSPC, "make room"),
+    (errno.EACCES, "make that folder writable, or move the archive"), (errno.ENOSPC, "free space"),
     (errno.EINVAL, "unpack it yourself elsewhere and give the folder"),
 ])  # fmt: skip
 def test_what_cannot_be_written_is_named_with_the_way_out(tmp_path, monkeypatch, number, remedy):

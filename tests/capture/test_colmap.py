@@ -125,7 +125,9 @@ def test_a_model_with_distortion_does_not_take_photos_without(tmp_path, solved):
     write(model, tmp_path / "sparse" / "0")
     write(model, tmp_path / "dense" / "sparse")
     for given in (tmp_path, tmp_path / "sparse" / "0" / "images.bin"):
-        with pytest.raises(CaptureError, match="those of another model, in .*images; give .*dense"):
+        with pytest.raises(
+            CaptureError, match="belong to another model, in .*images; give .*dense"
+        ):
             read_capture(given)
     capture = read_capture(tmp_path / "dense")
     assert capture.cameras[0].image_path.parent == tmp_path / "dense" / "images"

@@ -41,11 +41,11 @@ def test_a_photo_whose_camera_is_missing_is_named(tmp_path, solved):
 @pytest.mark.parametrize(
     "change, told",
     [
-        (("1 PINHOLE", "1 BANANA"), "'BANANA' is not known"),
+        (("1 PINHOLE", "1 BANANA"), "'BANANA' is not supported"),
         (("70 60", "70"), "4 parameters, not 3"),
         (("70 60", "70 inf"), "not a number"),
         (("70 60", "0 60"), "no lens can have"),
-        (("64 48", "-64 48"), "no number of its kind"),
+        (("64 48", "-64 48"), "is not a number of its kind"),
         (("64 48", "0 48"), "no size"),
     ],
 )

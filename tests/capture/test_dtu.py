@@ -128,9 +128,7 @@ def test_of_several_scans_one_is_to_be_named(tmp_path):
 
 def test_who_gives_a_scan_is_told_where_its_cameras_are(tmp_path):
     make(tmp_path)
-    with pytest.raises(
-        CaptureError, match="give .*Calibration.cal18, and this folder as that of the"
-    ):
+    with pytest.raises(CaptureError, match="give .*Calibration.cal18, and this folder as the"):
         read_capture(tmp_path / SCAN)
     assert len(read_capture(tmp_path / CAL, photos=tmp_path / SCAN).cameras) == COUNT
 
@@ -205,11 +203,11 @@ def test_only_projections_to_pixels_are_recognised(tmp_path):
 @pytest.mark.parametrize(
     "text, problem",
     [
-        ("1 2 3\n", "this is no 3 × 4 matrix"),
-        ("a " * 12, "this is no 3 × 4 matrix"),
-        ("0 " * 12, "this is no projection"),
-        ("nan " * 12, "this is no projection"),
-        ("1 2 3 4 " * 3, "this is no projection"),
+        ("1 2 3\n", "this is not a 3 × 4 matrix"),
+        ("a " * 12, "this is not a 3 × 4 matrix"),
+        ("0 " * 12, "this is not a projection"),
+        ("nan " * 12, "this is not a projection"),
+        ("1 2 3 4 " * 3, "this is not a projection"),
         ("100 60 50 0 0 100 50 0 0 0 1 0", "its pixels are not rectangles"),
         ("100 0 50 inf 0 100 50 0 0 0 1 0", "the pose holds a value that is not a number"),
     ],

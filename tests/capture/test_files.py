@@ -44,9 +44,9 @@ def endless(tmp_path, request):
 
 
 def test_pipes_and_devices_are_not_read(endless):
-    with pytest.raises(CaptureError, match=r"cannot be read \(this is no file, but a pipe"):
+    with pytest.raises(CaptureError, match=r"cannot be read \(this is not a file but a pipe"):
         read_bytes(endless)
-    with pytest.raises(CaptureError, match=r"cannot be read \(this is no file, but a pipe"):
+    with pytest.raises(CaptureError, match=r"cannot be read \(this is not a file but a pipe"):
         list(read_lines(endless))
     assert head_of(endless) == b""
 
@@ -75,7 +75,7 @@ def test_a_pipe_among_photos_or_masks_is_named(tmp_path, endless, masks):
     place = tmp_path / "masks" / name if masks else tmp_path / name
     place.unlink()
     endless.rename(place)
-    told = "the mask does not exist" if masks else "this is no file, but a pipe or a device"
+    told = "the mask does not exist" if masks else "this is not a file but a pipe or a device"
     with pytest.raises(CaptureError, match=f"{name}.*{told}"):
         load_photos(read_capture(tmp_path))
 

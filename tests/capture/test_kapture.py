@@ -134,15 +134,15 @@ def test_rigs_in_a_circle_and_empty_poses_are_no_pose(tmp_path):
 @pytest.mark.parametrize(
     "file, old, new, problem",
     [
-        ("sensors.txt", "format: 1.1", "format: 2.0", "line 1: only version 1 of Kapture's format is known"),
-        ("sensors.txt", "OPENCV", "UNKNOWN_CAMERA", "the camera model 'UNKNOWN_CAMERA' is not known here"),
+        ("sensors.txt", "format: 1.1", "format: 2.0", "line 1: only version 1 of Kapture's format is supported"),
+        ("sensors.txt", "OPENCV", "UNKNOWN_CAMERA", "the camera model 'UNKNOWN_CAMERA' is not supported"),
         ("sensors.txt", f", {P2}", "", "OPENCV has 8 parameters, not 7"),
-        ("sensors.txt", "camera, OPENCV", "lidar, OPENCV", "is no camera with a lens"),
+        ("sensors.txt", "camera, OPENCV", "lidar, OPENCV", "is not a camera with a lens"),
         ("sensors.txt", "cam, Hero7", "cam2, Hero7", r"records_camera.txt, line 3: there is no sensor 'cam' in"),
         ("sensors.txt", "80.0", "80;0", "line 3: '80;0' is not a number"),
         ("records_camera.txt", "2, cam, ", "2; cam; ", "records_camera.txt, line 5: '2; cam; mapping/I.* breaks off"),
         ("trajectories.txt", "2, cam, ", "2, cam, 9, ", "trajectories.txt, line 5: .* is not 7 numbers"),
-        ("trajectories.txt", "2, cam, ", "2, cam, 0, 0, 0, 0, 0, 0, 0\n9, cam, ", "line 5: its quaternion is no rot"),
+        ("trajectories.txt", "2, cam, ", "2, cam, 0, 0, 0, 0, 0, 0, 0\n9, cam, ", "line 5: its quaternion is not a rot"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_a_file_is_named(tmp_path, file, old, new, problem):

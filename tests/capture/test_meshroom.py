@@ -366,5 +366,7 @@ def test_deeply_nested_files_end_in_an_error(tmp_path):
 
 def test_alicevisions_binary_form_is_named(tmp_path):
     (tmp_path / "sfmData.sfm").write_bytes(b"\x14\0\0\0ASFM" + bytes(64))
-    with pytest.raises(CaptureError, match="binary form, which is not read; convert it to JSON by"):
+    with pytest.raises(
+        CaptureError, match="binary form, which is not supported; convert it to JSON by"
+    ):
         read_capture(tmp_path)

@@ -93,7 +93,7 @@ def test_dtus_training_cameras_are_for_a_quarter_of_its_photos(tmp_path):
     stems = [f"rect_{index + 1:03d}_{light}_r5000" for index in range(COUNT) for light in (2, 3)]
     folder = make(tmp_path, "Rectified/scan1_train", lens, size, stems, cams="Cameras/train")
     capture = read_capture(folder / "Cameras" / "train", photos=folder / "Rectified")
-    assert "5 photos have another size" in capture.warnings[0]
+    assert "another size for 5 of 5 photos" in capture.warnings[0]
     for index, camera in enumerate(capture.cameras):
         assert camera.image_path.stem == f"rect_{index + 1:03d}_3_r5000"
         assert (camera.width, camera.height) == size
@@ -106,9 +106,7 @@ def test_of_dtus_folders_it_is_said_which_to_give(tmp_path):
     make(tmp_path, "Rectified/scan1_train", lens, size, stems, cams="Cameras/train")
     scan, cameras = tmp_path / "Rectified" / "scan1_train", tmp_path / "Cameras"
     write_mvsnet(tmp_path, poses(), (2892.33, 2883.18, 823.205, 619.071), cams="Cameras")
-    with pytest.raises(
-        CaptureError, match="give .*Cameras.train, and this folder as that of the photos"
-    ):
+    with pytest.raises(CaptureError, match="give .*Cameras.train, and this folder as the photos'"):
         read_capture(scan)
     with pytest.raises(
         CaptureError, match="cameras are for, or .*Cameras.train for those that DTU's"
@@ -147,11 +145,11 @@ def test_cameras_without_a_pose_are_left_out(tmp_path):
 @pytest.mark.parametrize(
     "old, new, problem",
     [
-        ("intrinsic", "intrinsics", "extrinsic: this is no 4 × 4 matrix"),
-        ("80.0", "eighty", "intrinsic: this is no 3 × 3 matrix"),
+        ("intrinsic", "intrinsics", "extrinsic: this is not a 4 × 4 matrix"),
+        ("80.0", "eighty", "intrinsic: this is not a 3 × 3 matrix"),
         ("80.0 0.0", "80.0 9.0", r"intrinsic: its pixels are not rectangles \(skew\)"),
-        ("0.0 82.0", "5.0 82.0", "intrinsic: this is no matrix of a lens"),
-        ("0.0 0.0 1.0\n\n425", "0.0 0.0 0.0\n\n425", "intrinsic: this is no matrix of a lens"),
+        ("0.0 82.0", "5.0 82.0", "intrinsic: this is not a lens's matrix"),
+        ("0.0 0.0 1.0\n\n425", "0.0 0.0 0.0\n\n425", "intrinsic: this is not a lens's matrix"),
         ("80.0 ", "-80.0 ", "the lens has a value that no lens can have"),
     ],
 )  # fmt: skip
@@ -168,7 +166,9 @@ def test_an_empty_or_huge_camera_is_named(tmp_path):
     folder = make(tmp_path)
     file = folder / "cams" / "00000001_cam.txt"
     file.write_text("")
-    with pytest.raises(CaptureError, match="00000001_cam.txt, extrinsic: this is no 4 × 4 matrix"):
+    with pytest.raises(
+        CaptureError, match="00000001_cam.txt, extrinsic: this is not a 4 × 4 matrix"
+    ):
         read_capture(folder)
     file.write_text("extrinsic " + "0 " * (1 << 20))
     with pytest.raises(CaptureError, match="00000001_cam.txt: it has more than 1 MB"):

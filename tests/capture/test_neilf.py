@@ -77,7 +77,7 @@ def test_a_box_that_is_turned_is_not_used(tmp_path):
     content = scene()
     content["bbox"]["transform"] = [0, 3, 0, 0, -3, 0, 0, 0, 0, 0, 3, 0, 0, 0, 0, 1]
     capture = read_capture(write(tmp_path, content))
-    assert "bbox.transform is no upright box" in capture.warnings[0]
+    assert "bbox.transform is not an upright box" in capture.warnings[0]
 
 
 def test_cameras_that_were_not_found_are_left_out_with_a_warning(tmp_path):

@@ -75,7 +75,7 @@ def test_the_lens_follows_photos_of_another_scale(tmp_path):
     capture = read_capture(make(tmp_path, scale=4))
     camera = capture.cameras[0]
     assert (camera.width, camera.fx, camera.cx) == (WIDTH // 4, F / 4, CX / 4)
-    assert "5 photos have another size" in capture.warnings[0]
+    assert "another size for 5 of 5 photos" in capture.warnings[0]
 
 
 def test_photos_for_validation_are_left_out(tmp_path):
@@ -96,10 +96,10 @@ def test_points_are_the_surroundings(tmp_path):
     np.save(folder / "points.npy", points)
     np.testing.assert_allclose(read_capture(folder).points, points)
     np.save(folder / "points.npy", points[:, :2])
-    assert "points.npy: these are no points" in read_capture(folder).warnings[0]
+    assert "points.npy: these are not points" in read_capture(folder).warnings[0]
     (folder / "points.npy").write_bytes(b"\x93NUMPY")
     capture = read_capture(folder)
-    assert capture.points is None and "points.npy: this is no array" in capture.warnings[0]
+    assert capture.points is None and "points.npy: this is not an array" in capture.warnings[0]
 
 
 @pytest.mark.parametrize(

@@ -100,7 +100,7 @@ def test_what_a_pickle_would_do_is_not_done(tmp_path):
     (tmp_path / "made").rmdir()
     make(tmp_path)
     (tmp_path / "1-camera.pkl").write_bytes(content)
-    with pytest.raises(CaptureError, match="1-camera.pkl: this is no pickled list of matrices"):
+    with pytest.raises(CaptureError, match="1-camera.pkl: this is not a pickled list of matrices"):
         read_capture(tmp_path)
     assert not (tmp_path / "made").exists()
 
@@ -116,17 +116,17 @@ def laughing(depth=60):
 @pytest.mark.parametrize(
     "content, problem",
     [
-        (pickle.dumps([np.eye(4)[:3]]), "this is no pickled pair of a pose"),
-        (pickle.dumps([np.eye(3), np.eye(4)[:3]]), "this is no pickled pair of a pose"),
-        (pickle.dumps([np.eye(4)[:3], np.zeros((3, 3))]), "lens: this is no matrix of a lens"),
+        (pickle.dumps([np.eye(4)[:3]]), "this is not a pickled pair of a pose"),
+        (pickle.dumps([np.eye(3), np.eye(4)[:3]]), "this is not a pickled pair of a pose"),
+        (pickle.dumps([np.eye(4)[:3], np.zeros((3, 3))]), "lens: this is not a lens's matrix"),
         (pickle.dumps([np.zeros((3, 4)) + 1, np.eye(3)]), "pose: the pose's rotation is singular"),
-        (pickle.dumps([np.array([[object()] * 4] * 3), np.eye(3)]), "this is no pickled list"),
-        (pickle.dumps({"pose": np.eye(4)}), "this is no pickled list of matrices"),
-        (pickle.dumps(laughing()), "this is no pickled list of matrices"),
-        (pickle.dumps([np.eye(4)[:3], np.eye(3)])[:-40], "this is no pickled list of matrices"),
-        (b"\x80\x04]r\xff\xff\xff\x7f.", "this is no pickled pair"),  # kept under a huge number
-        (b"\x80\x05\x96\xff\xff\xff\xff\xff\xff\x00\x00.", "this is no pickled list"),  # huge bytes
-        (b"\x80\x04)" + b"\x85" * 900_000 + b".", "this is no pickled list"),  # tuples in tuples
+        (pickle.dumps([np.array([[object()] * 4] * 3), np.eye(3)]), "this is not a pickled list"),
+        (pickle.dumps({"pose": np.eye(4)}), "this is not a pickled list of matrices"),
+        (pickle.dumps(laughing()), "this is not a pickled list of matrices"),
+        (pickle.dumps([np.eye(4)[:3], np.eye(3)])[:-40], "this is not a pickled list of matrices"),
+        (b"\x80\x04]r\xff\xff\xff\x7f.", "this is not a pickled pair"),  # kept under a huge number
+        (b"\x80\x05\x96\xff\xff\xff\xff\xff\xff\x00\x00.", "this is not a pickled list"),  # huge bytes
+        (b"\x80\x04)" + b"\x85" * 900_000 + b".", "this is not a pickled list"),  # tuples in tuples
         (b"\x80\x04" + b"(" * LARGEST_FILE, "it has more than 1 MB"),
     ],
 )  # fmt: skip

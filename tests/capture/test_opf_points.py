@@ -70,7 +70,7 @@ def test_of_too_many_points_some_are_drawn_evenly(tmp_path, monkeypatch):
         (gltf(count=51), "tracks.gltf states 51 points in it, it has fewer"),
         (gltf(count=1 << 39), "it has fewer"),
         (gltf(start=4), "it has fewer"),
-        (gltf(start=-12), "count or place is no number"),
+        (gltf(start=-12), "count or place is not a number"),
         (gltf(uri="../../../etc/passwd"), "is not in the project's folder"),
         (gltf(uri="gone.bin"), "is not in the project's folder"),
         (gltf(uri="data:application/octet-stream;base64,AAAA"), "is not in the project's folder"),

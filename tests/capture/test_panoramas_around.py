@@ -90,7 +90,7 @@ def test_up_is_that_of_panoramas_whatever_is_in_their_middle(around):
 def test_no_panorama_looks_away(around):
     capture = Capture("memory", tuple(around), region_seen_by(around))
     assert looking_away(capture) == []
-    assert not any("see nothing of the region" in finding.text for finding in coverage(capture))
+    assert not any("do not see the region" in finding.text for finding in coverage(capture))
 
 
 def test_masks_of_panoramas_tell_the_objects_bounds_also_across_the_seam(around):

@@ -296,9 +296,9 @@ def test_masks_of_which_none_has_a_photos_name_are_told(tmp_path):
         save(tmp_path / "images" / f"{i}.jpg")
         save(tmp_path / "masks" / f"cut out {i}.png")
     file = write_cameras(tmp_path, [f"images/{i}.jpg" for i in range(3)])
-    assert "none has a photo's name" in " ".join(read_capture(file).warnings)
+    assert "not used; name them like the photos" in " ".join(read_capture(file).warnings)
     with pytest.raises(
-        CaptureError, match="no mask there has a photo's name.*name masks as photos"
+        CaptureError, match="no mask there has a photo's name.*name masks like the photos"
     ):
         read_capture(file, masks=tmp_path / "masks")
 

@@ -139,7 +139,7 @@ def test_channels_of_openexr_are_told_by_name_in_whatever_order(tmp_path):
     assert read_exr_channels(tmp_path / "b.exr").shape == (4, 4, 1)
     for reading in (load, read_exr):
         with pytest.raises(
-            CaptureError, match="b.exr, channels: it has no R, G and B but ViewLayer"
+            CaptureError, match="b.exr, channels: it has no R, G and B, only ViewLayer"
         ):
             reading(tmp_path / "b.exr")
 

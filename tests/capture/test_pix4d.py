@@ -193,7 +193,7 @@ def test_line_ends_a_byte_order_mark_and_blanks_in_names(tmp_path):
         (numbers(RADIAL), "0.1 0.2", "line 13: '0.1 0.2' is not 3 numbers"),
         (f"IMG_0000.png {WIDTH} {HEIGHT}", "IMG_0000.png", "line 9: 'IMG_0000.png' breaks off"),
         (f"IMG_0000.png {WIDTH} {HEIGHT}", f"IMG_0000.png {WIDTH} high", "'high' is not a number"),
-        ("0 0 1", "0 0 0", "line 9, IMG_0000.png: this is no matrix of a lens"),
+        ("0 0 1", "0 0 0", "line 9, IMG_0000.png: this is not a lens's matrix"),
         ("80.0 0.0 50.5", "-80.0 0.0 50.5", "the lens has a value that no lens can have"),
     ],
 )  # fmt: skip

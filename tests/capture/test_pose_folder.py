@@ -206,7 +206,7 @@ def test_a_box_that_makes_no_sense_is_not_used(tmp_path, text):
     region = read_capture(folder).region
     write(folder / "bbox.txt", text)
     capture = read_capture(folder)
-    assert "bbox.txt: this is no box that the cameras look at" in capture.warnings[0]
+    assert "bbox.txt: this is not a box that the cameras look at" in capture.warnings[0]
     np.testing.assert_array_equal(capture.region, region)
 
 
@@ -231,7 +231,7 @@ def test_the_lens_follows_photos_that_were_made_smaller(tmp_path):
     lens = 1170.187988, 1170.187988, 647.75, 483.75
     folder = make_nsvf(tmp_path, lens, photos="images", size=(648, 484))
     capture = read_capture(folder)
-    assert "5 photos have another size" in capture.warnings[0]
+    assert "another size for 5 of 5 photos" in capture.warnings[0]
     camera = capture.cameras[0]
     assert (camera.width, camera.height) == (648, 484)
     np.testing.assert_allclose(
@@ -257,11 +257,11 @@ def test_masks_lie_beside_the_photos_folder(tmp_path):
     "file, text, problem",
     [
         ("intrinsics.txt", "1 2", "this is neither a lens's matrix nor a line f cx cy"),
-        ("intrinsics.txt", "9 x 9 0.", "this is no 3 × 3 matrix"),
+        ("intrinsics.txt", "9 x 9 0.", "this is not a 3 × 3 matrix"),
         ("intrinsics.txt", "0 48 32 0.", "the lens has a value that no lens can have"),
-        ("intrinsics.txt", "nan 48 32 0.", "this is no matrix of a lens"),
-        ("pose/0_train_0002.txt", "1 0 0 0", "this is no 4 × 4 matrix"),
-        ("pose/0_train_0002.txt", "", "this is no 4 × 4 matrix"),
+        ("intrinsics.txt", "nan 48 32 0.", "this is not a lens's matrix"),
+        ("pose/0_train_0002.txt", "1 0 0 0", "this is not a 4 × 4 matrix"),
+        ("pose/0_train_0002.txt", "", "this is not a 4 × 4 matrix"),
         ("pose/0_train_0002.txt", "1 0 0 0 0 -1 0 0 0 0 1 0", "the pose mirrors the world"),
     ],
 )  # fmt: skip

@@ -152,7 +152,7 @@ def test_skewed_pixels_are_refused(tmp_path):
 
 @pytest.mark.parametrize("matrix", [np.zeros((4, 4)), np.diag([1.0, 1.0, 0.0, 1.0])])
 def test_a_matrix_that_is_no_projection_is_named(tmp_path, matrix):
-    with pytest.raises(CaptureError, match="world_mat_0: this is no projection"):
+    with pytest.raises(CaptureError, match="world_mat_0: this is not a projection"):
         read_capture(make_neus(tmp_path, [matrix] * COUNT))
 
 
@@ -210,7 +210,9 @@ def test_more_photos_than_cameras_belong_to_none(tmp_path, make, folder):
         read_capture(tmp_path)
     for file in (tmp_path / folder).iterdir():
         file.unlink()
-    with pytest.raises(CaptureError, match=f"photos: there are none in the folder {folder} beside"):
+    with pytest.raises(
+        CaptureError, match=f"photos: there are none in the folder {folder} next to"
+    ):
         read_capture(tmp_path)
 
 
@@ -230,7 +232,7 @@ def test_arrays_of_objects_are_never_unpickled(tmp_path, make):
         np.savez(folder / "cameras_sphere.npz", world_mat_0=objects)
     else:
         np.save(folder / "poses_bounds.npy", np.array([[{}] * 17] * 5, dtype=object))
-    with pytest.raises(CaptureError, match="this is no array of numbers"):
+    with pytest.raises(CaptureError, match="this is not an array of numbers"):
         read_capture(folder)
 
 
@@ -242,7 +244,7 @@ def test_an_arrays_stated_size_sets_no_memory_aside(tmp_path, shape):
     if len(stated) > len(content):  # the header is filled up with blanks
         stated = stated.replace(b" " * (len(stated) - len(content)) + b"\n", b"\n", 1)
     (folder / "poses_bounds.npy").write_bytes(stated)
-    with pytest.raises(CaptureError, match="this is no array of numbers"):
+    with pytest.raises(CaptureError, match="this is not an array of numbers"):
         read_capture(folder / "poses_bounds.npy")
 
 
@@ -250,7 +252,7 @@ def test_an_arrays_stated_size_sets_no_memory_aside(tmp_path, shape):
 def test_a_header_that_cannot_be_taken_apart_is_named(tmp_path, bracket):
     file = make_llff(tmp_path) / "poses_bounds.npy"
     file.write_bytes(file.read_bytes().replace(b"(5, 17), } ", bracket + b"(5, 17), }", 1))
-    with pytest.raises(CaptureError, match="this is no array of numbers"):
+    with pytest.raises(CaptureError, match="this is not an array of numbers"):
         read_capture(file)
 
 

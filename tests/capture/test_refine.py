@@ -90,7 +90,7 @@ def test_too_few_matches_or_cameras_at_one_place_tell_nothing(points):
 
 
 @pytest.mark.parametrize("words, told", [
-    ("negate the second", pose_opengl_from_opencv), ("invert each, for", invert_pose),
+    ("negate the second", pose_opengl_from_opencv), ("invert each, since", invert_pose),
     ("invert each and negate", lambda pose: invert_pose(pose_opengl_from_opencv(pose))),
 ])  # fmt: skip
 def test_matrices_in_another_convention_are_told_from_cameras_that_are_off(points, words, told):
@@ -111,7 +111,7 @@ def test_photos_that_lie_upside_down_are_told_from_cameras_that_are_off():
     assert convention_that_fits(cameras, pairs) is None
     half = np.diag([-1.0, -1.0, 1.0, 1.0])
     others = [replace(c, camera_to_world=c.camera_to_world @ half) for c in cameras]
-    assert convention_that_fits(others, pairs).startswith("turn the photos by half")
+    assert convention_that_fits(others, pairs).startswith("rotate the photos by 180°")
 
 
 def turns_and_ways(found, true):

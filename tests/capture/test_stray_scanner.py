@@ -161,7 +161,7 @@ def test_pictures_elsewhere_may_be_given(tmp_path):
 @pytest.mark.parametrize("size", [(HEIGHT, WIDTH), (WIDTH // 2, HEIGHT // 2)])
 def test_pictures_that_were_turned_or_made_smaller_are_refused(tmp_path, size):
     message = (
-        f"of {size[0]} × {size[1]} pixels, was turned or made smaller.*; extract all its frames"
+        f"of {size[0]} × {size[1]} pixels, was turned or scaled down.*; extract all its frames"
     )
     with pytest.raises(CaptureError, match=message):
         read_capture(make(tmp_path, size=size))
@@ -170,10 +170,10 @@ def test_pictures_that_were_turned_or_made_smaller_are_refused(tmp_path, size):
 @pytest.mark.parametrize(
     "old, new, problem",
     [
-        ("000002", "000001", "line 4: '000001' is no new frame's number"),
-        ("000002", "two", "line 4: 'two' is no new frame's number"),
+        ("000002", "000001", "line 4: '000001' is not a new frame"),
+        ("000002", "two", "line 4: 'two' is not a new frame"),
         (", 000002, ", ", 000002, nan, ", "line 4, x: 'nan' is not a number"),
-        (", 000002, ", ", 000002, 1, 1, 1, 0, 0, 0, 0, ", "line 4: its quaternion is no rotation"),
+        (", 000002, ", ", 000002, 1, 1, 1, 0, 0, 0, 0, ", "line 4: its quaternion is not a rotation"),
         (", 000002, ", ", 000002;", "line 4: '000002;"),
     ],
 )  # fmt: skip

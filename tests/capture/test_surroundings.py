@@ -69,7 +69,7 @@ def test_a_check_tells_of_them_where_there_is_something_around(cameras, tmp_path
     for around in (True, False):
         (tmp_path / str(around)).mkdir()
         capture = write(tmp_path / str(around), cameras, off, around)
-        said = [f.text for f in check(capture).findings if "beside their cameras" in f.text]
+        said = [f.text for f in check(capture).findings if "photos and cameras disagree" in f.text]
         assert bool(said) == around
         assert all("will be adjusted" in text for text in said)
 

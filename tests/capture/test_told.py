@@ -245,7 +245,7 @@ def test_pictures_that_cannot_be_used_are_named_with_what_to_do(tmp_path):
         load_photos(read_capture(folder, ignored=tmp_path / "ignore.png"))
 
     with pytest.raises(
-        CaptureError, match="ignore.png, ignored_path: .*20 × 8.*16 × 16.*one shape"
+        CaptureError, match="ignore.png, ignored_path: .*20 × 8.*16 × 16.*the same shape"
     ):
         load()
     (tmp_path / "ignore.png").write_bytes((tmp_path / "ignore.png").read_bytes()[:40])
@@ -256,7 +256,7 @@ def test_pictures_that_cannot_be_used_are_named_with_what_to_do(tmp_path):
         CaptureError, match="ignored_path: all of the photo 'r_0' is to be ignored"
     ) as caught:
         load()
-    assert "make white only what says nothing" in str(caught.value)
+    assert "make only what is to be ignored white" in str(caught.value)
     content = json.loads((folder / "transforms_train.json").read_text())
     content["frames"][0]["ignored_path"] = "none.png"
     (folder / "transforms_train.json").write_text(json.dumps(content))

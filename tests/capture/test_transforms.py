@@ -60,7 +60,7 @@ def test_one_mask_for_all_frames_hides_a_lenss_corners_and_is_no_object(tmp_path
     Image.new("L", (8, 8), 255).save(folder / "masks" / "mask.png")
     capture = read_capture(folder)
     assert not any(camera.mask_path for camera in capture.cameras)
-    assert "all frames have one mask, mask.png" in capture.warnings[0]
+    assert "all frames share one mask, mask.png" in capture.warnings[0]
 
     def one_less(content):
         mask(content)
@@ -276,7 +276,7 @@ def test_no_term_of_a_lens_is_dropped(values, lens, distortion, tmp_path):
             r"equirectangular: panoramas of equal areas \(instant-ngp's equirectangular\) are not read; cut",
         ),
         ("orthographic", True, "orthographic: orthographic lenses are not read"),
-        ("k6", 0.1, "k6: only the lens FULL_OPENCV has such a number; call its camera_model so"),
+        ("k6", 0.1, "k6: only the lens FULL_OPENCV has this coefficient; call its camera_model so"),
     ],
 )
 def test_lenses_of_instant_ngps_own_and_numbers_that_no_model_has_are_refused(
@@ -309,7 +309,7 @@ def test_fields_of_view_may_be_in_degrees_and_of_either_side(tmp_path, values, f
 @pytest.mark.parametrize("degrees", [0, 180, -50, 400])
 def test_what_is_no_field_of_view_is_refused(tmp_path, degrees):
     with pytest.raises(
-        CaptureError, match="x_fov: .* is no field of view in degrees; give one between"
+        CaptureError, match="x_fov: .* is not a field of view; give 0 to 180 degrees"
     ):
         capture_with(tmp_path, **WIDE, x_fov=degrees)
 
@@ -373,7 +373,7 @@ def test_tangential_terms_of_a_fisheye_act_on_the_equidistant_picture(tmp_path):
 
 
 def test_a_fisheye_has_no_more_radial_terms(tmp_path):
-    with pytest.raises(CaptureError, match=r"frames\[0\].k5: no fisheye has such a number"):
+    with pytest.raises(CaptureError, match=r"frames\[0\].k5: no fisheye has this coefficient"):
         capture_with(tmp_path, camera_model="OPENCV_FISHEYE", k5=0.1)
 
 
@@ -444,11 +444,11 @@ def test_many_points_are_thinned(tmp_path):
 @pytest.mark.parametrize(
     "content, problem",
     [
-        (b"", "no PLY"), (b"ply\nformat ascii 1.0\n", "no PLY"), (b"\x89PNG" * 9, "no PLY"),
+        (b"", "not a PLY"), (b"ply\nformat ascii 1.0\n", "not a PLY"), (b"\x89PNG" * 9, "not a PLY"),
         (ply(POINTS, count=10**11), "states 100000000000 points and has fewer"),
         (ply(POINTS, "ascii", count=10**11), "states 100000000000 points and has fewer"),
         (ply(POINTS, "ascii", count=151), "states 151 points and has fewer"),
-        (ply(POINTS, count=10**30), "is no count"), (ply(POINTS, count=-1), "is no count"),
+        (ply(POINTS, count=10**30), "is not a count"), (ply(POINTS, count=-1), "is not a count"),
         (ply(POINTS)[:-1], "states 150 points and has fewer"),
         (ply(POINTS, "ascii").replace(b" 7", b" x"), "states 150 points and has fewer"),
         (ply(POINTS).replace(b"float y", b"float w"), "no x, y and z"),
@@ -476,8 +476,8 @@ def test_unusable_points_are_a_warning(tmp_path):
     (tmp_path / "outside.ply").write_bytes(ply(POINTS))
     (tmp_path / "a" / "cut.ply").write_bytes(ply(POINTS)[:300])
     for stated, said in {
-        "cut.ply": "has fewer", "none.ply": "not there", "../outside.ply": "not there",
-        str(tmp_path / "outside.ply"): "not there", "x" * 5000: "",
+        "cut.ply": "has fewer", "none.ply": "do not exist", "../outside.ply": "do not exist",
+        str(tmp_path / "outside.ply"): "do not exist", "x" * 5000: "",
     }.items():  # fmt: skip
         capture = capture_with(tmp_path / "a", ply_file_path=stated)
         assert capture.points is None and len(capture.warnings) == 1 and said in capture.warnings[0]

@@ -135,7 +135,7 @@ def edit(line, text):
         (edit(0, "NVM_V1"), "not version 3"),
         (edit(0, "NVM_V3 FixedK 1 2 3"), "not 4 numbers"),
         (edit(0, "NVM_V3 FixedK 0 2 3 4"), "fx is not positive"),
-        (edit(2, "five"), "no number of cameras"),
+        (edit(2, "five"), "is not a number of cameras"),
         (edit(2, str(2**63)), "is not 10 numbers|ends before"),
         (edit(4, "r_1.png 70 1 0 0"), "is not 10 numbers"),
         (edit(4, "r_1.png 70 1 0 0 up 0 0 0 0 0"), "'up' is not a number"),

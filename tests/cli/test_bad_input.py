@@ -97,7 +97,7 @@ def test_an_archive_is_checked_as_its_folder_is(tmp_path):
     ours, theirs = solver("check", archive, "--json"), solver("check", folder, "--json")
     assert ours.returncode == theirs.returncode == 0
     assert ours.stdout.replace(f"downloads{os.sep}scan ü", "scan ü") == theirs.stdout
-    assert f"scan ü.zip is an archive; it is unpacked in {tmp_path}" in ours.stderr
+    assert f"scan ü.zip is an archive; it is unpacked to {tmp_path}" in ours.stderr
 
 
 def test_archives_of_pictures_and_of_cameras_are_taken_as_their_folders(tmp_path):
@@ -119,7 +119,7 @@ def test_a_terminal_has_a_bar_while_an_archive_is_unpacked(tmp_path, capsys, mon
         unpack_archives(SimpleNamespace(capture=tmp_path / "scan.zip"))
         said = capsys.readouterr().err
         assert ("unpacking" in said, "100%" in said) == (bool(bars),) * 2
-        assert "it is unpacked in" in said.splitlines()[-1]
+        assert "it is unpacked to" in said.splitlines()[-1]
 
 
 @pytest.mark.parametrize("before", ["an empty folder", "a job"])
@@ -145,7 +145,7 @@ def test_an_unknown_setting_is_named(tmp_path):
 
 def test_numbers_that_are_none_are_told_so(job, tmp_path):
     for options, words in (
-        (["--seed", "9" * 30], "whole number"), (["--time-limit", "soon"], "'soon' is no number"),
+        (["--seed", "9" * 30], "whole number"), (["--time-limit", "soon"], "'soon' is not a number"),
     ):  # fmt: skip
         result = solver("reconstruct", DUCK, "--out", tmp_path / "no", *options)
         assert result.returncode == 2 and words in result.stderr

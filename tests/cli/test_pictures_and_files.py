@@ -69,7 +69,7 @@ def test_one_camera_can_be_rendered_but_never_over_its_photo(job, tmp_path):
     few = ["--cameras", cameras, "--rays", 1]
     for command in (["render", job], ["compose", job]):
         result = solver(*command, *few, "--out", tmp_path / "test")
-        assert result.returncode == 2 and "the photos of these cameras lie here" in result.stderr
+        assert result.returncode == 2 and "the photos of these cameras are here" in result.stderr
     assert Path(photo).read_bytes() == before and len(list((tmp_path / "test").iterdir())) == 1
     assert solver("render", job, *few, "--out", tmp_path / "out").returncode == 0
     assert solver("render", job, *few, "--out", tmp_path / "out").returncode == 0
@@ -187,7 +187,7 @@ def test_what_cannot_be_baked_anew_is_told(job, tmp_path):
         assert not (tmp_path / "asset").exists()
         return result.stderr
 
-    assert "only those of the asset" in refused(job, "fit.steps=9")
+    assert "only the asset's can be changed" in refused(job, "fit.steps=9")
     assert "8 or more" in refused(job, "asset.cells=2")
     unfinished = tmp_path / "unfinished"
     unfinished.mkdir()

@@ -44,7 +44,7 @@ def test_a_warning_is_told_off_a_terminal_and_every_warning_of_a_job_is_in_its_r
         events.write(2 * before)
     result = solver("run", again)
     assert result.returncode == 0
-    now = "this machine has no 'mps'; the job goes on on 'cpu'"
+    now = "this machine has no 'mps'; the job continues on 'cpu'"
     assert result.stderr == f"Warning: {now}.\n"
     report = json.loads((again / "result" / "report.json").read_text())
     assert report["warnings"] == ["a & b are blurred", now]
@@ -63,7 +63,7 @@ def test_a_report_says_why_it_does_not_show_photos_that_were_held_out(job, tmp_p
     assert result.returncode == 0, result.stderr
     report = json.loads((again / "result" / "report.json").read_text())
     (warning,) = report["warnings"]
-    assert "held out cannot be shown" in warning and "transforms_test.json" in warning
+    assert "held-out photos cannot be shown" in warning and "transforms_test.json" in warning
     assert any("training photos" in name for name in report)
     before = json.loads((job / "result" / "report.json").read_text())
     assert before["warnings"] == [] and any("held-out views" in name for name in before)
@@ -121,7 +121,8 @@ def test_cameras_that_are_off_are_adjusted_once_and_a_job_that_goes_on_keeps_the
     file = write_table(tmp_path, cameras, told=shaken(cameras, 0.7, 0.01))
     arguments = ["reconstruct", file, "--out", tmp_path / "job", *TINY, "--set", "fit.steps=2"]
     first = solver(*arguments)
-    assert "beside their cameras, so these were adjusted" in first.stderr
+    assert "photos and cameras disagreed by" in first.stderr
+    assert ", so cameras were adjusted" in first.stderr
     kept = (tmp_path / "job" / "cameras.json").read_text()
     assert set(json.loads(kept)) == {camera.name for camera in cameras}
     again = solver(*arguments, "--resume")
@@ -156,7 +157,9 @@ def write_small_photos(folder, change):
     (folder / "transforms.json").write_text(json.dumps(content))
 
 
-@pytest.mark.parametrize("level, words", [(0, None), (255, "as white, so masks cannot be made")])
+@pytest.mark.parametrize(
+    "level, words", [(0, None), (255, "are white too, so no masks can be made")]
+)
 def test_a_plain_backdrop_makes_masks_or_a_warning(level, words, tmp_path):
     """The sample before black, and before white with half of its photos white as well."""
 
@@ -237,13 +240,13 @@ def test_a_limit_too_short_is_told_with_what_it_will_take_and_what_it_left(tmp_p
     short, few, small = result.stderr.splitlines()
     assert "a time limit of 0:01 is too short" in short and "it will take about 0:" in short
     assert "of 100000 steps; " in few
-    assert small == "Warning: for the time limit's sake the report's pictures are small."
+    assert small == "Warning: because of the time limit, the report's pictures are small."
 
 
 def test_photos_without_a_mask_among_others_are_told(tmp_path):
     write_small_photos(tmp_path, lambda number, image: image if number else image.convert("RGB"))
     result = solver("reconstruct", tmp_path, "--out", tmp_path / "job", *TINY)
-    assert "1 of 10 photos have no mask (0), so" in result.stderr
+    assert "no mask for 1 of 10 photos (0), so" in result.stderr
 
 
 @pytest.fixture(scope="module")
@@ -290,5 +293,5 @@ def test_an_object_before_what_is_far_away_is_told_from_it_fitted_resumed_and_sc
 def test_a_check_says_that_what_is_behind_an_object_is_far_away(before_far):
     result = solver("check", before_far / "transforms_train.json")
     assert result.returncode == 0
-    assert "before surroundings that are far away" in result.stdout
+    assert "behind the object is scenery that is far away" in result.stdout
     assert "masks show the object between" in result.stdout

@@ -215,7 +215,7 @@ def test_photos_that_changed_while_a_job_rested_are_told(tmp_path):
     )
     first.unlink()
     result = solver("run", root)
-    assert result.returncode == 0 and "and goes on with" in result.stderr, result.stderr
+    assert result.returncode == 0 and "and continues with" in result.stderr, result.stderr
 
 
 def test_a_reader_that_hangs_up_does_not_make_a_finished_run_a_failure(tmp_path, job):

@@ -46,7 +46,7 @@ def test_a_card_that_torch_is_not_made_for_is_told_with_the_way_out(driver, monk
     monkeypatch.setattr(torch.version, "cuda", None)
     driver("NVIDIA GeForce RTX 4070\nNVIDIA T4\n")
     assert idle_card().startswith(
-        "NVIDIA GeForce RTX 4070 is not used, for the solver's PyTorch is one for p"
+        "NVIDIA GeForce RTX 4070 is not used, since the solver's PyTorch is for p"
     )
 
 

@@ -178,8 +178,8 @@ def test_a_checkpoint_does_not_hold_on_to_its_file(tmp_path):
     ("overrides", "words"),
     [
         ({"field.sizes": "128"}, "1 sizes and 3 starts"),
-        ({"field.size_starts": "0.1,0.2,0.3"}, "the first has to be 0"),
-        ({"field.size_starts": "0,0.5,0.2"}, "rise"),
+        ({"field.size_starts": "0.1,0.2,0.3"}, "the first must be 0"),
+        ({"field.size_starts": "0,0.5,0.2"}, "must increase"),
         ({"fit.neural_fade": "0.5"}, "2 numbers"),
     ],
 )

@@ -260,7 +260,7 @@ def test_backgrounds_that_cannot_be_are_refused():
     opaque = [dataclasses.replace(photo, has_alpha=False) for photo in photos]
     with pytest.raises(SettingsError, match="random"):
         background_of(opaque, "random")
-    with pytest.raises(SettingsError, match="'pink' cannot be; choose one of auto, white"):
+    with pytest.raises(SettingsError, match="'pink' is not allowed; choose one of auto, white"):
         settings_for("draft", {"fit.background": "pink"})
 
 

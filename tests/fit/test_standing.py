@@ -170,7 +170,7 @@ def test_what_is_known_of_the_object_is_kept_in_a_file(tmp_path, mirror):
     pickled = path.read_bytes()
     for broken in (pickled, b"", data[: len(data) // 2], b"PK" + data[2:50], bytes(flipped)):
         path.write_bytes(broken)
-        with pytest.raises(JobError, match=r"standing\.npz.*start the reconstruction anew"):
+        with pytest.raises(JobError, match=r"standing\.npz.*start a new job"):
             read_standing(path)
 
 
@@ -222,7 +222,7 @@ def test_a_job_cuts_photos_out_once_and_goes_on_with_the_same(tmp_path, glazed, 
         np.testing.assert_array_equal(one.pixels, other.pixels)
         np.testing.assert_array_equal(one.unsure, other.unsure)
     (job.masks_dir / f"{capture.cameras[0].name}.png").unlink()
-    with pytest.raises(JobError, match="masks.*put them back, or start it anew"):
+    with pytest.raises(JobError, match="masks.*put them back, or start a new job"):
         isolated(job, SETTINGS, capture, photos, True, heard, told.append)
 
 
@@ -289,7 +289,7 @@ def test_of_a_ball_on_a_table_a_job_makes_a_ball_alone(tmp_path):
     assert (low < CENTRE - RADIUS + 0.06).all() and (high > CENTRE + RADIUS - 0.06).all()
     assert (high - low).max() < 2.9 * RADIUS
     report = json.loads((job / "result" / "report.json").read_text())
-    assert any("all that stands there" in warning for warning in report["warnings"])
+    assert any("everything standing there" in warning for warning in report["warnings"])
     held_out = table_scene(things.ball, things.red, views=3, turn=0.2)
     written(tmp_path / "held out", *held_out[:2])
     scores = tmp_path / "scores.json"

@@ -215,7 +215,9 @@ def test_no_turn_can_be_told_where_the_first_photo_is_from_right_above():
     above[2, 3] = 3.0
     cameras = tuple(dataclasses.replace(camera, camera_to_world=above) for _ in range(3))
     capture = Capture(Path("x"), cameras, np.array([[-1.0] * 3, [1.0] * 3]), up=np.eye(3)[2])
-    with pytest.raises(SettingsError, match="light.turntable.*right above.*choose no"):
+    with pytest.raises(
+        SettingsError, match="light.turntable.*taken from straight above.*choose no"
+    ):
         turntable_of(capture, "yes")
 
 

@@ -85,7 +85,7 @@ def test_cancel_and_resume_are_pressed(report):
 )
 def test_a_result_waits_until_the_person_is_done(report, meanwhile, what):
     assert report[meanwhile] == {
-        "text": f"Done; the object comes as soon as {what}", "meanwhile": True, "after": 1
+        "text": f"Done; the object will be added once {what}", "meanwhile": True, "after": 1
     }  # fmt: skip
 
 

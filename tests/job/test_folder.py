@@ -113,8 +113,8 @@ def test_opening_a_folder_without_a_job_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ('{"capture": "/ph', "cannot be read"),
-        ("[1, 2]", "no job request"),
+        ('{"capture": "/ph', "unreadable"),
+        ("[1, 2]", "not a job request"),
         ("{}", "no 'capture'"),
         ('{"capture": "/p", "schema_version": 99}', "newer version"),
         ('{"capture": 3}', "'capture'"),

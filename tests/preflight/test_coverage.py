@@ -19,7 +19,7 @@ def test_cameras_on_one_side_leave_a_gap_behind():
     one_side = texts(capture_at(around(30, degrees=150)))
     assert "gap of 215°" in one_side and "from the left" in one_side
     centred = capture_at([*around(15, degrees=60), *around(15, degrees=-60)])
-    assert "from behind (as seen in c0)" in texts(centred)
+    assert "from behind (with c0 as the front)" in texts(centred)
     few = texts(capture_at(around(12)))
     assert "only 12 photos" in few
     narrow = texts(capture_at(around(30, degrees=12, heights=(0.9,))))
@@ -37,10 +37,10 @@ def test_cameras_that_look_away_from_one_another_are_told_what_can_be_reconstruc
         capture = capture_at(outward)
         capture = replace(capture, region=region_seen_by(list(capture.cameras)))
         told = texts(capture)
-        assert "24 of 24 cameras (c0 first) see nothing of the region" in told
-        assert "one object that all photos show" in told
+        assert "24 of 24 cameras (the first: c0) do not see the region" in told
+        assert "only an object that all photos show" in told
     # A few that look elsewhere are usual.
-    assert "nothing of the region" not in texts(capture_at(poses[:20] + outward[20:]))
+    assert "do not see the region" not in texts(capture_at(poses[:20] + outward[20:]))
 
 
 def test_sides_are_named_as_the_first_camera_sees_them():

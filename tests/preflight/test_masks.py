@@ -29,8 +29,8 @@ def test_mixed_empty_full_and_cut_masks_are_told_apart(pictures, tmp_path):
     assert set(told) == {"IMG_002", "IMG_006"}
     assert "empty" in told["IMG_002"] and "whole photo" in told["IMG_006"]
     general = " ".join(f.text for f in warnings(found) if f.photo is None)
-    assert " photos have no mask (IMG_012)" in general
-    assert "beyond the frame in 1 photos (IMG_008)" in general
+    assert "no mask for 1 of 24 photos (IMG_012)" in general
+    assert "cuts off the object in 1 of 24 photos (IMG_008)" in general
     (tmp_path / "none").mkdir()
     found = checks.masks(look_at_photos(write(tmp_path / "none", pictures, masked=False)))
     assert [f.level for f in found] == ["note"] and "no photo has a mask" in found[0].text

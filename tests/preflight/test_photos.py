@@ -126,7 +126,7 @@ def test_small_objects_are_warned_about_as_large_as_they_are_in_the_fit(pictures
     looks = look_at_photos(capture)
     (whole,) = checks.size(looks, capture, 0)
     (same,) = checks.size(looks, capture, 10**6)
-    assert whole == same and whole.level == "note" and "made smaller" not in whole.text
+    assert whole == same and whole.level == "note" and "scaled" not in whole.text
     far = [replace(look, across=160.0) for look in looks]
     assert warnings(checks.size(far, capture, 0)) == []
     camera = capture.cameras[0]

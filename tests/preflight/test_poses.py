@@ -31,7 +31,7 @@ def found_of(folder, cameras, told):
 
 def test_of_cameras_that_fit_it_says_how_well(cameras, tmp_path):
     _, (found,) = found_of(tmp_path, cameras, cameras)
-    assert found.level == "note" and found.text.startswith("photos lie 0.")
+    assert found.level == "note" and found.text.startswith("photos and cameras disagree by 0.")
 
 
 def test_of_cameras_that_are_off_it_says_so_and_what_becomes_of_them(cameras, tmp_path):

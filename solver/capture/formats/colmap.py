@@ -74,7 +74,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         found.append(Found(image.where, image.name, photo, pose, intrinsics))
     if elsewhere is not None and not any(item.photo for item in found):
         raise CaptureError(
-            files["images"], "photos", f"the only photos there are those of another model, in "
+            files["images"], "photos", f"the only photos there belong to another model, in "
             f"{elsewhere.parent}", f"give {elsewhere.parent.parent}, or add the photos as they were taken",
         )  # fmt: skip
     return assemble(files["images"], NAME, found, photos, points=points, warnings=tuple(warnings))

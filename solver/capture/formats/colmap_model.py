@@ -100,7 +100,7 @@ def intrinsics_of(file: Path, sensor: Sensor) -> Intrinsics:
     name = sensor.model.upper()
     if name not in MODELS:
         raise CaptureError(
-            file, sensor.where, f"the camera model '{shown(sensor.model)}' is not known here",
+            file, sensor.where, f"the camera model '{shown(sensor.model)}' is not supported",
             f"use one of {', '.join(MODELS)}",
         )  # fmt: skip
     _, count, focals, lens = MODELS[name]

@@ -62,7 +62,7 @@ def read_cameras(file: Path) -> dict[int, Sensor]:
     for where, line in _lines(file):
         words = line.split()
         if len(words) < 5:
-            raise CaptureError(file, where, "this is no camera", _REMEDY)
+            raise CaptureError(file, where, "this is not a camera", _REMEDY)
         number, width, height = (_whole(file, where, words[i]) for i in (0, 2, 3))
         parameters = tuple(checked_number(file, where, word) for word in words[4:])
         sensors[number] = Sensor(where, words[1], width, height, parameters)
@@ -80,7 +80,7 @@ def read_images(file: Path) -> list[Image]:
             continue
         words = line.split(maxsplit=9)
         if len(words) < 10:
-            raise CaptureError(file, where, "this is no image", _REMEDY)
+            raise CaptureError(file, where, "this is not an image", _REMEDY)
         pose = tuple(_number(file, where, word) for word in words[1:8])
         number, sensor = _whole(file, where, words[0]), _whole(file, where, words[8])
         images.append(Image(where, number, pose, sensor, words[9]))
@@ -98,7 +98,7 @@ def read_points(file: Path) -> np.ndarray:
             _, x, y, z, _ = line.split(maxsplit=4)
             points.add(float(x), float(y), float(z))
         except ValueError as error:
-            raise CaptureError(file, f"line {number}", "this is no point", _REMEDY) from error
+            raise CaptureError(file, f"line {number}", "this is not a point", _REMEDY) from error
     return points.array()
 
 
@@ -190,5 +190,5 @@ def _number(file: Path, where: str, word: str) -> float:
 
 def _whole(file: Path, where: str, word: str) -> int:
     if not (word.isascii() and word.isdigit() and len(word) < 20):
-        raise CaptureError(file, where, f"'{shown(word)}' is no number of its kind", _REMEDY)
+        raise CaptureError(file, where, f"'{shown(word)}' is not a number of its kind", _REMEDY)
     return int(word)

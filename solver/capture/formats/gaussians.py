@@ -46,7 +46,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     content = read_json(path)
     if not isinstance(content, list) or len(content) > _MOST_CAMERAS:
         raise CaptureError(
-            path, "", "this is no list of cameras", "give the cameras.json of a splat"
+            path, "", "this is not a list of cameras", "give the cameras.json of a splat"
         )
     found = [_found(path, f"[{index}]", entry, photos) for index, entry in enumerate(content)]
     points = None
@@ -69,7 +69,7 @@ def _found(path: Path, where: str, entry: object, photos: PhotoFinder) -> Found:
     rows = camera.get("rotation")
     if not isinstance(rows, list) or len(rows) != 3:
         raise CaptureError(
-            path, f"{where}.rotation", "this is no 3 × 3 matrix", "export the cameras again"
+            path, f"{where}.rotation", "this is not a 3 × 3 matrix", "export the cameras again"
         )
     pose = np.eye(4)
     pose[:3, :3] = [numbers(path, f"{where}.rotation", row, 3) for row in rows]

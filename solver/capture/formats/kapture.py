@@ -60,7 +60,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     sensors_file = path.with_name(_SENSORS)
     if not _KNOWN.match(text_head(sensors_file).lower()):
         raise CaptureError(
-            sensors_file, "line 1", "only version 1 of Kapture's format is known here",
+            sensors_file, "line 1", "only version 1 of Kapture's format is supported",
             "export the data set in version 1.1",
         )  # fmt: skip
     sensors = {row[0]: (where, row) for where, row in _rows(sensors_file, 3)}
@@ -155,7 +155,7 @@ def _lens(path: Path, where: str, row: list[str]) -> Intrinsics:
     """The lens of a camera's row."""
     if row[2].lower() != "camera" or len(row) < 6:
         raise CaptureError(
-            path, where, f"'{shown(', '.join(row))}' is no camera with a lens", _AGAIN
+            path, where, f"'{shown(', '.join(row))}' is not a camera with a lens", _AGAIN
         )
     width, height, *parameters = (number(path, where, word) for word in row[4:])
     return intrinsics_of(path, Sensor(where, row[3], int(width), int(height), tuple(parameters)))

@@ -43,7 +43,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     table = read_npy(path)
     if table.ndim != 2 or table.shape[1] != 17:
         raise CaptureError(
-            path, "", "this is no table of 17 columns", "give LLFF's poses_bounds.npy"
+            path, "", "this is not a table of 17 columns", "give LLFF's poses_bounds.npy"
         )
     there = photos_in_order(path, "rows", len(table), _PHOTO_FOLDERS, photos)
     found = []
@@ -59,6 +59,6 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             )
         )  # fmt: skip
     warnings = (
-        f"{path.name}: it knows no lens distortion; where COLMAP's model is at hand (sparse/0), give that",
+        f"{path.name}: it has no lens distortion; if there is COLMAP's model (sparse/0), give that instead",
     )
     return assemble(path, NAME, found, photos, warnings=warnings)

@@ -103,7 +103,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """
     if head_of(path, 8)[4:] == _BINARY:
         raise CaptureError(
-            path, "", "this is AliceVision's binary form, which is not read",
+            path, "", "this is AliceVision's binary form, which is not supported",
             "convert it to JSON by Meshroom's node ConvertSfMFormat",
         )  # fmt: skip
     content = mapping(path, "", read_json(path))
@@ -166,7 +166,7 @@ def _version(path: Path, stated: Any) -> tuple[int, ...]:
         return (1, 0, 0)
     values = numbers(path, "version", stated)
     if not (np.abs(values) < 1e6).all():
-        raise CaptureError(path, "version", "this is no version", "export it again")
+        raise CaptureError(path, "version", "this is not a version", "export it again")
     return tuple(int(value) for value in values)
 
 

@@ -274,6 +274,6 @@ def _similarity(path: Path, element: Element) -> np.ndarray:
         matrix = numbers(path, "chunk transform", element.text, 16).reshape(4, 4)
     if not np.isfinite(matrix).all() or not np.linalg.det(matrix[:3, :3]) > 1e-30:
         raise CaptureError(
-            path, "chunk transform", "it is no rotation and scale", "export the cameras again"
+            path, "chunk transform", "it is not a rotation and scale", "export the cameras again"
         )
     return matrix

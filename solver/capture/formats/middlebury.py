@@ -69,8 +69,8 @@ def _camera(path: Path, where: str, line: str, photos: PhotoFinder) -> Found:
     name, *words = line.rsplit(maxsplit=_NUMBERS)
     if len(words) != _NUMBERS:
         raise CaptureError(
-            path, where, f"'{shown(line)}' is no name with {_NUMBERS} numbers",
-            "the file seems cut off or edited; get it anew",
+            path, where, f"'{shown(line)}' is not a name with {_NUMBERS} numbers",
+            "the file seems cut off or edited; get it again",
         )  # fmt: skip
     lens, rotation = (matrix_of(path, where, words[at : at + 9], 3, 3) for at in (0, 9))
     translation = matrix_of(path, where, words[18:], 3, 1)

@@ -108,6 +108,6 @@ def _within_box(path: Path, capture: Capture, box: Any) -> Capture:
     turned = np.abs(matrix[:3, :3] - np.diag(sides)).max() > 1e-6 * np.abs(sides).max()
     half = number(path, field, float(sides.max())) / 2
     if turned or not 1e-9 < half < 1e12 or np.abs(matrix[:3, 3]).max() > 1e12:
-        problem = f"{path.name}: {field} is no upright box; it is not used"
+        problem = f"{path.name}: {field} is not an upright box; it is not used"
         return replace(capture, warnings=(*capture.warnings, problem))
     return replace(capture, region=np.stack([matrix[:3, 3] - half, matrix[:3, 3] + half]))

@@ -73,7 +73,7 @@ def _camera(file: Path, photos: PhotoFinder) -> Found:
         raise CaptureError(
             file,
             "cam_angle_x",
-            f"{angle} is no field of view in radians",
+            f"{angle} is not a field of view in radians",
             "give an angle below 3.14",
         )
     photo = photos.find_in(file.parent, _PHOTO)

@@ -110,5 +110,5 @@ def _points(path: Path) -> tuple[np.ndarray | None, tuple[str, ...]]:
     except CaptureError as error:
         return None, (str(error),)  # a fit does without them
     if points.ndim != 2 or points.shape[1] != 3:
-        return None, (f"{path.name}: these are no points, and not used",)
+        return None, (f"{path.name}: these are not points; they are not used",)
     return points, ()

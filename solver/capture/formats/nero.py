@@ -67,7 +67,7 @@ def _camera(file: Path, photos: PhotoFinder) -> Found:
         or matrices[1].shape != (3, 3)
     ):
         raise CaptureError(
-            file, "", "this is no pickled pair of a pose (3 × 4) and a lens (3 × 3)",
+            file, "", "this is not a pickled pair of a pose (3 × 4) and a lens (3 × 3)",
             "export the cameras again",
         )  # fmt: skip
     number = _FILE.fullmatch(file.name)[1]

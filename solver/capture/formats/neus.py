@@ -70,7 +70,7 @@ def _numbered(path: Path, name: str) -> dict[int, np.ndarray]:
         if not _is_number(number):
             continue  # world_mat_inv_0
         if matrix.shape not in ((4, 4), (3, 4)):
-            raise CaptureError(path, key, "this is no 4 × 4 matrix", "export the cameras again")
+            raise CaptureError(path, key, "this is not a 4 × 4 matrix", "export the cameras again")
         found[int(number)] = matrix
     return found
 

@@ -104,7 +104,7 @@ def _identity(value: Any) -> int | None:
 def _key(path: Path, where: str, entry: dict) -> int:
     key = _identity(entry.get("key"))
     if key is None:
-        raise CaptureError(path, f"{where}.key", "the key is no number", "export it again")
+        raise CaptureError(path, f"{where}.key", "the key is not a number", "export it again")
     return key
 
 
@@ -123,7 +123,7 @@ def _data(path: Path, where: str, value: Any) -> dict:
 def _camera_to_world(path: Path, where: str, value: dict) -> np.ndarray:
     rows = entries(path, f"{where}.rotation", value.get("rotation"))
     if len(rows) != 3:
-        raise CaptureError(path, f"{where}.rotation", "it has not 3 rows", "export it again")
+        raise CaptureError(path, f"{where}.rotation", "it does not have 3 rows", "export it again")
     pose = np.eye(4)
     pose[:3, :3] = np.stack([numbers(path, f"{where}.rotation", row, 3) for row in rows]).T
     pose[:3, 3] = numbers(path, f"{where}.center", value.get("center"), 3)

@@ -196,7 +196,7 @@ def _by_id(file: Path, key: str, content: dict, at: str = "") -> dict[int, tuple
 
 def _identity(file: Path, field: str, value: Any) -> int:
     if not isinstance(value, int) or isinstance(value, bool):
-        raise CaptureError(file, field, f"'{shown(value)}' is no identity", _AGAIN)
+        raise CaptureError(file, field, f"'{shown(value)}' is not an identity", _AGAIN)
     return value
 
 
@@ -224,7 +224,7 @@ def _lens(file: Path, where: str, sensor: dict, size: np.ndarray) -> Intrinsics:
         return _fisheye(file, field, internals, size)
     if kind != "perspective":
         raise CaptureError(
-            file, f"{field}.type", f"lenses called '{shown(kind)}' are not read",
+            file, f"{field}.type", f"lenses called '{shown(kind)}' are not supported",
             "calibrate the cameras with a perspective lens, or solve them from the photos",
         )  # fmt: skip
     focal = number(file, f"{field}.focal_length_px", internals.get("focal_length_px"))
@@ -253,8 +253,8 @@ def _fisheye(file: Path, field: str, internals: dict, size: np.ndarray) -> Intri
         lens = of_quarter_turns([*powers[1:5], 0, 0, 0][:4], affine)
     if lens is None:
         raise CaptureError(
-            file, f"{field}.polynomial", "only a polynomial that begins with 0, 1 and ends with the 4th "
-            "power is a lens here", "export the undistorted photos, or solve the cameras from the photos",
+            file, f"{field}.polynomial", "only polynomials that begin with 0, 1 and end with the 4th "
+            "power are supported", "export the undistorted photos, or solve the cameras from the photos",
         )  # fmt: skip
     fx, fy, (name, distortion) = lens
     return Intrinsics(*map(int, size), fx, fy, float(cx), float(cy), name, distortion)

@@ -73,12 +73,12 @@ def _item(file: Path, content: dict, key: str, index: Any) -> dict:
 def _positions(file: Path, where: str, content: dict, accessor: dict, folder: Path) -> np.ndarray:
     """Points [N, 3] as they are stored."""
     if accessor.get("componentType") != _FLOAT or accessor.get("type") != "VEC3":
-        raise CaptureError(file, where, "its points are no triples of single precision", _AGAIN)
+        raise CaptureError(file, where, "its points are not triples of single precision", _AGAIN)
     view = _item(file, content, "bufferViews", accessor.get("bufferView"))
     buffer = _item(file, content, "buffers", view.get("buffer"))
     count, start = accessor.get("count"), view.get("byteOffset", 0)
     if not all(isinstance(v, int) and 0 <= v < 1 << 40 for v in (count, start)):
-        raise CaptureError(file, where, "its points' count or place is no number", _AGAIN)
+        raise CaptureError(file, where, "its points' count or place is not a number", _AGAIN)
     uri = buffer.get("uri")
     data = file_below(folder, file.parent, unquote(uri)) if isinstance(uri, str) else None
     if data is None:

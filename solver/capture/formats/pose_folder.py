@@ -159,5 +159,5 @@ def _within_box(capture: Capture, path: Path) -> Capture:
         if (box[0] < box[1]).all() and (box[0] < high).all() and (box[1] > low).all():
             if np.abs(box).max() < 1e12:
                 return replace(capture, region=box)
-    problem = f"{path.name}: this is no box that the cameras look at; it is not used"
+    problem = f"{path.name}: this is not a box that the cameras look at; it is not used"
     return replace(capture, warnings=(*capture.warnings, problem))

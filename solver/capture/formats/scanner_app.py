@@ -53,7 +53,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 def _camera(file: Path, photo: Path) -> Found:
     content = read_json(file)
     if not isinstance(content, dict):
-        raise CaptureError(file, "", "this is no frame", "export the scan again")
+        raise CaptureError(file, "", "this is not a frame", "export the scan again")
     pose = numbers(file, "cameraPoseARFrame", content.get("cameraPoseARFrame"), 16).reshape(4, 4)
     k = numbers(file, "intrinsics", content.get("intrinsics"), 9).reshape(3, 3)
     intrinsics = Intrinsics(*image_size(photo), *pinhole_of(file, "intrinsics", k))

@@ -84,7 +84,7 @@ def _matrix(path: Path, where: str, stated: Any, shape: tuple[int, int]) -> np.n
         values = [numbers(path, where, row) for row in stated[:rows]]
         if all(columns <= len(row) <= 4 for row in values):
             return np.stack([row[:columns] for row in values])
-    raise CaptureError(path, where, "this is no matrix", "export the cameras again")
+    raise CaptureError(path, where, "this is not a matrix", "export the cameras again")
 
 
 def _region(path: Path, stated: Any) -> np.ndarray | None:

@@ -81,7 +81,7 @@ def _rows(path: Path) -> dict[int, tuple[str, dict[str, str]]]:
         row = dict(zip(titles, map(str.strip, words), strict=False))
         frame = row.get("frame", "")
         if not (frame.isascii() and frame.isdigit() and len(frame) < 9) or int(frame) in rows:
-            raise CaptureError(path, where, f"'{shown(frame)}' is no new frame's number", _REMEDY)
+            raise CaptureError(path, where, f"'{shown(frame)}' is not a new frame", _REMEDY)
         rows[int(frame)] = where, row
     return rows
 
@@ -116,7 +116,7 @@ def _intrinsics(path: Path, where: str, row: dict[str, str], photo: Path) -> Int
     width, height = image_size(photo)
     if abs(2 * cx / width - 1) > OFF_CENTRE or abs(2 * cy / height - 1) > OFF_CENTRE:
         raise CaptureError(
-            photo, "", f"the picture, of {width} × {height} pixels, was turned or made smaller: the lens's "
+            photo, "", f"the picture, of {width} × {height} pixels, was turned or scaled down: the lens's "
             f"centre is at ({cx:.6g}, {cy:.6g}) ({path.name}, {where})", _EXTRACT.format(first=0),
         )  # fmt: skip
     return Intrinsics(width, height, fx, fy, cx, cy)

@@ -156,12 +156,12 @@ def _points(
     inside = any(file.is_relative_to(folder) for folder in (path.parent, photos.folder))
     try:
         if not (inside or photos.anywhere) or not file.is_file():
-            return None, (f"{path.name}: the points '{shown(stated)}' are not there",)
+            return None, (f"{path.name}: the points '{shown(stated)}' do not exist",)
         return read_ply_points(file), ()
     except CaptureError as error:
         return None, (str(error),)  # a fit does without them
     except (OSError, ValueError):
-        return None, (f"{path.name}: '{shown(stated)}' is no file name",)
+        return None, (f"{path.name}: '{shown(stated)}' is not a file name",)
 
 
 def _up(applied_transform: Any) -> tuple[float, float, float] | None:
@@ -216,12 +216,12 @@ def _without_lens_masks(path: Path, found: list[Found]) -> tuple[list[Found], tu
     of_lenses = masks and len(masks) == len(poses) and all(len(poses[mask]) > 1 for mask in masks)
     if len(found) < 3 or not (of_lenses or len(masks) == len(poses) == 1):
         return found, ()
-    which = f"all frames have one mask, {masks[0].name}"
+    which = f"all frames share one mask, {masks[0].name}"
     if len(masks) > 1:
         which = f"frames share {len(masks)} masks, such as {masks[0].name}"
     return [_ignoring_its_mask(item) for item in found], (
         f"{path.name}: {which}; what hides the same corners of each photo "
-        "says nothing of the object, so what is black in it is ignored",
+        "does not show the object, so what is black in it is ignored",
     )  # fmt: skip
 
 
@@ -281,7 +281,7 @@ def _from_angle(path: Path, where: str, values: dict, axis: str, pixels: int) ->
     if degrees is not None:
         if not 0 < degrees < 180:
             raise CaptureError(
-                path, key, f"{degrees} is no field of view in degrees", "give one between 0 and 180"
+                path, key, f"{degrees} is not a field of view", "give 0 to 180 degrees"
             )
         return 0.5 * pixels / math.tan(math.radians(0.5 * degrees))
     key = f"camera_angle_{axis}"
@@ -289,7 +289,5 @@ def _from_angle(path: Path, where: str, values: dict, axis: str, pixels: int) ->
     if angle is None:
         return None
     if not 0 < angle < math.pi:
-        raise CaptureError(
-            path, key, f"{angle} is no field of view in radians", "give an angle between 0 and 3.14"
-        )
+        raise CaptureError(path, key, f"{angle} is not a field of view", "give 0 to 3.14 radians")
     return 0.5 * pixels / math.tan(0.5 * angle)

@@ -114,7 +114,7 @@ def read_lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, .
         keys = _RATIONAL_KEYS  # elsewhere k4 is a power of the radius
     elif lens in ("pinhole", "opencv"):
         _refuse_rational(
-            path, where, values, "only the lens FULL_OPENCV has such a number",
+            path, where, values, "only the lens FULL_OPENCV has this coefficient",
             "call its camera_model so if it is that, or export the cameras again",
         )  # fmt: skip
         # Programs that read these files go by the numbers, whatever the model is called.
@@ -177,7 +177,7 @@ def _fisheye(path: Path, where: str, values: dict) -> tuple[str, tuple[float, ..
         CaptureError: it has other numbers, which no such lens has.
     """
     _refuse_rational(
-        path, where, values, "no fisheye has such a number, only k1 … k4, p1 and p2",
+        path, where, values, "no fisheye has this coefficient, only k1 … k4, p1 and p2",
         "remove it, or export the cameras again",
     )  # fmt: skip
     k1, k2, k3, k4, p1, p2 = (number_of(path, where, values, key) or 0.0 for key in _LISTED_KEYS)

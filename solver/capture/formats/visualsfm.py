@@ -110,7 +110,7 @@ def _name_and_numbers(path: Path, where: str, line: str, count: int) -> tuple[st
 def _count(path: Path, lines: Iterator[tuple[str, str]]) -> int:
     where, line = next(lines, ("line 2", ""))
     if not (line.isascii() and line.isdigit() and len(line) < 20):
-        raise CaptureError(path, where, f"'{shown(line)}' is no number of cameras", _REMEDY)
+        raise CaptureError(path, where, f"'{shown(line)}' is not a number of cameras", _REMEDY)
     return int(line)
 
 
