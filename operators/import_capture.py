@@ -87,7 +87,7 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
         column.prop(self, "photos")
         column.prop(self, "masks")
         column.prop(self, "ignored")
-        column.label(text="You can also pick a folder", icon="INFO")
+        column.label(text="Or pick a folder, or drop one here", icon="INFO")
 
     def _paths(self) -> list[Path]:
         """The files that were picked, or the folder; empty if there is neither."""
