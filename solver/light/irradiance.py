@@ -70,11 +70,27 @@ def _sides() -> torch.Tensor:
     return torch.stack([_shifted(down, across) for down in _SHIFTS for across in _SHIFTS])
 
 
+def _columns() -> list[int]:
+    """Patches of each row."""
+    middles = (math.sin((row + 0.5) * math.pi / PATCH_ROWS) for row in range(PATCH_ROWS))
+    return [max(4, round(2 * PATCH_ROWS * sine)) for sine in middles]
+
+
+def patches_at(directions: torch.Tensor) -> torch.Tensor:
+    """In which patch [N] unit directions [N, 3] of the world lie; where patches overlap, in its middle."""
+    x, y, z = directions.unbind(-1)
+    counts = torch.tensor(_columns(), device=x.device)
+    row = (torch.acos(z.clamp(-1, 1)) * (PATCH_ROWS / math.pi)).long().clamp(max=PATCH_ROWS - 1)
+    turn = 0.5 - torch.atan2(y, x) / (2 * math.pi)
+    count = counts[row]
+    column = (turn * count).long().clamp(min=0)
+    return (counts.cumsum(0) - counts)[row] + torch.minimum(column, count - 1)
+
+
 def _shifted(down: float, across: float) -> torch.Tensor:
     """Sides [J, 4] of a rectangle of every patch, shifted by shares of a patch's size; the poles stay."""
     sides = []
-    for row in range(PATCH_ROWS):
-        count = max(4, round(2 * PATCH_ROWS * math.sin((row + 0.5) * math.pi / PATCH_ROWS)))
+    for row, count in enumerate(_columns()):
         top, bottom = (
             (edge + down * (0 < edge < PATCH_ROWS)) / PATCH_ROWS for edge in (row, row + 1)
         )

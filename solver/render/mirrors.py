@@ -15,6 +15,7 @@ import torch.nn.functional as F
 from ..brdf.microfacet import fresnel_schlick, tangent_frame
 from ..field.heads import Materials
 from ..light.environment import LightTables
+from ..light.irradiance import patches_at
 
 MIRROR_F0 = 0.2
 """of the brightest channel, from which a surface is a mirror"""
@@ -24,8 +25,6 @@ BEND_CELLS = 2.0
 """cells over which the bend of a surface is measured at most: further on its tangent leaves it"""
 MOST_SPREAD = 2.0
 """rad, edge of what a patch becomes"""
-AT_ONCE = 65_536
-"""mirrored rays whose patches are looked for together; bounds the memory"""
 
 
 class Mirrored(NamedTuple):
@@ -73,8 +72,7 @@ def look_into_mirrors(
     environment = scene.environment
     radiance = environment.lookup(LightTables(light, None), mirrored, lobe, spread, hits)
     share = fresnel_schlick(materials.f0[beside], cosine)
-    back = [(some @ looking.directions.T).argmax(1) for some in mirrored.split(AT_ONCE)]
-    back = torch.cat(back) if back else patch
+    back = patches_at(mirrored)
     passing = looking.passing[beside, back][:, None]
     return Mirrored(
         probe, patch, share * passing * radiance, share * (1 - passing),

@@ -11,6 +11,7 @@ from solver.light.irradiance import (
     irradiance,
     middles,
     patches,
+    patches_at,
     power,
 )
 from solver.light.spherical_harmonics import sh_basis
@@ -134,3 +135,18 @@ def test_gradients_to_the_light_agree_with_finite_differences():
             ends.append(float(value()))
             light.log_radiance -= sign * 1e-3 * step
     assert math.isclose((ends[0] - ends[1]) / 2e-3, predicted, rel_tol=5e-3)
+
+
+def test_a_direction_lies_in_the_patch_whose_middle_it_is():
+    found = patches_at(middles(patches(torch.device("cpu")).lobes))
+    assert found.tolist() == list(range(len(found)))
+
+
+def test_patches_take_equal_parts_of_all_directions():
+    torch.manual_seed(0)
+    directions = torch.nn.functional.normalize(torch.randn(200_000, 3), dim=-1)
+    solid_angle = patches(torch.device("cpu")).solid_angle
+    share = torch.bincount(patches_at(directions), minlength=len(solid_angle)) / len(directions)
+    torch.testing.assert_close(share, solid_angle / (4 * math.pi), rtol=0.15, atol=0)
+    poles = torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [-1.0, -0.0, 0.0]])
+    assert ((patches_at(poles) >= 0) & (patches_at(poles) < len(solid_angle))).all()
