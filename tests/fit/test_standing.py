@@ -210,7 +210,7 @@ def test_a_job_cuts_photos_out_once_and_goes_on_with_the_same(tmp_path, glazed, 
     assert overlap(shown_by(first.photos), shown) > 0.9
     assert told == sorted(told) and told[-1] == 1
     (warning,) = heard.warnings
-    assert "Region" in warning and "'masks'" in warning
+    assert "region box" in warning and "'masks'" in warning
     assert len(list(job.masks_dir.glob("*.png"))) == len(photos)
 
     def never(*_):
