@@ -80,7 +80,7 @@ def test_a_photo_of_more_channels_than_memory_is_refused_before_it_is_decoded(
     write(tmp_path / name, np.zeros((6, 10, 60), np.float32))
     assert decode(tmp_path / name).pixels.size
     monkeypatch.setattr(decoding, "_MOST_VALUES", 6 * 10 * 4)
-    with pytest.raises(CaptureError, match=f"{name}, channels: it has 60 of 10 × 6 pixels"):
+    with pytest.raises(CaptureError, match=f"{name}, channels: it has 60 channels of 10 × 6"):
         decode(tmp_path / name)
     write(tmp_path / name, ramp(np.float32, 4))
     assert decode(tmp_path / name).pixels.shape == (6, 10, 4)

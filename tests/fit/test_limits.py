@@ -35,7 +35,7 @@ def test_every_preset_keeps_within_the_limits(preset):
     [
         ("fit.steps=0", "1 or more"), ("fit.rays=-1", "1 or more"), ("asset.texture_size=0", "16 or more"),
         ("fit.learning_rate_grid=nan", "finite"), ("field.initial_albedo=1.5", "0.999 or less"),
-        ("fit.neural_fade=0.9,0.1", "rise"), ("field.sizes=64,32,16", "rise"),
+        ("fit.neural_fade=0.9,0.1", "increase"), ("field.sizes=64,32,16", "increase"),
         ("fit.background=whte", "choose one of auto"), ("fit.exposure=gian", "white_balance"),
         ("render.retrace_choice=nosy", "systematic, noisy"), ("fit.checkpoint_every=inf", "finite"),
         ("render.neural=0.5", "fit.neural_start"), ("render.widening_gradient=no", "fit.unbiased"), ("photos.most_pixels=-1", "0 or more"),

@@ -47,7 +47,7 @@ def test_what_stands_before_a_plain_backdrop_has_masks(name, level, pictures, tm
         return np.where(mask[..., None], np.clip(colour, 20, 235), level).astype(np.uint8), None
 
     report = check(write(tmp_path, pictures, before, masked=False))
-    assert any(f"before {name}" in finding.text for finding in report.findings)
+    assert any(f"behind the object is {name};" in finding.text for finding in report.findings)
     truth = np.array([-HALF, HALF]) + [0, 0, HALF[2]]
     assert (report.box[0] < truth[0]).all() and (report.box[1] > truth[1]).all()
     assert warnings(report.findings) == []
