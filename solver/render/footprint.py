@@ -43,10 +43,21 @@ def reflected_spread(
     part = None if samples.part is None else samples.part.repeat(2)
     other = scene.surface_normals(points.view(-1, 3), part, tables.normals).view_as(points)
     bend = other - normals
-    turn = angle * edges
+    return turned_mirrored(angle * edges, bend, normals, view, facing).transpose(0, 1)
+
+
+def turned_mirrored(
+    turn: torch.Tensor, bend: torch.Tensor, normals: torch.Tensor, view: torch.Tensor,
+    facing: torch.Tensor,
+) -> torch.Tensor:  # fmt: skip
+    """By how much mirrored directions [..., 3] differ where views are turned and normals are bent [..., 3].
+
+    Args:
+        normals, view: [..., 3] unit. facing: [..., 1] their cosine.
+    """
     # Of r = d − 2 (d·n) n with d = −view: dr = dd − 2 (dd·n + d·dn) n − 2 (d·n) dn.
     change = (turn * normals - view * bend).sum(-1, keepdim=True)
-    return (turn - 2 * change * normals + 2 * facing * bend).transpose(0, 1)
+    return turn - 2 * change * normals + 2 * facing * bend
 
 
 def _spread_at_once(

@@ -16,6 +16,7 @@ from ..brdf.microfacet import fresnel_schlick, tangent_frame
 from ..field.heads import Materials
 from ..light.environment import LightTables
 from ..light.irradiance import patches_at
+from .footprint import turned_mirrored
 
 MIRROR_F0 = 0.2
 """of the brightest channel, from which a surface is a mirror"""
@@ -50,13 +51,13 @@ class Looking(NamedTuple):
 
 
 def look_into_mirrors(
-    scene, light: torch.Tensor, looking: Looking, materials: Materials
+    scene, light: torch.Tensor, looking: Looking, materials: Materials, normal_tables
 ) -> Mirrored:
     """What probes see in the metals around them.
 
     Args:
         scene: a `Scene` or a `Composition`. light: prefix sums (`LightTables.table`).
-        materials: of the surfaces next to the probes.
+        materials: of the surfaces next to the probes. normal_tables: see `Scene.normal_tables`.
     """
     mirrors = F.pad(materials.f0.amax(-1) > MIRROR_F0, (1, 0))
     probe, patch = mirrors[looking.blockers].nonzero(as_tuple=True)
@@ -65,7 +66,7 @@ def look_into_mirrors(
     hits = looking.points[probe] + distance[:, None] * toward
     part = None if looking.part is None else looking.part[beside]
     edge = looking.solid_angle[patch].sqrt()
-    mirrored, cosine, spread = _mirror(scene, hits, part, toward, distance, edge)
+    mirrored, cosine, spread = _mirror(scene, normal_tables, hits, part, toward, distance, edge)
     # Of a lobe's peak: 1 / pdf, for its rays lie a quarter as dense as normals do.
     lobe = 4 * torch.pi * materials.alpha[beside].square()
     lobe = lobe.clamp(max=4 * torch.pi)
@@ -80,23 +81,22 @@ def look_into_mirrors(
     )  # fmt: skip
 
 
-def _mirror(scene, hits, part, toward, distance, edge):
+def _mirror(scene, normal_tables, hits, part, toward, distance, edge):
     """Mirrored directions [K, 3], their cosines [K], and the edges [K, 2, 3] of what patches become; see
     `footprint.reflected_spread`, whose pixels are small."""
-    tables = scene.normal_tables()
-    normals = scene.surface_normals(hits, part, tables)
-    cosine = -(normals * toward).sum(-1)
+    normals, view = scene.surface_normals(hits, part, normal_tables), -toward
+    cosine = (normals * view).sum(-1)
     facing = cosine.clamp(min=LEAST_COSINE)[:, None]
     mirrored = F.normalize(toward + 2 * facing * normals, dim=-1)
     reach = (edge * distance)[:, None]
     measured = reach.clamp(max=BEND_CELLS * scene.cell)
     edges = []
-    for side in tangent_frame(-toward):
+    for side in tangent_frame(view):
         slid = (side * normals).sum(-1, keepdim=True) / facing.clamp(min=LEAST_SLOPE)
-        other = scene.surface_normals(hits + measured * (side + slid * toward), part, tables)
-        bend, turn = (other - normals) * (reach / measured), edge[:, None] * side
-        change = (turn * normals + toward * bend).sum(-1, keepdim=True)
-        edges.append(turn - 2 * change * normals + 2 * facing * bend)
+        beside = hits + measured * (side - slid * view)
+        bend = scene.surface_normals(beside, part, normal_tables) - normals
+        bend = bend * (reach / measured)
+        edges.append(turned_mirrored(edge[:, None] * side, bend, normals, view, facing))
     spread = torch.stack(edges, 1)
     length = spread.norm(dim=-1, keepdim=True)
     return mirrored, cosine, spread * (MOST_SPREAD / length.clamp(min=MOST_SPREAD))

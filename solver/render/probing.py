@@ -36,11 +36,13 @@ def refresh_probes(scene: Scene) -> None:
     scene.probes.fill(nodes, Arriving(passing, lobes, dark))
     if len(points) == 0:
         return
-    normals, materials = _nearest_surface(scene, points, part, distance, directions)
+    tables = scene.normal_tables()
+    normals, materials = _nearest_surface(scene, tables, points, part, distance, directions)
     blockers = _rows_of_blockers(scene, points, distance, directions)
     looking = Looking(points, part, directions, cut.solid_angle, passing, distance, blockers)
-    mirrored = look_into_mirrors(scene, light, looking, materials)
+    mirrored = look_into_mirrors(scene, light, looking, materials, tables)
     pairs = mirrored.probe, mirrored.patch
+    metals = blockers[pairs]
     diffuse = materials.albedo * (1 - materials.f0)
     sent = dark
     stopped = (1 - passing) * cut.solid_angle
@@ -48,8 +50,7 @@ def refresh_probes(scene: Scene) -> None:
         harmonics = arriving_harmonics(light, Arriving(passing, lobes, sent))
         arriving = irradiance(harmonics, normals) / math.pi
         dull, whole = _rows(diffuse * arriving), _rows((diffuse + materials.f0) * arriving)
-        in_metals = dull[blockers[pairs]] + mirrored.light
-        in_metals = in_metals + mirrored.blocked * whole[mirrored.blocker]
+        in_metals = dull[metals] + mirrored.light + mirrored.blocked * whole[mirrored.blocker]
         seen = [
             colour[blockers].index_put(pairs, in_metal)
             for colour, in_metal in zip(whole.unbind(1), in_metals.unbind(1), strict=True)
@@ -77,13 +78,11 @@ def _rows(radiance: torch.Tensor) -> torch.Tensor:
     return torch.cat([radiance.mean(0, keepdim=True), radiance])
 
 
-def _nearest_surface(scene, points, part, distance, directions):
+def _nearest_surface(scene, normal_tables, points, part, distance, directions):
     """Normals [P, 3] and materials of the surface next to each probe."""
     nearest, toward = distance.min(1)
     nearest = torch.where(nearest.isfinite(), nearest, 0.0)
-    surface = scene.surface(
-        points + nearest[:, None] * directions[toward], part, scene.normal_tables()
-    )
+    surface = scene.surface(points + nearest[:, None] * directions[toward], part, normal_tables)
     return surface.normals, surface.materials
 
 

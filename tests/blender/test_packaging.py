@@ -67,6 +67,7 @@ def test_the_zip_holds_what_runs_and_nothing_else(archive):
     assert strange == []
     assert not [n for n in names if n.endswith((".pyc", ".nbi", ".nbc", ".exr", ".png"))]
     assert size < 2e6, "source alone: no wheels, no pictures"
+    assert archive.stat().st_size < 1e6
 
 
 def test_the_manifest_says_what_the_extension_needs():

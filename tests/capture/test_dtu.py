@@ -128,7 +128,9 @@ def test_of_several_scans_one_is_to_be_named(tmp_path):
 
 def test_who_gives_a_scan_is_told_where_its_cameras_are(tmp_path):
     make(tmp_path)
-    with pytest.raises(CaptureError, match="give .*Calibration.cal18, and this folder as the"):
+    with pytest.raises(
+        CaptureError, match="give .*Calibration.cal18, and this folder as the photos'"
+    ):
         read_capture(tmp_path / SCAN)
     assert len(read_capture(tmp_path / CAL, photos=tmp_path / SCAN).cameras) == COUNT
 
