@@ -20,16 +20,13 @@ import skimage.measure
 
 from ..capture.camera import Camera
 from ..capture.photos import Photo, linear_to_srgb
+from .held_cells import held_by_silhouettes
 from .seen_space import cell_centres
 
 FINEST = 64
 """cells per axis on which hollows are looked for, at most"""
 MOST_PHOTOS = 80
 """evenly taken from all, that are looked at"""
-TOUCHING = 20 / 128
-"""length within the hull, as a share of the box, up to which a silhouette's ray says where the object is"""
-HELD_BY = 0.05
-"""share of the photos, at least two, whose silhouettes must hold a cell"""
 LEAST_LOOSE = 0.03
 """share of the hull's surface that nothing holds, below which there is nothing to look for"""
 SEEN_BY = 3
@@ -89,39 +86,6 @@ def carve_hollows(
         deepest = carving.look_at(carving.deepened(coarse & ~doubted))
         carved = carving.believed(deepest, BETTER_DEEP_DOWN)
     return hull & ~carved.repeat(finer, 0).repeat(finer, 1).repeat(finer, 2)
-
-
-def held_by_silhouettes(
-    cameras: list[Camera], photos: list[Photo], hull: np.ndarray, box: np.ndarray
-) -> np.ndarray:
-    """[K, K, K] bool: cells that rays along enough photos' silhouettes touch, or may touch."""
-    cells = hull.shape[0]
-    edge = float((box[1] - box[0]).max()) / cells
-    centre, reach = box.mean(0), 0.9 * edge * cells
-    along = np.arange(-reach, reach, edge / 2)
-    votes = np.zeros(hull.size, dtype=np.int16)
-    for camera, photo in zip(cameras, photos, strict=True):
-        mask = photo.pixels[..., 3] > 0.5
-        # What the frame, or what a photo says nothing of, cuts off has no silhouette there.
-        if photo.told is not None:
-            mask = mask | ~photo.told
-        inner = scipy.ndimage.binary_erosion(mask, border_value=1)
-        edge_of_it = mask & ~inner
-        row, column = np.nonzero(edge_of_it if photo.told is None else edge_of_it & photo.told)
-        distance = np.linalg.norm(camera.position - centre)
-        stride = max(1, int(edge * max(camera.fx, camera.fy) / distance))
-        origins, directions = camera.rays(column[::stride] + 0.5, row[::stride] + 0.5)
-        middle = ((centre - origins) * directions).sum(-1)
-        points = origins[:, None] + (middle[:, None] + along)[..., None] * directions[:, None]
-        cell = np.floor((points - box[0]) / edge).astype(np.int32)
-        inside = ((cell >= 0) & (cell < cells)).all(-1)
-        flat = np.ravel_multi_index(np.moveaxis(cell.clip(0, cells - 1), -1, 0), hull.shape)
-        inside &= hull.ravel()[flat]
-        short = inside.sum(1) * edge / 2 <= TOUCHING * edge * cells
-        votes[np.unique(flat[short][inside[short]])] += 1
-    # Rays of neighbouring pixels are further apart than cells where those are small.
-    votes = scipy.ndimage.maximum_filter(votes.reshape(hull.shape), 3)
-    return (votes >= max(2, HELD_BY * len(cameras))) & hull
 
 
 class _Surface(NamedTuple):

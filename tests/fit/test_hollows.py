@@ -8,7 +8,8 @@ import pytest
 from solver.capture.camera import Camera
 from solver.capture.photos import Photo, srgb_to_linear
 from solver.fit import hollows
-from solver.fit.hollows import Carving, carve_hollows, held_by_silhouettes
+from solver.fit.held_cells import held_by_silhouettes
+from solver.fit.hollows import Carving, carve_hollows
 from solver.fit.seen_space import cell_centres
 from solver.fit.visual_hull import carve
 from tests.cameras.box_scene import look_at

@@ -15,7 +15,8 @@ from solver.fit.cut_out import cut_out
 from solver.fit.cut_out_standing import find_on_support
 from solver.fit.evaluate import image_scores
 from solver.fit.exposure import brought_to, photo_views
-from solver.fit.hollows import Carving, held_by_silhouettes
+from solver.fit.held_cells import held_by_silhouettes
+from solver.fit.hollows import Carving
 from solver.fit.ray_bank import RayBank
 from solver.fit.schedule import picture_settings
 from solver.fit.start import masks_of, new_trainer
