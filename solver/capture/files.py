@@ -109,11 +109,11 @@ def head_of(path: Path, count: int = 1 << 16) -> bytes:
 
 def text_head(path: Path, count: int = 256) -> bytes:
     """The first bytes of a text file in UTF-8, without a byte order mark and leading blanks; also of one in
-    UTF-16, as Windows' shell writes it."""
+    UTF-16, as Windows' shell writes it; nothing of an archive."""
     head = head_of(path, count)
     if head[:2] in _UTF_16:
         head = as_text(head, "ignore").encode("utf-8", "ignore")
-    return head.lstrip(b"\xef\xbb\xbf \r\n\t")
+    return b"" if head[:4] == b"PK\3\4" else head.lstrip(b"\xef\xbb\xbf \r\n\t")
 
 
 def json_head(path: Path, count: int = 1 << 20) -> bytes:

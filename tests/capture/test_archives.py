@@ -78,6 +78,22 @@ def test_an_archive_reads_as_its_folder_does(tmp_path, make, name, above):
     assert files_below(unpacked(archive)) == files_below(folder)
 
 
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"<document><chunk><camera/></chunk></document>", b"<BlocksExchange/>",
+        b"<x xmlns:xcr='http://www.capturingreality.com/ns/xcr/1.1#'/>",
+    ],
+)  # fmt: skip
+def test_an_archive_is_no_camera_file_though_one_lies_in_it_uncompressed(tmp_path, content):
+    """Python's zipfile and others pack so unless they are told otherwise."""
+    of_names(tmp_path / "cameras.zip", "cameras.xml", content=content)
+    with pytest.raises(
+        CaptureError, match="no camera file in this folder; give cameras.zip itself"
+    ):
+        read_capture(tmp_path)
+
+
 def test_a_folder_of_the_archives_own_name_is_not_put_into_another(tmp_path):
     archive = packed(make_capture(tmp_path / "o"), tmp_path / "lego.zip", "lego")
     assert unpacked(archive) == tmp_path / "lego"

@@ -337,6 +337,26 @@ def test_cameras_of_a_component_without_a_place_are_left_out_beside_placed_ones(
     np.testing.assert_allclose(cameras["IMG_0003"].position, 2 * poses()[3, :3, 3] + 1)
 
 
+def test_a_projects_own_chunk_is_read_as_its_export_is(tmp_path):
+    """`doc.xml` in a `.psx` project's `chunk.zip` is what a document has around it, alone."""
+    whole = simple(chunk=chunk_transform(rotation(np.random.default_rng(1)), 2.5, np.ones(3)))
+    chunk = whole[whole.index("<chunk") : whole.index("</chunk>")].replace(
+        "<chunk ", '<chunk version="1.2.0" '
+    )
+    frames = '<frames next_id="1"><frame id="0" path="0/frame.zip"/></frames></chunk>'
+    exported = read_capture(write(tmp_path / "exported", whole))
+    inside = tmp_path / "project" / "duck.files" / "0"
+    inside.mkdir(parents=True)
+    save_photos(tmp_path / "project" / "photos")
+    (inside / "doc.xml").write_text(f'<?xml version="1.0" encoding="UTF-8"?>\n{chunk}{frames}')
+    for given_as in (tmp_path / "project", inside / "doc.xml"):
+        capture = read_capture(given_as, photos=tmp_path / "project" / "photos")
+        assert capture.format == "Metashape cameras.xml" and len(capture.cameras) == COUNT
+        for one, other in zip(capture.cameras, exported.cameras, strict=True):
+            assert one.name == other.name and one.distortion == other.distortion
+            np.testing.assert_allclose(one.camera_to_world, other.camera_to_world)
+
+
 def test_of_several_chunks_the_one_with_the_most_cameras_is_read(tmp_path):
     save_photos(tmp_path)
     whole = simple()

@@ -48,6 +48,47 @@ def test_each_frame_may_have_a_lens_and_a_mask_of_its_own(tmp_path):
     assert first.mask_path is None
 
 
+def test_the_foreground_masks_of_head_avatars_show_the_object(tmp_path):
+    """As VHAP writes them and GaussianAvatars reads them, beside `file_path`."""
+
+    def change(content):
+        for index, frame in enumerate(content["frames"]):
+            frame.update(timestep_index=0, camera_index=index)
+            frame["fg_mask_path"] = f"fg_masks/00000_{index:02}.png"
+        content["frames"][2]["mask_path"] = "cut/two.png"
+
+    folder = make_capture(tmp_path, alpha=False, edit=change)
+    masks = [f"fg_masks/00000_{index:02}.png" for index in range(4)]
+    for name in (*masks, "cut/two.png"):
+        (folder / name).parent.mkdir(exist_ok=True)
+        Image.new("L", (8, 8), 255).save(folder / name)
+    masks[2] = "cut/two.png"
+    assert [c.mask_path for c in read_capture(folder).cameras] == [folder / name for name in masks]
+
+
+def test_cameras_that_look_away_from_one_another_may_have_the_axes_of_opencv(tmp_path):
+    """As scripts write that forget to turn them."""
+
+    def turned(content):
+        for frame in content["frames"]:
+            matrix = np.array(frame["transform_matrix"]) @ np.diag([1, -1, -1, 1])
+            frame["transform_matrix"] = matrix.tolist()
+
+    said = "look away from one another; if transform_matrix has OpenCV's axes, negate its second"
+    file = make_capture(tmp_path / "right") / "transforms_train.json"
+    assert not read_capture(file).warnings
+    file = make_capture(tmp_path / "turned", edit=turned) / "transforms_train.json"
+    (warning,) = read_capture(file).warnings
+    assert said in warning
+    # Of cameras that this program wrote for itself there is no such file.
+    assert not read_capture(file, trusted=True).warnings
+    panoramas = make_capture(
+        tmp_path / "all_around",
+        edit=lambda c: (turned(c), c.update(camera_model="EQUIRECTANGULAR")),
+    )
+    assert not read_capture(panoramas).warnings
+
+
 def test_one_mask_for_all_frames_hides_a_lenss_corners_and_is_no_object(tmp_path):
     """As nerfstudio writes them for `--percent-radius-crop`, fisheyes and Project Aria."""
 

@@ -48,9 +48,9 @@ _IN_A_RIG = "members of a rig, whose places in it the file does not state,"
 
 
 def recognises(file: Path) -> bool:
-    """True for XML with a document, a chunk and its sensors or cameras, also if it is cut off."""
+    """True for XML with a chunk and its sensors or cameras, also if it is cut off or a project's own."""
     head = text_head(file, 1 << 16)
-    return b"<document" in head and b"<chunk" in head and (b"<sensor" in head or b"<camera" in head)
+    return b"<chunk" in head and (b"<sensor" in head or b"<camera" in head)
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:

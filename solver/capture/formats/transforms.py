@@ -95,7 +95,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             values = {**content, **frame, "camera_model": model}
             intrinsics = _intrinsics(path, where, values, photo)
         if photo is not None:
-            mask = photos.mask_of(photo, frame.get("mask_path"), beside=path)
+            mask = photos.mask_of(photo, frame.get("mask_path") or frame.get("fg_mask_path"), path)
         found.append(
             Found(f"{where}.transform_matrix", stated, photo, frame.get("transform_matrix"),
                   intrinsics, mask, photos.picture_at(frame.get("ignored_path"), path),
@@ -111,7 +111,14 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         path, NAME, found, photos, points=points, up=_up(applied),
         warnings=warnings + problems + of_all,
     )  # fmt: skip
-    return _as_held(capture, turned=applied is not None)
+    capture = _as_held(capture, turned=applied is not None)
+    aim = capture.region.mean(0)
+    depths = [c.view_direction @ (aim - c.position) for c in capture.cameras if not c.is_panoramic]
+    if np.median([*depths, 0]) >= 0 or photos.anywhere:
+        return capture
+    told = (f"{path.name}: its cameras look away from one another; if transform_matrix has OpenCV's "
+            "axes, negate its second and third columns")  # fmt: skip
+    return replace(capture, warnings=(*capture.warnings, told))
 
 
 def write_transforms(
