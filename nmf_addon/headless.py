@@ -1,10 +1,5 @@
 """Reconstruct without a window: `blender -c nmf`, `samples/reconstruct.py`, and the plain function.
 
-    reconstruct CAPTURE OUT.blend [--photos FOLDER] [--masks FOLDER] [--ignore PATH]
-                [--preset draft|standard|paper] [--device auto|cpu|cuda|mps] [--seed 0]
-                [--time-limit SECONDS] [--set section.field=value …] [--job FOLDER] [--resume]
-                [--overwrite]
-
 Exit codes are the solver's: 0 done, 2 bad input, 3 cancelled, 4 out of memory, 1 anything else.
 """
 
@@ -18,12 +13,13 @@ from pathlib import Path
 
 import bpy
 
+from ..solver.arguments import add_capture, add_seed, add_settings
 from ..solver.capture.errors import CaptureError
 from ..solver.job.events import Event, clock
 from ..solver.job.exit_codes import BAD_INPUT, CANCELLED, DONE, FAILED
 from ..solver.job.folder import JobFolder
 from ..solver.job.inputs import capture_of
-from ..solver.job.request import JobError, overrides_of
+from ..solver.job.request import MOST_SEED, JobError, overrides_of
 from ..solver.job.resume import take_up
 from . import preferences
 from .jobs.create import create_job, last_job_root, new_job_root
@@ -77,20 +73,13 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     command = commands.add_parser("reconstruct", help="turn photos and cameras into a .blend")
-    command.add_argument("capture", type=Path, help="folder, camera file or archive")
-    command.add_argument("out", type=Path, metavar="OUT.blend")
-    command.add_argument("--photos", type=Path, help="photo folder, if not in the capture's")
-    command.add_argument("--masks", type=Path, help="mask folder, if not 'masks' there")
-    command.add_argument(
-        "--ignore", type=Path, help="pictures, white where photos are to be ignored"
-    )
+    add_capture(command, "folder, camera file or archive")
+    command.add_argument("out", type=Path, metavar="OUT.blend", help="new file")
     command.add_argument("--preset", help="draft (default), standard or paper")
     command.add_argument("--device", help="auto (default), cpu, cuda or mps")
-    command.add_argument("--seed", type=int)
-    command.add_argument("--time-limit", type=float, metavar="SECONDS")
-    command.add_argument(
-        "--set", action="append", default=[], dest="sets", metavar="section.field=value"
-    )
+    add_seed(command, MOST_SEED, None)
+    command.add_argument("--time-limit", type=float, metavar="SECONDS", help="for the whole job")
+    add_settings(command, "section.field=value", "change a setting (see docs/manual.md)")
     command.add_argument("--job", type=Path, help="job folder; default: beside OUT.blend")
     command.add_argument("--resume", action="store_true", help="continue the job in the job folder")
     command.add_argument("--overwrite", action="store_true", help="replace OUT.blend")
@@ -115,7 +104,7 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
     # Factory settings would switch off the installed extension, which this is.
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     check_cycles(bpy.context.scene)
-    given = (options.capture, options.photos, options.masks, options.ignore)
+    given = (options.capture, options.photos, options.masks, options.ignored)
     capture, photos, masks, ignored = unpack_all(
         bpy.context, [None if path is None else path.absolute() for path in given]
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..solver.capture.errors import counted
 from ..solver.job.events import clock
 from . import preferences, runtime, thumbnails
 from .jobs.model import JobModel
@@ -50,8 +51,7 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
             row = layout.row()
             row.scale_y = 1.4
             row.operator("nmf.import_capture", icon="IMPORT")
-            layout.operator("nmf.solve_cameras", icon="CON_CAMERASOLVER")
-            _draw_moving_camera(layout, context, True)
+            _draw_solve(layout, context, {})
             note(layout, context, "Import photos with cameras from COLMAP, Metashape, RealityScan, "
                   "Meshroom, transforms.json and others, or drop a camera file here. For photos "
                   "alone, or a video: Solve Cameras.")  # fmt: skip
@@ -63,13 +63,13 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
         row.prop(context.scene.nmf, "capture", text="", placeholder=collection.name)
         row = column.row(align=True) if narrow else row
         row.operator("nmf.import_capture", text="", icon="IMPORT")
-        row.operator("nmf.solve_cameras", text="", icon="CON_CAMERASOLVER")
-        _draw_moving_camera(row, context, False)
+        _draw_solve(row, context, {"text": ""})
         cameras = sum(
             i.type == "CAMERA" and photo_of(i) is not None for i in collection.all_objects
         )
         row = layout.row(align=True)
-        row.label(text=f"{cameras} photos with cameras", icon="IMAGE_DATA")
+        text = f"{cameras} photo|photos with camera|cameras"
+        row.label(text=counted(text), icon="IMAGE_DATA")
         if hidden_cameras(collection):
             row.operator("nmf.show_photos", icon="HIDE_ON")
         report = check_report(collection)
@@ -82,7 +82,10 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
                 row.operator("nmf.fit_region_box", text="", icon="MOD_MASK")
         pair = layout.column(align=True) if narrow else layout.row(align=True)
         pair.operator("nmf.set_scale", icon="DRIVER_DISTANCE")
-        pair.operator("nmf.check_capture", icon="VIEWZOOM")
+        if side_task.running:  # see _draw_solve
+            pair.label()
+        else:
+            pair.operator("nmf.check_capture", icon="VIEWZOOM")
         _draw_task(layout, context)
         _draw_findings(layout, context, report)
 
@@ -138,12 +141,17 @@ class NMF_PT_result(Sidebar, bpy.types.Panel):
         column.operator("nmf.open_job_folder", icon="FILE_FOLDER")
 
 
-def _draw_moving_camera(
-    layout: bpy.types.UILayout, context: bpy.types.Context, with_name: bool
+def _draw_solve(
+    layout: bpy.types.UILayout, context: bpy.types.Context, words: dict[str, str]
 ) -> None:
-    """Its button, where there is such a camera."""
+    """Solve Cameras, and Use Moving Camera where there is one.
+
+    None while a task runs: Blender leaves a button that goes grey under the pointer grey after that.
+    """
+    if side_task.running:
+        return
+    layout.operator("nmf.solve_cameras", icon="CON_CAMERASOLVER", **words)
     if shot_camera(context) is not None:
-        words = {} if with_name else {"text": ""}
         layout.operator("nmf.use_moving_camera", icon="VIEW_CAMERA", **words)
 
 
@@ -151,11 +159,18 @@ def _draw_task(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     model = side_task.model
     if side_task.running:
         _draw_bar(layout, context, model, "nmf.cancel_task")
-    elif model.state in OUTCOME_ICONS:
+    elif model.state in OUTCOME_ICONS and not _is_undone(context):
         paragraph(layout, context, model.text, icon=OUTCOME_ICONS[model.state])
         for line in short_error(model.error):
             note(layout, context, line)
         _draw_warnings(layout, context, model)
+
+
+def _is_undone(context: bpy.types.Context) -> bool:
+    """Whether what the last task has done is not to be seen in the tab's capture."""
+    holds_for, collection = side_task.holds_for, active_capture(context)
+    is_told = side_task.model.state != "done" or holds_for is None
+    return not is_told and (collection is None or not holds_for(collection))
 
 
 def _draw_bar(

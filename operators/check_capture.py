@@ -14,7 +14,7 @@ from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
 from ..nmf_addon.properties import chosen_overrides
 from ..nmf_addon.runtime import RuntimeMissing
 from ..nmf_addon.scene.capture_collection import active_capture, capture_of_number
-from ..nmf_addon.scene.findings import keep_report
+from ..nmf_addon.scene.findings import check_report, keep_report
 from ..nmf_addon.scene.region import is_as_placed, region_box
 from ..nmf_addon.words import words_of
 from ..solver.capture.errors import CaptureError
@@ -58,6 +58,7 @@ class NMF_OT_check_capture(bpy.types.Operator):
             count = sum(finding["level"] == "warning" for finding in report["findings"])
             plural = "" if count == 1 else "s"
             task.model.text = f"Check: {count or 'no'} warning{plural}"
+            task.holds_for = lambda c: c.session_uid == number and check_report(c) == report
 
         try:
             python = preferences.solver_python()

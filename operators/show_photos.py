@@ -49,6 +49,10 @@ class NMF_OT_show_photos(bpy.types.Operator):
             result = next(event.data for event in task.events if event.kind == "result")
             count = 0 if found is None else show_pictures(found, result["pictures"])
             task.model.text = said or f"Photos shown: {count}"
+            left = 0 if found is None else len(hidden_cameras(found))
+            task.holds_for = lambda c: (
+                c.session_uid == number and bool(said or len(hidden_cameras(c)) <= left)
+            )
             bpy.ops.ed.undo_push(message=NMF_OT_show_photos.bl_label)
 
         try:

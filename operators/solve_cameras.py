@@ -28,6 +28,13 @@ from ..solver.capture.ignored import check_ignored
 from ..solver.capture.image_header import EXTENSIONS
 from ..solver.capture.picture_names import VIDEOS
 
+LENSES = (
+    ("OPENCV", "Standard", "Distortion that most lenses have"),
+    ("SIMPLE_RADIAL", "Simple Radial", "Less freedom, for few photos or where Standard fails"),
+    ("OPENCV_FISHEYE", "Fisheye", "Fisheyes, and action cameras at their widest"),
+    ("PINHOLE", "No Distortion", "Renders, and photos that a program has undistorted"),
+)
+
 
 class NMF_OT_solve_cameras(bpy.types.Operator):
     """Find where photos were taken from, and import them with their cameras: pick their folder, an archive
@@ -52,6 +59,9 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
     )
     single_camera: bpy.props.BoolProperty(
         name="One Lens", description="All photos were taken with one lens at one zoom and focus"
+    )
+    camera_model: bpy.props.EnumProperty(
+        name="Lens Model", items=LENSES, description="How lenses may bend what they show"
     )
     video_photos: bpy.props.IntProperty(
         name="Video Photos", default=VIDEO_PHOTOS, min=FEWEST_PHOTOS, max=MOST_VIDEO_PHOTOS,
@@ -86,7 +96,9 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         """The file browser's sidebar."""
         column = self.layout.column()
         column.use_property_split, column.use_property_decorate = True, False
-        for name in ("sequential", "single_camera", "video_photos", "masks", "ignored"):
+        for name in (
+            "sequential", "single_camera", "camera_model", "video_photos", "masks", "ignored",
+        ):  # fmt: skip
             column.prop(self, name)
         column.label(text="Pick the photos' folder, their archive or a video", icon="INFO")
 
@@ -113,6 +125,7 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         name = source.stem if of_video else source.name
         out = _unfinished(source) or new_job_root(f"{name} cameras", jobs_folder())
         words = ["solve", str(source), "--out", str(out), "--events"]
+        words += ["--camera-model", self.camera_model]
         words += ["--matcher", "sequential"] if self.sequential else []
         words += ["--single-camera"] if self.single_camera else []
         words += ["--video-photos", str(self.video_photos)] if of_video else []
@@ -129,6 +142,8 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
             result = next(e.data for e in task.events if e.kind == "result")
             said = f"{result.get('placed')} of {result.get('photos')} photos have a camera"
             task.model.text, warnings = said, task.model.warnings
+            number = bpy.context.scene.nmf.capture.session_uid
+            task.holds_for = lambda c: c.session_uid == number
             if bpy.ops.nmf.show_photos.poll():
                 with suppress(RuntimeError):  # its button stays
                     bpy.ops.nmf.show_photos(said=said)

@@ -81,14 +81,16 @@ class NMF_OT_use_moving_camera(bpy.types.Operator):
             looked_at = bpy.context.scene == scene
             layer = bpy.context.view_layer if looked_at else scene.view_layers[0]
             with bpy.context.temp_override(scene=scene, view_layer=layer):
-                scene.nmf.capture = capture_shot(bpy.context, found, film, pictures, cameras)
+                made = capture_shot(bpy.context, found, film, pictures, cameras)
+            scene.nmf.capture, made_number = made, made.session_uid
+            task.holds_for = lambda c: c.session_uid == made_number
             task.model.text = f"{len(pictures)} photos extracted"
             bpy.ops.ed.undo_push(message=NMF_OT_use_moving_camera.bl_label)
 
         try:
             if len(frames) < FEWEST_PHOTOS:
                 raise CaptureError(
-                    shot.file, "frames", f"there are {len(frames)} between the first and the last one",
+                    shot.file, "frames", f"too few: {len(frames)} between the first and the last one",
                     "choose others",
                 )  # fmt: skip
             if not shot.is_video:

@@ -23,6 +23,7 @@ import bpy
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "samples"))
 
+import demo_views  # noqa: E402
 import reconstruct  # noqa: E402
 
 CAPTURE = ROOT / "samples" / "duck"
@@ -81,26 +82,27 @@ def held_out_cameras(package) -> dict[int, object]:
 
 def render_all(package, cameras: dict, folder: Path) -> None:
     """Held-out views, a turntable, and the views relit, as linear EXRs under `folder`."""
-    views = importlib.import_module(f"{package.__name__}.nmf_addon.scene.render_views")
     world = importlib.import_module(f"{package.__name__}.nmf_addon.scene.world")
     context = bpy.context
     context.scene.cycles.use_denoising = True
     shown = cameras[SHOWN]
 
     say("2/5 the held-out views in Cycles")
-    views.render_cameras(
-        context, list(cameras.values()), folder / "cycles", SAMPLES, progress=counter()
+    demo_views.render_cameras(
+        package, context, list(cameras.values()), folder / "cycles", SAMPLES, progress=counter()
     )
     say("3/5 a turntable")
-    views.turntable(
-        context, enlarged(shown, 300), (0, 0, 0), folder / "turntable", TURNTABLE_FRAMES,
+    demo_views.turntable(
+        package, context, enlarged(shown, 300), (0, 0, 0), folder / "turntable", TURNTABLE_FRAMES,
         SAMPLES, progress=counter(),
     )  # fmt: skip
     for name in RELIGHTS:
         say(f"4/5 relit: {name}")
         world.relight(context.scene, CAPTURE / f"relight_{name}.exr")
         shots = [*cameras.values(), dataclasses.replace(enlarged(shown, 400), name="large")]
-        views.render_cameras(context, shots, folder / name, SAMPLES, progress=counter())
+        demo_views.render_cameras(
+            package, context, shots, folder / name, SAMPLES, progress=counter()
+        )
 
 
 def enlarged(camera, width: int):

@@ -12,10 +12,44 @@ from .capture.archives import is_archive, unpacked
 from .job.request import JobError
 from .streams import say
 
-IGNORE = (
-    "folder or archive of pictures, white where photos are to be ignored, or one picture for all"
-)
-"""help of `--ignore`"""
+
+def add_ignore(command: argparse.ArgumentParser) -> None:
+    """Add the option for what is to be ignored of photos."""
+    command.add_argument(
+        "--ignore", type=Path, metavar="PATH", dest="ignored",
+        help="folder or archive of pictures, white where photos are to be ignored, or one for all",
+    )  # fmt: skip
+
+
+def add_capture(command: argparse.ArgumentParser, kinds: str) -> None:
+    """Add the arguments for a capture, of these kinds, and its pictures."""
+    command.add_argument("capture", type=Path, help=kinds)
+    for name, place in (
+        ("photos", "in the capture's folder"),
+        ("masks", "in a folder 'masks' there"),
+    ):
+        command.add_argument(
+            f"--{name}",
+            type=Path,
+            metavar="DIR",
+            help=f"folder or archive of the {name}, if not {place}",
+        )
+    add_ignore(command)
+
+
+def add_seed(command: argparse.ArgumentParser, most: int, default: int | None) -> None:
+    """Add the option for the seed."""
+    command.add_argument(
+        "--seed", type=whole_number(0, most), default=default, metavar="N",
+        help="number that fixes all random choices (default 0)",
+    )  # fmt: skip
+
+
+def add_settings(command: argparse.ArgumentParser, form: str, purpose: str) -> None:
+    """Add the option that changes settings."""
+    command.add_argument(
+        "--set", action="append", default=[], metavar=form, dest="sets", help=purpose
+    )
 
 
 def placement(text: str) -> tuple[float, ...]:

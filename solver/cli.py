@@ -13,7 +13,17 @@ import time
 from pathlib import Path
 
 from . import __version__
-from .arguments import IGNORE, check_names, placement, seconds, unpack_archives, whole_number
+from .arguments import (
+    add_capture,
+    add_ignore,
+    add_seed,
+    add_settings,
+    check_names,
+    placement,
+    seconds,
+    unpack_archives,
+    whole_number,
+)
 from .cameras.command import add_frames, add_solve
 from .interrupts import work_is_done
 from .job.begun import Begun
@@ -74,63 +84,54 @@ def _parser() -> argparse.ArgumentParser:
     add_check(commands)
     add_pictures(commands)
     new = commands.add_parser("reconstruct", help="turn photos into mesh, textures and light")
-    new.add_argument("capture", type=Path, help="folder, camera file or archive")
+    add_capture(new, "folder, camera file or archive")
     new.add_argument("--out", type=Path, required=True, metavar="JOB", help="new job folder")
-    new.add_argument("--photos", type=Path, metavar="DIR", help="if not in the capture's folder")
-    new.add_argument("--masks", type=Path, metavar="DIR", help="if not in a folder 'masks' there")
-    new.add_argument("--ignore", type=Path, metavar="PATH", dest="ignored", help=IGNORE)
     new.add_argument("--preset", help="draft (default), standard or paper")
-    new.add_argument("--device", choices=DEVICES)
-    new.add_argument("--seed", type=whole_number(0, MOST_SEED))
+    new.add_argument("--device", choices=DEVICES, help="device to run on; default: auto")
+    add_seed(new, MOST_SEED, None)
     new.add_argument("--time-limit", type=seconds, metavar="SECONDS", help="for the whole job")
     new.add_argument(
         "--resume", action="store_true", help="continue the job in JOB; only its limit may change"
     )
-    _add_settings(new, "section.field=value", "change a setting (see docs/manual.md)")
+    add_settings(new, "section.field=value", "change a setting (see docs/manual.md)")
     new.set_defaults(run=_reconstruct)
 
     run = commands.add_parser("run", help="run or resume a job folder (how Blender starts it)")
-    run.add_argument("job", type=Path)
+    _add_job(run, "its folder")
     run.add_argument("--events", action="store_true", help="events on stdout, no bar")
     run.set_defaults(run=_run)
 
     render = commands.add_parser("render", help="render a finished job from given cameras")
-    render.add_argument("job", type=Path)
-    render.add_argument(
-        "--cameras", type=Path, required=True, help="camera file, or an archive with one"
-    )
-    render.add_argument("--out", type=Path, required=True)
-    _add_light(render)
+    _add_job(render)
+    _add_views(render)
     render.set_defaults(run=_render)
 
     compose = commands.add_parser("compose", help="render several jobs together under one light")
-    compose.add_argument("jobs", type=Path, nargs="+", metavar="JOB")
     compose.add_argument(
-        "--cameras", type=Path, required=True, help="camera file, or an archive with one"
+        "jobs", type=Path, nargs="+", metavar="JOB", help="folders of finished jobs"
     )
-    compose.add_argument("--out", type=Path, required=True)
     compose.add_argument(
         "--place", action="append", default=[], type=placement, metavar="X,Y,Z[,SCALE[,DEGREES]]",
         help="where each job's world goes, in order: moved, scaled, turned about +Z",
     )  # fmt: skip
-    _add_light(compose)
+    _add_views(compose)
     compose.set_defaults(run=_compose)
 
     evaluate = commands.add_parser("evaluate", help="compare renders with held-out photos")
-    evaluate.add_argument("job", type=Path)
+    _add_job(evaluate)
+    _add_cameras(evaluate, "camera file with photos, or an archive with both")
+    evaluate.add_argument("--photos", type=Path, metavar="DIR", help="theirs, if not in its folder")
+    add_ignore(evaluate)
     evaluate.add_argument(
-        "--cameras", type=Path, required=True, help="camera file with photos, or an archive with both"
-    )  # fmt: skip
-    evaluate.add_argument("--photos", type=Path, metavar="DIR", help="if not in its folder")
-    evaluate.add_argument("--ignore", type=Path, metavar="PATH", dest="ignored", help=IGNORE)
-    evaluate.add_argument("--out", type=Path, help="file for the scores, such as metrics.json")
+        "--out", type=Path, metavar="FILE", help="file for the scores, such as metrics.json"
+    )
     _add_rendering(evaluate)
     evaluate.set_defaults(run=_evaluate)
 
     export = commands.add_parser("export", help="copy a job's asset files, or bake them again")
-    export.add_argument("job", type=Path)
-    export.add_argument("--out", type=Path, help="new folder; default: JOB/export")
-    _add_settings(export, "asset.field=value", "bake again with another mesh or other textures")
+    _add_job(export)
+    export.add_argument("--out", type=Path, metavar="DIR", help="new folder; default: JOB/export")
+    add_settings(export, "asset.field=value", "bake again with another mesh or other textures")
     export.set_defaults(run=_export)
 
     loops = commands.add_parser("compile", help="compile what the first fit would have to wait for")
@@ -138,26 +139,36 @@ def _parser() -> argparse.ArgumentParser:
 
     doctor = commands.add_parser("doctor", help="show what this machine can do")
     doctor.set_defaults(run=_doctor)
+    for listed in commands._choices_actions:  # their own help says what they do, too
+        commands.choices[listed.dest].description = f"{listed.help[0].upper()}{listed.help[1:]}."
     return parser
 
 
-def _add_settings(command: argparse.ArgumentParser, form: str, purpose: str) -> None:
-    command.add_argument(
-        "--set", action="append", default=[], metavar=form, dest="sets", help=purpose
-    )
+def _add_job(command: argparse.ArgumentParser, purpose: str = "folder of a finished job") -> None:
+    command.add_argument("job", type=Path, metavar="JOB", help=purpose)
 
 
-def _add_light(command: argparse.ArgumentParser) -> None:
+def _add_cameras(command: argparse.ArgumentParser, purpose: str) -> None:
+    command.add_argument("--cameras", type=Path, required=True, metavar="FILE", help=purpose)
+
+
+def _add_views(command: argparse.ArgumentParser) -> None:
+    _add_cameras(command, "camera file, or an archive with one")
     command.add_argument(
-        "--environment", type=Path, help="another light: an equirectangular EXR, or another job"
+        "--out", type=Path, required=True, metavar="DIR", help="folder for the pictures"
     )
+    command.add_argument(
+        "--environment", type=Path, metavar="LIGHT",
+        help="another light: an equirectangular EXR, or another job",
+    )  # fmt: skip
     _add_rendering(command)
 
 
 def _add_rendering(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--rays", type=whole_number(1, MOST_RAYS), default=64, help="secondary rays per pixel"
-    )
+        "--rays", type=whole_number(1, MOST_RAYS), default=64, metavar="N",
+        help="secondary rays per pixel (default %(default)s)",
+    )  # fmt: skip
     command.add_argument(
         "--without-neural", action="store_const", const=0.0, dest="neural",
         help="leave the neural term out: what Cycles can show (draft and standard end so anyway)",

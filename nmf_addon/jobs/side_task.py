@@ -45,6 +45,7 @@ class SideTask:
         model: what is known of it.
         events: all its events so far but progress.
         of_this_file: False once another .blend was opened meanwhile: what it finds is not put there.
+        holds_for: whether a capture still has what came out, which Undo takes back; None: it has none.
     """
 
     def __init__(self) -> None:
@@ -53,6 +54,7 @@ class SideTask:
         self.model = JobModel(state="new", text="")
         self.events: list[Event] = []
         self.of_this_file = True
+        self.holds_for: Callable[[bpy.types.Collection], bool] | None = None
         self._done: Callable[[SideTask], None] | None = None
         self._kept = ""
 
@@ -79,7 +81,7 @@ class SideTask:
         command = solver_command(python, bootstrap_script(), words)
         self.process = JobProcess(command, TaskFolder(folder), clean_environment())
         self.title, self.model, self.events, self._done = title, JobModel(), [], done
-        self.of_this_file, self._kept = True, kept
+        self.of_this_file, self.holds_for, self._kept = True, None, kept
         if not bpy.app.timers.is_registered(_tick):
             bpy.app.timers.register(_tick, first_interval=INTERVAL, persistent=True)
 
@@ -139,8 +141,10 @@ def _tick() -> float | None:
 
 @persistent
 def _on_load(path: str) -> None:
-    """Another file was opened."""
+    """Another file was opened: what came out before is none of its."""
     side_task.of_this_file = False
+    if not side_task.running:
+        side_task.model = JobModel(state="new", text="")
 
 
 def register() -> None:

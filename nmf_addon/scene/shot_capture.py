@@ -11,7 +11,7 @@ import numpy as np
 from ...solver.cameras.folder import FEWEST_PHOTOS
 from ...solver.capture.camera import Camera
 from ...solver.capture.capture import evenly_taken
-from ...solver.capture.errors import CaptureError
+from ...solver.capture.errors import CaptureError, counted
 from ...solver.capture.formats.transforms import write_transforms
 from ...solver.capture.image_header import image_size
 from .cameras import camera_of
@@ -33,7 +33,8 @@ def pictures_of(shot: Shot, frames: Sequence[int], count: int) -> dict[int, Path
     there = [frame for frame in frames if shot.picture(frame).is_file()]
     if len(there) < FEWEST_PHOTOS:
         raise CaptureError(
-            shot.file, "frames", f"only {len(there)} of the {len(frames)} pictures of the sequence exist",
+            shot.file, "frames",
+            "only " + counted(f"{len(there)} of the {len(frames)} pictures of the sequence exists|exist"),
             "relink it, or choose other frames",
         )  # fmt: skip
     chosen = (there[place] for place in evenly_taken(len(there), count))

@@ -59,9 +59,3 @@ def encode_normals(normals: np.ndarray, frames: np.ndarray) -> np.ndarray:
     ]
     local /= np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-12)
     return local * 0.5 + 0.5
-
-
-def decode_normals(colours: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """World normals [T, 3] of tangent-space colours [T, 3]: what a renderer does."""
-    world = np.einsum("ti,tij->tj", colours * 2 - 1, frames)
-    return world / np.maximum(np.linalg.norm(world, axis=1, keepdims=True), 1e-12)

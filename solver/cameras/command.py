@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from ..arguments import IGNORE, whole_number
+from ..arguments import add_ignore, add_seed
 from ..capture.errors import CaptureError
 from ..capture.ignored import check_ignored
 from ..capture.photo_finder import PhotoFinder
@@ -48,19 +48,23 @@ def add_solve(commands: argparse._SubParsersAction) -> None:
     )  # fmt: skip
     solve.add_argument(
         "--matcher", default="auto", choices=MATCHERS,
-        help="sequential: photos were taken in order, like those of a video",
+        help="pairs that are compared; sequential: photos were taken in order, like those of a video",
     )  # fmt: skip
-    solve.add_argument("--camera-model", default="OPENCV", choices=CAMERA_MODELS)
+    solve.add_argument(
+        "--camera-model", default="OPENCV", choices=CAMERA_MODELS, metavar="MODEL",
+        help="%(choices)s: a lens of COLMAP's (default %(default)s)",
+    )  # fmt: skip
     sharing = solve.add_mutually_exclusive_group()
     sharing.add_argument("--single-camera", action="store_const", const="single", dest="sharing",
                          help="one lens for all (default: one for each size and focal length)")  # fmt: skip
-    sharing.add_argument("--camera-per-photo", action="store_const", const="each", dest="sharing")
+    sharing.add_argument("--camera-per-photo", action="store_const", const="each", dest="sharing",
+                         help="a lens for each photo, as after zooming or refocusing")  # fmt: skip
     solve.add_argument(
         "--masks", type=Path, metavar="DIR",
         help="use only what masks show, for an object turned in front of a still camera",
     )  # fmt: skip
-    solve.add_argument("--ignore", type=Path, metavar="PATH", dest="ignored", help=IGNORE)
-    solve.add_argument("--seed", type=whole_number(0, MOST_SEED), default=0)
+    add_ignore(solve)
+    add_seed(solve, MOST_SEED, 0)
     solve.add_argument("--events", action="store_true", help="events on stdout, no bar")
     solve.set_defaults(run=run_solve, sharing="auto")
 
@@ -68,7 +72,7 @@ def add_solve(commands: argparse._SubParsersAction) -> None:
 def add_frames(commands: argparse._SubParsersAction) -> None:
     """Add the command to the command line."""
     command = commands.add_parser("frames", help="extract photos from a video")
-    command.add_argument("video", type=Path)
+    command.add_argument("video", type=Path, help="MP4, MOV and others")
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder")
     command.add_argument(
         "--photos", type=int, default=VIDEO_PHOTOS, metavar="N",
@@ -182,7 +186,7 @@ def _changed(files: Iterable[Path | None]) -> tuple[int | None, ...]:
 def _check_count(video: Path, option: str, count: int) -> None:
     if not FEWEST_PHOTOS <= count <= MOST_VIDEO_PHOTOS:
         raise CaptureError(
-            video, option, f"{count} photos cannot be taken from it",
+            video, option, f"so many photos cannot be taken from it: {count}",
             f"ask for {FEWEST_PHOTOS} to {MOST_VIDEO_PHOTOS}",
         )  # fmt: skip
 

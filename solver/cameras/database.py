@@ -16,8 +16,9 @@ from .diagnosis import Evidence
 from .folder import SolveRequest
 from .prepare import Prepared
 
-DEFAULT_FOCAL = 1.2
-"""focal length over the longer side, where a photo says nothing: a phone's main camera and most lenses"""
+DEFAULT_FOCAL, FISHEYE_FOCAL = 1.2, 0.35
+"""focal length over the longer side, where a photo says nothing: a phone's main camera and most lenses; and
+lenses that see some 165° across"""
 
 
 @contextmanager
@@ -76,11 +77,14 @@ def register(colmap: Any, path: Path, photos: list[Prepared], request: SolveRequ
 def _new_rig(colmap: Any, database: Any, photo: Prepared, model: str) -> tuple[Any, int]:
     factor = photo.small_width / photo.width
     longer = max(photo.small_width, photo.small_height)
-    focal = DEFAULT_FOCAL * longer if photo.focal is None else photo.focal * factor
+    is_fisheye = model == "OPENCV_FISHEYE"
+    usual = FISHEYE_FOCAL if is_fisheye else DEFAULT_FOCAL
+    focal = usual * longer if photo.focal is None else photo.focal * factor
     camera = colmap.Camera.create_from_model_name(
         0, model, focal, photo.small_width, photo.small_height
     )
-    camera.has_prior_focal_length = photo.focal is not None
+    # Through a fisheye COLMAP finds photos alike only if it may take its focal length for about right.
+    camera.has_prior_focal_length = is_fisheye or photo.focal is not None
     camera.camera_id = database.write_camera(camera)
     rig = colmap.Rig(rig_id=camera.camera_id)
     rig.add_ref_sensor(camera.sensor_id)

@@ -82,10 +82,12 @@ def _camera(photo: Prepared, image: Any) -> Camera:
     model, numbers = image.camera.model_name, tuple(float(v) for v in image.camera.params)
     lens = intrinsics_of(photo.path, Sensor("lens", model, photo.width, photo.height, numbers))
     if not np.isfinite(numbers).all() or min(lens.fx, lens.fy) <= 0:
+        remedy = "set Lens Model to Simple Radial (--camera-model SIMPLE_RADIAL)"
+        if model in ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL"):
+            remedy = "take more photos, from more sides"
         raise CaptureError(
-            photo.path, "lens", "the lens could not be solved from these photos",
-            "choose a simpler lens with --camera-model SIMPLE_RADIAL",
-        )  # fmt: skip
+            photo.path, "lens", "the lens could not be solved from these photos", remedy
+        )
     world_to_camera = np.eye(4)
     world_to_camera[:3] = image.cam_from_world().matrix()
     pose = pose_opengl_from_opencv(invert_pose(world_to_camera))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,11 @@ def shown(value: Any, limit: int = 60) -> str:
         text = f"a {type(value).__name__}"  # nested too deeply, or an integer too long to print
     text = "".join(c if c.isprintable() else "?" for c in text[: limit + 1])
     return text if len(text) <= limit else text[: limit - 1] + "…"
+
+
+def counted(text: str) -> str:
+    """A text that begins with a number, with that of "is|are" which goes with it."""
+    return re.sub(r"(\w*)\|(\w*)", r"\1" if text.startswith("1 ") else r"\2", text)
 
 
 def listed(names: list[str]) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from .camera import Camera
 from .capture import Capture, region_seen_by
-from .errors import CaptureError, shown
+from .errors import CaptureError, counted, shown
 from .fields import rigid_pose
 from .image_header import EXTENSIONS, UnknownSize, image_orientation, image_size, is_raw
 from .lenses import is_usable
@@ -91,8 +91,8 @@ def assemble(
         raise _too_few(source, len(found), missing, photos)
     notes = list(warnings)
     if missing:
-        notes.insert(0, f"{source.name}: {len(missing)} of {len(found)} listed photos do not exist "
-                     f"and are left out (the first: {shown(missing[0])})")  # fmt: skip
+        what = f"{len(missing)} of {len(found)} listed photos does|do not exist and is|are left out"
+        notes.insert(0, f"{source.name}: {counted(what)} (the first: {shown(missing[0])})")
     names: set[str] = set()
     cameras, resized = [], []
     for item in there:
@@ -141,8 +141,8 @@ def _too_few(source: Path, count: int, missing: list[str], photos: PhotoFinder) 
                 "convert all to JPEG or PNG under the same names",
             )  # fmt: skip
         return CaptureError(
-            source, "photos", f"{len(missing)} of {count} photos are missing, "
-            f"the first is '{shown(missing[0])}'",
+            source, "photos", counted(f"{len(missing)} of {count} photos is|are missing, ")
+            + f"the first is '{shown(missing[0])}'",
             f"put the photos below {photos.folder}, give the folder of the whole project, or give "
             "the photos' folder",
         )  # fmt: skip
@@ -165,10 +165,8 @@ def without_pose(
         return ()
     if len(lost) == count:
         raise CaptureError(source, field, f"none of its {count} photos has a pose", remedy)
-    return (
-        f"{source.name}: {len(lost)} of {count} photos have no pose and are left out "
-        f"(the first: {shown(lost[0])})",
-    )
+    what = counted(f"{len(lost)} of {count} photos has|have no pose and is|are left out")
+    return (f"{source.name}: {what} (the first: {shown(lost[0])})",)
 
 
 def _ignored(item: Found, photos: PhotoFinder) -> dict[str, object]:

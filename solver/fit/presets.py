@@ -57,18 +57,6 @@ PAPER = Settings(
 
 PRESETS: dict[str, Settings] = {"draft": DRAFT, "standard": STANDARD, "paper": PAPER}
 
-# The paper's Table 1, row by row, as overrides of any preset.
-ABLATIONS: dict[str, dict[str, object]] = {
-    "no integral image": {"render.integral_image": False},
-    "analytical derivative": {"field.smoothed_normals": False},
-    "single bounce": {
-        "render.retraced_rays": 0,
-        "render.visibility": False,
-        "render.diffuse_visibility": False,
-    },
-    "no neural": {"fit.neural_start": 0.0},
-}
-
 
 def settings_for(preset: str, overrides: dict[str, object] | None = None) -> Settings:
     """The preset's settings with `section.field` overrides (texts are converted).

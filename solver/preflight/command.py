@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..arguments import IGNORE
+from ..arguments import add_capture
 from ..job.exit_codes import CANCELLED, DONE
 from ..job.folder import JobFolder
 from ..job.request import DEVICES
@@ -21,11 +21,13 @@ if TYPE_CHECKING:
     from ..capture.capture import Capture
     from .check import Report
 
+KINDS = "folder, camera file, archive, or a job"
+
 
 def add_check(commands: argparse._SubParsersAction) -> None:
     """Add the command to the command line."""
     check = commands.add_parser("check", help="look for problems in a capture, in seconds")
-    _add_capture(check)
+    add_capture(check, KINDS)
     check.add_argument("--preset", help="draft, standard or paper; default: the job's, or draft")
     check.add_argument(
         "--device", choices=DEVICES, help="device to run on; default: the job's, or auto"
@@ -37,21 +39,12 @@ def add_check(commands: argparse._SubParsersAction) -> None:
 def add_pictures(commands: argparse._SubParsersAction) -> None:
     """Add the command to the command line."""
     pictures = commands.add_parser("pictures", help="make JPEGs of HEIC, AVIF and raw photos")
-    _add_capture(pictures)
-    pictures.add_argument("--out", type=Path, required=True, metavar="DIR", help="new or empty")
+    add_capture(pictures, KINDS)
+    pictures.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder for them, new or empty"
+    )
     pictures.add_argument("--events", action="store_true", help="events on stdout, no bar")
     pictures.set_defaults(run=run_pictures)
-
-
-def _add_capture(command: argparse.ArgumentParser) -> None:
-    command.add_argument("capture", type=Path, help="folder, camera file, archive, or a job")
-    command.add_argument(
-        "--photos", type=Path, metavar="DIR", help="if not in the capture's folder"
-    )
-    command.add_argument(
-        "--masks", type=Path, metavar="DIR", help="if not in a folder 'masks' there"
-    )
-    command.add_argument("--ignore", type=Path, metavar="PATH", dest="ignored", help=IGNORE)
 
 
 def run_check(options: argparse.Namespace) -> int:

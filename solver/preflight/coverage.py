@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..capture.capture import Capture
+from ..capture.errors import counted
 from .findings import Finding, note, warning
 
 REACH = 30.0
@@ -75,9 +76,9 @@ def coverage(capture: Capture) -> list[Finding]:
     away = looking_away(capture)
     if len(away) > MOST_AWAY * count:
         found.append(
-            warning(f"{len(away)} of {count} cameras (the first: {away[0]}) do not see the region, "
-                    "but only an object that all photos show is reconstructed, not the surroundings; if "
-                    "there is one, move the region box to it")
+            warning(counted(f"{len(away)} of {count} cameras (the first: {away[0]}) does|do not see the "
+                    "region, but only an object that all photos show is reconstructed, not the "
+                    "surroundings; if there is one, move the region box to it"))
         )  # fmt: skip
         return found
     seen = coverage_of(capture)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..capture.capture import Capture
-from ..capture.errors import listed
+from ..capture.errors import counted, listed
 from ..fit.visual_hull import not_all_masked
 from .findings import Finding, note, warning
 from .looks import Look
@@ -136,7 +136,8 @@ def masks(looks: list[Look], stands: bool = False) -> list[Finding]:
             note(f"behind the object is {behind}; what stands out from it is taken as the mask")
         ]
     else:
-        found = [note(f"{len(looks) - len(without)} of {len(looks)} photos have a mask or alpha")]
+        count = f"{len(looks) - len(without)} of {len(looks)}"
+        found = [note(counted(f"{count} photos has|have a mask or alpha"))]
     if without:
         found.append(warning(not_all_masked(without, len(looks))))
     sizes = [look.coverage for look in looks if look.coverage is not None]

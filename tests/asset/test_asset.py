@@ -18,13 +18,19 @@ from solver.asset.surface import (
     extract_surface,
     marching_cubes,
 )
-from solver.asset.tangent import decode_normals, encode_normals, texel_frames
+from solver.asset.tangent import encode_normals, texel_frames
 from solver.asset.unwrap import UnwrappedMesh, rasterise, unwrap
 from solver.capture.decoding import decode
 from solver.capture.photos import read_exr, srgb_to_linear
 
 LEVEL = 30.0
 SETTINGS = AssetSettings(cells=64, triangles=4000, texture_size=256)
+
+
+def decode_normals(colours: np.ndarray, frames: np.ndarray) -> np.ndarray:
+    """World normals [T, 3] of tangent-space colours [T, 3]: what a renderer does."""
+    world = np.einsum("ti,tij->tj", colours * 2 - 1, frames)
+    return world / np.maximum(np.linalg.norm(world, axis=1, keepdims=True), 1e-12)
 
 
 class Balls:

@@ -181,11 +181,11 @@ def solve(photos: Path, out: Path) -> int:
     control = Control(out / "cancel")
     control.start()
     out.mkdir(parents=True, exist_ok=True)
-    masks, ignored = (
+    masks, ignored, model = (
         sys.argv[sys.argv.index(option) + 1] if option in sys.argv else None
-        for option in ("--masks", "--ignore")
+        for option in ("--masks", "--ignore", "--camera-model")
     )
-    asked = {"photos": str(photos), "masks": masks, "ignored": ignored}
+    asked = {"photos": str(photos), "masks": masks, "ignored": ignored, "camera_model": model}
     write_json_atomic(out / "solve.json", asked)
     events = EventStream(out / "events.jsonl", stream)
     mode, pause = os.environ.get("NMF_FAKE_MODE", "normal"), 0.02

@@ -1,6 +1,7 @@
 """Registration, operators, jobs and headless runs, with a solver that needs no torch."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -10,6 +11,8 @@ from pathlib import Path
 import addon_utils
 import bpy
 import pytest
+
+from tests.cli.command import MANUAL, check_help, commands_of
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -228,6 +231,14 @@ def test_headless_writes_a_blend_with_everything_in_it(extension, duck, tmp_path
     assert len(cameras) == 60 and all(c.data.background_images[0].image for c in cameras)
     assert scene.view_settings.view_transform == "Standard" and scene.cycles.blur_glossy == 0
     assert (scene.render.resolution_x, scene.render.resolution_y) == (200, 200)
+
+
+def test_all_options_of_the_headless_command_say_what_they_are_for_and_are_in_the_manual(extension):
+    (command,) = commands_of(extension("headless")._parser()).values()
+    check_help(command)
+    known = {option for action in command._actions for option in action.option_strings}
+    listed = re.search(r"\nOptions: (.*?)\. OUT", MANUAL, re.DOTALL)[1]
+    assert set(re.findall(r"--[\w-]+", listed)) == known - {"-h", "--help"}
 
 
 def test_headless_refuses_to_overwrite(extension, duck, tmp_path, fake_solver, capsys):

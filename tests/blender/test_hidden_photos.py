@@ -102,6 +102,22 @@ def test_the_panel_offers_to_show_what_blender_cannot_until_it_is_shown(
     assert ("operator", "nmf.show_photos") not in draw("capture")[0]
 
 
+def test_that_photos_are_shown_is_said_until_undo_hides_them_or_takes_their_cameras(
+    draw, task, capture, fake_solver
+):
+    bpy.context.scene.nmf.capture = capture
+    bpy.ops.ed.undo_push(message="import")
+    bpy.ops.nmf.show_photos()
+    task.finish()
+    assert "Photos shown: 3" in draw("capture")[1]
+    bpy.ops.ed.undo()
+    assert "Photos shown" not in draw("capture")[1]
+    bpy.ops.ed.redo()
+    assert "Photos shown: 3" in draw("capture")[1]
+    bpy.data.collections.remove(bpy.context.scene.nmf.capture)
+    assert "Photos shown" not in draw("capture")[1]
+
+
 def test_solved_photos_of_a_phone_are_shown_and_what_the_solve_said_stays(
     extension, task, fake_solver, tmp_path
 ):

@@ -22,7 +22,7 @@ def test_without_a_capture_the_first_step_is_to_import_one(draw):
 
 def test_a_capture_is_counted_and_gets_a_region_box(draw, capture):
     drawn, words = draw("capture")
-    assert "3 photos" in words and ("operator", "nmf.select_region_box") in drawn
+    assert "3 photos with cameras" in words and ("operator", "nmf.select_region_box") in drawn
     bpy.data.objects.remove(next(i for i in capture.objects if i.name.endswith("Region")))
     drawn, _ = draw("capture")
     assert ("operator", "nmf.add_region_box") in drawn
@@ -30,6 +30,12 @@ def test_a_capture_is_counted_and_gets_a_region_box(draw, capture):
     drawn, _ = draw("capture")
     assert ("operator", "nmf.add_region_box") not in drawn
     assert ("operator", "nmf.select_region_box") in drawn
+
+
+def test_a_photo_that_is_left_alone_is_counted_as_one(draw, capture):
+    for item in [item for item in capture.objects if item.type == "CAMERA"][1:]:
+        bpy.data.objects.remove(item)
+    assert ("label", "1 photo with camera") in [item[:2] for item in draw("capture")[0]]
 
 
 def test_what_a_check_found_is_shown_warnings_with_their_photo(draw, capture):

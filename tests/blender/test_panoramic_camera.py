@@ -10,6 +10,7 @@ from mathutils import Euler, Matrix
 from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+from samples.demo_views import render_cameras  # noqa: E402
 from solver.capture.camera import Camera  # noqa: E402
 from solver.capture.formats.transforms import write_transforms  # noqa: E402
 from solver.capture.panoramic_lens import EQUIRECTANGULAR, of_whole_sphere  # noqa: E402
@@ -51,7 +52,7 @@ def glowing_ball(place):
     "size, lens, shown", [((64, 32), None, 4), ((64, 48), None, 4), ((60, 40), PART, 3)]
 )
 def test_cycles_renders_a_point_where_the_solver_projects_it(
-    extension, tmp_path, size, lens, shown
+    extension, package, tmp_path, size, lens, shown
 ):
     scene = bpy.context.scene
     for item in list(scene.objects):
@@ -61,7 +62,7 @@ def test_cycles_renders_a_point_where_the_solver_projects_it(
     scene.render.engine, scene.render.film_transparent = "CYCLES", True
     scene.cycles.use_denoising = False
     camera, seen = panorama(*size, lens=lens), 0
-    ball, render = glowing_ball((0, 0, 0)), extension("scene.render_views").render_cameras
+    ball = glowing_ball((0, 0, 0))
     # Right and up in the picture, its middle, and nearly behind.
     for local in ((1.6, 0.4, -2.0), (-1.5, 0.9, 1.2), (0, 0, -2), (0.4, -1.6, 1.9)):
         point = POSE[:3, :3] @ local + POSE[:3, 3]
@@ -71,7 +72,7 @@ def test_cycles_renders_a_point_where_the_solver_projects_it(
         ball.location = point
         folder = tmp_path / str(local)
         folder.mkdir()
-        path = render(bpy.context, [camera], folder, samples=4)[0]
+        path = render_cameras(package, bpy.context, [camera], folder, samples=4)[0]
         image = bpy.data.images.load(str(path))
         pixels = np.array(image.pixels[:]).reshape(image.size[1], image.size[0], 4)[::-1]
         assert tuple(image.size) == size

@@ -12,6 +12,8 @@ import pytest
 from drawing import Layout
 from mathutils import Matrix
 
+from solver.cameras.folder import CAMERA_MODELS, SolveRequest
+
 
 @pytest.fixture
 def photos(tmp_path):
@@ -179,6 +181,29 @@ def test_the_file_browser_asks_for_masks_and_keeps_them_for_the_next_time():
         assert not settings.properties[name].is_skip_save
 
 
+@pytest.mark.parametrize(
+    "chosen, model", [({}, "OPENCV"), ({"camera_model": "PINHOLE"}, "PINHOLE")]
+)
+def test_the_lens_model_goes_to_the_solver(task, photos, fake_solver, tmp_path, chosen, model):
+    bpy.ops.nmf.solve_cameras(directory=str(photos), **chosen)
+    task.finish()
+    (begun,) = (tmp_path / "nmf_jobs").glob("*/solve.json")
+    assert json.loads(begun.read_text("utf-8"))["camera_model"] == model
+
+
+def test_the_file_browser_asks_for_a_lens_model_that_the_solver_knows():
+    shown, settings = Layout(), bpy.ops.nmf.solve_cameras.get_rna_type()
+    bpy.types.NMF_OT_solve_cameras.draw(SimpleNamespace(layout=shown, bl_rna=settings), bpy.context)
+    assert ("prop", "camera_model") in shown.drawn
+    lenses = settings.properties["camera_model"].enum_items
+    assert set(lenses.keys()) <= set(CAMERA_MODELS)
+    assert all(lens.name and lens.description for lens in lenses)
+    # What a solve that fails tells a person to choose.
+    assert lenses["SIMPLE_RADIAL"].name == "Simple Radial"
+    assert settings.properties["camera_model"].name == "Lens Model"
+    assert settings.properties["camera_model"].default == SolveRequest("", ()).camera_model
+
+
 def test_a_photo_that_is_picked_stands_for_its_folder(task, photos, fake_solver):
     bpy.ops.nmf.solve_cameras(filepath=str(photos / "r_0.png"), directory=str(photos))
     task.finish()
@@ -191,6 +216,16 @@ def test_a_solve_that_fails_says_which_photos_and_imports_nothing(task, photos, 
     task.finish()
     assert task.model.state == "failed" and "r_0.png is plain" in task.model.error
     assert not [item for item in bpy.data.objects if item.type == "CAMERA"]
+
+
+def test_buttons_that_start_a_task_come_back_when_it_is_over(draw, task, capture, fake_solver):
+    """A fixed bug: greyed while the pointer rested on it, a button stayed grey."""
+    starts = {("operator", f"nmf.{name}") for name in ("solve_cameras", "check_capture")}
+    assert starts <= set(draw("capture")[0])
+    bpy.ops.nmf.check_capture()
+    assert not starts & set(draw("capture")[0])
+    task.finish()
+    assert starts <= set(draw("capture")[0])
 
 
 def test_a_solve_is_cancelled(task, photos, fake_solver):
@@ -223,6 +258,46 @@ def test_findings_of_a_check_stay_with_the_capture_and_show_in_its_panel(
     assert report["findings"][0]["photo"] == "r_0" and report["estimate"]["text"].endswith("on cpu")
     assert [f["level"] for f in report["findings"]] == ["warning", "note"]
     assert bpy.context.scene.nmf.job == "", "a check is no job"
+
+
+def test_what_a_check_said_stands_beside_its_capture_until_it_is_undone(
+    draw, task, capture, fake_solver, add_capture
+):
+    other = add_capture("another")
+    bpy.context.scene.nmf.capture = capture
+    bpy.ops.ed.undo_push(message="before the check")
+    bpy.ops.nmf.check_capture()
+    task.finish()
+    assert "Check: 1 warning" in draw("capture")[1]
+    bpy.context.scene.nmf.capture = other
+    assert "Check: " not in draw("capture")[1]
+    bpy.context.scene.nmf.capture = capture
+    bpy.ops.ed.undo()
+    assert "Check: " not in draw("capture")[1]
+
+
+def test_what_a_solve_said_goes_with_its_cameras_and_comes_back_with_them(
+    draw, task, photos, fake_solver
+):
+    bpy.ops.ed.undo_push(message="before the solve")
+    bpy.ops.nmf.solve_cameras(directory=str(photos))
+    task.finish()
+    for _ in range(2):
+        words = draw("capture")[1]
+        assert "5 of 6 photos have a camera" in words and "overlaps no other" in words
+        bpy.ops.ed.undo()
+        words = draw("capture")[1]
+        assert "have a camera" not in words and "overlaps no other" not in words
+        bpy.ops.ed.redo()
+
+
+def test_what_a_task_said_of_one_file_is_not_told_of_the_next(draw, task, photos, fake_solver):
+    fake_solver("fail")
+    bpy.ops.nmf.solve_cameras(directory=str(photos))
+    task.finish()
+    assert "r_0.png is plain" in draw("capture")[1]
+    bpy.ops.wm.read_homefile(use_empty=True)
+    assert "is plain" not in draw("capture")[1] and task.model.state == "new"
 
 
 def test_the_region_box_is_selected_also_where_it_is_hidden(extension, capture):

@@ -8,6 +8,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import Mock
@@ -18,14 +19,15 @@ from PIL import Image
 
 from solver.cameras.command import request_of
 from solver.cameras.diagnosis import Evidence, unplaced
-from solver.cameras.folder import SolveFolder, SolveRequest, photos_below
+from solver.cameras.folder import CAMERA_MODELS, SolveFolder, SolveRequest, photos_below
+from solver.cameras.model import _camera
 from solver.cameras.pairs import pairs_of
 from solver.cameras.prepare import look_at, write_prepared
 from solver.cameras.solve import Solver
 from solver.capture.errors import CaptureError
 from solver.capture.orientation import as_camera_saw
 from solver.capture.read import read_capture
-from tests.cameras.box_scene import align, orbit, write_photos
+from tests.cameras.box_scene import BoxScene, align, box_camera, orbit, write_photos
 from tests.cli.command import wait_for
 
 pytest.importorskip("pycolmap")
@@ -97,6 +99,21 @@ def test_the_folder_of_photos_and_that_of_cameras_read_as_one_capture(solved):
     stated = json.loads(direct.source.read_text())
     assert stated["ply_file_path"] == "points.ply"
     assert all(not Path(frame["file_path"]).is_absolute() for frame in stated["frames"])
+
+
+def test_photos_through_a_fisheye_that_say_no_focal_length_are_solved(tmp_path):
+    """A fixed bug: no photo was found to overlap any other."""
+    for number, pose in enumerate(orbit(6, 60.0, 1.5)):
+        camera = box_camera(pose)
+        focal = camera.width / np.radians(150)
+        lens = {"lens": "opencv_fisheye", "distortion": (0.0,) * 4}
+        photo = replace(camera, fx=focal, fy=focal, **lens)
+        Image.fromarray(BoxScene().photo(photo)[0]).save(tmp_path / f"{number}.jpg", quality=95)
+    options = "--single-camera", "--camera-model", "OPENCV_FISHEYE", "--out", tmp_path / "found"
+    result = solve(tmp_path, *options)
+    assert result.returncode == 0 and "6 of 6 photos have a camera" in result.stdout, result.stderr
+    found = read_capture(tmp_path / "found", photos=tmp_path).cameras[0]
+    assert found.lens == "opencv_fisheye" and found.fx == pytest.approx(focal, rel=0.02)
 
 
 def test_sparse_points_lie_on_the_box_and_its_floor(solved):
@@ -409,6 +426,24 @@ def test_each_reason_for_an_unplaced_photo_has_its_own_words():
     assert unplaced(evidence[:6], {f"good{i}" for i in range(6)}) == ("", "")
     many = [Evidence(f"p{i}", 0) for i in range(9)]
     assert "and 3 more" in unplaced(many, set())[0]
+
+
+@pytest.mark.parametrize(
+    "model, count, remedy",
+    [
+        ("OPENCV", 8, "set Lens Model to Simple Radial (--camera-model SIMPLE_RADIAL)."),
+        ("SIMPLE_RADIAL", 4, "take more photos, from more sides."),
+    ],
+)
+def test_a_lens_that_is_nonsense_is_told_with_a_way_out_for_blender_and_the_command_line(
+    model, count, remedy
+):
+    assert model in CAMERA_MODELS
+    camera = SimpleNamespace(model_name=model, params=[np.nan] * count)
+    photo = SimpleNamespace(path=Path("a.jpg"), name="a.jpg", width=8, height=6, ignored=None)
+    with pytest.raises(CaptureError) as error:
+        _camera(photo, SimpleNamespace(camera=camera))
+    assert str(error.value).endswith(f"could not be solved from these photos; {remedy}")
 
 
 def test_what_is_masked_is_left_out_with_a_border(tmp_path):

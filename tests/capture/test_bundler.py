@@ -105,7 +105,7 @@ def test_unsolved_photos_are_left_out_with_a_warning(tmp_path, solved, agrees):
     lines[7:12] = ["0 0 0"] * 5
     file.write_text("\n".join(lines))
     capture = read_capture(tmp_path)
-    assert "1 of 5 photos were not solved" in capture.warnings[0]
+    assert "1 of 5 photos was not solved" in capture.warnings[0]
     assert "r_1" not in [camera.name for camera in capture.cameras]
     agrees(capture, reconstruction, tmp_path / "images")
 

@@ -15,7 +15,7 @@ from PIL import Image
 
 from solver.capture import frames
 from solver.capture.camera import Camera
-from solver.capture.errors import CaptureError
+from solver.capture.errors import CaptureError, counted
 from solver.capture.formats.transforms import write_transforms
 from solver.capture.photos import linear_to_srgb, load_photo, load_photos, srgb_to_linear
 from solver.capture.read import read_capture
@@ -385,3 +385,15 @@ def test_cameras_are_read_without_the_packages_that_decode_photos():
     blocked = "OpenImageIO OpenEXR PIL imageio torch scipy skimage".split()
     code = f"import sys; sys.modules.update(dict.fromkeys({blocked})); import solver.capture.read"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])
+
+
+@pytest.mark.parametrize(
+    "count, said",
+    [
+        (1, "1 of 12 photos has no pose and is left out"),
+        (2, "2 of 12 photos have no pose and are left out"),
+        (11, "11 of 12 photos have no pose and are left out"),
+    ],
+)
+def test_the_words_of_a_warning_go_with_its_number(count, said):
+    assert counted(f"{count} of 12 photos has|have no pose and is|are left out") == said

@@ -126,7 +126,7 @@ def test_rigs_in_a_circle_and_empty_poses_are_no_pose(tmp_path):
     file.write_text("\n".join([*lines[:-1], f"{COUNT - 1}, cam, , , , , 1, 2, 3"]))
     capture = read_capture(folder)
     assert (
-        "1 of 5 photos have no pose and are left out (the first: mapping/IMG_0004.png)"
+        "1 of 5 photos has no pose and is left out (the first: mapping/IMG_0004.png)"
         in capture.warnings[0]
     )
 

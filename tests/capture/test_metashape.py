@@ -215,8 +215,8 @@ def test_members_of_rigs_and_panoramas_with_a_lens_are_left_out_with_a_warning(t
     text = document(sensor(0, calibration(FRAME)) + round_about, cameras)
     capture = read_capture(write(tmp_path, text))
     assert len(capture.cameras) == COUNT and len(capture.warnings) == 2
-    assert any("1 cameras are members of a rig" in w and "IMG_0005" in w for w in capture.warnings)
-    assert any("2 cameras are panoramas" in w and "IMG_0006" in w for w in capture.warnings)
+    assert any("1 camera is part of a rig" in w and "IMG_0005" in w for w in capture.warnings)
+    assert any("2 cameras are panoramic" in w and "IMG_0006" in w for w in capture.warnings)
 
 
 def rig(offset, photos=3, **changes):
@@ -261,7 +261,7 @@ def test_members_of_rigs_whose_place_is_not_stated_are_left_out(tmp_path, left):
     save_photos(tmp_path / "photos", names(6))
     capture = read_capture(write(tmp_path, rig(offset(), **{left: ""})))
     assert len(capture.cameras) == 3
-    assert "3 cameras are members of a rig" in capture.warnings[0]
+    assert "3 cameras are part of a rig" in capture.warnings[0]
 
 
 def test_members_of_a_rig_that_was_not_aligned_are_not_aligned(tmp_path):
@@ -294,7 +294,7 @@ def test_the_movement_of_a_single_camera_is_left_aside_with_a_word(tmp_path):
     parts = simple().split(moved[0])
     text = moved[0].join([parts[0], parts[1].replace("<transform>", moved[1] + "<transform>", 1)])
     capture = read_capture(write(tmp_path, text))
-    assert "1 cameras were aligned with a rolling shutter" in capture.warnings[0]
+    assert "1 camera was aligned with a rolling shutter" in capture.warnings[0]
     still = read_capture(write(tmp_path / "still", simple()))
     for a, b in zip(capture.cameras, still.cameras, strict=True):
         np.testing.assert_array_equal(a.camera_to_world, b.camera_to_world)

@@ -137,7 +137,7 @@ def test_cameras_without_a_pose_are_left_out(tmp_path):
     capture = read_capture(folder)
     assert [camera.name for camera in capture.cameras] == STEMS[:2] + STEMS[3:]
     assert (
-        "1 of 5 photos have no pose and are left out (the first: images/00000002)"
+        "1 of 5 photos has no pose and is left out (the first: images/00000002)"
         in capture.warnings[0]
     )
 

@@ -84,7 +84,7 @@ def test_cameras_that_were_not_found_are_left_out_with_a_warning(tmp_path):
     content = scene()
     content["camera_track_map"]["images"]["3"]["flg"] = 1
     capture = read_capture(write(tmp_path, content))
-    assert len(capture.cameras) == 4 and "1 of 5 photos have no pose" in capture.warnings[0]
+    assert len(capture.cameras) == 4 and "1 of 5 photos has no pose" in capture.warnings[0]
 
 
 def test_a_renamed_file_is_recognised_by_its_content(tmp_path):

@@ -85,7 +85,7 @@ def test_photos_for_validation_are_left_out(tmp_path):
     )
     capture = read_capture(folder)
     assert [camera.name for camera in capture.cameras] == IDS[:4]
-    assert capture.warnings == ("1 photos for validation are left out (dataset.json)",)
+    assert capture.warnings == ("1 photo for validation is left out (dataset.json)",)
     (folder / "dataset.json").write_text('{"train_ids": []}')
     assert len(read_capture(folder).cameras) == COUNT
 

@@ -81,7 +81,7 @@ def test_a_lost_camera_is_left_out(tmp_path):
     (tmp_path / "2-camera.pkl").write_bytes(pickle.dumps(lost))
     capture = read_capture(tmp_path)
     assert [camera.name for camera in capture.cameras] == ["0", "1", "3", "4"]
-    assert "1 of 5 photos have no pose" in capture.warnings[0]
+    assert "1 of 5 photos has no pose" in capture.warnings[0]
 
 
 class Harmful:

@@ -190,7 +190,7 @@ def test_cameras_that_are_not_calibrated_are_left_out(tmp_path):
     capture = read_capture(write(tmp_path, files))
     assert len(capture.cameras) == COUNT - 1
     assert (
-        "1 of 5 photos have no pose and are left out (the first: images/IMG_0001.png)"
+        "1 of 5 photos has no pose and is left out (the first: images/IMG_0001.png)"
         in (capture.warnings[0])
     )
 

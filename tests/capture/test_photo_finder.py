@@ -189,7 +189,7 @@ def test_a_photo_missing_from_its_folder_is_not_another_folders(tmp_path):
     names = [f"./train/r_{i}" for i in range(5)]
     capture = read_capture(write_cameras(tmp_path, names))
     assert [camera.name for camera in capture.cameras] == ["r_0", "r_1", "r_2", "r_4"]
-    assert "1 of 5 listed photos do not exist" in capture.warnings[0]
+    assert "1 of 5 listed photos does not exist and is left out" in capture.warnings[0]
 
 
 def test_a_photo_missing_beside_smaller_copies_is_left_out(tmp_path):

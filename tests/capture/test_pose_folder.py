@@ -216,7 +216,7 @@ def test_lost_cameras_are_left_out(tmp_path, word):
     write(folder / "pose" / "1.txt", "\n".join([" ".join([word] * 4)] * 4))
     capture = read_capture(folder)
     assert [camera.name for camera in capture.cameras] == ["0", "2", "3", "4"]
-    assert "1 of 5 photos have no pose and are left out (the first: color/1)" in capture.warnings[0]
+    assert "1 of 5 photos has no pose and is left out (the first: color/1)" in capture.warnings[0]
 
 
 def test_where_all_are_lost_that_is_said(tmp_path):

@@ -8,10 +8,11 @@ import pytest
 import torch
 from PIL import Image
 
+from benchmarks.quality import ABLATIONS
 from solver.fit import checkpoint
 from solver.fit.batching import FIRST_RAYS, Batching
 from solver.fit.errors import SettingsError
-from solver.fit.presets import ABLATIONS, PAPER, settings_for
+from solver.fit.presets import PAPER, settings_for
 from solver.fit.schedule import neural_share
 from solver.fit.settings import FitSettings
 from solver.fit.snapshots import write_figure, write_snapshot

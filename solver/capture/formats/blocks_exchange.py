@@ -21,7 +21,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ..capture import Capture
-from ..errors import CaptureError, shown
+from ..errors import CaptureError, counted, shown
 from ..files import read_xml, text_head
 from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble, without_pose
@@ -75,8 +75,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     parts = Counter(map(_component, posed))
     part = _MAIN if _MAIN in parts else max(sorted(parts), key=parts.__getitem__, default="")
     if len(parts) > 1:
-        warnings.append(f"{path.name}: {len(posed) - parts[part]} photos are in other components, whose "
-                        "places are not known, and left out")  # fmt: skip
+        others = len(posed) - parts[part]
+        what = counted(f"{others} photo|photos is|are in other components")
+        warnings.append(f"{path.name}: {what}, whose places are not known, and left out")
     posed = {photo: pose for photo, pose in posed.items() if _component(photo) == part}
     axes = {group: axes_of(path, group) for group in {groups[photo] for photo in posed}}
     systems = {_system(group, block) for group in axes}

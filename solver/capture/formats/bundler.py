@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..capture import Capture
-from ..errors import CaptureError, shown
+from ..errors import CaptureError, counted, shown
 from ..fields import number, rigid_pose
 from ..files import read_lines, text_head
 from ..frames import invert_pose
@@ -66,8 +66,10 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     names = _names(path, camera_count, photos, warnings.append)
     unsolved = [name for name, values in zip(names, cameras, strict=True) if values[0] <= 0]
     if unsolved:
-        warnings.append(f"{path.name}: {len(unsolved)} of {camera_count} photos were not solved and "
-                        f"are left out (the first: {shown(unsolved[0])})")  # fmt: skip
+        what = counted(
+            f"{len(unsolved)} of {camera_count} photos was|were not solved and is|are left out"
+        )
+        warnings.append(f"{path.name}: {what} (the first: {shown(unsolved[0])})")
     for index, (name, values) in enumerate(zip(names, cameras, strict=True)):
         if values[0] > 0:
             found.append(_found(path, index, name, values, photos))

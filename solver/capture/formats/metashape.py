@@ -23,7 +23,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ..capture import Capture
-from ..errors import CaptureError, shown
+from ..errors import CaptureError, counted, shown
 from ..fields import number, numbers
 from ..files import read_xml, text_head
 from ..frames import pose_opengl_from_opencv
@@ -42,8 +42,8 @@ precision, which is a hundredth there and half a unit on the Earth's surface"""
 _EARTH = (6.3e6, 6.45e6)
 """metres from its centre between which all of its surface lies"""
 _DISABLED, _NOT_ALIGNED = "disabled", "not aligned"
-_PANORAMA = "panoramas on a cylinder or with a lens's numbers"
-_IN_A_RIG = "members of a rig, whose places in it the file does not state,"
+_PANORAMA = "panoramic (on a cylinder or with a lens's numbers)"
+_IN_A_RIG = "part of a rig, whose places in it the file does not state,"
 """what cameras are that are left out"""
 
 
@@ -101,18 +101,21 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         pose = pose_opengl_from_opencv(matrix if world is None else world @ matrix)
         found.append(Found(where, stated, photo, pose, lenses.get(key)))
     if moving:
-        warnings.append(f"{path.name}: {len(moving)} cameras were aligned with a rolling shutter, and are "
-                        "taken as standing still where they were at a photo's middle row "
-                        f"(the first: {shown(moving[0])})")  # fmt: skip
+        told = counted(
+            f"{len(moving)} camera|cameras was|were aligned with a rolling shutter, and is|are taken as "
+            "standing still where it|they was|were at a photo's middle row"
+        )
+        warnings.append(f"{path.name}: {told} (the first: {shown(moving[0])})")
     for what, names in left_out.items():
         if names:
-            warnings.append(f"{path.name}: {len(names)} cameras are {what} and left out "
-                            f"(the first: {shown(names[0])})")  # fmt: skip
+            told = counted(f"{len(names)} camera|cameras is|are {what} and left out")
+            warnings.append(f"{path.name}: {told} (the first: {shown(names[0])})")
     if len(set(parts)) > 1:
         largest = max(sorted(set(parts)), key=parts.count)
         found = [item for item, part in zip(found, parts, strict=True) if part == largest]
-        warnings.append(f"{path.name}: {len(parts) - len(found)} cameras are in other components, "
-                        "whose places are not known, and left out")  # fmt: skip
+        others = len(parts) - len(found)
+        told = counted(f"{others} camera|cameras is|are in other components")
+        warnings.append(f"{path.name}: {told}, whose places are not known, and left out")
     if not found and left_out[_PANORAMA]:
         raise CaptureError(
             path, "sensor, type", f"all its cameras are {_PANORAMA}",

@@ -20,7 +20,7 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..camera_folder import files_in
 from ..capture import Capture
-from ..errors import CaptureError
+from ..errors import CaptureError, counted
 from ..fields import entries, mapping, number, numbers, rigid_pose
 from ..files import json_head, read_json
 from ..frames import invert_pose, pose_opengl_from_opencv
@@ -57,7 +57,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     found = [_camera(file, folder, photos) for file in used]
     warnings: tuple[str, ...] = ()
     if len(used) < len(files):
-        warnings = (f"{len(files) - len(used)} photos for validation are left out (dataset.json)",)
+        others = f"{len(files) - len(used)} photo|photos for validation"
+        warnings = (counted(f"{others} is|are left out (dataset.json)"),)
     points, problems = _points(place / "points.npy")
     return assemble(path, NAME, found, photos, points=points, warnings=warnings + problems)
 

@@ -32,7 +32,7 @@ import numpy as np
 
 from ..brown_lens import polynomial_lens
 from ..capture import Capture
-from ..errors import CaptureError, shown
+from ..errors import CaptureError, counted, shown
 from ..fields import mapping, number, numbers, rigid_pose
 from ..files import read_json, text_head
 from ..frames import invert_pose, pose_opengl_from_opencv, rotation_from_quaternion
@@ -121,7 +121,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     if len(scenes) > 1:
         others = sum(map(len, shots)) - len(shots[largest])
         warnings.append(f"{path.name}: of {len(scenes)} reconstructions only the largest is read; "
-                        f"{others} photos are in others")  # fmt: skip
+                        + counted(f"{others} photo|photos is|are in others"))  # fmt: skip
     return assemble(
         path, NAME, found, photos, points=_points(path, at, scene), up=_UP,
         metric=_is_placed(path, at, scene), warnings=tuple(warnings),

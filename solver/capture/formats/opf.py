@@ -28,7 +28,7 @@ import numpy as np
 
 from ..brown_lens import polynomial_lens
 from ..capture import Capture
-from ..errors import CaptureError, shown
+from ..errors import CaptureError, counted, shown
 from ..fields import entries, mapping, number, numbers
 from ..files import file_below, json_head, read_json
 from ..fisheye_power import of_quarter_turns
@@ -101,8 +101,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         "calibrate its cameras, and export it again",
     )
     if moving:
-        warnings += (f"{file.name}: {moving} cameras moved while their photos were read out (rolling "
-                     "shutter); that is not used",)  # fmt: skip
+        what = counted(f"{moving} camera|cameras moved while its|their photo|photos was|were")
+        warnings += (f"{file.name}: {what} read out (rolling shutter); that is not used",)
     up = None if _is_local(path, items) else (0.0, 0.0, 1.0)
     points, problems = _points(path, items)
     return assemble(path, NAME, found, photos, points=points, up=up, warnings=warnings + problems)

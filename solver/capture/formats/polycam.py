@@ -16,7 +16,7 @@ from typing import Any
 
 from ..camera_folder import files_in
 from ..capture import Capture
-from ..errors import CaptureError
+from ..errors import CaptureError, counted
 from ..fields import number
 from ..files import json_head, read_json
 from ..intake import Found, Intrinsics, assemble
@@ -58,9 +58,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     warnings: tuple[str, ...] = ()
     if blurred and 2 * len(blurred) < len(found):
         first = found[blurred[0]].stated
-        warnings = (
-            f"{len(blurred)} photos that Polycam scores as blurred are left out ({first} …)",
-        )
+        what = f"{len(blurred)} photo|photos that Polycam scores as blurred is|are left out"
+        warnings = (f"{counted(what)} ({first} …)",)
         found = [item for index, item in enumerate(found) if index not in set(blurred)]
     return assemble(path, NAME, found, photos, up=(0, 1, 0), metric=True, warnings=warnings)
 

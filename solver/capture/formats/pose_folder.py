@@ -28,7 +28,7 @@ import numpy as np
 
 from ..camera_folder import files_in, matrix_of, photo_folder, words_of
 from ..capture import Capture
-from ..errors import CaptureError
+from ..errors import CaptureError, counted
 from ..fields import is_no_pose, rigid_pose
 from ..files import text_head
 from ..frames import invert_pose, pose_opengl_from_opencv
@@ -92,8 +92,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         lens_file, "poses", lost, len(used), "solve or export the cameras again"
     )
     if len(used) < len(files):
-        held_out = f"{len(files) - len(used)} photos for validation and tests (1_…, 2_…)"
-        warnings += (f"{place.name}: {held_out} are left out",)
+        what = f"{len(files) - len(used)} photo|photos for validation and tests (1_…, 2_…) is|are left out"
+        warnings += (f"{place.name}: {counted(what)}",)
     name = "NeRF++" if has_each else "ScanNet" if is_scannet else "NSVF"
     capture = assemble(lens_file, name, found, photos, metric=is_scannet, warnings=warnings)
     return _within_box(capture, place / _BOX)

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from ..capture import Capture
-from ..errors import CaptureError, shown
+from ..errors import CaptureError, counted, shown
 from ..fields import number, numbers
 from ..files import read_xml, text_head
 from ..frames import pose_opengl_from_opencv
@@ -77,14 +77,13 @@ def _read_sidecars(path: Path, photos: PhotoFinder) -> Capture:
     elsewhere = [name for name, component, _ in posed if component != largest]
     warnings = []
     for names, what in (
-        (placeless, "have no pose"),
-        (rigged, "have a place in a rig, but none in the world,"),
-        (elsewhere, "belong to another component than most"),
+        (placeless, "has|have no pose"),
+        (rigged, "has|have a place in a rig, but none in the world,"),
+        (elsewhere, "belongs|belong to another component than most"),
     ):
         if names:
-            warnings.append(
-                f"{len(names)} sidecars {what} and are left out (the first: {shown(names[0])})"
-            )
+            told = counted(f"{len(names)} sidecar|sidecars {what} and is|are left out")
+            warnings.append(f"{told} (the first: {shown(names[0])})")
     if not found and (placeless or rigged):
         raise CaptureError(
             path, "xcr:Rotation" if placeless else "xcr:Coordinates",

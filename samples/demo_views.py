@@ -1,8 +1,9 @@
-"""Cycles pictures of the installed asset: at given cameras, and as a turntable."""
+"""Cycles pictures of the installed asset, for the demo: at given cameras, and as a turntable."""
 
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -11,30 +12,30 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ...solver.capture.camera import Camera
-from .cameras import add_camera, aspect_of
-from .match_solver import match_resolution
-
 
 def render_cameras(
-    context: bpy.types.Context, cameras: list[Camera], folder: Path, samples: int = 64,
+    package, context: bpy.types.Context, cameras: list, folder: Path, samples: int = 64,
     root: bpy.types.Object | None = None, progress: Callable[[int, int], None] | None = None,
 ) -> list[Path]:  # fmt: skip
     """Render each camera with the scene's settings to NAME.exr (linear RGBA) and NAME.png.
 
     Args:
+        package: the extension's. cameras: of its `Camera`.
         root: the capture's transform, under which the cameras stand.
     """
+    parts = f"{package.__name__}.nmf_addon.scene"
+    in_scene = importlib.import_module(f"{parts}.cameras")
+    match_resolution = importlib.import_module(f"{parts}.match_solver").match_resolution
     scene = context.scene
     before = scene.camera
     scene.cycles.samples = samples
     files = []
     for done, camera in enumerate(cameras):
-        item = add_camera(camera, None)
+        item = in_scene.add_camera(camera, None)
         item.parent = root
         scene.collection.objects.link(item)
         scene.camera = item
-        match_resolution(scene, camera.width, camera.height, aspect_of(camera))
+        match_resolution(scene, camera.width, camera.height, in_scene.aspect_of(camera))
         files.append(_render(scene, folder / camera.name))
         data = item.data
         bpy.data.objects.remove(item)
@@ -46,7 +47,7 @@ def render_cameras(
 
 
 def turntable(
-    context: bpy.types.Context, camera: Camera, centre, folder: Path, frames: int = 8,
+    package, context: bpy.types.Context, camera, centre, folder: Path, frames: int = 8,
     samples: int = 32, progress: Callable[[int, int], None] | None = None,
 ) -> list[Path]:  # fmt: skip
     """Render `camera` turned about the vertical axis through `centre`, `frames` times."""
@@ -58,7 +59,7 @@ def turntable(
         )
         pose = np.array(turn) @ camera.camera_to_world
         views.append(dataclasses.replace(camera, name=f"turn_{frame:02d}", camera_to_world=pose))
-    return render_cameras(context, views, folder, samples, None, progress)
+    return render_cameras(package, context, views, folder, samples, None, progress)
 
 
 def _render(scene: bpy.types.Scene, stem: Path) -> Path:
