@@ -8,7 +8,14 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-from ..kernels.skipping import blocking_grid, cells_at, dilated, free_distance, values_at
+from ..kernels.skipping import (
+    blocking_grid,
+    cells_at,
+    dilated,
+    free_distance,
+    of_corners,
+    values_at,
+)
 from .field import MicrofacetField
 
 LEAST_PASSING = 1e-9
@@ -16,7 +23,8 @@ LEAST_PASSING = 1e-9
 
 
 class Occupancy(nn.Module):
-    """Grids [K, K, K] over the field's box: what may be occupied, and how much each cell dims.
+    """Grids over the field's box: which of its cells [K, K, K] may be occupied, and how much what is at
+    their corners [K + 1, K + 1, K + 1] dims along the edge of a cell.
 
     A cell is occupied if any of its eight corners is denser than a threshold, or a neighbour is:
     one cell of dilation lets a surface move between refreshes, so geometry that was rejected once
@@ -27,8 +35,8 @@ class Occupancy(nn.Module):
         super().__init__()
         everywhere = torch.ones(cells, cells, cells, dtype=torch.bool, device=device)
         self.register_buffer("occupied", everywhere, persistent=False)
-        nothing = torch.zeros_like(everywhere).float()
-        self.register_buffer("optical_depth", nothing, persistent=False)
+        nothing = torch.zeros((cells + 1,) * 3, device=device)
+        self.register_buffer("corner_depth", nothing, persistent=False)
         self.register_buffer("free", free_distance(everywhere), persistent=False)
         self.register_buffer("blocking", blocking_grid(nothing), persistent=False)
         self.register_buffer("allowed", everywhere.clone(), persistent=False)
@@ -46,15 +54,29 @@ class Occupancy(nn.Module):
             dilation: cells by which the occupied set grows.
         """
         sigma = field.extinction(field.raw_density_grid(self.cells + 1))
-        occupied = _pairs(sigma > -math.log1p(-min_alpha) / step, torch.logical_or)
+        occupied = of_corners(sigma > -math.log1p(-min_alpha) / step, torch.logical_or)
         occupied = dilated(occupied, dilation)
         cell = 2 * field.half_size / self.cells
-        self.fill(occupied & self.allowed, _depth_side_by_side(sigma * cell) * self.allowed)
+        self.fill(occupied & self.allowed, sigma * cell * self._allowed_corners())
 
-    def fill(self, occupied: torch.Tensor, optical_depth: torch.Tensor) -> None:
-        """Take over a boolean grid of what may be occupied, and optical depths of cells."""
-        self.occupied, self.optical_depth = occupied, optical_depth
-        self.free, self.blocking = free_distance(occupied), blocking_grid(optical_depth)
+    def fill(self, occupied: torch.Tensor, corner_depth: torch.Tensor) -> None:
+        """Take over a boolean grid of what may be occupied, and optical depths at corners."""
+        self.occupied, self.corner_depth = occupied, corner_depth
+        self.free, self.blocking = free_distance(occupied), blocking_grid(corner_depth)
+
+    def optical_depth(self) -> torch.Tensor:
+        """Optical depths [K, K, K] of cells whose eighths are as deep as their corners, side by side.
+
+        A mean of depths would do for fog. But a cell at a body's edge is half of it empty, and lets half
+        of the light through; with the mean of depths, one dense corner makes it opaque.
+        """
+        passing = of_corners(torch.exp(-self.corner_depth), torch.add) / 8
+        return -torch.log(passing.clamp(min=LEAST_PASSING, max=1.0))
+
+    def _allowed_corners(self) -> torch.Tensor:
+        """True [K + 1, K + 1, K + 1] where nothing that is not allowed is beside a corner."""
+        forbidden = F.pad((~self.allowed)[None, None].float(), (1,) * 6)
+        return F.max_pool3d(forbidden, 2, 1)[0, 0] == 0
 
     def is_allowed(self, box_points: torch.Tensor) -> torch.Tensor:
         """True [N] where something may be, at box points [N, 3]."""
@@ -78,20 +100,3 @@ class Occupancy(nn.Module):
             else F.interpolate(grown, size=(self.cells,) * 3, mode="nearest")
         )
         self.allowed = (resized[0, 0] > 0).to(self.occupied.device)
-
-
-def _depth_side_by_side(depth: torch.Tensor) -> torch.Tensor:
-    """Optical depths [K, K, K] of cells whose eighths are as deep as their corners [K+1, K+1, K+1].
-
-    A mean of depths would do for fog. But a cell at a body's edge is half of it empty, and lets half of the
-    light through; with the mean of depths, one dense corner makes it opaque, and all shadows are too wide.
-    """
-    passing = _pairs(torch.exp(-depth), torch.add) / 8
-    return -torch.log(passing.clamp(min=LEAST_PASSING, max=1.0))
-
-
-def _pairs(grid: torch.Tensor, combine) -> torch.Tensor:
-    """Combine all 2³ neighbours of a grid: [K+1, K+1, K+1] → [K, K, K]."""
-    grid = combine(grid[1:], grid[:-1])
-    grid = combine(grid[:, 1:], grid[:, :-1])
-    return combine(grid[..., 1:], grid[..., :-1])

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 
@@ -61,7 +62,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     tensors["generator.pixels"] = trainer.generator.get_state()
     tensors["occupancy"] = scene.occupancy.occupied
     tensors["allowed"] = scene.occupancy.allowed
-    tensors["optical_depth"] = scene.occupancy.optical_depth
+    tensors["corner_depth"] = scene.occupancy.corner_depth
     tensors |= _probe_tensors(scene)
     if trainer.open_detail.share is not None:
         tensors["light.open_detail"] = trainer.open_detail.share
@@ -231,9 +232,12 @@ def _floor_of(state: dict) -> Floor | None:
 
 
 def _restore_occupancy(scene: Scene, tensors: dict[str, torch.Tensor]) -> None:
-    # Jobs of version 0.1 have the extinction per world unit.
-    depth = tensors.get("optical_depth")
-    depth = tensors["extinction"] * scene.cell if depth is None else depth
+    depth = tensors.get("corner_depth")
+    if depth is None:
+        # Older jobs have cells' depths; those of version 0.1 the extinction per world unit.
+        cells = tensors.get("optical_depth")
+        cells = tensors["extinction"] * scene.cell if cells is None else cells
+        depth = F.avg_pool3d(F.pad(cells[None, None], (1,) * 6, mode="replicate"), 2, 1)[0, 0]
     scene.occupancy.fill(tensors["occupancy"], depth)
     scene.occupancy.allowed = tensors["allowed"]
 

@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 
 from .backend import precise
-from .skipping import optical_depths, values_at
+from .skipping import between_corners, roots_of, values_at
 from .vm_torch import vm_sum
 
 
@@ -48,18 +48,18 @@ def march(
 
 def grid_transmittance(origins, directions, start, step, blocking) -> torch.Tensor:
     """See `march_numba.grid_transmittance`."""
-    _, depth = through_grid(origins, directions, start, step, optical_depths(blocking))
+    _, depth = through_grid(origins, directions, start, step, roots_of(blocking))
     return torch.exp(-depth.sum(-1))
 
 
-def through_grid(origins, directions, start, step, depths) -> tuple[torch.Tensor, torch.Tensor]:
-    """Distances and optical depths [R, T] of the steps of rays through a grid of cells' depths."""
+def through_grid(origins, directions, start, step, roots) -> tuple[torch.Tensor, torch.Tensor]:
+    """Distances and optical depths [R, T] of the steps of rays through a grid of corners' roots."""
     near, far = box_span(origins, directions)
     near = torch.maximum(near, start)
     most = int(torch.ceil(((far - near).clamp(min=0) / step).max()).item()) + 1 if len(near) else 0
     t = near[:, None] + torch.arange(most, device=near.device) * step
     points = origins[:, None] + t[..., None] * directions[:, None]
-    return t, torch.where(t < far[:, None], values_at(depths, points), 0.0)
+    return t, torch.where(t < far[:, None], between_corners(roots, points).square(), 0.0)
 
 
 def composite(optical_depth: torch.Tensor, offsets: torch.Tensor):

@@ -9,8 +9,8 @@ import math
 
 import warp as wp
 
-from .skipping import DEPTHS_PER_UNIT
 from .skipping import EMPTY as EMPTY_CODE
+from .skipping import ROOTS_PER_UNIT
 from .vectors_warp import vector
 from .vm_point_warp import raw_density
 from .warp_device import launch
@@ -19,7 +19,7 @@ from .warp_device import launch
 wp.set_module_options({"enable_backward": False, "fast_math": True, "block_dim": 32})
 
 EMPTY = wp.constant(EMPTY_CODE)
-DEPTH_UNIT = wp.constant(1.0 / DEPTHS_PER_UNIT)
+DEPTH_UNIT = wp.constant(1.0 / ROOTS_PER_UNIT**2)
 HALF = wp.constant(math.log(2))
 NEVER = wp.constant(wp.inf)
 
@@ -124,6 +124,17 @@ def _compact(
 
 
 @wp.func
+def root_at(blocking: wp.array3d(dtype=wp.uint8), i: int, j: int, k: int):
+    code = int(blocking[i, j, k])
+    return wp.where(code < EMPTY, float(code), 0.0)
+
+
+@wp.func
+def column(blocking: wp.array3d(dtype=wp.uint8), i: int, j: int, k: int, along: float):
+    return wp.lerp(root_at(blocking, i, j, k), root_at(blocking, i, j, k + 1), along)
+
+
+@wp.func
 def through_grid(
     origin: wp.vec3, direction: wp.vec3, start: float, step: float,
     blocking: wp.array3d(dtype=wp.uint8),
@@ -133,11 +144,24 @@ def through_grid(
     t = float(wp.max(span[0], start))
     depth = float(0.0)
     half = float(NEVER)
+    cells = blocking.shape[0] - 1
     while t < span[1] and depth < 7.0:
-        code = code_at(blocking, origin + t * direction)
+        at = float(cells) * (origin + t * direction)
+        x = wp.clamp(at[0], 0.0, float(cells))
+        y = wp.clamp(at[1], 0.0, float(cells))
+        z = wp.clamp(at[2], 0.0, float(cells))
+        i = wp.min(int(x), cells - 1)
+        j = wp.min(int(y), cells - 1)
+        k = wp.min(int(z), cells - 1)
+        code = int(blocking[i, j, k])
         if code < EMPTY:
+            u = y - float(j)
+            v = z - float(k)
+            low = wp.lerp(column(blocking, i, j, k, v), column(blocking, i, j + 1, k, v), u)
+            high = wp.lerp(column(blocking, i + 1, j, k, v), column(blocking, i + 1, j + 1, k, v), u)
+            root = wp.lerp(low, high, x - float(i))
             before = depth
-            depth += DEPTH_UNIT * float(code)
+            depth += DEPTH_UNIT * root * root
             if before <= HALF and depth > HALF:
                 half = t
             t += step

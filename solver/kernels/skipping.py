@@ -1,14 +1,21 @@
 """Grids of bytes that say how far a ray can go before it can meet anything.
 
 A grid for marching holds 0 in cells where something may be, else by how many cells a ray can go on. A
-grid for transmittance holds optical depths in 1/32 below 128, else 128 + that number of cells.
+grid for transmittance holds what lies at the corners of cells: the root of the optical depth there, in 1/32
+below 128; or 128 + that number of cells at the lower corner of an empty one. Between corners the root is
+trilinear. As it is squared, a body's edge stays where it is: the depth itself, from nothing at one corner to
+opaque at the next, would be opaque all the way.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 
-DEPTHS_PER_UNIT = 32
+ROOTS_PER_UNIT = 32
+LEAST_ROOT = 4
+"""of a corner that blocks anything: a depth of 1/64"""
 EMPTY = 128
 SELF_SHADOW_COSINE = 0.2
 """of a ray and its surface: below it a ray starts no farther out than with it, for what lies there may be
@@ -40,15 +47,46 @@ def free_distance(blocked: torch.Tensor) -> torch.Tensor:
     return free
 
 
-def blocking_grid(optical_depth: torch.Tensor) -> torch.Tensor:
-    """The grid for `march.grid_transmittance` of cells' optical depths [K, K, K]."""
-    depths = (optical_depth * DEPTHS_PER_UNIT).round().clamp(0, EMPTY - 1).to(torch.uint8)
-    return torch.where(depths > 0, depths, EMPTY + free_distance(depths > 0))
+def blocking_grid(depths: torch.Tensor) -> torch.Tensor:
+    """The grid [K + 1, K + 1, K + 1] for `march.grid_transmittance` of optical depths at corners, of the
+    edge of a cell."""
+    codes = (depths.sqrt() * ROOTS_PER_UNIT).round().clamp(0, EMPTY - 1).to(torch.uint8)
+    codes[codes < LEAST_ROOT] = 0
+    blocked = of_corners(codes > 0, torch.logical_or)
+    lower = codes[:-1, :-1, :-1]
+    lower.copy_(torch.where(blocked, lower, EMPTY + free_distance(blocked)))
+    return codes
 
 
-def optical_depths(blocking: torch.Tensor) -> torch.Tensor:
-    """Optical depths [K, K, K] of a grid made by `blocking_grid`."""
-    return torch.where(blocking < EMPTY, blocking.float() / DEPTHS_PER_UNIT, 0.0)
+def roots_of(blocking: torch.Tensor) -> torch.Tensor:
+    """Roots of the optical depths at the corners of a grid made by `blocking_grid`."""
+    return torch.where(blocking < EMPTY, blocking.float() / ROOTS_PER_UNIT, 0.0)
+
+
+def between_corners(corners: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
+    """Trilinear values [...] of a grid [K + 1, K + 1, K + 1] of corners at box points [..., 3]; beyond the
+    box, those at its border."""
+    count = len(corners) - 1
+    at = (points * count).clamp(0, count)
+    (x, y, z), base = at.unbind(-1), at.long().clamp(max=count - 1)
+    i, j, k = base.unbind(-1)
+
+    def at_column(i, j):
+        return torch.lerp(corners[i, j, k], corners[i, j, k + 1], z - k)
+
+    def at_slice(i):
+        return torch.lerp(at_column(i, j), at_column(i, j + 1), y - j)
+
+    return torch.lerp(at_slice(i), at_slice(i + 1), x - i)
+
+
+def of_corners(
+    grid: torch.Tensor, combine: Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
+) -> torch.Tensor:
+    """What all eight corners of each cell make together: [K + 1, K + 1, K + 1] → [K, K, K]."""
+    grid = combine(grid[1:], grid[:-1])
+    grid = combine(grid[:, 1:], grid[:, :-1])
+    return combine(grid[..., 1:], grid[..., :-1])
 
 
 def dilated(filled: torch.Tensor, cells: int) -> torch.Tensor:

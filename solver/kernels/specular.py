@@ -19,7 +19,7 @@ class Blockers(NamedTuple):
     axes: torch.Tensor  # [3, 3] rows, the box's axes in the world; [0, 3]: the world's own
     edge: float  # of the box, world units
     cell: float  # edge of a cell, world units
-    blocking: torch.Tensor  # [K, K, K] bytes, see `skipping`
+    blocking: torch.Tensor  # bytes, see `skipping.blocking_grid`
     reach: float  # height above a surface from which rays can be blocked, world units
 
 

@@ -18,7 +18,7 @@ def look_around(
     Args:
         points: [P, 3] box units. directions: [J, 3] box units per unit of distance.
         start: distance before which nothing blocks. step: edge of the grid's cells.
-        blocking: [K, K, K] see `skipping.blocking_grid`.
+        blocking: see `skipping.blocking_grid`.
     """
     if not fast(points):
         return visibility_torch.look_around(points, directions, start, step, blocking)

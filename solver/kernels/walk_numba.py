@@ -12,11 +12,13 @@ import numpy as np
 
 from .compiling import function, inlined
 from .lanes import load, store
-from .ray_lanes import CROWD, any_of, codes_at, crowd_of, where
-from .skipping import DEPTHS_PER_UNIT, EMPTY
+from .ray_lanes import CROWD, any_of, codes_at, crowd_of, floor, where
+from .skipping import EMPTY, ROOTS_PER_UNIT
 from .vectors_numba import three_of, times
 
-DEPTH_UNIT = np.float32(1 / DEPTHS_PER_UNIT)
+DEPTH_UNIT = np.float32(1 / ROOTS_PER_UNIT**2)
+WITHIN = np.float32(1 - 1e-6)
+"""of the cells along an edge, where the last one is still the last"""
 LEAST_OPAQUE = np.float32(7.0)
 """optical depth from which nothing passes"""
 HALF = np.float32(math.log(2))
@@ -60,6 +62,28 @@ def enter(known, base, origins, owners, directions, scale, start):
     return o, d, max(near, load(known, (START, 0), none)), far
 
 
+@inlined
+def root_at(codes, i, j, k):
+    code = codes_at(codes, i, j, k)
+    return where(code >= float(EMPTY), 0.0, code)
+
+
+@inlined
+def column(codes, i, j, k, along):
+    low = root_at(codes, i, j, k)
+    return low + along * (root_at(codes, i, j, k + 1.0) - low)
+
+
+@inlined
+def root_between(codes, x, y, z, i, j, k):
+    """Trilinear between the corners of the cells ⌊x⌋, ⌊y⌋, ⌊z⌋ = i, j, k, in units of codes."""
+    low = column(codes, i, j, k, z - k)
+    low = low + (y - j) * (column(codes, i, j + 1.0, k, z - k) - low)
+    high = column(codes, i + 1.0, j, k, z - k)
+    high = high + (y - j) * (column(codes, i + 1.0, j + 1.0, k, z - k) - high)
+    return low + (x - i) * (high - low)
+
+
 @function
 def walk(origins, owners, directions, scale, start, step, blocking, passing, half):
     """Transmittances [R] of rays through a grid made by `skipping.blocking_grid`, a cell a step, and the
@@ -71,8 +95,8 @@ def walk(origins, owners, directions, scale, start, step, blocking, passing, hal
         start: [R] distances from which rays can be blocked; may be `passing`.
         half: [R], or empty where nobody asks.
     """
-    cells, count, asked = np.float32(blocking.shape[0]), passing.shape[0], half.shape[0] > 0
-    last = cells - np.float32(1.0)
+    cells, count, asked = np.float32(blocking.shape[0] - 1), passing.shape[0], half.shape[0] > 0
+    last = cells * WITHIN
     known = np.empty((ROOM, CROWD), np.float32)
     for base in range(0, count, CROWD):
         o, d, t, far = enter(known, base, origins, owners, directions, scale, start)
@@ -82,10 +106,14 @@ def walk(origins, owners, directions, scale, start, step, blocking, passing, hal
             x = min(max(o[0] + t * d[0], 0.0), last)
             y = min(max(o[1] + t * d[1], 0.0), last)
             z = min(max(o[2] + t * d[2], 0.0), last)
-            code = codes_at(blocking, x, y, z)
+            i, j, k = floor(x), floor(y), floor(z)
+            code = codes_at(blocking, i, j, k)
             empty = code >= float(EMPTY)
             walking = (t < far) & (depth < LEAST_OPAQUE)
-            deeper = depth + where(walking, where(empty, 0.0, DEPTH_UNIT * code), 0.0)
+            deeper = depth
+            if any_of(walking & (code < float(EMPTY))):
+                root = root_between(blocking, x, y, z, i, j, k)
+                deeper = depth + where(walking, DEPTH_UNIT * root * root, 0.0)
             if asked:
                 found = where((depth <= HALF) & (deeper > HALF), t, found)
             depth = deeper

@@ -75,7 +75,7 @@ def _run_walks() -> None:
     )  # fmt: skip
     weights, transmittance = composite(_leaf(len(segments.ray)), segments.offsets)
     (weights.sum() + transmittance.sum()).backward()
-    blocking = blocking_grid(torch.rand(4, 4, 4))
+    blocking = blocking_grid(torch.rand(5, 5, 5))
     grid_transmittance(points, directions, torch.zeros(4), 0.25, blocking)
     look_around(points, directions, 0.1, 0.25, blocking)
 
@@ -94,7 +94,7 @@ def _run_light() -> None:
 
 def _run_reflection() -> None:
     points, directions = _rays()
-    blocking = blocking_grid(torch.rand(4, 4, 4))
+    blocking = blocking_grid(torch.rand(5, 5, 5))
     blockers = Blockers(torch.zeros(3), torch.empty(0, 3), 1.0, 0.25, blocking, 0.1)
     table, rows = _light()
     radiance, _ = specular(

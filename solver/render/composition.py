@@ -161,7 +161,7 @@ class Composition(nn.Module):
         nodes, points, part = [], [], []
         for index, (scene, placement) in enumerate(zip(self.parts, self.placements, strict=True)):
             first_row = 1 + sum(len(some) for some in points)
-            grid, local = nodes_of(scene.occupancy.optical_depth, first_row)
+            grid, local = nodes_of(scene.occupancy.optical_depth(), first_row)
             nodes.append(grid)
             points.append(self._to_world(placement, scene.field.from_box(local)))
             part.append(torch.full((len(local),), index, device=local.device))

@@ -214,7 +214,7 @@ class Scene(nn.Module):
 
     def new_probes(self) -> tuple[list[Nodes], torch.Tensor, torch.Tensor | None]:
         """Nodes close to the surface as it is now, where they are [P, 3], world, and their parts."""
-        nodes, points = nodes_of(self.occupancy.optical_depth, 1)
+        nodes, points = nodes_of(self.occupancy.optical_depth(), 1)
         return [nodes], self.field.from_box(points), None
 
     def probe_rows(self, hits: torch.Tensor, directions: torch.Tensor) -> torch.Tensor:

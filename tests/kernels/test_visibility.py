@@ -17,9 +17,9 @@ def directions(count=40):
     return torch.nn.functional.normalize(torch.randn(count, 3), dim=-1)
 
 
-def blobs(cells=24):
+def blobs(corners=25):
     torch.manual_seed(2)
-    depths = torch.rand(cells, cells, cells) * (torch.rand(cells, cells, cells) < 0.05)
+    depths = torch.rand((corners,) * 3) * (torch.rand((corners,) * 3) < 0.05)
     return blocking_grid(4 * depths)
 
 
@@ -31,11 +31,10 @@ def test_looking_around_agrees_with_its_twin(path, device):
         passing, distance = look_around(points, toward, 0.05, 1 / 24, grid)
     with plain_torch():
         expected, where = look_around(points, toward, 0.05, 1 / 24, grid)
-    # A step within rounding of a cell's face may fall on either side.
-    close = (passing - expected).abs() < 1e-4
-    assert close.float().mean() > 0.98
+    torch.testing.assert_close(passing, expected, rtol=1e-3, atol=1e-4)
+    # Half of the light may be stopped within rounding of a step.
     same = (distance == where) | ((distance - where).abs() < 1e-4)
-    assert same[close].float().mean() > 0.99
+    assert same.float().mean() > 0.99
     assert torch.isfinite(where).any() and torch.isinf(where).any()
 
 
@@ -57,11 +56,11 @@ def test_any_number_of_rays_walks_to_the_end(count):
     with plain_torch():
         expected = grid_transmittance(*arguments)
     assert passing.shape == (count,)
-    assert ((passing - expected).abs() < 1e-4).float().sum() >= 0.98 * count
+    torch.testing.assert_close(passing, expected, rtol=1e-3, atol=1e-4)
 
 
 def test_a_slab_stops_half_of_the_light_where_it_begins():
-    depths = torch.zeros(32, 32, 32)
+    depths = torch.zeros(33, 33, 33)
     depths[:, :, 24:] = 1.0
     up = torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     passing, distance = look_around(

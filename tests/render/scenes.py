@@ -46,7 +46,7 @@ def refresh(scene):
 def fill_everywhere(scene):
     """Let marching look everywhere."""
     occupancy = scene.occupancy
-    occupancy.fill(torch.ones_like(occupancy.occupied), occupancy.optical_depth)
+    occupancy.fill(torch.ones_like(occupancy.occupied), occupancy.corner_depth)
 
 
 def camera_rays(count=12, distance=3.0, extent=0.6):

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from solver.field.occupancy import Occupancy
+from solver.kernels.skipping import of_corners
 from solver.light.environment import EnvironmentMap, equirect_directions
 from solver.light.irradiance import irradiance
 from solver.render.composition import Composition, Placement
@@ -21,10 +22,10 @@ def scene_of(distance, cells=96, environment=None, albedo=BLACK):
     """A scene whose occupancy grid holds what a signed distance says, reflecting nothing but albedo."""
     scene = ball(environment=environment)
     scene.occupancy = Occupancy(cells)
-    ticks = (torch.arange(cells) + 0.5) / cells * 2 - 1
+    ticks = torch.linspace(-1, 1, cells + 1)
     depth = distance(torch.stack(torch.meshgrid(ticks, ticks, ticks, indexing="ij"), -1))
     depth = 6 * torch.sigmoid(-2.5 * depth / scene.cell) * (depth < 2 * scene.cell)
-    scene.occupancy.fill(depth > 0, depth)
+    scene.occupancy.fill(of_corners(depth > 0, torch.logical_or), depth)
     with torch.no_grad():
         scene.field.heads.albedo.bias.fill_(albedo)
         scene.field.heads.f0.bias.fill_(BLACK)

@@ -27,9 +27,9 @@ def setting(alpha):
     light = EnvironmentMap.from_radiance(1.3 + torch.stack(sky.unbind(-1), -1))
     scene = ball(environment=light)
     # Thin everywhere, so that rays are dimmed by all sorts of amounts.
-    depths = scene.occupancy.optical_depth
-    thin = torch.rand_like(depths) * (torch.rand_like(depths) < 0.02)
-    scene.occupancy.fill(scene.occupancy.occupied, thin)
+    cells = scene.occupancy.occupied
+    thin = torch.rand(cells.shape) * (torch.rand(cells.shape) < 0.02)
+    scene.occupancy.fill(cells, torch.nn.functional.pad(thin, (0, 1) * 3))
     normals = torch.nn.functional.normalize(torch.randn(COUNT, 3), dim=-1)
     aside = torch.nn.functional.normalize(torch.randn(COUNT, 3), dim=-1)
     view = torch.nn.functional.normalize(normals + 1.5 * torch.rand(COUNT, 1) * aside, dim=-1)
