@@ -186,7 +186,9 @@ def cases(points: int) -> list[Case]:
             rand(shaded, 3).requires_grad_(), table.detach().requires_grad_()]  # fmt: skip
     glossy_rays = 5 * shaded
     first = 5 * torch.arange(shaded + 1)
-    blocking = blocking_grid(3.0 * (free == 0))
+    nodes = torch.linspace(-1, 1, 129)
+    radii = (nodes[:, None, None] ** 2 + nodes[None, :, None] ** 2 + nodes[None, None] ** 2).sqrt()
+    blocking = blocking_grid(3.0 * ((radii - 0.7).abs() < 0.05))
     blockers = Blockers(torch.zeros(3), torch.empty(0, 3), 1.0, 1 / 128, blocking, 0.02)
     u = rand(glossy_rays, 2)
     # Cells that a ray reads in these scenes, counted once by a plain loop.
@@ -198,8 +200,8 @@ def cases(points: int) -> list[Case]:
 
     def glossy():
         return specular(
-            *lobe, view, rand(shaded, 3), first, torch.full((shaded,), 0.2), u, rows, True, True,
-            True, blockers,
+            *lobe, view, rand(shaded, 3), first, torch.full((shaded,), 0.2), torch.full((shaded,), 5), u,
+            rows, True, True, True, blockers,
         )[0]  # fmt: skip
 
     reflected = glossy()

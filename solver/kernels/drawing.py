@@ -12,7 +12,10 @@ from . import drawing_torch
 from .backend import has_kernels, kernels
 from .flat_form import offsets_of, room_for
 from .hashing import Stream, stream_for
+from .march import MOST_SAMPLES
 
+SAMPLE_BITS = MOST_SAMPLES.bit_length() - 1
+"""of a sample's key, which say where along its ray it is; the others are its ray's"""
 RAYS_PER_SAMPLE = 1024
 """room for the secondary rays of a sample in a key"""
 LEAST_SCORE = 1e-30
@@ -23,6 +26,7 @@ class Plan(NamedTuple):
     """Which secondary rays are to be sampled: ray k belongs to sample `sample[k]`."""
 
     counts: torch.Tensor  # [S] long, rays of a sample
+    together: torch.Tensor  # [S] long, rays of all samples along the same primary ray
     offsets: torch.Tensor  # [S + 1] long, where they begin
     sample: torch.Tensor  # [K] long
     keys: torch.Tensor  # [K] long
@@ -60,25 +64,30 @@ def draw_depths(
 def plan_rays(
     keys: torch.Tensor, mass: torch.Tensor, rays: int, points: torch.Tensor, streams: tuple[Stream, Stream]
 ) -> Plan:  # fmt: skip
-    """Share out a pixel's `rays` among its samples.
+    """Share out a primary ray's `rays` among the samples along it.
 
     Args:
-        keys: [S] long. mass: [S] by how much of its pixel each sample stands for.
-        points: [P, 2] low-discrepancy in [0, 1)²; a sample's rays get the first ones, turned.
-        streams: the hash's seeds for how many rays a sample gets and for its turn.
+        keys: [S] long, those of a primary ray in a row. mass: [S] by how much of it each sample stands for.
+        points: [P, 2] low-discrepancy in [0, 1)²; the rays of all samples along a primary ray get the first
+            ones, turned.
+        streams: the hash's seeds for how many rays the samples of a primary ray get and for its turn.
     """
     if not has_kernels(keys.device):
-        parts = drawing_torch.plan_rays(keys, mass, rays, points, streams, RAYS_PER_SAMPLE)
+        parts = drawing_torch.plan_rays(
+            keys, mass, rays, points, streams, SAMPLE_BITS, RAYS_PER_SAMPLE
+        )
         return Plan(*parts)
-    counts, share = torch.empty_like(keys), torch.empty_like(mass)
+    counts, together, share = torch.empty_like(keys), torch.empty_like(keys), torch.empty_like(mass)
     run = kernels("drawing", keys.device)
     streams = [stream_for(keys.device, stream) for stream in streams]
-    run.share_out(keys, mass, rays, streams[0], counts, share)
+    run.share_out(keys, mass, rays, streams[0], SAMPLE_BITS, counts, share)
     offsets, total = offsets_of(counts)
     sample = room_for(keys, total, fill=len(keys) - 1)
     ray_keys, u = room_for(keys, total), room_for(mass, total, 2, fill=0.5)
-    run.leave(keys, offsets, streams[1], points, RAYS_PER_SAMPLE, sample, ray_keys, u)
-    return Plan(counts, offsets, sample, ray_keys, share, u)
+    run.leave(
+        keys, offsets, streams[1], points, SAMPLE_BITS, RAYS_PER_SAMPLE, sample, ray_keys, u, together
+    )  # fmt: skip
+    return Plan(counts, together, offsets, sample, ray_keys, share, u)
 
 
 def choose_blocked(

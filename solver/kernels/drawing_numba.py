@@ -57,12 +57,18 @@ def flatten(rows, more_rows, offsets, flat, more_flat, row):
 
 
 @numba.njit(cache=True, nogil=True)
-def share_out(keys, mass, rays, seed, counts, share):
-    """How many of a pixel's `rays` each sample gets, and by how much each of them counts; all [S]."""
+def share_out(keys, mass, rays, seed, sample_bits, counts, share):
+    """How many of a primary ray's `rays` each sample along it gets, and by how much each of them counts;
+    all [S]. See `drawing_torch.share_out`."""
     least, one = np.float32(1e-6), np.float32(1)
+    running, u = 0.0, 0.0
     for s in range(keys.shape[0]):
+        if s == 0 or keys[s] >> sample_bits != keys[s - 1] >> sample_bits:
+            running, u = 0.0, float(unit_number(keys[s] >> sample_bits, seed))
         expected = mass[s] * np.float32(rays)
-        count = int(math.floor(expected + unit_number(keys[s], seed)))
+        before = running
+        running += float(expected)
+        count = int(math.floor(running + u)) - int(math.floor(before + u))
         counts[s] = count
         share[s] = one / (min(max(expected, least), one) * np.float32(max(count, 1)))
         if mass[s] <= 0:
@@ -70,19 +76,27 @@ def share_out(keys, mass, rays, seed, counts, share):
 
 
 @numba.njit(cache=True, nogil=True)
-def leave(keys, offsets, seed, points, keys_per_sample, sample, ray_keys, u):
-    """The rays [K] of all samples: whose they are, their keys, and their points, turned by sample; those
-    of sample s from `offsets[s]` up to `offsets[s + 1]`."""
-    for s in range(keys.shape[0]):
-        if offsets[s + 1] == offsets[s]:
+def leave(keys, offsets, seed, points, sample_bits, keys_per_sample, sample, ray_keys, u, together):
+    """The rays [K] of all samples: whose they are, their keys, and their points, turned by primary ray;
+    those of sample s from `offsets[s]` up to `offsets[s + 1]`. And how many the samples along the same
+    primary ray have `together` [S]."""
+    end = 0
+    for begin in range(keys.shape[0]):
+        if begin < end:
             continue
-        shift0, shift1 = unit_number(keys[s], seed), unit_number(keys[s], seed + 1)
-        for k in range(offsets[s], offsets[s + 1]):
-            i = k - offsets[s]
-            sample[k] = s
-            ray_keys[k] = keys[s] * keys_per_sample + i % keys_per_sample
-            x, y = points[i % len(points), 0] + shift0, points[i % len(points), 1] + shift1
-            u[k, 0], u[k, 1] = x - np.floor(x), y - np.floor(y)
+        primary = keys[begin] >> sample_bits
+        end = begin + 1
+        while end < keys.shape[0] and keys[end] >> sample_bits == primary:
+            end += 1
+        shift0, shift1 = unit_number(primary, seed), unit_number(primary, seed + 1)
+        for s in range(begin, end):
+            together[s] = offsets[end] - offsets[begin]
+            for k in range(offsets[s], offsets[s + 1]):
+                i = k - offsets[begin]
+                sample[k] = s
+                ray_keys[k] = keys[s] * keys_per_sample + (k - offsets[s]) % keys_per_sample
+                x, y = points[i % len(points), 0] + shift0, points[i % len(points), 1] + shift1
+                u[k, 0], u[k, 1] = x - np.floor(x), y - np.floor(y)
 
 
 @numba.njit(cache=True, nogil=True)

@@ -23,33 +23,48 @@ def draw_depths(weights, offsets, opacity, u, least):
     return index, torch.searchsorted(offsets, index, right=True) - 1, times
 
 
-def allocate_rays(weights: torch.Tensor, rays: int, u: torch.Tensor) -> torch.Tensor:
-    """How many of a pixel's `rays` each sample gets: floor(w·M + u), unbiased for u ~ U[0, 1).
-
-    The paper's floor(w·M) leaves every sample with w < 1/M without any (errata).
-    """
-    return (weights * rays + u).floor().long()
-
-
-def plan_rays(keys, mass, rays, points, streams, keys_per_sample):
+def plan_rays(keys, mass, rays, points, streams, sample_bits, keys_per_sample):
     """See `drawing.plan_rays`; the parts of a plan."""
-    expected = mass * rays
-    counts = allocate_rays(mass, rays, uniform(keys, streams[0], 1)[:, 0])
+    primary, along, samples = torch.unique_consecutive(
+        keys >> sample_bits, return_inverse=True, return_counts=True
+    )
+    counts, share = share_out(mass * rays, along, samples, uniform(primary, streams[0], 1)[:, 0])
     offsets = torch.nn.functional.pad(counts.cumsum(0), (1, 0))
+    first, end = offsets[samples.cumsum(0) - samples], offsets[samples.cumsum(0)]
     sample = torch.repeat_interleave(torch.arange(len(counts), device=counts.device), counts)
-    index = torch.arange(len(sample), device=counts.device) - offsets[sample]
-    # A sample that was lucky to get its one ray stands for the others like it.
-    share = (mass > 0) / (expected.clamp(1e-6, 1) * counts.clamp(min=1))
-    ray_keys = keys[sample] * keys_per_sample + index % keys_per_sample
-    return counts, offsets, sample, ray_keys, share, turned(points, keys, streams[1], sample, index)
+    ray = torch.arange(len(sample), device=counts.device)
+    ray_keys = keys[sample] * keys_per_sample + (ray - offsets[sample]) % keys_per_sample
+    along_ray = along[sample]
+    u = turned(points, uniform(primary, streams[1], 2)[along_ray], ray - first[along_ray])
+    return counts, (end - first)[along], offsets, sample, ray_keys, share, u
 
 
-def turned(points, keys, stream, sample, index):
-    """Points [K, 2] for ray number `index` [K] of sample `sample` [K]; `keys` [S] name the samples.
+def share_out(expected, along, samples, u):
+    """How many rays each sample gets [S], and by how much each of them counts.
 
-    The first N points of one scrambled Sobol set, shifted on the torus for every sample by an offset
-    from all of [0, 1)² (Cranley & Patterson 1976; the public code shifts by a quarter at most, so
-    that a sample's one ray is biased).
+    Along primary ray r, whose `samples[r]` samples are in a row, each gets as many as whole numbers lie
+    between what those before it and those up to it expect, from u[r] ~ U[0, 1) on (systematic sampling). So
+    a sample gets what it expects in the mean; with the paper's floor(w·M) those with w < 1/M never get any
+    (errata).
+
+    Args:
+        expected: [S]. along: [S] long, the sample's primary ray. u: [R].
     """
-    shifted = points[index % len(points)] + uniform(keys, stream, 2)[sample]
+    steps = expected.to(precise(expected.device))
+    running = steps.cumsum(0)
+    first = samples.cumsum(0) - samples
+    begun = (running - steps)[first] - u
+    counts = (running - begun[along]).floor() - (running - steps - begun[along]).floor()
+    counts = counts.long()
+    # A sample that was lucky to get its one ray stands for the others like it.
+    return counts, (expected > 0) / (expected.clamp(1e-6, 1) * counts.clamp(min=1))
+
+
+def turned(points, shift, index):
+    """Points [K, 2] number `index` [K] of one scrambled Sobol set, shifted on the torus by `shift` [K, 2].
+
+    Shifts are from all of [0, 1)² (Cranley & Patterson 1976; the public code shifts by a quarter at most,
+    so that a lone ray is biased).
+    """
+    shifted = points[index % len(points)] + shift
     return shifted - shifted.floor()

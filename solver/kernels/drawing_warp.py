@@ -70,14 +70,28 @@ def _flatten(
         row[first + i] = wp.int64(r)
 
 
+@wp.func
+def begin_of(keys: Integers, s: int, sample_bits: wp.int64):
+    """The first of the samples along the same primary ray as sample s."""
+    begin = int(s)
+    while begin > 0 and keys[begin - 1] >> sample_bits == keys[s] >> sample_bits:
+        begin -= 1
+    return begin
+
+
 @wp.kernel
 def _share_out(
-    keys: Integers, mass: wp.array(dtype=float), rays: float, seed: Integers, counts: Integers,
-    share: wp.array(dtype=float),
+    keys: Integers, mass: wp.array(dtype=float), rays: float, seed: Integers, sample_bits: wp.int64,
+    counts: Integers, share: wp.array(dtype=float),
 ):  # fmt: skip
     s = wp.tid()
+    before = wp.float64(0.0)
+    for i in range(begin_of(keys, s, sample_bits), s):
+        before += wp.float64(mass[i] * rays)
     expected = mass[s] * rays
-    count = wp.int64(wp.floor(expected + unit_number(keys[s], wp.uint32(seed[0]))))
+    u = wp.float64(unit_number(keys[s] >> sample_bits, wp.uint32(seed[0])))
+    up_to = before + wp.float64(expected)
+    count = wp.int64(wp.floor(up_to + u)) - wp.int64(wp.floor(before + u))
     counts[s] = count
     share[s] = 1.0 / (wp.min(wp.max(expected, 1.0e-6), 1.0) * float(wp.max(count, ONE)))
     if mass[s] <= 0.0:
@@ -87,18 +101,25 @@ def _share_out(
 @wp.kernel
 def _leave(
     keys: Integers, offsets: Integers, seed: Integers, points: wp.array2d(dtype=float),
-    keys_per_sample: int, sample: Integers, ray_keys: Integers, u: wp.array2d(dtype=float),
+    sample_bits: wp.int64, keys_per_sample: int, sample: Integers, ray_keys: Integers,
+    u: wp.array2d(dtype=float), together: Integers,
 ):  # fmt: skip
     s = wp.tid()
+    primary = keys[s] >> sample_bits
+    begin = int(offsets[begin_of(keys, s, sample_bits)])
+    end = int(s) + 1
+    while end < keys.shape[0] and keys[end] >> sample_bits == primary:
+        end += 1
+    together[s] = offsets[end] - wp.int64(begin)
     first = int(offsets[s])
-    shift0 = unit_number(keys[s], wp.uint32(seed[0]))
-    shift1 = unit_number(keys[s], wp.uint32(seed[0]) + wp.uint32(1))
-    for i in range(int(offsets[s + 1]) - first):
-        k = first + i
+    shift0 = unit_number(primary, wp.uint32(seed[0]))
+    shift1 = unit_number(primary, wp.uint32(seed[0]) + wp.uint32(1))
+    for k in range(first, int(offsets[s + 1])):
+        i = (k - begin) % points.shape[0]
         sample[k] = wp.int64(s)
-        ray_keys[k] = keys[s] * wp.int64(keys_per_sample) + wp.int64(i % keys_per_sample)
-        x = points[i % points.shape[0], 0] + shift0
-        y = points[i % points.shape[0], 1] + shift1
+        ray_keys[k] = keys[s] * wp.int64(keys_per_sample) + wp.int64((k - first) % keys_per_sample)
+        x = points[i, 0] + shift0
+        y = points[i, 1] + shift1
         u[k, 0] = x - wp.floor(x)
         u[k, 1] = y - wp.floor(y)
 
@@ -111,11 +132,14 @@ def flatten(rows, more_rows, offsets, flat, more_flat, row) -> None:
     launch(_flatten, len(rows), rows, more_rows, offsets, flat, more_flat, row)
 
 
-def share_out(keys, mass, rays, seed, counts, share) -> None:
-    launch(_share_out, len(keys), keys, mass, float(rays), seed, counts, share)
+def share_out(keys, mass, rays, seed, sample_bits, counts, share) -> None:
+    launch(_share_out, len(keys), keys, mass, float(rays), seed, sample_bits, counts, share)
 
 
-def leave(keys, offsets, seed, points, keys_per_sample, sample, ray_keys, u) -> None:
+def leave(
+    keys, offsets, seed, points, sample_bits, keys_per_sample, sample, ray_keys, u, together
+) -> None:  # fmt: skip
     launch(
-        _leave, len(keys), keys, offsets, seed, points, keys_per_sample, sample, ray_keys, u
+        _leave, len(keys), keys, offsets, seed, points, sample_bits, keys_per_sample, sample, ray_keys,
+        u, together,
     )  # fmt: skip

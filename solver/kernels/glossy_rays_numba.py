@@ -69,7 +69,7 @@ def keep(found, first, values):
 
 @function
 def leave(
-    begin, end, low, owners, base, normals, views, alphas, f0s, first, shares, u, masking, averaged,
+    begin, end, low, owners, base, normals, views, alphas, f0s, together, shares, u, masking, averaged,
     widening, spread, shifts, up, width, height, reach, found, directions, weights, start, centre, size,
     growth,
 ):  # fmt: skip
@@ -92,7 +92,7 @@ def leave(
             for c in range(3):
                 found[SHIFT + c, lane] = shifts[s, c]
         found[ALPHA, lane], found[SHARE, lane] = alphas[s], shares[s]
-        found[COUNT, lane] = first[s + np.uint64(1)] - first[s]
+        found[COUNT, lane] = together[s]
         found[U, lane], found[U + 1, lane] = u[k, 0], u[k, 1]
     nothing = rays_of(0.0)
     n, v, f0 = (

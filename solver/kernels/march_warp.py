@@ -158,7 +158,9 @@ def through_grid(
             u = y - float(j)
             v = z - float(k)
             low = wp.lerp(column(blocking, i, j, k, v), column(blocking, i, j + 1, k, v), u)
-            high = wp.lerp(column(blocking, i + 1, j, k, v), column(blocking, i + 1, j + 1, k, v), u)
+            high = wp.lerp(
+                column(blocking, i + 1, j, k, v), column(blocking, i + 1, j + 1, k, v), u
+            )
             root = wp.lerp(low, high, x - float(i))
             before = depth
             depth += DEPTH_UNIT * root * root

@@ -3,8 +3,8 @@
 A grid for marching holds 0 in cells where something may be, else by how many cells a ray can go on. A
 grid for transmittance holds what lies at the corners of cells: the root of the optical depth there, in 1/32
 below 128; or 128 + that number of cells at the lower corner of an empty one. Between corners the root is
-trilinear. As it is squared, a body's edge stays where it is: the depth itself, from nothing at one corner to
-opaque at the next, would be opaque all the way.
+trilinear. As it is squared, a body's edge stays where it is: the depth itself, from nothing at one corner
+to opaque at the next, would be opaque all the way.
 """
 
 from __future__ import annotations

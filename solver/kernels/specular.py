@@ -40,8 +40,8 @@ class Near(NamedTuple):
 
 class _Specular(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, normals, alphas, f0s, table, views, points, first, shares, u, rows, masking,
-                averaged, widening, blockers, spread, near):  # fmt: skip
+    def forward(ctx, normals, alphas, f0s, table, views, points, first, shares, together, u, rows,
+                masking, averaged, widening, blockers, spread, near):  # fmt: skip
         samples, rays = len(normals), len(u)
         radiance = normals.new_empty(samples, 3)
         directions, weights, light = normals.new_empty(3, rays, 3).unbind()
@@ -50,9 +50,9 @@ class _Specular(torch.autograd.Function):
         inputs = [v.contiguous() for v in (normals, views, alphas, f0s, first, shares, u)]
         kernels("specular", normals.device).specular(
             *inputs, masking, averaged, widening, spread.contiguous(), near.shifts.contiguous(), near.up,
-            points.contiguous(), blockers.reach, blockers.low, blockers.axes, 1 / blockers.edge,
-            blockers.cell, blockers.blocking, table, rows, radiance, directions, weights, passing,
-            light, slope, centre, size, growth,
+            points.contiguous(), together.contiguous(), blockers.reach, blockers.low, blockers.axes,
+            1 / blockers.edge, blockers.cell, blockers.blocking, table, rows, radiance, directions,
+            weights, passing, light, slope, centre, size, growth,
         )  # fmt: skip
         ctx.masking, ctx.near = masking, near
         ctx.save_for_backward(
@@ -79,14 +79,14 @@ class _Specular(torch.autograd.Function):
         kernels("integral", table.device).rectangle_mean_backward(
             rows, centre, size, to_light, buffer
         )
-        return g_normals, g_alphas, g_f0s, g_table, *[None] * 12
+        return g_normals, g_alphas, g_f0s, g_table, *[None] * 13
 
 
 def specular(
     normals: torch.Tensor, alphas: torch.Tensor, f0s: torch.Tensor, table: torch.Tensor,
     views: torch.Tensor, points: torch.Tensor, first: torch.Tensor, shares: torch.Tensor,
-    u: torch.Tensor, rows: torch.Tensor, masking: bool, averaged: bool, widening: bool,
-    blockers: Blockers, spread: torch.Tensor | None = None, near: Near | None = None,
+    together: torch.Tensor, u: torch.Tensor, rows: torch.Tensor, masking: bool, averaged: bool,
+    widening: bool, blockers: Blockers, spread: torch.Tensor | None = None, near: Near | None = None,
 ) -> tuple[torch.Tensor, Carried]:  # fmt: skip
     """Radiance [S, 3] that samples reflect from the environment, as far as the grid lets it through.
 
@@ -94,7 +94,7 @@ def specular(
         normals, views: [S, 3] world, unit, normals on the viewer's side. alphas: [S]. f0s: [S, 3].
         table, rows: of the light (`integral.rectangle_mean`). points: [S, 3] world.
         first: [S + 1] where each sample's rays begin. shares: [S] by how much each of them counts.
-        u: [K, 2] uniform in [0, 1).
+        together: [S] how many rays share the lobe of each (`drawing.Plan`). u: [K, 2] uniform in [0, 1).
         masking: weigh by G2/G1. averaged: a ray stands for its share of the solid angle. widening:
             gradients to alphas know of that.
         spread: [S, 2, 3] what the pixel adds to that (`footprint.reflected_spread`); none: nothing.
@@ -111,7 +111,7 @@ def specular(
     spread = normals.new_zeros(len(normals), 2, 3) if spread is None else spread
     near = Near(normals.new_empty(0, 3), (0.0, 0.0, 0.0)) if near is None else near
     radiance, *carried = _Specular.apply(
-        normals, alphas, f0s, table, views, points, first, shares, u, rows, masking, averaged,
-        widening, blockers, spread, near,
+        normals, alphas, f0s, table, views, points, first, shares, together, u, rows, masking,
+        averaged, widening, blockers, spread, near,
     )  # fmt: skip
     return radiance, Carried(*carried)

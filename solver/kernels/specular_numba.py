@@ -79,7 +79,7 @@ def add_up(s, first, weights, light, radiance):
 @kernel
 def specular(
     normals, views, alphas, f0s, first, shares, u, masking, averaged, widening, spread, shifts, up,
-    points, reach, box_low, box_axes, box_scale, cell, blocking, table, rows,
+    points, together, reach, box_low, box_axes, box_scale, cell, blocking, table, rows,
     radiance, directions, weights, passing, light, slope, centre, size, growth,
 ):  # fmt: skip
     """Reflected radiance [S, 3] of samples; what rays [K] carried, for the adjoint and for tracing.
@@ -107,7 +107,7 @@ def specular(
         turn_into(box_axes, origins)
         for k in range(np.uint64(begin), np.uint64(end), np.uint64(LANES)):
             leave(
-                k, np.uint64(end), low, owners, begin, normals, views, alphas, f0s, first, shares, u,
+                k, np.uint64(end), low, owners, begin, normals, views, alphas, f0s, together, shares, u,
                 masking, averaged, widening, spread, shifts, up, width, height, reach, found,
                 directions, weights, passing, centre, size, growth,
             )  # fmt: skip

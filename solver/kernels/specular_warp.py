@@ -119,7 +119,7 @@ def along_axes(axes: Vectors, v: wp.vec3):
 
 @wp.kernel
 def _look(
-    normals: Vectors, views: Vectors, alphas: Numbers, first: wp.array(dtype=wp.int64), u: Vectors,
+    normals: Vectors, views: Vectors, alphas: Numbers, together: wp.array(dtype=wp.int64), u: Vectors,
     owners: Owners, averaged: bool, widening: bool, spread: wp.array3d(dtype=float), shifts: Vectors,
     up: wp.vec3, points: Vectors, reach: float, box_low: Numbers, box_axes: Vectors,
     box_scale: float, cell: float, blocking: wp.array3d(dtype=wp.uint8), width: float, height: float,
@@ -142,7 +142,7 @@ def _look(
     d = vector(directions, k)
     solid_angle = float(0.0)
     if averaged:
-        count = float(first[s + 1] - first[s])
+        count = float(together[s])
         solid_angle = wp.min(solid_angle_of(view[2], half[2], alphas[s], count), 4.0 * PI)
     seen = from_centre(d, shifts, up, s)
     e = seen.direction
@@ -246,8 +246,8 @@ def _owners(first: torch.Tensor, rays: int) -> torch.Tensor:
 
 def specular(
     normals, views, alphas, f0s, first, shares, u, masking, averaged, widening, spread, shifts, up,
-    points, reach, box_low, box_axes, box_scale, cell, blocking, table, rows, radiance, directions,
-    weights, passing, light, slope, centre, size, growth,
+    points, together, reach, box_low, box_axes, box_scale, cell, blocking, table, rows, radiance,
+    directions, weights, passing, light, slope, centre, size, growth,
 ) -> None:  # fmt: skip
     rays = len(u)
     owners = _owners(first, rays)
@@ -255,7 +255,7 @@ def specular(
         _leave, rays, normals, views, alphas, f0s, shares, u, owners, masking, directions, weights
     )  # fmt: skip
     launch(
-        _look, rays, normals, views, alphas, first, u, owners, averaged, widening, spread, shifts,
+        _look, rays, normals, views, alphas, together, u, owners, averaged, widening, spread, shifts,
         wp.vec3(*up), points, reach, box_low, box_axes, box_scale, cell, blocking,
         float(table.shape[1] - 1), float(table.shape[0] - 1), directions, passing, centre, size, growth,
     )  # fmt: skip

@@ -99,7 +99,8 @@ def _run_reflection() -> None:
     table, rows = _light()
     radiance, _ = specular(
         directions.clone().requires_grad_(), _leaf(4), _leaf(4, 3), table, directions, points,
-        torch.arange(5), torch.ones(4), torch.rand(4, 2), rows, True, True, True, blockers,
+        torch.arange(5), torch.ones(4), torch.ones(4).long(), torch.rand(4, 2), rows, True, True, True,
+        blockers,
     )  # fmt: skip
     radiance.sum().backward()
 

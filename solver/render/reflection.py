@@ -43,7 +43,7 @@ class SecondaryRays(NamedTuple):
 
 
 def plan_rays(keys: torch.Tensor, mass: torch.Tensor, rays: int, random: RandomNumbers) -> Plan:
-    """Share out a pixel's `rays` among its samples by their mass [S] (`drawing.plan_rays`)."""
+    """Share out a primary ray's `rays` among the samples along it by mass [S] (`drawing.plan_rays`)."""
     streams = random.stream(ALLOCATION), random.stream(ROTATION)
     return drawing.plan_rays(keys, mass, rays, random.points, streams)
 
@@ -99,7 +99,7 @@ def _leave(
     weight = weight * (above * plan.share[sample])[:, None]
     with torch.no_grad():
         pdf = visible_normal_pdf(local_view[:, 2], half[:, 2], alpha)
-        solid_angle = 1 / (plan.counts[sample] * pdf).clamp(min=1e-6)
+        solid_angle = 1 / (plan.together[sample] * pdf).clamp(min=1e-6)
         if not settings.integral_image:
             solid_angle = torch.zeros_like(solid_angle)
     solid_angle = _widening(solid_angle, alpha, settings)
@@ -114,7 +114,7 @@ def _leave_at_once(
     """`_leave` in one kernel."""
     *rays, solid_angle = rowwise(
         "scattered",
-        (normals, materials.alpha, materials.f0, view, plan.share, plan.counts, plan.sample, plan.u),
+        (normals, materials.alpha, materials.f0, view, plan.share, plan.together, plan.sample, plan.u),
         (settings.light_masking, settings.integral_image), ((3,), (3,), (3,), (3,), ()),
         len(plan.sample),
     )  # fmt: skip
@@ -207,7 +207,7 @@ def reflected(
     if fused and fast(toward):
         radiance, (direction, weight, passing) = specular(
             toward, surface.materials.alpha, surface.materials.f0, tables.light.table, view,
-            samples.points, plan.offsets, plan.share, plan.u, scene.environment.row_prefix,
+            samples.points, plan.offsets, plan.share, plan.together, plan.u, scene.environment.row_prefix,
             settings.light_masking, settings.integral_image, settings.widening_gradient,
             scene.blockers(surface.reach), spread, _near(scene.environment.floor, samples.points),
         )  # fmt: skip

@@ -54,10 +54,12 @@ def test_samples_are_drawn_as_often_as_they_weigh():
     assert scipy.stats.chisquare(counts[kept].numpy(), expected.numpy()).pvalue > 1e-3
 
 
+@pytest.mark.parametrize("along", [1, 3, 40])
 @pytest.mark.parametrize("samples, count", [(500, 1), (500, 16), (500, 300), (0, 4)])
 @pytest.mark.parametrize("path, device", PATHS)
-def test_all_twins_plan_the_same_rays(samples, count, path, device):
-    keys = torch.arange(samples) * 4096 + 2**33
+def test_all_twins_plan_the_same_rays(samples, count, along, path, device):
+    index = torch.arange(samples)
+    keys = index // along * 4096 + index % along + 2**33
     mass = torch.rand(samples, generator=torch.Generator().manual_seed(2)) ** 4
     mass[::50] = 0
     arguments = to_device([keys, mass, count, POINTS, (12, 2**32 - 1)], device)
@@ -70,10 +72,32 @@ def test_all_twins_plan_the_same_rays(samples, count, path, device):
 
 
 def test_rays_of_a_sample_are_spread_and_keep_their_keys_apart():
-    plan = plan_rays(torch.tensor([5, 9]), torch.tensor([1.0, 0.5]), 64, POINTS, (1, 2))
+    keys = torch.tensor([5, 9]) * 4096
+    plan = plan_rays(keys, torch.tensor([1.0, 0.5]), 64, POINTS, (1, 2))
     assert plan.counts.tolist()[0] == 64 and plan.counts[1] in (32, 33)
+    assert torch.equal(plan.together, plan.counts)
     assert len(plan.keys.unique()) == len(plan.keys)
     first = plan.u[plan.sample == 0]
     # One point in each eighth of either axis: as even as the set they come from.
     for axis in range(2):
         assert torch.bincount((first[:, axis] * 8).long(), minlength=8).min() >= 6
+
+
+@pytest.mark.parametrize("path, device", PATHS)
+def test_rays_of_all_samples_along_a_ray_are_spread_together(path, device):
+    """What lies in one surface's fringe shares its lobe; ray by ray on its own, none would be spread."""
+    samples, rays = 64, 64
+    keys = torch.arange(3)[:, None] * 4096 + torch.arange(samples)
+    mass = torch.rand(3, samples, generator=torch.Generator().manual_seed(3))
+    mass = mass / mass.sum(1, keepdim=True)
+    arguments = to_device([keys.flatten(), mass.flatten(), rays, POINTS, (1, 2)], device)
+    with forced_path(path):
+        plan = plan_rays(*arguments)
+    counts = plan.counts.view(3, samples).sum(1)
+    assert (counts - rays).abs().max() <= 1, "of a sum that rounding may leave below one"
+    assert torch.equal(plan.together.view(3, samples), counts[:, None].expand(-1, samples))
+    for ray in range(3):
+        u = plan.u[plan.sample // samples == ray].cpu()
+        for axis in range(2):
+            assert torch.bincount((u[:, axis] * 8).long(), minlength=8).min() >= 6
+    assert len(plan.keys.unique()) == len(plan.keys)

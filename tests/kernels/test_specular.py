@@ -142,6 +142,6 @@ def test_rays_of_other_samples_are_refused():
     with pytest.raises(ValueError, match="61 numbers wanted, 60 given"):
         specular(
             normals, alpha, f0, torch.zeros(3, 5, 3, dtype=torch.float64), view, points,
-            torch.ones(COUNT, dtype=torch.long), mass, torch.rand(COUNT, 2), torch.zeros(3), True, True,
-            True, blockers,
+            torch.ones(COUNT).long(), mass, torch.ones(COUNT).long(), torch.rand(COUNT, 2),
+            torch.zeros(3), True, True, True, blockers,
         )  # fmt: skip

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from solver.kernels.backend import plain_torch
-from solver.kernels.drawing_torch import allocate_rays
+from solver.kernels.drawing_torch import share_out
 from solver.render.radiance import render_rays
 from solver.render.random_numbers import RandomNumbers
 from solver.render.reflection import choose_systematic
@@ -81,13 +81,19 @@ def test_plain_torch_renders_the_same_image():
 
 
 def test_allocation_of_rays_is_unbiased():
-    """floor(w·M + u); the paper's floor(w·M) would give the faint samples none at all."""
+    """The paper's floor(w·M) would give the faint samples none at all."""
     weights = torch.tensor([0.001, 0.004, 0.03, 0.2, 0.765])
-    generator = torch.Generator().manual_seed(0)
-    counts = torch.stack(
-        [allocate_rays(weights, 16, torch.rand(5, generator=generator)) for _ in range(40_000)]
-    )
-    torch.testing.assert_close(counts.double().mean(0), weights.double() * 16, rtol=0.1, atol=2e-3)
+    many = 40_000
+    along, samples = torch.arange(many).repeat_interleave(5), torch.full((many,), 5)
+    u = torch.rand(many, generator=torch.Generator().manual_seed(0))
+    counts, share = share_out(16 * weights.repeat(many), along, samples, u)
+    expected = weights.double() * 16
+    counts, share = counts.view(many, 5).double(), share.view(many, 5).double()
+    torch.testing.assert_close(counts.mean(0), expected, rtol=0.1, atol=2e-3)
+    assert set(counts.sum(1).tolist()) == {16.0}, "none is left over, none too many"
+    torch.testing.assert_close(
+        (counts * share).mean(0), torch.ones(5).double(), rtol=0.1, atol=0
+    )  # fmt: skip
 
 
 def test_choice_of_retraced_rays_is_unbiased():
