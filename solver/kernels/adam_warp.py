@@ -6,6 +6,7 @@ import torch
 import warp as wp
 
 from .sending import constant_on
+from .vectors_warp import Numbers, Vectors
 from .warp_device import launch
 
 wp.set_module_options({"enable_backward": False})
@@ -17,8 +18,7 @@ LONG_ROW = 64
 
 @wp.func
 def move(
-    parameter: wp.array2d(dtype=float), gradient: wp.array2d(dtype=float),
-    mean: wp.array2d(dtype=float), square: wp.array2d(dtype=float), size: float, scale: float,
+    parameter: Vectors, gradient: Vectors, mean: Vectors, square: Vectors, size: float, scale: float,
     mean_decay: float, square_decay: float, epsilon: float, n: int, c: int,
 ):  # fmt: skip
     g = gradient[n, c]
@@ -32,9 +32,8 @@ def move(
 
 @wp.kernel
 def _step_rows(
-    parameter: wp.array2d(dtype=float), gradient: wp.array2d(dtype=float),
-    mean: wp.array2d(dtype=float), square: wp.array2d(dtype=float), size: float, scale: float,
-    mean_decay: float, square_decay: float, epsilon: wp.array(dtype=float),
+    parameter: Vectors, gradient: Vectors, mean: Vectors, square: Vectors, size: float, scale: float,
+    mean_decay: float, square_decay: float, epsilon: Numbers,
 ):  # fmt: skip
     n = wp.tid()
     touched = bool(False)
@@ -48,7 +47,7 @@ def _step_rows(
 
 
 @wp.kernel
-def _touch(gradient: wp.array2d(dtype=float), touched: wp.array(dtype=wp.uint8)):
+def _touch(gradient: Vectors, touched: wp.array(dtype=wp.uint8)):
     n, c = wp.tid()
     if gradient[n, c] != 0.0:
         touched[n] = wp.uint8(1)
@@ -56,10 +55,8 @@ def _touch(gradient: wp.array2d(dtype=float), touched: wp.array(dtype=wp.uint8))
 
 @wp.kernel
 def _step(
-    parameter: wp.array2d(dtype=float), gradient: wp.array2d(dtype=float),
-    mean: wp.array2d(dtype=float), square: wp.array2d(dtype=float), size: float, scale: float,
-    mean_decay: float, square_decay: float, epsilon: wp.array(dtype=float),
-    touched: wp.array(dtype=wp.uint8),
+    parameter: Vectors, gradient: Vectors, mean: Vectors, square: Vectors, size: float, scale: float,
+    mean_decay: float, square_decay: float, epsilon: Numbers, touched: wp.array(dtype=wp.uint8),
 ):  # fmt: skip
     n, c = wp.tid()
     if touched[n] != wp.uint8(0):

@@ -9,19 +9,18 @@ from __future__ import annotations
 import warp as wp
 
 from .hashing_warp import unit_number
+from .vectors_warp import Integers, Numbers, Rows, Vectors
 from .warp_device import launch
 
 wp.set_module_options({"enable_backward": False})
 
-Integers = wp.array(dtype=wp.int64)
-Rows = wp.array2d(dtype=wp.int64)
 ONE = wp.constant(wp.int64(1))
 
 
 @wp.kernel
 def _draw_depths(
-    weights: wp.array(dtype=float), offsets: Integers, opacity: wp.array(dtype=float),
-    u: wp.array2d(dtype=float), least: float, index: Rows, times: Rows, counts: Integers,
+    weights: Numbers, offsets: Integers, opacity: Numbers, u: Vectors, least: float, index: Rows,
+    times: Rows, counts: Integers,
 ):  # fmt: skip
     r = wp.tid()
     first = int(offsets[r])
@@ -81,8 +80,8 @@ def begin_of(keys: Integers, s: int, sample_bits: wp.int64):
 
 @wp.kernel
 def _share_out(
-    keys: Integers, mass: wp.array(dtype=float), rays: float, seed: Integers, sample_bits: wp.int64,
-    counts: Integers, share: wp.array(dtype=float),
+    keys: Integers, mass: Numbers, rays: float, seed: Integers, sample_bits: wp.int64, counts: Integers,
+    share: Numbers,
 ):  # fmt: skip
     s = wp.tid()
     before = wp.float64(0.0)
@@ -100,9 +99,8 @@ def _share_out(
 
 @wp.kernel
 def _leave(
-    keys: Integers, offsets: Integers, seed: Integers, points: wp.array2d(dtype=float),
-    sample_bits: wp.int64, keys_per_sample: int, sample: Integers, ray_keys: Integers,
-    u: wp.array2d(dtype=float), together: Integers,
+    keys: Integers, offsets: Integers, seed: Integers, points: Vectors, sample_bits: wp.int64,
+    keys_per_sample: int, sample: Integers, ray_keys: Integers, u: Vectors, together: Integers,
 ):  # fmt: skip
     s = wp.tid()
     primary = keys[s] >> sample_bits

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from .vectors_warp import Integers, Vectors
 from .warp_device import launch
 
 wp.set_module_options({"enable_backward": False})
@@ -30,9 +31,7 @@ def unit_number(key: wp.int64, seed: wp.uint32):
 
 
 @wp.kernel
-def _uniform(
-    keys: wp.array(dtype=wp.int64), seed: wp.array(dtype=wp.int64), out: wp.array2d(dtype=float)
-):  # fmt: skip
+def _uniform(keys: Integers, seed: Integers, out: Vectors):
     n, column = wp.tid()
     out[n, column] = unit_number(keys[n], wp.uint32(seed[0]) + wp.uint32(column))
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from .vectors_warp import Grid, Vectors
 from .warp_device import launch
 
 wp.set_module_options({"enable_backward": False})
@@ -120,8 +121,8 @@ def row_integral_over_poles(rows: wp.array(dtype=wp.float64), y: wp.float64):
 
 @wp.kernel
 def _rectangle_mean(
-    table: Table, rows: wp.array(dtype=wp.float64), centre: wp.array2d(dtype=float),
-    size: wp.array2d(dtype=float), out: wp.array2d(dtype=float), slope: wp.array3d(dtype=float),
+    table: Table, rows: wp.array(dtype=wp.float64), centre: Vectors, size: Vectors, out: Vectors,
+    slope: Grid,
 ):  # fmt: skip
     n = wp.tid()
     width = table.shape[1] - 1
@@ -188,8 +189,7 @@ def scatter_over_poles(
 
 @wp.kernel
 def _rectangle_mean_backward(
-    rows: wp.array(dtype=wp.float64), centre: wp.array2d(dtype=float),
-    size: wp.array2d(dtype=float), cotangent: wp.array2d(dtype=float), grad: Table,
+    rows: wp.array(dtype=wp.float64), centre: Vectors, size: Vectors, cotangent: Vectors, grad: Table,
 ):  # fmt: skip
     n, c = wp.tid()
     if cotangent[n, c] == 0.0:

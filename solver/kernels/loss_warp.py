@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from .vectors_warp import Numbers, Vectors, held, largest, mean_square, saturating, vector
-
-Halves = wp.array3d(dtype=float)
+from .vectors_warp import Grid, Numbers, Vectors, held, largest, mean_square, saturating, vector
 
 
 @wp.func
@@ -30,7 +28,7 @@ def _shown(radiance: float, opacity: float, behind: float):
 
 @wp.kernel
 def pixel_loss(
-    seen: Halves, backfacing: Numbers, bending: Numbers, unevenness: Numbers, colour: Vectors,
+    seen: Grid, backfacing: Numbers, bending: Numbers, unevenness: Numbers, colour: Vectors,
     alpha: Numbers, alpha_known: wp.array(dtype=wp.bool), clipped: wp.array2d(dtype=wp.bool),
     behind: Vectors, by_opacity: float, by_backfacing: float, by_mask: float, by_bending: float,
     by_unevenness: float, image: Numbers, shape: Numbers,

@@ -11,7 +11,7 @@ import warp as wp
 
 from .skipping import EMPTY as EMPTY_CODE
 from .skipping import ROOTS_PER_UNIT
-from .vectors_warp import vector
+from .vectors_warp import Codes, Grid, Integers, Numbers, Planes, Vectors, vector
 from .vm_point_warp import raw_density
 from .warp_device import launch
 
@@ -49,7 +49,7 @@ def box_span(origin: wp.vec3, direction: wp.vec3):
 
 
 @wp.func
-def code_at(grid: wp.array3d(dtype=wp.uint8), point: wp.vec3):
+def code_at(grid: Codes, point: wp.vec3):
     cells = grid.shape[0]
     i = wp.clamp(int(point[0] * float(cells)), 0, cells - 1)
     j = wp.clamp(int(point[1] * float(cells)), 0, cells - 1)
@@ -71,11 +71,9 @@ def extinction(raw: float, shift: float, scale: float):
 
 @wp.kernel
 def _march(
-    origins: wp.array2d(dtype=float), directions: wp.array2d(dtype=float),
-    start: wp.array(dtype=float), jitter: wp.array(dtype=float), step: float, cell: float,
-    free: wp.array3d(dtype=wp.uint8), planes: wp.array4d(dtype=float),
-    lines: wp.array3d(dtype=float), shift: float, scale: float, min_transmittance: float,
-    distance: wp.array2d(dtype=float), raw: wp.array2d(dtype=float), counts: wp.array(dtype=wp.int64),
+    origins: Vectors, directions: Vectors, start: Numbers, jitter: Numbers, step: float, cell: float,
+    free: Codes, planes: Planes, lines: Grid, shift: float, scale: float, min_transmittance: float,
+    distance: Vectors, raw: Vectors, counts: Integers,
 ):  # fmt: skip
     r = wp.tid()
     origin = vector(origins, r)
@@ -107,10 +105,8 @@ def _march(
 
 @wp.kernel
 def _compact(
-    origins: wp.array2d(dtype=float), directions: wp.array2d(dtype=float),
-    distance: wp.array2d(dtype=float), raw: wp.array2d(dtype=float), offsets: wp.array(dtype=wp.int64),
-    flat_distance: wp.array(dtype=float), flat_raw: wp.array(dtype=float),
-    points: wp.array2d(dtype=float), ray: wp.array(dtype=wp.int64),
+    origins: Vectors, directions: Vectors, distance: Vectors, raw: Vectors, offsets: Integers,
+    flat_distance: Numbers, flat_raw: Numbers, points: Vectors, ray: Integers,
 ):  # fmt: skip
     r = wp.tid()
     first = int(offsets[r])
@@ -124,21 +120,18 @@ def _compact(
 
 
 @wp.func
-def root_at(blocking: wp.array3d(dtype=wp.uint8), i: int, j: int, k: int):
+def root_at(blocking: Codes, i: int, j: int, k: int):
     code = int(blocking[i, j, k])
     return wp.where(code < EMPTY, float(code), 0.0)
 
 
 @wp.func
-def column(blocking: wp.array3d(dtype=wp.uint8), i: int, j: int, k: int, along: float):
+def column(blocking: Codes, i: int, j: int, k: int, along: float):
     return wp.lerp(root_at(blocking, i, j, k), root_at(blocking, i, j, k + 1), along)
 
 
 @wp.func
-def through_grid(
-    origin: wp.vec3, direction: wp.vec3, start: float, step: float,
-    blocking: wp.array3d(dtype=wp.uint8),
-):  # fmt: skip
+def through_grid(origin: wp.vec3, direction: wp.vec3, start: float, step: float, blocking: Codes):
     """Transmittance of a ray, and the distance at which half of its light is stopped, or infinity."""
     span = box_span(origin, direction)
     t = float(wp.max(span[0], start))
@@ -174,9 +167,7 @@ def through_grid(
 
 @wp.kernel
 def _grid_transmittance(
-    origins: wp.array2d(dtype=float), directions: wp.array2d(dtype=float),
-    start: wp.array(dtype=float), step: float, blocking: wp.array3d(dtype=wp.uint8),
-    out: wp.array(dtype=float),
+    origins: Vectors, directions: Vectors, start: Numbers, step: float, blocking: Codes, out: Numbers,
 ):  # fmt: skip
     r = wp.tid()
     found = through_grid(vector(origins, r), vector(directions, r), start[r], step, blocking)
@@ -184,10 +175,7 @@ def _grid_transmittance(
 
 
 @wp.kernel
-def _composite(
-    optical_depth: wp.array(dtype=float), offsets: wp.array(dtype=wp.int64),
-    weights: wp.array(dtype=float), transmittance: wp.array(dtype=float),
-):  # fmt: skip
+def _composite(optical_depth: Numbers, offsets: Integers, weights: Numbers, transmittance: Numbers):
     r = wp.tid()
     passing = float(1.0)
     for i in range(int(offsets[r]), int(offsets[r + 1])):
@@ -199,9 +187,8 @@ def _composite(
 
 @wp.kernel
 def _composite_backward(
-    offsets: wp.array(dtype=wp.int64), weights: wp.array(dtype=float),
-    transmittance: wp.array(dtype=float), g_weights: wp.array(dtype=float),
-    g_transmittance: wp.array(dtype=float), out: wp.array(dtype=float),
+    offsets: Integers, weights: Numbers, transmittance: Numbers, g_weights: Numbers,
+    g_transmittance: Numbers, out: Numbers,
 ):  # fmt: skip
     r = wp.tid()
     first = int(offsets[r])

@@ -8,18 +8,19 @@ from __future__ import annotations
 
 import warp as wp
 
+from .vectors_warp import Grid, Rows, Vectors
 from .warp_device import launch
 
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def homogeneous(normals: wp.array2d(dtype=float), s: int):
+def homogeneous(normals: Vectors, s: int):
     return wp.vec4(normals[s, 0], normals[s, 1], normals[s, 2], 1.0)
 
 
 @wp.func
-def harmonic(normal: wp.vec4, form: wp.array2d(dtype=float), degree: int):
+def harmonic(normal: wp.vec4, form: Vectors, degree: int):
     """One of the nine harmonics at a unit normal."""
     total = float(0.0)
     for i in range(4):
@@ -35,8 +36,8 @@ def side(k: int, bit: int, part: float):
 
 @wp.kernel
 def _around(
-    points: wp.array2d(dtype=float), row: wp.array3d(dtype=wp.int64), clear: wp.array3d(dtype=float),
-    per_spacing: float, rows: wp.array2d(dtype=wp.int64), shares: wp.array2d(dtype=float),
+    points: Vectors, row: wp.array3d(dtype=wp.int64), clear: Grid, per_spacing: float, rows: Rows,
+    shares: Vectors,
 ):  # fmt: skip
     s = wp.tid()
     last = float(row.shape[0] - 1) - 1.0e-3
@@ -61,10 +62,7 @@ def _around(
 
 
 @wp.kernel
-def _blend(
-    rows: wp.array2d(dtype=wp.int64), shares: wp.array2d(dtype=float), table: wp.array2d(dtype=float),
-    blended: wp.array2d(dtype=float),
-):  # fmt: skip
+def _blend(rows: Rows, shares: Vectors, table: Vectors, blended: Vectors):
     s, c = wp.tid()
     total = float(0.0)
     for k in range(8):
@@ -73,10 +71,7 @@ def _blend(
 
 
 @wp.kernel
-def _evaluate(
-    normals: wp.array2d(dtype=float), form: wp.array2d(dtype=float), blended: wp.array2d(dtype=float),
-    out: wp.array2d(dtype=float),
-):  # fmt: skip
+def _evaluate(normals: Vectors, form: Vectors, blended: Vectors, out: Vectors):
     s, channel = wp.tid()
     normal = homogeneous(normals, s)
     total = float(0.0)
@@ -86,16 +81,15 @@ def _evaluate(
 
 
 @wp.func
-def lit(cotangent: wp.array2d(dtype=float), out: wp.array2d(dtype=float), s: int, channel: int):
+def lit(cotangent: Vectors, out: Vectors, s: int, channel: int):
     """Cotangent of an irradiance, nothing where it was cut at nothing."""
     return wp.where(out[s, channel] > 0.0, cotangent[s, channel], 0.0)
 
 
 @wp.kernel
 def _to_table(
-    normals: wp.array2d(dtype=float), form: wp.array2d(dtype=float), out: wp.array2d(dtype=float),
-    rows: wp.array2d(dtype=wp.int64), shares: wp.array2d(dtype=float),
-    cotangent: wp.array2d(dtype=float), g_table: wp.array2d(dtype=float),
+    normals: Vectors, form: Vectors, out: Vectors, rows: Rows, shares: Vectors, cotangent: Vectors,
+    g_table: Vectors,
 ):  # fmt: skip
     s, c = wp.tid()
     g = lit(cotangent, out, s, c % 3) * harmonic(homogeneous(normals, s), form, c // 3)
@@ -105,9 +99,8 @@ def _to_table(
 
 @wp.kernel
 def _to_normals(
-    normals: wp.array2d(dtype=float), form: wp.array2d(dtype=float), out: wp.array2d(dtype=float),
-    blended: wp.array2d(dtype=float), cotangent: wp.array2d(dtype=float),
-    g_normals: wp.array2d(dtype=float),
+    normals: Vectors, form: Vectors, out: Vectors, blended: Vectors, cotangent: Vectors,
+    g_normals: Vectors,
 ):  # fmt: skip
     s, axis = wp.tid()
     normal = homogeneous(normals, s)

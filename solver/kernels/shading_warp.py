@@ -10,6 +10,8 @@ import warp as wp
 
 from .lobe_warp import PI, fresnel_power, masked_share, reflected, solid_angle_of, to_world
 from .vectors_warp import (
+    Grid,
+    Integers,
     Numbers,
     Vectors,
     distance,
@@ -26,9 +28,7 @@ def sigmoid(x: float):
 
 
 @wp.kernel
-def materials(
-    logits: Vectors, least_alpha: float, albedo: Vectors, alpha: Numbers, f0: Vectors
-):  # fmt: skip
+def materials(logits: Vectors, least_alpha: float, albedo: Vectors, alpha: Numbers, f0: Vectors):
     """Albedo, α and F0 of the heads' numbers [N, 7], before their sigmoid; see `field.heads`."""
     n = wp.tid()
     for c in range(3):
@@ -89,7 +89,7 @@ def outward(gradient: Vectors, least: float, normals: Vectors):
 @wp.kernel(enable_backward=False)
 def pixel_edges(
     normals: Vectors, view: Vectors, points: Vectors, distance: Numbers, angle: Numbers,
-    least_cosine: float, slid: wp.array3d(dtype=float),
+    least_cosine: float, slid: Grid,
 ):  # fmt: skip
     """World points [S, 2, 3] a pixel beside each sample on its tangent plane; see `render.footprint`."""
     n = wp.tid()
@@ -105,10 +105,7 @@ def pixel_edges(
 
 
 @wp.kernel(enable_backward=False)
-def mirrored_edges(
-    normals: Vectors, view: Vectors, other: wp.array3d(dtype=float), angle: Numbers,
-    spread: wp.array3d(dtype=float),
-):  # fmt: skip
+def mirrored_edges(normals: Vectors, view: Vectors, other: Grid, angle: Numbers, spread: Grid):
     """How mirrored directions differ across a pixel [S, 2, 3], with normals `other` at its edges."""
     n = wp.tid()
     normal = vector(normals, n)
@@ -124,10 +121,9 @@ def mirrored_edges(
 
 @wp.kernel
 def scattered(
-    normals: Vectors, alpha: Numbers, f0: Vectors, view: Vectors, share: Numbers,
-    counts: wp.array(dtype=wp.int64), sample: wp.array(dtype=wp.int64), u: Vectors, masking: bool,
-    averaged: bool, half_vectors: Vectors, lights: Vectors, directions: Vectors, weights: Vectors,
-    solid_angles: Numbers,
+    normals: Vectors, alpha: Numbers, f0: Vectors, view: Vectors, share: Numbers, counts: Integers,
+    sample: Integers, u: Vectors, masking: bool, averaged: bool, half_vectors: Vectors, lights: Vectors,
+    directions: Vectors, weights: Vectors, solid_angles: Numbers,
 ):  # fmt: skip
     """Secondary rays [K]: local half vectors and directions, world directions, weights without g, and the
     solid angles they stand for; see `render.reflection.scatter`."""

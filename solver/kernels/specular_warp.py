@@ -23,7 +23,7 @@ from .lobe_warp import (
 )
 from .march_warp import through_grid
 from .skipping import SELF_SHADOW_COSINE
-from .vectors_warp import Numbers, Vectors, vector
+from .vectors_warp import Codes, Grid, Integers, Numbers, Vectors, vector
 from .warp_device import launch, launch_adjoint
 
 wp.set_module_options({"enable_backward": False})
@@ -66,7 +66,7 @@ def along_ray(axis: wp.vec3, d: wp.vec3, seen: Seen, up: wp.vec3):
 
 
 @wp.kernel
-def _own(first: wp.array(dtype=wp.int64), owners: Owners):
+def _own(first: Integers, owners: Owners):
     """Whose a ray is: of the last sample that begins no later."""
     k = wp.tid()
     low = int(0)
@@ -119,11 +119,11 @@ def along_axes(axes: Vectors, v: wp.vec3):
 
 @wp.kernel
 def _look(
-    normals: Vectors, views: Vectors, alphas: Numbers, together: wp.array(dtype=wp.int64), u: Vectors,
-    owners: Owners, averaged: bool, widening: bool, spread: wp.array3d(dtype=float), shifts: Vectors,
-    up: wp.vec3, points: Vectors, reach: float, box_low: Numbers, box_axes: Vectors,
-    box_scale: float, cell: float, blocking: wp.array3d(dtype=wp.uint8), width: float, height: float,
-    directions: Vectors, passing: Numbers, centre: Vectors, size: Vectors, growth: Vectors,
+    normals: Vectors, views: Vectors, alphas: Numbers, together: Integers, u: Vectors, owners: Owners,
+    averaged: bool, widening: bool, spread: Grid, shifts: Vectors, up: wp.vec3, points: Vectors,
+    reach: float, box_low: Numbers, box_axes: Vectors, box_scale: float, cell: float, blocking: Codes,
+    width: float, height: float, directions: Vectors, passing: Numbers, centre: Vectors, size: Vectors,
+    growth: Vectors,
 ):  # fmt: skip
     """What rays see of the map, how that grows with ln α, and what the grid lets through."""
     k = wp.tid()
@@ -185,8 +185,7 @@ def _look(
 
 @wp.kernel
 def _gather(
-    first: wp.array(dtype=wp.int64), weights: Vectors, passing: Numbers, radiance: Vectors,
-    light: Vectors, slope: wp.array3d(dtype=float),
+    first: Integers, weights: Vectors, passing: Numbers, radiance: Vectors, light: Vectors, slope: Grid,
 ):  # fmt: skip
     """What the rays of a sample bring back; their light and its slopes are dimmed by the grid."""
     s, channel = wp.tid()
@@ -203,10 +202,9 @@ def _gather(
 @wp.kernel
 def _arrive(
     owners: Owners, alphas: Numbers, shifts: Vectors, up: wp.vec3, directions: Vectors,
-    weights: Vectors, passing: Numbers, light: Vectors, slope: wp.array3d(dtype=float),
-    growth: Vectors, width: float, height: float, cotangent: Vectors, g_directions: Vectors,
-    g_weights: Vectors, to_directions: Vectors, to_weights: Vectors, to_light: Vectors,
-    to_alphas: Numbers,
+    weights: Vectors, passing: Numbers, light: Vectors, slope: Grid, growth: Vectors, width: float,
+    height: float, cotangent: Vectors, g_directions: Vectors, g_weights: Vectors,
+    to_directions: Vectors, to_weights: Vectors, to_light: Vectors, to_alphas: Numbers,
 ):  # fmt: skip
     """Cotangents of rays' directions, weights and light, from those of their samples' radiance; and, added,
     those of α by what rays stand for."""

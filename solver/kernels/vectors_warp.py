@@ -6,6 +6,11 @@ import warp as wp
 
 Numbers = wp.array(dtype=float)
 Vectors = wp.array2d(dtype=float)
+Grid = wp.array3d(dtype=float)
+Planes = wp.array4d(dtype=float)
+Integers = wp.array(dtype=wp.int64)
+Rows = wp.array2d(dtype=wp.int64)
+Codes = wp.array3d(dtype=wp.uint8)
 
 
 @wp.func

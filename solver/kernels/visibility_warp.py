@@ -5,7 +5,7 @@ from __future__ import annotations
 import warp as wp
 
 from .march_warp import through_grid
-from .vectors_warp import vector
+from .vectors_warp import Codes, Vectors, vector
 from .warp_device import launch
 
 wp.set_module_options({"enable_backward": False, "fast_math": True})
@@ -13,9 +13,8 @@ wp.set_module_options({"enable_backward": False, "fast_math": True})
 
 @wp.kernel
 def _look_around(
-    points: wp.array2d(dtype=float), directions: wp.array2d(dtype=float), start: float, step: float,
-    blocking: wp.array3d(dtype=wp.uint8), passing: wp.array2d(dtype=float),
-    distance: wp.array2d(dtype=float),
+    points: Vectors, directions: Vectors, start: float, step: float, blocking: Codes, passing: Vectors,
+    distance: Vectors,
 ):  # fmt: skip
     p, d = wp.tid()
     found = through_grid(vector(points, p), vector(directions, d), start, step, blocking)

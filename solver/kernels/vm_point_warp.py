@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import warp as wp
 
+from .vectors_warp import Grid, Planes, Vectors
+
 
 @wp.struct
 class Cell:
@@ -42,7 +44,7 @@ def cell_of(x: float, size: int):
 
 
 @wp.func
-def plane_at(planes: wp.array4d(dtype=float), k: int, a: Cell, b: Cell, ch: int):
+def plane_at(planes: Planes, k: int, a: Cell, b: Cell, ch: int):
     u = a.fraction
     v = b.fraction
     i = a.lower
@@ -53,12 +55,12 @@ def plane_at(planes: wp.array4d(dtype=float), k: int, a: Cell, b: Cell, ch: int)
 
 
 @wp.func
-def line_at(lines: wp.array3d(dtype=float), k: int, c: Cell, ch: int):
+def line_at(lines: Grid, k: int, c: Cell, ch: int):
     return lines[k, c.lower, ch] * (1.0 - c.fraction) + lines[k, c.lower + 1, ch] * c.fraction
 
 
 @wp.func
-def raw_density(point: wp.vec3, planes: wp.array4d(dtype=float), lines: wp.array3d(dtype=float)):
+def raw_density(point: wp.vec3, planes: Planes, lines: Grid):
     """The VM sum at one point in grid units."""
     size = planes.shape[1]
     total = float(0.0)
@@ -72,5 +74,5 @@ def raw_density(point: wp.vec3, planes: wp.array4d(dtype=float), lines: wp.array
 
 
 @wp.func
-def point_of(points: wp.array2d(dtype=float), n: int):
+def point_of(points: Vectors, n: int):
     return wp.vec3(points[n, 0], points[n, 1], points[n, 2])

@@ -10,6 +10,7 @@ from __future__ import annotations
 import torch
 import warp as wp
 
+from .vectors_warp import Grid, Numbers, Planes, Vectors
 from .vm_point_warp import (
     Cell,
     axis_a,
@@ -38,19 +39,13 @@ class Stencil:
 
 
 @wp.kernel
-def _sum(
-    points: wp.array2d(dtype=float), planes: wp.array4d(dtype=float),
-    lines: wp.array3d(dtype=float), out: wp.array(dtype=float),
-):  # fmt: skip
+def _sum(points: Vectors, planes: Planes, lines: Grid, out: Numbers):
     n = wp.tid()
     out[n] = raw_density(point_of(points, n), planes, lines)
 
 
 @wp.kernel
-def _products(
-    points: wp.array2d(dtype=float), planes: wp.array4d(dtype=float),
-    lines: wp.array3d(dtype=float), out: wp.array2d(dtype=float),
-):  # fmt: skip
+def _products(points: Vectors, planes: Planes, lines: Grid, out: Vectors):
     n, ch = wp.tid()
     size = planes.shape[1]
     for k in range(3):
@@ -63,9 +58,8 @@ def _products(
 
 @wp.func
 def spread(
-    planes: wp.array4d(dtype=float), lines: wp.array3d(dtype=float),
-    grad_planes: wp.array4d(dtype=float), grad_lines: wp.array3d(dtype=float),
-    k: int, a: Cell, b: Cell, c: Cell, ch: int, g: float,
+    planes: Planes, lines: Grid, grad_planes: Planes, grad_lines: Grid, k: int, a: Cell, b: Cell,
+    c: Cell, ch: int, g: float,
 ):  # fmt: skip
     """Add the adjoint of one product of pair k, channel ch, with cotangent g."""
     u = a.fraction
@@ -83,9 +77,8 @@ def spread(
 
 @wp.kernel
 def _sum_backward(
-    points: wp.array2d(dtype=float), planes: wp.array4d(dtype=float),
-    lines: wp.array3d(dtype=float), cotangent: wp.array(dtype=float), least: wp.array(dtype=float),
-    grad_planes: wp.array4d(dtype=float), grad_lines: wp.array3d(dtype=float),
+    points: Vectors, planes: Planes, lines: Grid, cotangent: Numbers, least: Numbers,
+    grad_planes: Planes, grad_lines: Grid,
 ):  # fmt: skip
     n, ch = wp.tid()
     g = cotangent[n]
@@ -101,9 +94,8 @@ def _sum_backward(
 
 @wp.kernel
 def _products_backward(
-    points: wp.array2d(dtype=float), planes: wp.array4d(dtype=float),
-    lines: wp.array3d(dtype=float), cotangent: wp.array2d(dtype=float),
-    grad_planes: wp.array4d(dtype=float), grad_lines: wp.array3d(dtype=float),
+    points: Vectors, planes: Planes, lines: Grid, cotangent: Vectors, grad_planes: Planes,
+    grad_lines: Grid,
 ):  # fmt: skip
     n, ch = wp.tid()
     size = planes.shape[1]
@@ -116,10 +108,7 @@ def _products_backward(
 
 
 @wp.func
-def stencil_at(
-    planes: wp.array4d(dtype=float), lines: wp.array3d(dtype=float), k: int, a: Cell, b: Cell,
-    c: Cell, ch: int,
-):  # fmt: skip
+def stencil_at(planes: Planes, lines: Grid, k: int, a: Cell, b: Cell, c: Cell, ch: int):
     u = a.fraction
     v = b.fraction
     w = c.fraction
@@ -145,10 +134,7 @@ def stencil_at(
 
 
 @wp.kernel
-def _gradient(
-    points: wp.array2d(dtype=float), planes: wp.array4d(dtype=float),
-    lines: wp.array3d(dtype=float), out: wp.array2d(dtype=float),
-):  # fmt: skip
+def _gradient(points: Vectors, planes: Planes, lines: Grid, out: Vectors):
     n = wp.tid()
     size = planes.shape[1]
     total = wp.vec3(0.0)
@@ -167,9 +153,8 @@ def _gradient(
 
 @wp.kernel
 def _gradient_backward(
-    points: wp.array2d(dtype=float), planes: wp.array4d(dtype=float),
-    lines: wp.array3d(dtype=float), cotangent: wp.array2d(dtype=float),
-    grad_planes: wp.array4d(dtype=float), grad_lines: wp.array3d(dtype=float),
+    points: Vectors, planes: Planes, lines: Grid, cotangent: Vectors, grad_planes: Planes,
+    grad_lines: Grid,
 ):  # fmt: skip
     n, ch = wp.tid()
     size = planes.shape[1]
@@ -227,10 +212,7 @@ def mirrored(i: int, size: int):
 
 
 @wp.kernel
-def _smooth(
-    planes: wp.array4d(dtype=float), taps: wp.array(dtype=float), along_rows: bool,
-    out: wp.array4d(dtype=float),
-):  # fmt: skip
+def _smooth(planes: Planes, taps: Numbers, along_rows: bool, out: Planes):
     ki, j, ch = wp.tid()
     size = planes.shape[1]
     k = ki // size
