@@ -12,8 +12,9 @@ from typing import TypeVar
 
 import numpy as np
 import torch
+from torch import Tensor
 
-Values = TypeVar("Values", torch.Tensor, np.ndarray)
+Values = TypeVar("Values", Tensor, np.ndarray)
 
 DIELECTRIC_F0 = 0.04
 """reflectance at normal incidence of an index of refraction of 1.5, glTF's and Principled's default"""
@@ -21,7 +22,7 @@ SURE_DIELECTRIC_F0 = 0.2
 """below which a surface is surely no metal; diamond, among the highest, has 0.17"""
 
 
-def tangent_frame(normals: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+def tangent_frame(normals: Tensor) -> tuple[Tensor, Tensor]:
     """Tangent and bitangent [N, 3] of unit normals [N, 3], continuous except where n_z changes sign.
 
     Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017.
@@ -35,7 +36,7 @@ def tangent_frame(normals: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     return tangent, bitangent
 
 
-def fresnel_schlick(f0: torch.Tensor, cosine: torch.Tensor) -> torch.Tensor:
+def fresnel_schlick(f0: Tensor, cosine: Tensor) -> Tensor:
     """Reflectance F0 + (1 − F0)(1 − cos)^5 [N, 3] (paper eq. for F; Schlick 1994)."""
     m = (1 - cosine).clamp(0, 1)
     m5 = (m * m) * (m * m) * m
@@ -50,7 +51,7 @@ def principled_albedo(albedo: Values, f0: Values) -> Values:
     return albedo * (1 - f0) / (1 - DIELECTRIC_F0)
 
 
-def sample_visible_normal(view: torch.Tensor, alpha: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
+def sample_visible_normal(view: Tensor, alpha: Tensor, u: Tensor) -> Tensor:
     """Half vectors [N, 3] distributed as the GGX normals visible from local `view` [N, 3].
 
     Heitz, "Sampling the GGX Distribution of Visible Normals", JCGT 7(4), 2018. alpha [N],
@@ -77,35 +78,31 @@ def sample_visible_normal(view: torch.Tensor, alpha: torch.Tensor, u: torch.Tens
     return half / half.norm(dim=-1, keepdim=True)
 
 
-def ggx_distribution(half_z: torch.Tensor, alpha: torch.Tensor) -> torch.Tensor:
+def ggx_distribution(half_z: Tensor, alpha: Tensor) -> Tensor:
     """Isotropic GGX density D(h) of normals with cosine `half_z` [N] (Walter et al. 2007)."""
     a2 = alpha * alpha
     denominator = half_z * half_z * (a2 - 1) + 1
     return a2 / (math.pi * denominator * denominator).clamp(min=1e-20)
 
 
-def smith_lambda(cosine: torch.Tensor, alpha: torch.Tensor) -> torch.Tensor:
+def smith_lambda(cosine: Tensor, alpha: Tensor) -> Tensor:
     """Smith's Λ for GGX at a direction with the given |cosine| to the normal [N]."""
     c2 = (cosine * cosine).clamp(1e-8, 1)
     return 0.5 * ((1 + alpha * alpha * (1 - c2) / c2).sqrt() - 1)
 
 
-def masking(view_z: torch.Tensor, alpha: torch.Tensor) -> torch.Tensor:
+def masking(view_z: Tensor, alpha: Tensor) -> Tensor:
     """Smith's G1 [N] of a direction with cosine `view_z`."""
     return 1 / (1 + smith_lambda(view_z, alpha))
 
 
-def masking_shadowing_over_masking(
-    view_z: torch.Tensor, light_z: torch.Tensor, alpha: torch.Tensor
-) -> torch.Tensor:
+def masking_shadowing_over_masking(view_z: Tensor, light_z: Tensor, alpha: Tensor) -> Tensor:
     """G2/G1(view) [N], height correlated: the weight of a visible-normal sample next to F."""
     view_lambda = smith_lambda(view_z, alpha)
     return (1 + view_lambda) / (1 + view_lambda + smith_lambda(light_z, alpha))
 
 
-def visible_normal_pdf(
-    view_z: torch.Tensor, half_z: torch.Tensor, alpha: torch.Tensor
-) -> torch.Tensor:
+def visible_normal_pdf(view_z: Tensor, half_z: Tensor, alpha: Tensor) -> Tensor:
     """Density, per solid angle of the light direction, of sampling through `sample_visible_normal`.
 
     D(h) G1(view) / (4 cos view): the Jacobian 4 (v·h) of the reflection cancels the v·h of the

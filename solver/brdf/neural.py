@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from ..kernels.pointwise import at_hand, rowwise
 from ..light.spherical_harmonics import sh_basis, sh_degrees
@@ -40,9 +40,7 @@ class NeuralTerm(nn.Module):
             self.layers[-1].bias.fill_(torch.logit(torch.tensor(initial)))
         self.register_buffer("degrees", sh_degrees(self.DEGREE), persistent=False)
 
-    def forward(
-        self, features: torch.Tensor, half: torch.Tensor, light: torch.Tensor, alpha: torch.Tensor
-    ) -> torch.Tensor:
+    def forward(self, features: Tensor, half: Tensor, light: Tensor, alpha: Tensor) -> Tensor:
         """features [N, F], local unit half and light [N, 3], alpha [N] → g [N, 3]."""
         half, light, alpha = half.detach(), light.detach(), alpha.detach()
         if at_hand("directions_encoded", half):

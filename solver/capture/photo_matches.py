@@ -191,8 +191,7 @@ def _pairs(
 
 
 def _features(
-    colmap: Any, cameras: list[Camera], pictures: list[Picture],
-    progress: Callable[[float], None],
+    colmap: Any, cameras: list[Camera], pictures: list[Picture], progress: Callable[[float], None],
 ) -> list[Features]:  # fmt: skip
     options = colmap.FeatureExtractionOptions()
     options.num_threads, options.use_gpu = 1, False

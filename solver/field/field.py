@@ -6,7 +6,7 @@ import math
 
 import torch
 import torch.nn.functional as F
-from torch import nn
+from torch import Tensor, nn
 
 from ..kernels.pointwise import at_hand, rowwise
 from ..kernels.vm import vm_gradient, vm_products, vm_sum
@@ -38,7 +38,7 @@ class MicrofacetField(nn.Module):
 
     def __init__(
         self,
-        centre: torch.Tensor,
+        centre: Tensor,
         half_size: float,
         size: int,
         density_components: int = 16,
@@ -50,7 +50,7 @@ class MicrofacetField(nn.Module):
         initial_roughness: float = 0.4,
         initial_f0: float = 0.1,
         smoothed_normals: bool = True,
-        axes: torch.Tensor | None = None,
+        axes: Tensor | None = None,
     ):
         super().__init__()
         self.register_buffer("centre", torch.as_tensor(centre, dtype=torch.float32))
@@ -77,29 +77,27 @@ class MicrofacetField(nn.Module):
         """Edge of a voxel in world units."""
         return 2 * self.half_size / (self.size - 1)
 
-    def to_box(self, points: torch.Tensor) -> torch.Tensor:
+    def to_box(self, points: Tensor) -> Tensor:
         """World points [N, 3] in box units."""
         return self.to_axes(points - self.centre) / (2 * self.half_size) + 0.5
 
-    def from_box(self, box_points: torch.Tensor) -> torch.Tensor:
+    def from_box(self, box_points: Tensor) -> Tensor:
         """World points [N, 3] of box units, the inverse of `to_box`."""
         return self.centre + self.from_axes((2 * box_points - 1) * self.half_size)
 
-    def directions_to_box(self, directions: torch.Tensor) -> torch.Tensor:
+    def directions_to_box(self, directions: Tensor) -> Tensor:
         """World directions [N, 3] per world unit of length, in box units."""
         return self.to_axes(directions) / (2 * self.half_size)
 
-    def to_axes(self, directions: torch.Tensor) -> torch.Tensor:
+    def to_axes(self, directions: Tensor) -> Tensor:
         """World directions [N, 3] along the box's axes."""
         return directions if self.axes is None else directions @ self.axes.T
 
-    def from_axes(self, directions: torch.Tensor) -> torch.Tensor:
+    def from_axes(self, directions: Tensor) -> Tensor:
         """World directions [N, 3] of those along the box's axes, the inverse of `to_axes`."""
         return directions if self.axes is None else directions @ self.axes
 
-    def raw_density(
-        self, box_points: torch.Tensor, known: torch.Tensor | None = None
-    ) -> torch.Tensor:
+    def raw_density(self, box_points: Tensor, known: Tensor | None = None) -> Tensor:
         """Raw density s [N] at box points [N, 3]; gradients to the factors.
 
         Args:
@@ -109,7 +107,7 @@ class MicrofacetField(nn.Module):
         return vm_sum(box_points * nodes, self.density_planes, self.density_lines, known)
 
     @torch.no_grad()
-    def raw_density_grid(self, count: int) -> torch.Tensor:
+    def raw_density_grid(self, count: int) -> Tensor:
         """Raw density [K, K, K] at `count` nodes per axis, from face to face of the box."""
         planes, lines = upsample(self.density_planes, self.density_lines, count)
         total = planes[0] @ lines[0].T
@@ -117,7 +115,7 @@ class MicrofacetField(nn.Module):
         total += (planes[2] @ lines[2].T).permute(2, 0, 1)
         return total
 
-    def extinction(self, raw: torch.Tensor) -> torch.Tensor:
+    def extinction(self, raw: Tensor) -> Tensor:
         """σ [N] per world unit of raw densities [N]."""
         return self.density_scale * F.softplus(raw + self.density_shift)
 
@@ -126,16 +124,14 @@ class MicrofacetField(nn.Module):
         share = extinction / self.density_scale
         return share + math.log(-math.expm1(-share)) - self.density_shift
 
-    def normal_factors(self) -> tuple[torch.Tensor, torch.Tensor]:
+    def normal_factors(self) -> tuple[Tensor, Tensor]:
         """Factors of the gradient; build once a step and hand to `normals`."""
         if not self.smoothed_normals:
             return self.density_planes, self.density_lines
         taps = gaussian_taps(self.smoothing * (self.size - 1))
         return smoothed_factors(self.density_planes, self.density_lines, taps)
 
-    def normals(
-        self, box_points: torch.Tensor, factors: tuple[torch.Tensor, torch.Tensor]
-    ) -> torch.Tensor:
+    def normals(self, box_points: Tensor, factors: tuple[Tensor, Tensor]) -> Tensor:
         """Unit outward normals [N, 3], world: minus the (smoothed) gradient of the raw density."""
         gradient_of = vm_gradient if self.smoothed_normals else vm_interpolation_gradient
         gradient = gradient_of(box_points * (self.size - 1), *factors)
@@ -145,12 +141,12 @@ class MicrofacetField(nn.Module):
             outward = -F.normalize(gradient, dim=-1, eps=LEAST_SLOPE)
         return self.from_axes(outward)
 
-    def features(self, box_points: torch.Tensor) -> torch.Tensor:
+    def features(self, box_points: Tensor) -> Tensor:
         """Feature vectors [N, F] at box points [N, 3]."""
         nodes = self.size - 1
         return self.basis(vm_products(box_points * nodes, self.feature_planes, self.feature_lines))
 
-    def materials(self, features: torch.Tensor) -> Materials:
+    def materials(self, features: Tensor) -> Materials:
         """Materials of feature vectors [N, F]."""
         return self.heads(features)
 

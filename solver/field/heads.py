@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
-from torch import nn
+from torch import Tensor, nn
 
 from ..kernels.pointwise import at_hand, rowwise
 
@@ -16,9 +16,9 @@ MIN_ALPHA = 0.001
 class Materials(NamedTuple):
     """Surface parameters of N points."""
 
-    albedo: torch.Tensor  # [N, 3] linear Rec.709, diffuse reflectance
-    alpha: torch.Tensor  # [N] GGX α = roughness²
-    f0: torch.Tensor  # [N, 3] linear Rec.709, reflectance at normal incidence
+    albedo: Tensor  # [N, 3] linear Rec.709, diffuse reflectance
+    alpha: Tensor  # [N] GGX α = roughness²
+    f0: Tensor  # [N, 3] linear Rec.709, reflectance at normal incidence
 
 
 class MaterialHeads(nn.Module):
@@ -42,11 +42,11 @@ class MaterialHeads(nn.Module):
         nn.init.constant_(layer.bias, float(torch.logit(torch.tensor(value))))
         return layer
 
-    def albedo_of(self, features: torch.Tensor) -> torch.Tensor:
+    def albedo_of(self, features: Tensor) -> Tensor:
         """Albedo [N, 3] alone of features [N, F]."""
         return torch.sigmoid(self.albedo(features))
 
-    def forward(self, features: torch.Tensor) -> Materials:
+    def forward(self, features: Tensor) -> Materials:
         """Materials of features [N, F]."""
         # One product for all three layers: a call costs more than its numbers.
         layers = self.albedo, self.f0, self.roughness

@@ -6,7 +6,7 @@ import math
 
 import torch
 import torch.nn.functional as F
-from torch import nn
+from torch import Tensor, nn
 
 from ..kernels.skipping import (
     blocking_grid,
@@ -59,36 +59,36 @@ class Occupancy(nn.Module):
         cell = 2 * field.half_size / self.cells
         self.fill(occupied & self.allowed, sigma * cell * self._allowed_corners())
 
-    def fill(self, occupied: torch.Tensor, corner_depth: torch.Tensor) -> None:
+    def fill(self, occupied: Tensor, corner_depth: Tensor) -> None:
         """Take over a boolean grid of what may be occupied, and optical depths at corners."""
         self.occupied, self.corner_depth = occupied, corner_depth
         self.free, self.blocking = free_distance(occupied), blocking_grid(corner_depth)
 
-    def optical_depth(self) -> torch.Tensor:
+    def optical_depth(self) -> Tensor:
         """Optical depths [K, K, K] of cells whose eighths are as deep as their corners, side by side.
 
-        A mean of depths would do for fog. But a cell at a body's edge is half of it empty, and lets half
-        of the light through; with the mean of depths, one dense corner makes it opaque.
+        A mean of depths would do for fog, but of a cell at a body's edge one dense corner would make it all
+        opaque.
         """
         passing = of_corners(torch.exp(-self.corner_depth), torch.add) / 8
         return -torch.log(passing.clamp(min=LEAST_PASSING, max=1.0))
 
-    def _allowed_corners(self) -> torch.Tensor:
+    def _allowed_corners(self) -> Tensor:
         """True [K + 1, K + 1, K + 1] where nothing that is not allowed is beside a corner."""
         forbidden = F.pad((~self.allowed)[None, None].float(), (1,) * 6)
         return F.max_pool3d(forbidden, 2, 1)[0, 0] == 0
 
-    def is_allowed(self, box_points: torch.Tensor) -> torch.Tensor:
+    def is_allowed(self, box_points: Tensor) -> Tensor:
         """True [N] where something may be, at box points [N, 3]."""
         return values_at(self.allowed, box_points)
 
-    def allowed_grid(self, count: int) -> torch.Tensor:
+    def allowed_grid(self, count: int) -> Tensor:
         """`is_allowed` [K, K, K] at `count` nodes per axis, from face to face of the box."""
         ticks = torch.linspace(0, 1, count, device=self.allowed.device)
         index = cells_at(ticks, len(self.allowed))
         return self.allowed[index][:, index][:, :, index]
 
-    def allow_only(self, grid: torch.Tensor, dilation: int) -> None:
+    def allow_only(self, grid: Tensor, dilation: int) -> None:
         """Restrict to a boolean grid [H, H, H] over the same box, grown by `dilation` of its cells.
 
         Where masks say that there is nothing, no floater can settle.

@@ -13,7 +13,7 @@ import math
 import numpy as np
 import torch
 import torch.nn.functional as F
-from torch import nn
+from torch import Tensor, nn
 
 from ..kernels.skipping import values_at
 from ..kernels.vm import vm_products, vm_sum
@@ -23,7 +23,7 @@ EXTENT = 2.0
 """half edge of the contracted cube"""
 
 
-def contract(points: torch.Tensor) -> torch.Tensor:
+def contract(points: Tensor) -> Tensor:
     """Contracted points [N, 3] of points in half edges of the box, from its centre."""
     norm = points.abs().amax(-1, keepdim=True).clamp(min=1.0)
     return points * (2 - 1 / norm) / norm
@@ -49,7 +49,7 @@ class Room(nn.Module):
     """
 
     def __init__(
-        self, centre: torch.Tensor, half_size: float, size: int, allowed: torch.Tensor,
+        self, centre: Tensor, half_size: float, size: int, allowed: Tensor,
         nearest: float, components: int = 8, feature_components: int = 16,
         extinction: float = 35.0, shift: float = -6.0, initial: float = 0.5,
     ):  # fmt: skip
@@ -76,22 +76,22 @@ class Room(nn.Module):
         grids = [self.planes, self.lines, self.colour_planes, self.colour_lines]
         return grids, list(self.basis.parameters())
 
-    def to_unit(self, points: torch.Tensor) -> torch.Tensor:
+    def to_unit(self, points: Tensor) -> Tensor:
         """World points [N, 3] in half edges of the box, from its centre."""
         return (points - self.centre) / self.half_size
 
-    def extinction(self, contracted: torch.Tensor) -> torch.Tensor:
+    def extinction(self, contracted: Tensor) -> Tensor:
         """σ [N] per unit of contracted length at contracted points [N, 3]; 0 where not allowed."""
         raw = vm_sum(self._nodes(contracted), self.planes, self.lines)
         allowed = values_at(self.allowed, 0.5 * (contracted / EXTENT + 1))
         return self.extinction_scale * F.softplus(raw + self.shift) * allowed
 
-    def radiance(self, contracted: torch.Tensor) -> torch.Tensor:
+    def radiance(self, contracted: Tensor) -> Tensor:
         """Radiance [N, 3], linear Rec.709, at contracted points [N, 3]."""
         products = vm_products(self._nodes(contracted), self.colour_planes, self.colour_lines)
         return self.basis(products).clamp(max=10.0).exp()
 
-    def _nodes(self, contracted: torch.Tensor) -> torch.Tensor:
+    def _nodes(self, contracted: Tensor) -> Tensor:
         return (contracted / EXTENT + 1) * (0.5 * (self.size - 1))
 
     @torch.no_grad()

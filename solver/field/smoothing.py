@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 import torch
 import torch.nn.functional as F
+from torch import Tensor
 
 from ..kernels.vm import smooth_lines, smooth_planes
 
@@ -23,14 +24,14 @@ LEAST_STEP_SIGMA = 1 / 3
 """voxels; narrower than that, a Gaussian on the grid does nothing"""
 
 
-def gaussian_taps(sigma: float) -> torch.Tensor:
+def gaussian_taps(sigma: float) -> Tensor:
     """A Gaussian of standard deviation `sigma` voxels, up to three of them; at least `PAPER_TAPS`."""
     if sigma <= PAPER_SIGMA:
         return PAPER_TAPS
     return gaussian(sigma)
 
 
-def gaussian(sigma: float) -> torch.Tensor:
+def gaussian(sigma: float) -> Tensor:
     """Taps of a Gaussian of standard deviation `sigma`, up to three of them; their sum is 1."""
     reach = math.ceil(3 * sigma)
     taps = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / sigma) ** 2)
@@ -38,13 +39,13 @@ def gaussian(sigma: float) -> torch.Tensor:
 
 
 def smoothed_factors(
-    planes: torch.Tensor, lines: torch.Tensor, taps: torch.Tensor = PAPER_TAPS
-) -> tuple[torch.Tensor, torch.Tensor]:
+    planes: Tensor, lines: Tensor, taps: Tensor = PAPER_TAPS
+) -> tuple[Tensor, Tensor]:
     """Factors of `vm_gradient`: planes [3, G, G, C] and lines [3, G, C], each smoothed along its axes."""
     return smooth_planes(planes, taps), smooth_lines(lines, taps)
 
 
-def step_smoothing(sigma: float) -> Callable[[torch.Tensor], torch.Tensor] | None:
+def step_smoothing(sigma: float) -> Callable[[Tensor], Tensor] | None:
     """What smooths a change of planes or lines by a Gaussian of `sigma` voxels; None below a third.
 
     A fit whose every step is smooth finds smooth surfaces first and bends them only where the photos
@@ -60,7 +61,7 @@ def step_smoothing(sigma: float) -> Callable[[torch.Tensor], torch.Tensor] | Non
     )
 
 
-def upsample(planes: torch.Tensor, lines: torch.Tensor, size: int):
+def upsample(planes: Tensor, lines: Tensor, size: int):
     """Factors on a finer grid of `size` nodes per axis, by linear interpolation (corners fixed)."""
     channels_first = planes.permute(0, 3, 1, 2)
     planes = F.interpolate(channels_first, size=(size, size), mode="bilinear", align_corners=True)

@@ -6,6 +6,7 @@ torch's own would do, but takes two seconds to import its compiler, and goes ove
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 
 from ..kernels.adam import Moments, Rates, adam_step, mean_root_square
 
@@ -29,7 +30,7 @@ class Adam:
         ]
         self.count = 0
 
-    def _parameters(self) -> list[tuple[dict, torch.Tensor]]:
+    def _parameters(self) -> list[tuple[dict, Tensor]]:
         return [(group, p) for group in self.param_groups for p in group["params"]]
 
     def step(self) -> None:
@@ -39,7 +40,7 @@ class Adam:
             if parameter.grad is not None:
                 self._move(group, parameter, moments)
 
-    def _move(self, group: dict, parameter: torch.Tensor, moments: Moments) -> None:
+    def _move(self, group: dict, parameter: Tensor, moments: Moments) -> None:
         epsilon = self._epsilon(parameter.grad, moments, group.get("floor", 0.0))
         rates = Rates(group["lr"], *self.DECAYS, epsilon, self.count)
         smooth = group.get("smooth")
@@ -50,9 +51,7 @@ class Adam:
         adam_step(change, parameter.grad, moments, rates)
         parameter.detach().add_(smooth(change))
 
-    def _epsilon(
-        self, gradient: torch.Tensor, moments: Moments, floor: float
-    ) -> float | torch.Tensor:
+    def _epsilon(self, gradient: Tensor, moments: Moments, floor: float) -> float | Tensor:
         if floor <= 0:
             return self.EPSILON
         epsilon = floor * mean_root_square(gradient, moments, self.DECAYS[1], self.count)
@@ -66,21 +65,21 @@ class Adam:
             if parameter.grad is not None:
                 parameter.grad.zero_()
 
-    def forget(self, parameter: torch.Tensor) -> None:
+    def forget(self, parameter: Tensor) -> None:
         """What was learned of the gradient of a parameter that has been set anew."""
         for (_, own), moments in zip(self._parameters(), self._moments, strict=True):
             if own is parameter:
                 moments.mean.zero_()
                 moments.square.zero_()
 
-    def state(self) -> dict[str, torch.Tensor]:
+    def state(self) -> dict[str, Tensor]:
         """For a checkpoint."""
         tensors = {"count": torch.tensor(self.count)}
         for index, moments in enumerate(self._moments):
             tensors |= {f"{index}.mean": moments.mean, f"{index}.square": moments.square}
         return tensors
 
-    def restore(self, tensors: dict[str, torch.Tensor]) -> None:
+    def restore(self, tensors: dict[str, Tensor]) -> None:
         """From a checkpoint."""
         self.count = int(tensors["count"])
         for index, moments in enumerate(self._moments):

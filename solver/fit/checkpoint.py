@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import torch
-import torch.nn.functional as F
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
+from torch import Tensor
 
 from ..brdf.neural import NeuralTerm
 from ..capture.turntable import Turntable
@@ -151,14 +151,14 @@ def _damaged(path: Path, error: Exception) -> JobError:
     )
 
 
-def _tensors_of(path: Path) -> dict[str, torch.Tensor]:
+def _tensors_of(path: Path) -> dict[str, Tensor]:
     try:
         return load_file(path)
     except (SafetensorError, FileNotFoundError) as error:
         raise _damaged(path, error) from error
 
 
-def read_tensor(folder: Path, name: str) -> torch.Tensor | None:
+def read_tensor(folder: Path, name: str) -> Tensor | None:
     """One tensor of a checkpoint; None if it has none of this name.
 
     Raises:
@@ -172,7 +172,7 @@ def read_tensor(folder: Path, name: str) -> torch.Tensor | None:
         raise _damaged(path, error) from error
 
 
-def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str, torch.Tensor]]:
+def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str, Tensor]]:
     """The scene of a checkpoint, its JSON state and all its tensors.
 
     Raises:
@@ -211,7 +211,7 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
     return scene, state, tensors
 
 
-def _room_of(state: dict, tensors: dict[str, torch.Tensor]) -> Room | None:
+def _room_of(state: dict, tensors: dict[str, Tensor]) -> Room | None:
     shape = state.get("room")
     if shape is None:
         return None
@@ -231,18 +231,16 @@ def _floor_of(state: dict) -> Floor | None:
     return values and Floor(tuple(values["up"]), values["height"], tuple(values["centre"]))
 
 
-def _restore_occupancy(scene: Scene, tensors: dict[str, torch.Tensor]) -> None:
+def _restore_occupancy(scene: Scene, tensors: dict[str, Tensor]) -> None:
     depth = tensors.get("corner_depth")
-    if depth is None:
-        # Older jobs have cells' depths; those of version 0.1 the extinction per world unit.
-        cells = tensors.get("optical_depth")
-        cells = tensors["extinction"] * scene.cell if cells is None else cells
-        depth = F.avg_pool3d(F.pad(cells[None, None], (1,) * 6, mode="replicate"), 2, 1)[0, 0]
+    if depth is None:  # an older job's: as its field is
+        sigma = scene.field.extinction(scene.field.raw_density_grid(scene.occupancy.cells + 1))
+        depth = sigma.detach() * scene.cell
     scene.occupancy.fill(tensors["occupancy"], depth)
     scene.occupancy.allowed = tensors["allowed"]
 
 
-def _probe_tensors(scene: Scene) -> dict[str, torch.Tensor]:
+def _probe_tensors(scene: Scene) -> dict[str, Tensor]:
     if scene.probes.arriving is None:
         return {}
     (nodes,), (passing, lobes, sent) = scene.probes.nodes, scene.probes.arriving
@@ -254,7 +252,7 @@ def _probe_tensors(scene: Scene) -> dict[str, torch.Tensor]:
     }  # fmt: skip
 
 
-def _restore_probes(scene: Scene, tensors: dict[str, torch.Tensor]) -> None:
+def _restore_probes(scene: Scene, tensors: dict[str, Tensor]) -> None:
     if "probes.row" not in tensors:
         return
     nodes = Nodes(
@@ -265,7 +263,7 @@ def _restore_probes(scene: Scene, tensors: dict[str, torch.Tensor]) -> None:
     scene.probes.fill([nodes], arriving)
 
 
-def restore(trainer: Trainer, state: dict, tensors: dict[str, torch.Tensor]) -> None:
+def restore(trainer: Trainer, state: dict, tensors: dict[str, Tensor]) -> None:
     """Bring a trainer made with the checkpoint's scene to the checkpoint's state.
 
     Raises:

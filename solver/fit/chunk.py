@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
+from torch import Tensor
 
 from ..render.pixels import keys_of_rays, pixels_of, secondary_rays_each
 from ..render.radiance import RayBuffers, render_rays
@@ -30,11 +31,9 @@ class Chunk(NamedTuple):
     """Pixels that are worked on at once, and how."""
 
     batch: RayBatch
-    keys: torch.Tensor  # [P] long, for random numbers
-    colour: torch.Tensor | None  # [P, 3] sRGB behind the object, where it is random
-    log_gain: (
-        torch.Tensor | None
-    )  # [photos, C] logarithms of their exposures, where those are found
+    keys: Tensor  # [P] long, for random numbers
+    colour: Tensor | None  # [P, 3] sRGB behind the object, where it is random
+    log_gain: Tensor | None  # [photos, C] logarithms of their exposures, where those are found
     share: float  # of the step's pixels
     retraced: int  # secondary rays to be traced through the field
     random: RandomNumbers  # of the step
@@ -45,9 +44,9 @@ class Chunk(NamedTuple):
 class Taken(NamedTuple):
     """What came of a chunk, next to gradients."""
 
-    image: torch.Tensor  # its image loss
+    image: Tensor  # its image loss
     samples: tuple[int, int, int]  # density samples, retraced rays, their samples
-    to_exposures: torch.Tensor | None  # [photos, C] gradient of their log gains
+    to_exposures: Tensor | None  # [photos, C] gradient of their log gains
 
 
 @dataclass(frozen=True)

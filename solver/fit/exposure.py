@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from ..asset.photo_detail import View
 from ..capture.camera import Camera
@@ -36,7 +37,7 @@ class Exposures:
         self.log_gain.requires_grad_()
         self.optimiser = Adam([{"params": [self.log_gain], "base": RATE}])
 
-    def step(self, gradients: list[torch.Tensor | None], factor: float) -> None:
+    def step(self, gradients: list[Tensor | None], factor: float) -> None:
         """Move by the sum of the chunks' gradients [P, C]; `factor` scales the rate."""
         found = [gradient for gradient in gradients if gradient is not None]
         if not found:
@@ -48,17 +49,17 @@ class Exposures:
         with torch.no_grad():
             self.log_gain -= self.log_gain.mean(0)
 
-    def gains(self) -> torch.Tensor:
+    def gains(self) -> Tensor:
         """The gains [P, C]."""
         return self.log_gain.detach().exp()
 
-    def state(self) -> dict[str, torch.Tensor]:
+    def state(self) -> dict[str, Tensor]:
         """For a checkpoint."""
         return {"log_gain": self.log_gain.detach()} | {
             f"optimiser.{key}": value for key, value in self.optimiser.state().items()
         }
 
-    def restore(self, tensors: dict[str, torch.Tensor]) -> None:
+    def restore(self, tensors: dict[str, Tensor]) -> None:
         """From a checkpoint."""
         with torch.no_grad():
             self.log_gain.copy_(tensors["log_gain"])
@@ -69,7 +70,7 @@ class Exposures:
 
 
 def photo_views(
-    cameras: Sequence[Camera], photos: Sequence[Photo], log_gain: torch.Tensor | None
+    cameras: Sequence[Camera], photos: Sequence[Photo], log_gain: Tensor | None
 ) -> list[View]:
     """Photos as the asset looks at them, of cameras in the scene's world.
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
+from torch import Tensor
 
 from ..capture.panorama import Panorama
 from ..capture.photos import srgb_to_linear
@@ -49,7 +50,7 @@ class FarLight:
         self.known = torch.from_numpy(small.known).to(device)
         """[256, 512] bool"""
 
-    def towards(self, directions: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def towards(self, directions: Tensor) -> tuple[Tensor, Tensor]:
         """Radiance [N, 3] in directions [N, 3], and whether [N] it is known."""
         at = equirect_coordinates(directions, ROWS, 2 * ROWS).long()
         row, column = at[:, 1].clamp(0, ROWS - 1), at[:, 0] % (2 * ROWS)
@@ -68,7 +69,7 @@ class FarLight:
         found = torch.where(sure, radiance.log(), environment.log_radiance)
         environment.log_radiance.copy_(found)
 
-    def _on_map(self, height: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    def _on_map(self, height: int) -> tuple[Tensor, Tensor, Tensor]:
         """Of each texel of a map the mean [3, H, 2H] of what is known, how much [H, 2H] that is, and the
         brightest channel [H, 2H]."""
         size, known = (height, 2 * height), self.known.float()[None]
@@ -79,8 +80,8 @@ class FarLight:
         return mean.clamp(min=LEAST_LIGHT), share[0], brightest[0]
 
     def difference(
-        self, scene: Scene, tables: StepTables, random: RandomNumbers, keys: torch.Tensor
-    ) -> torch.Tensor:
+        self, scene: Scene, tables: StepTables, random: RandomNumbers, keys: Tensor
+    ) -> Tensor:
         """How far the light is from what is known, in random directions (see `light_difference`).
 
         Args:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import torch
+from torch import Tensor
 
 from ..light.environment import coarsely_coloured
 from ..light.smoothing import LEAST_RADIANCE
@@ -21,8 +22,8 @@ SQUARES = (16, 8, 4, 2)
 
 
 def coarsest_colours(
-    radiance: torch.Tensor, error: Callable[[torch.Tensor], float], tolerance: float
-) -> torch.Tensor:
+    radiance: Tensor, error: Callable[[Tensor], float], tolerance: float
+) -> Tensor:
     """The light [3, H, 2H] with the coarsest colours under which photos are as good as under its own.
 
     Args:
@@ -41,10 +42,10 @@ def coarsest_colours(
 def colour_coarsely(scene: Scene, loss: ChunkLoss, steps: list[Step], tolerance: float) -> None:
     """Give a scene's light the coarsest colours that pixels of steps allow (see `coarsest_colours`)."""
 
-    def take(radiance: torch.Tensor) -> None:
+    def take(radiance: Tensor) -> None:
         scene.environment.log_radiance.copy_(radiance.clamp(min=LEAST_RADIANCE).log())
 
-    def error(radiance: torch.Tensor) -> float:
+    def error(radiance: Tensor) -> float:
         take(radiance)
         found = 0.0
         for chunks, turns in steps:

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 import torch
 import torch.nn.functional as F
+from torch import Tensor
 
 from ..brdf.microfacet import fresnel_schlick
 from ..light.environment import EnvironmentMap, equirect_coordinates, resized_map
@@ -50,7 +51,7 @@ class OpenDetail:
 
     def __init__(self, settings: LightSettings):
         self._settings = settings
-        self.share: torch.Tensor | None = None
+        self.share: Tensor | None = None
 
     def wanted(self, fraction: float) -> bool:
         """Whether it is time to look, at a fraction of the fit: surfaces have their gloss."""
@@ -88,7 +89,7 @@ class OpenDetail:
 @torch.no_grad()
 def open_detail(
     scene: Scene, loss: ChunkLoss, steps: list[Step], sigmas: Sequence[float]
-) -> torch.Tensor:  # fmt: skip
+) -> Tensor:  # fmt: skip
     """Shares [len(sigmas), H, 2H], from 0 to 1, of detail finer than Gaussians of so many texels that
     pixels of steps leave open, per texel of a scene's light.
 
@@ -112,8 +113,8 @@ def open_detail(
 
 
 def _mirrored(
-    scene: Scene, loss: ChunkLoss, tables: SharedTables, chunk: Chunk, turn: torch.Tensor | None
-) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    scene: Scene, loss: ChunkLoss, tables: SharedTables, chunk: Chunk, turn: Tensor | None
+) -> tuple[Tensor, Tensor, Tensor]:
     """Of each pixel, where in the map of `ROWS` [B] its mirror direction is, how much it reflects from
     there [B], and its α [B]."""
     seen = loss.pixels(scene, tables.under(chunk.turn), chunk)

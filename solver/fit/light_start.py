@@ -8,6 +8,7 @@ between red walls turns pink, and metal has nothing to mirror.
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 
 from ..field.room import Room
 from ..light.environment import EnvironmentMap, equirect_directions, resized_map, texel_solid_angles
@@ -43,7 +44,7 @@ def light_from_room(room: Room, height: int) -> EnvironmentMap:
 
 @torch.no_grad()
 def whole_light(
-    colour: torch.Tensor, known: torch.Tensor, height: int, unseen: float | None = None
+    colour: Tensor, known: Tensor, height: int, unseen: float | None = None
 ) -> EnvironmentMap:
     """A light of `height` rows of which a part is known; small gaps have the colours around them.
 
@@ -70,8 +71,8 @@ def whole_light(
 
 
 def _filled_from_around(
-    directions: torch.Tensor, colour: torch.Tensor, known: torch.Tensor, texel: torch.Tensor
-) -> tuple[torch.Tensor, torch.Tensor]:
+    directions: Tensor, colour: Tensor, known: Tensor, texel: Tensor
+) -> tuple[Tensor, Tensor]:
     """Log-radiance [N, 3] around each direction, and how far [N] that tells its own, 0 to 1.
 
     Args:

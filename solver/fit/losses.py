@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import torch
+from torch import Tensor
 
 from ..field.room import Room
 from ..kernels.pointwise import at_hand, rowwise
@@ -21,14 +22,14 @@ SATURATED = 0.95
 LEAST_LIGHT = 1e-2
 """radiance below which light and room are equally dark"""
 
-Behind = torch.Tensor | Surroundings
+Behind = Tensor | Surroundings
 """what is seen where the object is not: an sRGB colour [R, 3] over which photos with alpha are laid, or
 what else there is in the scene, where a photo shows that"""
 
 
 def photometric(
-    buffers: RayBuffers, batch: RayBatch, behind: Behind, gain: torch.Tensor | None = None
-) -> torch.Tensor:
+    buffers: RayBuffers, batch: RayBatch, behind: Behind, gain: Tensor | None = None
+) -> Tensor:
     """Mean squared error of sRGB pixels, without the noise of their own rays.
 
     A noisy pixel's squared error has its variance in it, of which lamps that are too dim and lobes that
@@ -47,7 +48,7 @@ def photometric(
     around = linear_to_srgb(gain * behind.behind.detach()) if shows_surroundings else behind
     target = batch.colour * alpha + (1 - alpha) * around
 
-    def predicted(seen: torch.Tensor) -> torch.Tensor:
+    def predicted(seen: Tensor) -> Tensor:
         radiance, opacity = seen[:, :3], seen[:, 3]
         if shows_surroundings:
             return linear_to_srgb(gain * behind.around(radiance, opacity))
@@ -63,7 +64,7 @@ def photometric(
     return torch.where(forgiven, torch.zeros_like(loss), loss).mean()
 
 
-def _halves(buffers: RayBuffers) -> torch.Tensor:
+def _halves(buffers: RayBuffers) -> Tensor:
     """Radiance and opacity [R, 2, 4] of the halves of a pixel's rays, whose mean is the pixel here, or
     [R, 1, 4] of the pixel itself where nobody asked for halves."""
     if buffers.halves is not None:
@@ -73,8 +74,8 @@ def _halves(buffers: RayBuffers) -> torch.Tensor:
 
 def total_loss(
     buffers: RayBuffers, batch: RayBatch, settings: FitSettings, use_masks: bool, fraction: float,
-    behind: Behind, gain: torch.Tensor | None = None,
-) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:  # fmt: skip
+    behind: Behind, gain: Tensor | None = None,
+) -> tuple[Tensor, dict[str, Tensor]]:  # fmt: skip
     """The weighted sum of what photos and shapes say, and the terms that are worth showing.
 
     Args:
@@ -82,7 +83,7 @@ def total_loss(
         fraction: how much of the fit is done; smoothness terms fade with it.
         gain: see `photometric`.
     """
-    before_colour = isinstance(behind, torch.Tensor) and gain is None
+    before_colour = isinstance(behind, Tensor) and gain is None
     if before_colour and buffers.bending is not None and at_hand("pixel_loss", buffers.radiance):
         image, shape = _at_once(buffers, batch, settings, use_masks, fraction, behind)
         return image + shape, {"image": image.detach()}
@@ -102,8 +103,8 @@ def total_loss(
 
 def _at_once(
     buffers: RayBuffers, batch: RayBatch, settings: FitSettings, use_masks: bool, fraction: float,
-    behind: torch.Tensor,
-) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
+    behind: Tensor,
+) -> tuple[Tensor, Tensor]:  # fmt: skip
     """The image loss and the rest of `total_loss` in one kernel, of pixels before plain colours."""
     fade = settings.smoothness_end**fraction
     image, shape = rowwise(
@@ -118,18 +119,14 @@ def _at_once(
     return image.mean(), shape.mean()
 
 
-def known_of_room(
-    room: Room, directions: torch.Tensor, u: torch.Tensor
-) -> tuple[torch.Tensor, torch.Tensor]:
+def known_of_room(room: Room, directions: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
     """Radiance [N, 3], linear Rec.709 and no darker than `LEAST_LIGHT`, of what the room has in directions
     [N, 3] from its centre, and its opacity [N] there (see `light_of_room`)."""
     seen, opacity = light_of_room(room, directions, u)
     return (seen / opacity.clamp(min=1e-3)[:, None]).clamp(min=LEAST_LIGHT), opacity
 
 
-def room_light(
-    scene: Scene, tables: StepTables, random: RandomNumbers, keys: torch.Tensor
-) -> torch.Tensor:
+def room_light(scene: Scene, tables: StepTables, random: RandomNumbers, keys: Tensor) -> Tensor:
     """How far the light is from what the room sends to the box's centre, in random directions, by the
     room's opacity (see `light_difference`).
 
@@ -143,9 +140,8 @@ def room_light(
 
 
 def light_difference(
-    scene: Scene, tables: StepTables, directions: torch.Tensor, known: torch.Tensor,
-    weight: torch.Tensor,
-) -> torch.Tensor:  # fmt: skip
+    scene: Scene, tables: StepTables, directions: Tensor, known: Tensor, weight: Tensor,
+) -> Tensor:  # fmt: skip
     """Mean squared difference between the logarithms of the light in directions [K, 3] and `known` [K, 3]
     radiance, each with its `weight` [K].
 
@@ -159,9 +155,7 @@ def light_difference(
     return (error.square() * weight[:, None]).mean()
 
 
-def random_directions(
-    random: RandomNumbers, keys: torch.Tensor
-) -> tuple[torch.Tensor, torch.Tensor]:
+def random_directions(random: RandomNumbers, keys: Tensor) -> tuple[Tensor, Tensor]:
     """Directions [K, 3], even over the sphere, and a number [K] in [0, 1) each."""
     u = random.uniform(ROOM_DIRECTION, keys, 3)
     height, turn = 2 * u[:, 0] - 1, 2 * math.pi * u[:, 1]

@@ -6,6 +6,7 @@ They count as far as points reflect light instead of shining by themselves.
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 
 from ..brdf.microfacet import DIELECTRIC_F0, SURE_DIELECTRIC_F0
 from ..kernels.pointwise import at_hand, rowwise
@@ -28,7 +29,7 @@ LEAST_OPACITY = 0.1
 """of pixels at the object's edge, which else would have materials far brighter than any"""
 
 
-def of_materials(buffers: RayBuffers, settings: FitSettings, fraction: float) -> torch.Tensor:
+def of_materials(buffers: RayBuffers, settings: FitSettings, fraction: float) -> Tensor:
     """The weighted sum of all terms below, at a fraction of the fit."""
     loss = buffers.opacity.new_zeros(())
     if settings.palette_weight > 0:
@@ -53,7 +54,7 @@ def of_materials(buffers: RayBuffers, settings: FitSettings, fraction: float) ->
     return loss
 
 
-def _of_materials_at_once(buffers: RayBuffers, settings: FitSettings, grey: float) -> torch.Tensor:
+def _of_materials_at_once(buffers: RayBuffers, settings: FitSettings, grey: float) -> Tensor:
     """What `of_materials` has of those that tell metals from dielectrics, in one kernel."""
     (loss,) = rowwise(
         "material_priors", (buffers.albedo, buffers.f0, buffers.opacity.detach()),
@@ -65,13 +66,13 @@ def _of_materials_at_once(buffers: RayBuffers, settings: FitSettings, grey: floa
     return loss.mean()
 
 
-def unlike_dielectric(buffers: RayBuffers) -> torch.Tensor:
+def unlike_dielectric(buffers: RayBuffers) -> Tensor:
     """Mean of x²/(x² + s²) in [0, 1), x = F0 − 0.04: it pulls what is close, and leaves metals alone."""
     usual = DIELECTRIC_F0 * buffers.opacity.detach()[:, None]
     return saturating((buffers.f0 - usual).square(), DIELECTRIC_SPREAD).mean()
 
 
-def coloured_dielectric(buffers: RayBuffers) -> torch.Tensor:
+def coloured_dielectric(buffers: RayBuffers) -> Tensor:
     """Mean of (F0 − its mean over channels)², over what is no metal: only metals reflect in a colour.
 
     All of it counts up to an F0 of 0.2, nothing from 0.3 on; that has no gradient.
@@ -83,7 +84,7 @@ def coloured_dielectric(buffers: RayBuffers) -> torch.Tensor:
     return (buffers.opacity.detach() * dielectric * colour).mean()
 
 
-def unlike_metal(buffers: RayBuffers) -> torch.Tensor:
+def unlike_metal(buffers: RayBuffers) -> Tensor:
     """Mean of (F0 − 0.9)² of the brightest channel, over what is metal, which F0 above 0.3 is.
 
     All channels are moved alike, whichever is the brightest, so that the pull has no colour. Bare metals
@@ -98,13 +99,13 @@ def unlike_metal(buffers: RayBuffers) -> torch.Tensor:
     return (metal * missing.square()).mean()
 
 
-def diffuse_metal(buffers: RayBuffers) -> torch.Tensor:
+def diffuse_metal(buffers: RayBuffers) -> Tensor:
     """Mean of albedo² over what is surely metal, which has none; without gradient to F0."""
     metal = _above(_straight(buffers.f0, buffers.opacity).detach().amax(-1), SURE_METAL_F0)
     return (metal * _straight(buffers.albedo, buffers.opacity).square().mean(-1)).mean()
 
 
-def off_palette(buffers: RayBuffers, spread: float = COLOUR_SPREAD) -> torch.Tensor:
+def off_palette(buffers: RayBuffers, spread: float = COLOUR_SPREAD) -> Tensor:
     """How much albedos of pairs of pixels differ that may be of one colour, in [0, 1).
 
     Mean of x²/(x² + s²), x the root mean square difference over channels, as a share of the mean albedo,
@@ -126,7 +127,7 @@ def off_palette(buffers: RayBuffers, spread: float = COLOUR_SPREAD) -> torch.Ten
     return (share * share.roll(half) * saturating(square, spread)).mean()
 
 
-def _coolness(f0: torch.Tensor) -> torch.Tensor:
+def _coolness(f0: Tensor) -> Tensor:
     """By how much F0 [R, 3] has more green than red, or more blue than the less of both, as a share of its
     brightest channel [R], at least 0."""
     red, green, blue = f0.unbind(-1)
@@ -134,10 +135,10 @@ def _coolness(f0: torch.Tensor) -> torch.Tensor:
     return excess.clamp(min=0) / f0.amax(-1).clamp(min=1e-3)
 
 
-def _above(f0: torch.Tensor, least: float) -> torch.Tensor:
+def _above(f0: Tensor, least: float) -> Tensor:
     return torch.sigmoid((f0 - least) / METAL_SPREAD)
 
 
-def _straight(value: torch.Tensor, opacity: torch.Tensor) -> torch.Tensor:
+def _straight(value: Tensor, opacity: Tensor) -> Tensor:
     """[R, 3] not premultiplied any more; opacity has no gradient."""
     return value / opacity.detach().clamp(min=LEAST_OPACITY)[:, None]

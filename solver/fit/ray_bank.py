@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from ..capture.backdrop import LEVELS, TOLERANCE
 from ..capture.camera import Camera
@@ -19,15 +20,15 @@ from ..render.tonemap import linear_to_srgb
 class RayBatch(NamedTuple):
     """Rays of B pixels, n each, and what the photos show there."""
 
-    origins: torch.Tensor  # [B, 3] world
-    directions: torch.Tensor  # [B, n, 3] world, unit
-    colour: torch.Tensor  # [B, 3] sRGB-encoded, straight (not premultiplied)
-    alpha: torch.Tensor  # [B] coverage; 1 where the photo has none
-    alpha_known: torch.Tensor  # [B] false where it may as well be 0: as plain as the backdrop
-    clipped: torch.Tensor  # [B, 3] true where the photo is saturated
-    pixel_angle: torch.Tensor  # [B] angular width of the pixel, rad
-    photo: torch.Tensor  # [B] long, index of the photo
-    behind: torch.Tensor | None = None  # [B, 3] sRGB-encoded, far behind the object, if known
+    origins: Tensor  # [B, 3] world
+    directions: Tensor  # [B, n, 3] world, unit
+    colour: Tensor  # [B, 3] sRGB-encoded, straight (not premultiplied)
+    alpha: Tensor  # [B] coverage; 1 where the photo has none
+    alpha_known: Tensor  # [B] false where it may as well be 0: as plain as the backdrop
+    clipped: Tensor  # [B, 3] true where the photo is saturated
+    pixel_angle: Tensor  # [B] angular width of the pixel, rad
+    photo: Tensor  # [B] long, index of the photo
+    behind: Tensor | None = None  # [B, 3] sRGB-encoded, far behind the object, if known
 
     def split(self, sizes: list[int]) -> list[RayBatch]:
         """Batches of so many pixels each."""
@@ -90,7 +91,7 @@ class RayBank:
         return len(self.first_pixel) - 1
 
     @cached_property
-    def mean_colours(self) -> torch.Tensor:
+    def mean_colours(self) -> Tensor:
         """Each photo's mean colour [P, 3] where it says something, sRGB-encoded: by it a photo is known
         again."""
         if self.told is not None:
@@ -102,16 +103,16 @@ class RayBank:
     def __len__(self) -> int:
         return self.first_pixel[-1]
 
-    def rays(self, pixel: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    def rays(self, pixel: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Origins, unit directions [B, 3] and photo indices of global pixel indices [B]."""
         photo = self._photo_of(pixel)
         direction = self._through(pixel, photo, 1)[:, 0]
         return self.position[photo], direction, photo
 
-    def _photo_of(self, pixel: torch.Tensor) -> torch.Tensor:
+    def _photo_of(self, pixel: Tensor) -> Tensor:
         return torch.searchsorted(self.boundaries, pixel, right=True) - 1
 
-    def _through(self, pixel: torch.Tensor, photo: torch.Tensor, grid: int) -> torch.Tensor:
+    def _through(self, pixel: Tensor, photo: Tensor, grid: int) -> Tensor:
         """Unit world directions [B, grid², 3] through pixels of photos [B]; beside the centres by the
         step to the next pixel, which a lens changes slowly."""
         first, local = self.lens_start[photo], pixel - self.boundaries[photo]
@@ -134,7 +135,7 @@ class RayBank:
             directions = torch.nn.functional.normalize(directions, dim=-1)
         return torch.einsum("bij,bnj->bni", self.rotation[photo], directions)
 
-    def batch(self, pixel: torch.Tensor, grid: int = 1) -> RayBatch:
+    def batch(self, pixel: Tensor, grid: int = 1) -> RayBatch:
         """Rays, grid × grid through a pixel, and targets of global pixel indices [B]."""
         photo = self._photo_of(pixel)
         directions = self._through(pixel, photo, grid)
@@ -157,7 +158,7 @@ class RayBank:
             None if self.behind is None else self.behind[pixel].float(),
         )
 
-    def restrict(self, likely: torch.Tensor) -> None:
+    def restrict(self, likely: Tensor) -> None:
         """Draw mostly from the pixels in `likely` [P] bool (rays that can meet the object)."""
         if self.told is not None:
             told = torch.zeros_like(likely)
@@ -165,9 +166,7 @@ class RayBank:
             likely = likely & told
         self.likely = likely.nonzero()[:, 0].to(self.device)
 
-    def draw(
-        self, count: int, generator: torch.Generator, photo: int | None = None
-    ) -> torch.Tensor:
+    def draw(self, count: int, generator: torch.Generator, photo: int | None = None) -> Tensor:
         """Random global pixel indices [count]; of one photo only, if that is given."""
         likely = self.likely
         if likely is not None and photo is not None:
@@ -179,7 +178,7 @@ class RayBank:
         anywhere = self._anywhere(background, generator, photo)
         return torch.cat([likely[sent(chosen, self.device)], anywhere])
 
-    def _anywhere(self, count: int, generator: torch.Generator, photo: int | None) -> torch.Tensor:
+    def _anywhere(self, count: int, generator: torch.Generator, photo: int | None) -> Tensor:
         """Random global pixel indices [count], of all or of one photo's that are told."""
         if self.told is not None:
             told = self.told if photo is None else self._those_of(self.told, photo)
@@ -188,7 +187,7 @@ class RayBank:
         first, last = (0, len(self)) if photo is None else self.first_pixel[photo : photo + 2]
         return sent(torch.randint(first, last, (count,), generator=generator), self.device)
 
-    def _those_of(self, pixels: torch.Tensor, photo: int) -> torch.Tensor:
+    def _those_of(self, pixels: Tensor, photo: int) -> Tensor:
         """Which of some global pixel indices, in their order, are a photo's."""
         ends = pixels.new_tensor(self.first_pixel[photo : photo + 2])
         begin, end = torch.searchsorted(pixels, ends).tolist()
@@ -199,7 +198,7 @@ class RayBank:
         return int(self._photo_of(self.draw(1, generator))[0])
 
 
-def _told_pixels(photos: list[Photo], device: str) -> torch.Tensor | None:
+def _told_pixels(photos: list[Photo], device: str) -> Tensor | None:
     """Global indices [T] of the pixels that photos say something of, in their order; None: of all."""
     if all(photo.told is None for photo in photos):
         return None
@@ -212,7 +211,7 @@ def _told_pixels(photos: list[Photo], device: str) -> torch.Tensor | None:
     return torch.from_numpy(np.flatnonzero(np.concatenate(told))).to(device)
 
 
-def _camera_space_directions(camera: Camera) -> torch.Tensor:
+def _camera_space_directions(camera: Camera) -> Tensor:
     """Unit directions [H·W, 3] of the pixel centres in camera axes."""
     row, column = np.mgrid[0 : camera.height, 0 : camera.width]
     _, directions = camera.rays(column.ravel() + 0.5, row.ravel() + 0.5)

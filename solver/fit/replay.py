@@ -13,6 +13,7 @@ from contextlib import AbstractContextManager
 from functools import partial
 
 import torch
+from torch import Tensor
 
 from ..kernels.backend import on_warp
 from ..kernels.flat_form import UnlikeObserved, observed, reserved
@@ -26,7 +27,7 @@ SPARE = 256
 """items of a flat form beyond that"""
 
 
-Inputs = tuple[torch.Tensor | None, ...]
+Inputs = tuple[Tensor | None, ...]
 Compute = Callable[..., list[Taken]]
 
 
@@ -44,7 +45,7 @@ class Replay:
         self._device, self._card = device, Card(device)
         self._lengths: list[int] | None = None
         self._seen: list[int] = []
-        self._most: torch.Tensor | None = None
+        self._most: Tensor | None = None
         self._refused = False
         self._graph: CudaGraph | None = None
         self._ended: CudaGraph | None = None
@@ -59,7 +60,7 @@ class Replay:
         """Within this block steps can be replayed."""
         return self._card.stream()
 
-    def told_before(self, value: torch.Tensor) -> float:
+    def told_before(self, value: Tensor) -> float:
         """See `Card.told_before`."""
         return self._card.told_before(value)
 
@@ -84,7 +85,7 @@ class Replay:
         self.plan, self._lengths, self._refused = plan, None, False
 
     def run(
-        self, compute: Compute, undo: Callable[[], None], *inputs: torch.Tensor | None
+        self, compute: Compute, undo: Callable[[], None], *inputs: Tensor | None
     ) -> tuple[list[Taken], bool]:
         """What `compute` finds for tensors, and whether its counts are those of this step.
 

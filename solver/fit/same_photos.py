@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import torch
+from torch import Tensor
 
 from ..capture.errors import listed
 from ..job.request import JobError
@@ -15,7 +15,7 @@ SAME_COLOUR = 0.002
 """between two mean colours of a photo, sRGB-encoded: decoders differ by less, and another photo by more"""
 
 
-def check_exposed(tensors: dict[str, torch.Tensor], known: int, now: torch.Tensor) -> None:
+def check_exposed(tensors: dict[str, Tensor], known: int, now: Tensor) -> None:
     """Make sure that photos are those whose exposures a fit knows.
 
     Args:
@@ -38,9 +38,7 @@ def check_exposed(tensors: dict[str, torch.Tensor], known: int, now: torch.Tenso
         )
 
 
-def what_changed(
-    tensors: dict[str, torch.Tensor], now: torch.Tensor, names: Sequence[str]
-) -> str | None:
+def what_changed(tensors: dict[str, Tensor], now: Tensor, names: Sequence[str]) -> str | None:
     """What to tell of photos that a job did not begin with, one clause; None: there are none such.
 
     Args:
@@ -57,7 +55,7 @@ def what_changed(
     )
 
 
-def _others(tensors: dict[str, torch.Tensor], now: torch.Tensor) -> list[int]:
+def _others(tensors: dict[str, Tensor], now: Tensor) -> list[int]:
     """Numbers of the photos that are not those of the checkpoint, of as many."""
     before = tensors.get(COLOURS, now).to(now)
     return ((now - before).abs() > SAME_COLOUR).any(-1).nonzero()[:, 0].tolist()

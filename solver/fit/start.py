@@ -69,9 +69,8 @@ LIKELY_MARGIN = 9  # pixels around the object from which rays are drawn as often
 
 
 def new_trainer(
-    capture: Capture, photos: list[Photo], settings: Settings, seed: int,
-    region: np.ndarray | None, device: str, progress: Callable[[float], None],
-    light: SeenLight = NOTHING_SEEN,
+    capture: Capture, photos: list[Photo], settings: Settings, seed: int, region: np.ndarray | None,
+    device: str, progress: Callable[[float], None], light: SeenLight = NOTHING_SEEN,
 ) -> Trainer:  # fmt: skip
     """A trainer at its start; its settings are those given, but for the grid's sizes if there are no masks.
 

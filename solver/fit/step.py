@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
+from torch import Tensor
 
 from ..kernels.backend import gradients_in_place
 from ..kernels.sending import sent
@@ -14,7 +15,7 @@ from ..render.scene import Scene, SharedTables
 from .chunk import Chunk, ChunkLoss, Taken
 from .ray_bank import RayBank
 
-Step = tuple[list[Chunk], Sequence[torch.Tensor | None]]
+Step = tuple[list[Chunk], Sequence[Tensor | None]]
 """chunks of a step and the turns of the light that they are under"""
 
 
@@ -40,9 +41,9 @@ class StepPlan(NamedTuple):
 class Drawn(NamedTuple):
     """The random pixels of a step."""
 
-    pixels: torch.Tensor  # [P] long, of the bank
-    colours: torch.Tensor | None  # [P, 3] sRGB behind the object, where it is random
-    turns: Sequence[torch.Tensor | None]  # [3, 3] of the light, those that `Chunk.turn` counts
+    pixels: Tensor  # [P] long, of the bank
+    colours: Tensor | None  # [P, 3] sRGB behind the object, where it is random
+    turns: Sequence[Tensor | None]  # [3, 3] of the light, those that `Chunk.turn` counts
 
 
 class StepPixels:
@@ -52,7 +53,7 @@ class StepPixels:
     """
 
     def __init__(
-        self, bank: RayBank, background: str, turns: torch.Tensor | None, generator: torch.Generator
+        self, bank: RayBank, background: str, turns: Tensor | None, generator: torch.Generator
     ):
         self._bank, self._background, self._turns = bank, background, turns
         self._generator = generator
@@ -72,7 +73,7 @@ class StepPixels:
         return Drawn(torch.cat(pixels), colours, turns)
 
     def chunks(
-        self, plan: StepPlan, drawn: Drawn, random: RandomNumbers, log_gain: torch.Tensor | None
+        self, plan: StepPlan, drawn: Drawn, random: RandomNumbers, log_gain: Tensor | None
     ) -> list[Chunk]:
         """Chunks of the pixels drawn, with grid × grid rays each.
 
@@ -95,8 +96,7 @@ class StepPixels:
 
 
 def add_gradients(
-    scene: Scene, loss: ChunkLoss, chunks: list[Chunk],
-    turns: Sequence[torch.Tensor | None] = (None,),
+    scene: Scene, loss: ChunkLoss, chunks: list[Chunk], turns: Sequence[Tensor | None] = (None,),
 ) -> list[Taken]:  # fmt: skip
     """Add the gradients of all chunks, one after the other, to those of a scene.
 

@@ -10,6 +10,7 @@ import numpy as np
 import scipy.ndimage
 import torch
 import torch.nn.functional as F
+from torch import Tensor
 
 from ..capture.camera import Camera
 from ..capture.errors import listed
@@ -163,7 +164,7 @@ def signed_distance(hull: np.ndarray) -> np.ndarray:
 
 
 def start_from_hull(
-    field: MicrofacetField, distance: torch.Tensor, slope: float, lowest: float, highest: float
+    field: MicrofacetField, distance: Tensor, slope: float, lowest: float, highest: float
 ) -> None:
     """Set the field's raw density to a ramp across the hull.
 
@@ -185,9 +186,7 @@ def start_from_hull(
         field.density_lines.copy_(lines)
 
 
-def decompose(
-    target: torch.Tensor, components: int, sweeps: int = 2
-) -> tuple[torch.Tensor, torch.Tensor]:
+def decompose(target: Tensor, components: int, sweeps: int = 2) -> tuple[Tensor, Tensor]:
     """VM factors [3, G, G, C], [3, G, C] of a volume [G, G, G], by singular values.
 
     Each of the three pairs takes a third, so that all have a share in what is learned later; then in

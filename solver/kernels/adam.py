@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import torch
+from torch import Tensor
 
 from .backend import fast, fast_on_numba, kernels, on_warp
 
@@ -16,8 +17,8 @@ from .backend import fast, fast_on_numba, kernels, on_warp
 class Moments(NamedTuple):
     """Running means of a tensor's gradient and of its square."""
 
-    mean: torch.Tensor
-    square: torch.Tensor
+    mean: Tensor
+    square: Tensor
 
 
 class Rates(NamedTuple):
@@ -26,13 +27,11 @@ class Rates(NamedTuple):
     step: float
     mean_decay: float
     square_decay: float
-    epsilon: float | torch.Tensor  # a number, or one in memory [1]
+    epsilon: float | Tensor  # a number, or one in memory [1]
     count: int  # of steps, this one included
 
 
-def adam_step(
-    parameter: torch.Tensor, gradient: torch.Tensor, moments: Moments, rates: Rates
-) -> None:
+def adam_step(parameter: Tensor, gradient: Tensor, moments: Moments, rates: Rates) -> None:
     """Change a contiguous parameter and its moments in place; set the gradient to zero."""
     if parameter.dim() == 0 or parameter.numel() == 0:
         raise ValueError("a parameter needs at least one axis and one entry")
@@ -50,7 +49,7 @@ def adam_step(
 
 
 def adam_step_torch(
-    parameter: torch.Tensor, gradient: torch.Tensor, mean: torch.Tensor, square: torch.Tensor,
+    parameter: Tensor, gradient: Tensor, mean: Tensor, square: Tensor,
     size: float, scale: float, mean_decay: float, square_decay: float, epsilon: float,
 ) -> None:  # fmt: skip
     """Plain torch twin of the kernels, on tensors [N, C]; `size` and `scale` undo what means start from."""
@@ -65,8 +64,8 @@ def adam_step_torch(
 
 
 def mean_root_square(
-    gradient: torch.Tensor, moments: Moments, square_decay: float, count: int
-) -> float | torch.Tensor:
+    gradient: Tensor, moments: Moments, square_decay: float, count: int
+) -> float | Tensor:
     """Mean of the roots of the running square that a contiguous tensor will have after the step with this
     gradient, what it started from undone; in memory where nothing is to wait for it."""
     scale = 1 / (1 - square_decay**count)

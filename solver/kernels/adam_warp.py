@@ -65,9 +65,7 @@ def _step(
         )  # fmt: skip
 
 
-def step(
-    parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon
-) -> None:  # fmt: skip
+def step(parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon) -> None:
     """Change all tensors [N, C] in place; see the twin."""
     if not isinstance(epsilon, torch.Tensor):
         epsilon = constant_on(parameter.device, (epsilon,))

@@ -14,6 +14,7 @@ from functools import cache
 
 import numpy as np
 import torch
+from torch import Tensor
 
 _state = {"path": "auto", "in_place": False}
 
@@ -45,7 +46,7 @@ def has_kernels(device: torch.device) -> bool:
     return path_of(device) != "torch"
 
 
-def fast(tensor: torch.Tensor) -> bool:
+def fast(tensor: Tensor) -> bool:
     """True where kernels apply: 32-bit tensors on a device that has a path for them."""
     return tensor.dtype == torch.float32 and has_kernels(tensor.device)
 
@@ -55,7 +56,7 @@ def on_numba(device: torch.device) -> bool:
     return path_of(device) == "numba"
 
 
-def fast_on_numba(tensor: torch.Tensor) -> bool:
+def fast_on_numba(tensor: Tensor) -> bool:
     """True where kernels that exist for the CPU only apply, and are for 32-bit tensors."""
     return fast(tensor) and on_numba(tensor.device)
 
@@ -91,12 +92,12 @@ def _forget_outdated() -> None:
 
 def _taking_tensors(kernel: Callable[..., object]) -> Callable[..., object]:
     def run(*arguments) -> object:
-        return kernel(*(array_of(a) if isinstance(a, torch.Tensor) else a for a in arguments))
+        return kernel(*(array_of(a) if isinstance(a, Tensor) else a for a in arguments))
 
     return run
 
 
-def array_of(tensor: torch.Tensor) -> np.ndarray:
+def array_of(tensor: Tensor) -> np.ndarray:
     """The same memory; without `detach` where that is not needed, which takes as long as a small kernel."""
     return tensor.detach().numpy() if tensor.requires_grad else tensor.numpy()
 
@@ -147,7 +148,7 @@ def gradients_in_place() -> Iterator[None]:
         _state["in_place"] = before
 
 
-def gradient_in_place(tensor: torch.Tensor) -> torch.Tensor | None:
+def gradient_in_place(tensor: Tensor) -> Tensor | None:
     """The gradient of an input that a backward pass may add to where it lies; None: it may not."""
     if not (_state["in_place"] and tensor.is_leaf):
         return None
@@ -156,7 +157,7 @@ def gradient_in_place(tensor: torch.Tensor) -> torch.Tensor | None:
     return tensor.grad
 
 
-def gradient_buffer(tensor: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor | None]:
+def gradient_buffer(tensor: Tensor) -> tuple[Tensor, Tensor | None]:
     """Where a backward pass may add the gradient of an input, and what it then has to return."""
     lying = gradient_in_place(tensor)
     if lying is not None:

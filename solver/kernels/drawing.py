@@ -7,6 +7,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import torch
+from torch import Tensor
 
 from . import drawing_torch
 from .backend import has_kernels, kernels
@@ -15,7 +16,7 @@ from .hashing import Stream, stream_for
 from .march import MOST_SAMPLES
 
 SAMPLE_BITS = MOST_SAMPLES.bit_length() - 1
-"""of a sample's key, which say where along its ray it is; the others are its ray's"""
+"""of a sample's key say where along its ray it is; the others are its ray's"""
 RAYS_PER_SAMPLE = 1024
 """room for the secondary rays of a sample in a key"""
 LEAST_SCORE = 1e-30
@@ -25,19 +26,18 @@ LEAST_SCORE = 1e-30
 class Plan(NamedTuple):
     """Which secondary rays are to be sampled: ray k belongs to sample `sample[k]`."""
 
-    counts: torch.Tensor  # [S] long, rays of a sample
-    together: torch.Tensor  # [S] long, rays of all samples along the same primary ray
-    offsets: torch.Tensor  # [S + 1] long, where they begin
-    sample: torch.Tensor  # [K] long
-    keys: torch.Tensor  # [K] long
-    share: torch.Tensor  # [S] by how much a ray counts
-    u: torch.Tensor  # [K, 2] uniform in [0, 1)
+    counts: Tensor  # [S] long, rays of a sample
+    together: Tensor  # [S] long, rays of all samples along the same primary ray
+    offsets: Tensor  # [S + 1] long, where they begin
+    sample: Tensor  # [K] long
+    keys: Tensor  # [K] long
+    share: Tensor  # [S] by how much a ray counts
+    u: Tensor  # [K, 2] uniform in [0, 1)
 
 
 def draw_depths(
-    weights: torch.Tensor, offsets: torch.Tensor, opacity: torch.Tensor, u: torch.Tensor,
-    least: float,
-) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:  # fmt: skip
+    weights: Tensor, offsets: Tensor, opacity: Tensor, u: Tensor, least: float,
+) -> tuple[Tensor, Tensor, Tensor]:  # fmt: skip
     """D samples of each ray, drawn independently by weight: which ones [K], ascending, their rays, and
     how often each was drawn.
 
@@ -62,15 +62,14 @@ def draw_depths(
 
 
 def plan_rays(
-    keys: torch.Tensor, mass: torch.Tensor, rays: int, points: torch.Tensor, streams: tuple[Stream, Stream]
+    keys: Tensor, mass: Tensor, rays: int, points: Tensor, streams: tuple[Stream, Stream]
 ) -> Plan:  # fmt: skip
     """Share out a primary ray's `rays` among the samples along it.
 
     Args:
         keys: [S] long, those of a primary ray in a row. mass: [S] by how much of it each sample stands for.
-        points: [P, 2] low-discrepancy in [0, 1)²; the rays of all samples along a primary ray get the first
-            ones, turned.
-        streams: the hash's seeds for how many rays the samples of a primary ray get and for its turn.
+        points: [P, 2] low-discrepancy in [0, 1)²; a primary ray's get the first ones, turned.
+        streams: the hash's seeds for how many rays the samples get, and for that turn.
     """
     if not has_kernels(keys.device):
         parts = drawing_torch.plan_rays(
@@ -91,9 +90,9 @@ def plan_rays(
 
 
 def choose_blocked(
-    weights: torch.Tensor, passing: torch.Tensor, mass: torch.Tensor, sample: torch.Tensor, clear: float,
-    budget: int, u: torch.Tensor,
-) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
+    weights: Tensor, passing: Tensor, mass: Tensor, sample: Tensor, clear: float,
+    budget: int, u: Tensor,
+) -> tuple[Tensor, Tensor]:  # fmt: skip
     """About `budget` rays by what their blockers may send, and their probabilities, in one kernel for the
     CPU; `render.reflection` has the plain twin.
 

@@ -42,10 +42,8 @@ def plan_rays(keys, mass, rays, points, streams, sample_bits, keys_per_sample):
 def share_out(expected, along, samples, u):
     """How many rays each sample gets [S], and by how much each of them counts.
 
-    Along primary ray r, whose `samples[r]` samples are in a row, each gets as many as whole numbers lie
-    between what those before it and those up to it expect, from u[r] ~ U[0, 1) on (systematic sampling). So
-    a sample gets what it expects in the mean; with the paper's floor(w·M) those with w < 1/M never get any
-    (errata).
+    Systematic sampling from u[r] ~ U[0, 1) on along primary ray r, whose `samples[r]` samples are in a row:
+    in the mean each gets what it expects. With the paper's floor(w·M), those with w < 1/M never get any.
 
     Args:
         expected: [S]. along: [S] long, the sample's primary ray. u: [R].
@@ -63,8 +61,8 @@ def share_out(expected, along, samples, u):
 def turned(points, shift, index):
     """Points [K, 2] number `index` [K] of one scrambled Sobol set, shifted on the torus by `shift` [K, 2].
 
-    Shifts are from all of [0, 1)² (Cranley & Patterson 1976; the public code shifts by a quarter at most,
-    so that a lone ray is biased).
+    Shifts are from all of [0, 1)² (Cranley & Patterson 1976); with the public code's, of at most a quarter,
+    a lone ray is biased.
     """
     shifted = points[index % len(points)] + shift
     return shifted - shifted.floor()

@@ -18,6 +18,7 @@ import contextlib
 from collections.abc import Iterator, Sequence
 
 import torch
+from torch import Tensor
 
 
 class UnlikeObserved(RuntimeError):
@@ -27,7 +28,7 @@ class UnlikeObserved(RuntimeError):
 _state: dict[str, object] = {"lengths": None, "totals": None}
 
 
-def offsets_of(counts: torch.Tensor) -> tuple[torch.Tensor, int]:
+def offsets_of(counts: Tensor) -> tuple[Tensor, int]:
     """Where each of N rows with `counts` [N] of items begins in flat form and the last one ends, [N + 1];
     and the length of the flat form."""
     offsets = torch.nn.functional.pad(counts.cumsum(0), (1, 0))
@@ -35,7 +36,7 @@ def offsets_of(counts: torch.Tensor) -> tuple[torch.Tensor, int]:
     return (offsets.clamp(max=length - 1) if is_reserved() else offsets), length
 
 
-def indices_of(chosen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor | None]:
+def indices_of(chosen: Tensor) -> tuple[Tensor, Tensor | None]:
     """Where `chosen` [N] is true, ascending, and, under reserved lengths, which of these [K] are there for
     that; what fills the rest names the last item."""
     if not is_reserved():
@@ -53,12 +54,12 @@ def indices_of(chosen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor | None]
     return indices, torch.arange(length, device=chosen.device) < ends[-1:].clamp(max=length - 1)
 
 
-def room_for(like: torch.Tensor, *shape: int, fill: float = 0) -> torch.Tensor:
+def room_for(like: Tensor, *shape: int, fill: float = 0) -> Tensor:
     """An array whose items are yet to be written; under reserved lengths what is not written is `fill`."""
     return like.new_full(shape, fill) if is_reserved() else like.new_empty(shape)
 
 
-def filled_up(offsets: torch.Tensor, *arrays: torch.Tensor) -> tuple[torch.Tensor, ...]:
+def filled_up(offsets: Tensor, *arrays: Tensor) -> tuple[Tensor, ...]:
     """Arrays of items [K, ...] in flat form; under reserved lengths what fills them is as the first item,
     so that nothing is computed of it that could not be of any other."""
     if not is_reserved():
@@ -74,7 +75,7 @@ def is_reserved() -> bool:
     return _state["lengths"] is not None
 
 
-def nothing_follows(items: torch.Tensor) -> bool:
+def nothing_follows(items: Tensor) -> bool:
     """True if there are no items, so that what would be done with them can be left out; not where there
     have to be the same flat forms each time."""
     return len(items) == 0 and has_no_order()
@@ -85,7 +86,7 @@ def has_no_order() -> bool:
     return _state["totals"] is None
 
 
-def _length_for(total: torch.Tensor) -> int:
+def _length_for(total: Tensor) -> int:
     """Length of an array for `total` [1] items."""
     lengths, totals = _state["lengths"], _state["totals"]
     if lengths is not None:
@@ -108,7 +109,7 @@ def observed() -> Iterator[list[int]]:
 
 
 @contextlib.contextmanager
-def reserved(lengths: Sequence[int]) -> Iterator[list[torch.Tensor]]:
+def reserved(lengths: Sequence[int]) -> Iterator[list[Tensor]]:
     """Within this block flat forms have these lengths, in order; yields what they are to hold, [1] each.
 
     A length has to be greater than what there is. Nothing waits for the device. For one thread only, and
@@ -117,7 +118,7 @@ def reserved(lengths: Sequence[int]) -> Iterator[list[torch.Tensor]]:
     Raises:
         UnlikeObserved: there are not as many flat forms.
     """
-    totals: list[torch.Tensor] = []
+    totals: list[Tensor] = []
     with _in_state(lengths, totals):
         yield totals
     if len(totals) != len(lengths):

@@ -7,6 +7,7 @@ seed, the key's upper and its lower half. Good enough for sampling; not for secr
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 
 from .backend import has_kernels, kernels, on_warp
 
@@ -14,11 +15,11 @@ _MASK = 0xFFFFFFFF
 _TO_UNIT = 1.0 / (1 << 24)
 
 
-Stream = int | torch.Tensor
+Stream = int | Tensor
 """a seed of the hash, 32 bits; where it lies in a card's memory, [1] long"""
 
 
-def uniform(keys: torch.Tensor, seed: Stream, columns: int) -> torch.Tensor:
+def uniform(keys: Tensor, seed: Stream, columns: int) -> Tensor:
     """Uniform numbers in [0, 1) [N, columns] float32 of non-negative integer keys [N] long."""
     if not has_kernels(keys.device):
         return uniform_torch(keys, seed, columns)
@@ -32,10 +33,10 @@ def stream_for(device: torch.device, seed: Stream) -> Stream:
     """A stream as a device's kernels take it: in memory for those in Warp, else a number."""
     if not on_warp(device):
         return int(seed) & _MASK
-    return seed if isinstance(seed, torch.Tensor) else torch.tensor([seed & _MASK], device=device)
+    return seed if isinstance(seed, Tensor) else torch.tensor([seed & _MASK], device=device)
 
 
-def uniform_torch(keys: torch.Tensor, seed: Stream, columns: int) -> torch.Tensor:
+def uniform_torch(keys: Tensor, seed: Stream, columns: int) -> Tensor:
     """Plain torch twin of `uniform`: bit for bit the same."""
     column = torch.arange(columns, device=keys.device)
     state = _mix(column + (seed & _MASK))
@@ -44,7 +45,7 @@ def uniform_torch(keys: torch.Tensor, seed: Stream, columns: int) -> torch.Tenso
     return (state >> 8).to(torch.float32) * _TO_UNIT
 
 
-def _mix(x: torch.Tensor) -> torch.Tensor:
+def _mix(x: Tensor) -> Tensor:
     x = x & _MASK
     x = ((x ^ (x >> 16)) * 0x7FEB352D) & _MASK
     x = ((x ^ (x >> 15)) * 0x846CA68B) & _MASK

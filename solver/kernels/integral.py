@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 import torch.nn.functional as F
+from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from . import integral_torch
@@ -72,14 +73,14 @@ class _CornerSums(torch.autograd.Function):
         return gradient, None, None
 
 
-def corner_sums(rows: torch.Tensor, at: torch.Tensor, share: torch.Tensor) -> torch.Tensor:
+def corner_sums(rows: Tensor, at: Tensor, share: Tensor) -> Tensor:
     """Sums [J, C] of rows [N, C] double at places [J, K] long, each by its share [J, K] double."""
     if on_numba(rows.device) and rows.dtype == torch.float64:
         return _CornerSums.apply(rows.contiguous(), at, share)
     return F.embedding_bag(at, rows, per_sample_weights=share, mode="sum")
 
 
-def prefix_sums(values: torch.Tensor, row_weights: torch.Tensor) -> torch.Tensor:
+def prefix_sums(values: Tensor, row_weights: Tensor) -> Tensor:
     """Summed-area table [H+1, W+1, 3] of values [3, H, W] times row weights [H], for `rectangle_mean`.
 
     In the precision of the row weights: with a sun in the map, differences of float sums turn
@@ -90,9 +91,7 @@ def prefix_sums(values: torch.Tensor, row_weights: torch.Tensor) -> torch.Tensor
     return integral_torch.prefix_sums(values, row_weights)
 
 
-def rectangle_mean(
-    table: torch.Tensor, rows: torch.Tensor, centre: torch.Tensor, size: torch.Tensor
-) -> torch.Tensor:
+def rectangle_mean(table: Tensor, rows: Tensor, centre: Tensor, size: Tensor) -> Tensor:
     """Solid-angle weighted mean over rectangles on the sphere (paper Appendix A) → [N, 3] float.
 
     Args:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 
 
-def prefix_sums(values: torch.Tensor, row_weights: torch.Tensor) -> torch.Tensor:
+def prefix_sums(values: Tensor, row_weights: Tensor) -> Tensor:
     """See `integral_numba.prefix_sums`."""
     weighted = values.to(row_weights.dtype) * row_weights[:, None]
     return torch.nn.functional.pad(weighted.cumsum(1).cumsum(2), (1, 0, 1, 0)).permute(1, 2, 0)
 
 
-def _prefix(table: torch.Tensor, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+def _prefix(table: Tensor, x: Tensor, y: Tensor) -> Tensor:
     """Bilinear prefix sum at columns x (any, periodic) and rows y in [0, H] → [N, 3]."""
     height, width = table.shape[0] - 1, table.shape[1] - 1
     turns = torch.floor(x.detach() / width)
@@ -52,7 +53,7 @@ def _row_integral(rows, y):
     return torch.where(y < 0, -value, torch.where(y > height, 2 * rows[-1] - value, value))
 
 
-def rectangle_mean(table, rows, centre, size) -> torch.Tensor:
+def rectangle_mean(table, rows, centre, size) -> Tensor:
     """See `integral_numba.rectangle_mean` → [N, 3]."""
     centre, size = centre.to(table.dtype), size.to(table.dtype)
     (x0, y0), (x1, y1) = (centre - size / 2).unbind(-1), (centre + size / 2).unbind(-1)

@@ -119,6 +119,12 @@ def row_integral_over_poles(rows: wp.array(dtype=wp.float64), y: wp.float64):
     return wp.vec2d(value, slope)
 
 
+@wp.func
+def edges_of(centre: Vectors, size: Vectors, n: int, axis: int):
+    half = HALF * wp.float64(size[n, axis])
+    return wp.vec2d(wp.float64(centre[n, axis]) - half, wp.float64(centre[n, axis]) + half)
+
+
 @wp.kernel
 def _rectangle_mean(
     table: Table, rows: wp.array(dtype=wp.float64), centre: Vectors, size: Vectors, out: Vectors,
@@ -126,25 +132,22 @@ def _rectangle_mean(
 ):  # fmt: skip
     n = wp.tid()
     width = table.shape[1] - 1
-    turn = HALF * wp.float64(width)
+    x = edges_of(centre, size, n, 0)
+    y = edges_of(centre, size, n, 1)
     columns = wp.float64(size[n, 0])
-    lines = wp.float64(size[n, 1])
-    left = wp.float64(centre[n, 0]) - HALF * columns
-    right = wp.float64(centre[n, 0]) + HALF * columns
-    y0 = wp.float64(centre[n, 1]) - HALF * lines
-    y1 = wp.float64(centre[n, 1]) + HALF * lines
-    x0 = column_of(left, width)
-    x1 = column_of(right, width)
-    far0 = column_of(left + turn, width)
-    far1 = column_of(right + turn, width)
-    below = row_integral_over_poles(rows, y1)
-    above = row_integral_over_poles(rows, y0)
+    turn = HALF * wp.float64(width)
+    x0 = column_of(x[0], width)
+    x1 = column_of(x[1], width)
+    far0 = column_of(x[0] + turn, width)
+    far1 = column_of(x[1] + turn, width)
+    below = row_integral_over_poles(rows, y[1])
+    above = row_integral_over_poles(rows, y[0])
     area = columns * (below[0] - above[0])
     area_slope = columns * (below[1] - above[1])
     lines_slope = columns * (below[1] + above[1])
     for c in range(3):
-        a = slab_over_poles(table, c, x0, x1, far0, far1, y1)
-        b = slab_over_poles(table, c, x0, x1, far0, far1, y0)
+        a = slab_over_poles(table, c, x0, x1, far0, far1, y[1])
+        b = slab_over_poles(table, c, x0, x1, far0, far1, y[0])
         mean = (a.value - b.value) / area
         out[n, c] = float(mean)
         slope[n, c, 0] = float(((a.by_x1 - b.by_x1) - (a.by_x0 - b.by_x0)) / area)
@@ -195,22 +198,19 @@ def _rectangle_mean_backward(
     if cotangent[n, c] == 0.0:
         return
     width = grad.shape[1] - 1
-    turn = HALF * wp.float64(width)
+    x = edges_of(centre, size, n, 0)
+    y = edges_of(centre, size, n, 1)
     columns = wp.float64(size[n, 0])
-    lines = wp.float64(size[n, 1])
-    left = wp.float64(centre[n, 0]) - HALF * columns
-    right = wp.float64(centre[n, 0]) + HALF * columns
-    y0 = wp.float64(centre[n, 1]) - HALF * lines
-    y1 = wp.float64(centre[n, 1]) + HALF * lines
-    x0 = column_of(left, width)
-    x1 = column_of(right, width)
-    far0 = column_of(left + turn, width)
-    far1 = column_of(right + turn, width)
-    below = row_integral_over_poles(rows, y1)
-    above = row_integral_over_poles(rows, y0)
+    turn = HALF * wp.float64(width)
+    x0 = column_of(x[0], width)
+    x1 = column_of(x[1], width)
+    far0 = column_of(x[0] + turn, width)
+    far1 = column_of(x[1] + turn, width)
+    below = row_integral_over_poles(rows, y[1])
+    above = row_integral_over_poles(rows, y[0])
     g = wp.float64(cotangent[n, c]) / (columns * (below[0] - above[0]))
-    scatter_over_poles(grad, x0, x1, far0, far1, y1, g, c)
-    scatter_over_poles(grad, x0, x1, far0, far1, y0, -g, c)
+    scatter_over_poles(grad, x0, x1, far0, far1, y[1], g, c)
+    scatter_over_poles(grad, x0, x1, far0, far1, y[0], -g, c)
 
 
 def rectangle_mean(table, rows, centre, size, out, slope) -> None:

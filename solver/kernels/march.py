@@ -9,6 +9,7 @@ import math
 from typing import NamedTuple
 
 import torch
+from torch import Tensor
 
 from . import march_torch
 from .backend import fast, kernels
@@ -21,16 +22,16 @@ MOST_SAMPLES = 4096
 class Segments(NamedTuple):
     """Samples of R rays in flat form: those of ray r are `offsets[r]:offsets[r + 1]`."""
 
-    distance: torch.Tensor  # [S] world units
-    raw: torch.Tensor  # [S] raw densities there, no gradient
-    points: torch.Tensor  # [S, 3] box units, no gradient
-    ray: torch.Tensor  # [S] long
-    offsets: torch.Tensor  # [R + 1] long
+    distance: Tensor  # [S] world units
+    raw: Tensor  # [S] raw densities there, no gradient
+    points: Tensor  # [S, 3] box units, no gradient
+    ray: Tensor  # [S] long
+    offsets: Tensor  # [R + 1] long
 
 
 def march(
-    origins: torch.Tensor, directions: torch.Tensor, start: torch.Tensor, jitter: torch.Tensor,
-    step: float, cell: float, free: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor,
+    origins: Tensor, directions: Tensor, start: Tensor, jitter: Tensor,
+    step: float, cell: float, free: Tensor, planes: Tensor, lines: Tensor,
     shift: float, scale: float, min_transmittance: float = 1e-3,
 ) -> Segments:  # fmt: skip
     """Sample rays [R, 3] where `free` [K, K, K] is 0, up to the first opaque point.
@@ -66,9 +67,8 @@ def march(
 
 
 def grid_transmittance(
-    origins: torch.Tensor, directions: torch.Tensor, start: torch.Tensor, step: float,
-    blocking: torch.Tensor,
-) -> torch.Tensor:  # fmt: skip
+    origins: Tensor, directions: Tensor, start: Tensor, step: float, blocking: Tensor,
+) -> Tensor:  # fmt: skip
     """Transmittance [R] through a coarse grid (`skipping.blocking_grid`); no gradient.
 
     Args:
@@ -104,9 +104,7 @@ class _Composite(torch.autograd.Function):
         return out, None
 
 
-def composite(
-    optical_depth: torch.Tensor, offsets: torch.Tensor
-) -> tuple[torch.Tensor, torch.Tensor]:
+def composite(optical_depth: Tensor, offsets: Tensor) -> tuple[Tensor, Tensor]:
     """Volume rendering weights w_i = T_i (1 − exp(−σ_i δ_i)) [S] and what passes each ray [R]."""
     if fast(optical_depth):
         return _Composite.apply(optical_depth.contiguous(), offsets)

@@ -70,9 +70,7 @@ def march(
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
-def compact(
-    origins, directions, distance, raw, offsets, flat_distance, flat_raw, points, ray
-):  # fmt: skip
+def compact(origins, directions, distance, raw, offsets, flat_distance, flat_raw, points, ray):
     """Copy the rows' leading entries into flat segments, and note where they are."""
     for r in numba.prange(origins.shape[0]):
         first = offsets[r]

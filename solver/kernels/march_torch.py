@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import torch
 import torch.nn.functional as F
+from torch import Tensor
 
 from .backend import precise
 from .skipping import between_corners, roots_of, values_at
 from .vm_torch import vm_sum
 
 
-def box_span(origins: torch.Tensor, directions: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+def box_span(origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
     """Entry and exit distances [R] of rays [R, 3] through [0, 1]^3; entry > exit if they miss."""
     parallel = directions.abs() < 1e-12
     safe = torch.where(parallel, torch.ones_like(directions), directions)
@@ -46,13 +47,13 @@ def march(
     return t[inside], raw[inside], points[inside], ray, offsets
 
 
-def grid_transmittance(origins, directions, start, step, blocking) -> torch.Tensor:
+def grid_transmittance(origins, directions, start, step, blocking) -> Tensor:
     """See `march_numba.grid_transmittance`."""
     _, depth = through_grid(origins, directions, start, step, roots_of(blocking))
     return torch.exp(-depth.sum(-1))
 
 
-def through_grid(origins, directions, start, step, roots) -> tuple[torch.Tensor, torch.Tensor]:
+def through_grid(origins, directions, start, step, roots) -> tuple[Tensor, Tensor]:
     """Distances and optical depths [R, T] of the steps of rays through a grid of corners' roots."""
     near, far = box_span(origins, directions)
     near = torch.maximum(near, start)
@@ -62,7 +63,7 @@ def through_grid(origins, directions, start, step, roots) -> tuple[torch.Tensor,
     return t, torch.where(t < far[:, None], between_corners(roots, points).square(), 0.0)
 
 
-def composite(optical_depth: torch.Tensor, offsets: torch.Tensor):
+def composite(optical_depth: Tensor, offsets: Tensor):
     """Weights [S] and remaining transmittance [R] of flat segments of optical depths [S]."""
     counts = offsets[1:] - offsets[:-1]
     ray = torch.arange(len(counts), device=counts.device).repeat_interleave(counts)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import torch
+from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from .backend import fast, kernels, on_warp
@@ -16,7 +17,7 @@ from .backend import fast, kernels, on_warp
 Shape = tuple[int, ...]
 
 
-def at_hand(name: str, tensor: torch.Tensor) -> bool:
+def at_hand(name: str, tensor: Tensor) -> bool:
     """True where `rowwise` has a kernel of this name for a tensor's device and type."""
     return fast(tensor) and kernels("pointwise", tensor.device).has(name)
 
@@ -42,7 +43,7 @@ class _Rowwise(torch.autograd.Function):
         return None, None, None, None, *gradients
 
 
-def _unwritten(inputs: Sequence[torch.Tensor], needed: Sequence[bool]) -> list[torch.Tensor | None]:
+def _unwritten(inputs: Sequence[Tensor], needed: Sequence[bool]) -> list[Tensor | None]:
     """Gradients of the inputs that need one, for adjoints that write all of them."""
     return [
         value.new_empty(value.shape) if wanted else None
@@ -50,7 +51,7 @@ def _unwritten(inputs: Sequence[torch.Tensor], needed: Sequence[bool]) -> list[t
     ]
 
 
-def _zeros(inputs: Sequence[torch.Tensor], needed: Sequence[bool]) -> list[torch.Tensor | None]:
+def _zeros(inputs: Sequence[Tensor], needed: Sequence[bool]) -> list[Tensor | None]:
     """Gradients to begin with of the inputs that need one: parts of one tensor, which is filled at once."""
     sizes = [value.numel() if wanted else 0 for value, wanted in zip(inputs, needed, strict=True)]
     parts = inputs[0].new_zeros(sum(sizes)).split(sizes)
@@ -61,9 +62,9 @@ def _zeros(inputs: Sequence[torch.Tensor], needed: Sequence[bool]) -> list[torch
 
 
 def rowwise(
-    name: str, inputs: tuple[torch.Tensor, ...], numbers: tuple[float, ...], widths: tuple[Shape, ...],
+    name: str, inputs: tuple[Tensor, ...], numbers: tuple[float, ...], widths: tuple[Shape, ...],
     rows: int | None = None,
-) -> tuple[torch.Tensor, ...]:  # fmt: skip
+) -> tuple[Tensor, ...]:  # fmt: skip
     """What a kernel of this name makes of inputs [N, ...] and numbers: [N, *width] each.
 
     Gradients flow to the inputs, of which those that never have one come last; on the CPU a gradient that

@@ -7,7 +7,7 @@ other cores cannot share.
 from __future__ import annotations
 
 import numpy as np
-import torch
+from torch import Tensor
 
 from . import loss_numba, shading_numba
 from .backend import array_of
@@ -43,5 +43,5 @@ def run_adjoint(name: str, inputs, numbers, outputs, to_inputs, from_outputs) ->
     adjoint(*given)
 
 
-def _array(tensor: torch.Tensor) -> np.ndarray:
+def _array(tensor: Tensor) -> np.ndarray:
     return array_of(tensor if tensor.is_contiguous() else tensor.contiguous())

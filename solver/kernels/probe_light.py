@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 
 from .backend import gradient_buffer, kernels
 
@@ -35,9 +36,9 @@ class _Between(torch.autograd.Function):
 
 
 def irradiance_between(
-    table: torch.Tensor, normals: torch.Tensor, points: torch.Tensor, row: torch.Tensor,
-    clear: torch.Tensor, spacing: float, form: torch.Tensor,
-) -> torch.Tensor:  # fmt: skip
+    table: Tensor, normals: Tensor, points: Tensor, row: Tensor,
+    clear: Tensor, spacing: float, form: Tensor,
+) -> Tensor:  # fmt: skip
     """Irradiance [S, 3] of surfaces with unit normals [S, 3], of the coefficients of the nodes around
     points [S, 3].
 

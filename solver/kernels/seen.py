@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from .backend import kernels
@@ -36,9 +37,9 @@ class _Seen(torch.autograd.Function):
 
 
 def seen(
-    values: torch.Tensor, weights: torch.Tensor, opacity: torch.Tensor, index: torch.Tensor,
-    ray: torch.Tensor, share: torch.Tensor, least: float, others: float,
-) -> torch.Tensor:  # fmt: skip
+    values: Tensor, weights: Tensor, opacity: Tensor, index: Tensor,
+    ray: Tensor, share: Tensor, least: float, others: float,
+) -> Tensor:  # fmt: skip
     """What rays see [R, C] of what samples show [K, C].
 
     Args:

@@ -50,9 +50,7 @@ def materials(logits, least_alpha, albedo, alpha, f0):
 
 
 @serial_kernel
-def materials_backward(
-    logits, least_alpha, albedo, alpha, f0, g_albedo, g_alpha, g_f0, g_logits
-):  # fmt: skip
+def materials_backward(logits, least_alpha, albedo, alpha, f0, g_albedo, g_alpha, g_f0, g_logits):
     for n in range(logits.shape[0]):
         for c in range(3):
             g_logits[n, c] = g_albedo[n, c] * albedo[n, c] * (1.0 - albedo[n, c])

@@ -3,8 +3,7 @@
 A grid for marching holds 0 in cells where something may be, else by how many cells a ray can go on. A
 grid for transmittance holds what lies at the corners of cells: the root of the optical depth there, in 1/32
 below 128; or 128 + that number of cells at the lower corner of an empty one. Between corners the root is
-trilinear. As it is squared, a body's edge stays where it is: the depth itself, from nothing at one corner
-to opaque at the next, would be opaque all the way.
+trilinear: between nothing and opaque, the depth itself would be opaque nearly all the way.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import torch
+from torch import Tensor
 
 ROOTS_PER_UNIT = 32
 LEAST_ROOT = 4
@@ -24,19 +24,19 @@ another surface"""
 _GROWTHS = (1, 2, 4, 8, 16)
 
 
-def cells_at(points: torch.Tensor, count: int) -> torch.Tensor:
+def cells_at(points: Tensor, count: int) -> Tensor:
     """Cells [...], of `count` per axis, in which box coordinates [...] lie; beyond the box, those at its
     border."""
     return (points * count).long().clamp(0, count - 1)
 
 
-def values_at(grid: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
+def values_at(grid: Tensor, points: Tensor) -> Tensor:
     """Values [...] of a grid [K, K, K] at box points [..., 3]; beyond the box, those at its border."""
     index = cells_at(points, grid.shape[0])
     return grid[index[..., 0], index[..., 1], index[..., 2]]
 
 
-def free_distance(blocked: torch.Tensor) -> torch.Tensor:
+def free_distance(blocked: Tensor) -> Tensor:
     """0 [K, K, K] (bytes) where `blocked`, else n if no cell within n − 1 cells is (largest norm)."""
     near, radius = blocked, 0
     free = (~blocked).to(torch.uint8)
@@ -47,9 +47,8 @@ def free_distance(blocked: torch.Tensor) -> torch.Tensor:
     return free
 
 
-def blocking_grid(depths: torch.Tensor) -> torch.Tensor:
-    """The grid [K + 1, K + 1, K + 1] for `march.grid_transmittance` of optical depths at corners, of the
-    edge of a cell."""
+def blocking_grid(depths: Tensor) -> Tensor:
+    """The grid for `march.grid_transmittance` of optical depths [K + 1, K + 1, K + 1] along a cell's edge."""
     codes = (depths.sqrt() * ROOTS_PER_UNIT).round().clamp(0, EMPTY - 1).to(torch.uint8)
     codes[codes < LEAST_ROOT] = 0
     blocked = of_corners(codes > 0, torch.logical_or)
@@ -58,14 +57,13 @@ def blocking_grid(depths: torch.Tensor) -> torch.Tensor:
     return codes
 
 
-def roots_of(blocking: torch.Tensor) -> torch.Tensor:
+def roots_of(blocking: Tensor) -> Tensor:
     """Roots of the optical depths at the corners of a grid made by `blocking_grid`."""
     return torch.where(blocking < EMPTY, blocking.float() / ROOTS_PER_UNIT, 0.0)
 
 
-def between_corners(corners: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
-    """Trilinear values [...] of a grid [K + 1, K + 1, K + 1] of corners at box points [..., 3]; beyond the
-    box, those at its border."""
+def between_corners(corners: Tensor, points: Tensor) -> Tensor:
+    """Trilinear values [...] of corners [K + 1, K + 1, K + 1] at box points [..., 3], as `values_at`."""
     count = len(corners) - 1
     at = (points * count).clamp(0, count)
     (x, y, z), base = at.unbind(-1), at.long().clamp(max=count - 1)
@@ -80,23 +78,21 @@ def between_corners(corners: torch.Tensor, points: torch.Tensor) -> torch.Tensor
     return torch.lerp(at_slice(i), at_slice(i + 1), x - i)
 
 
-def of_corners(
-    grid: torch.Tensor, combine: Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
-) -> torch.Tensor:
+def of_corners(grid: Tensor, combine: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
     """What all eight corners of each cell make together: [K + 1, K + 1, K + 1] → [K, K, K]."""
     grid = combine(grid[1:], grid[:-1])
     grid = combine(grid[:, 1:], grid[:, :-1])
     return combine(grid[..., 1:], grid[..., :-1])
 
 
-def dilated(filled: torch.Tensor, cells: int) -> torch.Tensor:
+def dilated(filled: Tensor, cells: int) -> Tensor:
     """A boolean grid [K, K, K] grown by `cells` cells in all directions, diagonals included."""
     for _ in range(cells):
         filled = grown(filled, 1)
     return filled
 
 
-def grown(filled: torch.Tensor, cells: int) -> torch.Tensor:
+def grown(filled: Tensor, cells: int) -> Tensor:
     """A boolean grid [K, K, K] with all copies of it moved by ±`cells` along any axes."""
     for axis in range(3):
         size = filled.shape[axis] - cells

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import torch
+from torch import Tensor
 
 from .backend import gradient_buffer, kernels
 
@@ -15,26 +16,26 @@ from .backend import gradient_buffer, kernels
 class Blockers(NamedTuple):
     """What can be in a secondary ray's way: the occupancy grid over the field's box."""
 
-    low: torch.Tensor  # [3] world, the box's lower corner
-    axes: torch.Tensor  # [3, 3] rows, the box's axes in the world; [0, 3]: the world's own
+    low: Tensor  # [3] world, the box's lower corner
+    axes: Tensor  # [3, 3] rows, the box's axes in the world; [0, 3]: the world's own
     edge: float  # of the box, world units
     cell: float  # edge of a cell, world units
-    blocking: torch.Tensor  # bytes, see `skipping.blocking_grid`
+    blocking: Tensor  # bytes, see `skipping.blocking_grid`
     reach: float  # height above a surface from which rays can be blocked, world units
 
 
 class Carried(NamedTuple):
     """What the rays [K] of the samples carried."""
 
-    directions: torch.Tensor  # [K, 3] world, unit
-    weights: torch.Tensor  # [K, 3] BRDF · cosine / density · share
-    passing: torch.Tensor  # [K] transmittance of the grid, no gradient
+    directions: Tensor  # [K, 3] world, unit
+    weights: Tensor  # [K, 3] BRDF · cosine / density · share
+    passing: Tensor  # [K] transmittance of the grid, no gradient
 
 
 class Near(NamedTuple):
     """What of the light comes from close by (see `light.floor`)."""
 
-    shifts: torch.Tensor  # [S, 3] of the samples; [0, 3] if all light is far
+    shifts: Tensor  # [S, 3] of the samples; [0, 3] if all light is far
     up: tuple[float, float, float]
 
 
@@ -83,11 +84,11 @@ class _Specular(torch.autograd.Function):
 
 
 def specular(
-    normals: torch.Tensor, alphas: torch.Tensor, f0s: torch.Tensor, table: torch.Tensor,
-    views: torch.Tensor, points: torch.Tensor, first: torch.Tensor, shares: torch.Tensor,
-    together: torch.Tensor, u: torch.Tensor, rows: torch.Tensor, masking: bool, averaged: bool,
-    widening: bool, blockers: Blockers, spread: torch.Tensor | None = None, near: Near | None = None,
-) -> tuple[torch.Tensor, Carried]:  # fmt: skip
+    normals: Tensor, alphas: Tensor, f0s: Tensor, table: Tensor,
+    views: Tensor, points: Tensor, first: Tensor, shares: Tensor,
+    together: Tensor, u: Tensor, rows: Tensor, masking: bool, averaged: bool,
+    widening: bool, blockers: Blockers, spread: Tensor | None = None, near: Near | None = None,
+) -> tuple[Tensor, Carried]:  # fmt: skip
     """Radiance [S, 3] that samples reflect from the environment, as far as the grid lets it through.
 
     Args:

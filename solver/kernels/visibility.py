@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import torch
+from torch import Tensor
 
 from . import visibility_torch
 from .backend import fast, kernels
 
 
 def look_around(
-    points: torch.Tensor, directions: torch.Tensor, start: float, step: float,
-    blocking: torch.Tensor,
-) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
+    points: Tensor, directions: Tensor, start: float, step: float, blocking: Tensor,
+) -> tuple[Tensor, Tensor]:  # fmt: skip
     """Transmittances [P, J] between P points and what lies far away in J directions, and the distances
     [P, J] at which half of the light is stopped (infinite where it is not).
 

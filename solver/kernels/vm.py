@@ -6,6 +6,7 @@ Shapes and layout are those of `vm_torch`. Gradients flow to the factors only, n
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 
 from . import vm_torch
 from .backend import fast, gradient_buffer, gradient_in_place, kernels, on_numba, on_warp
@@ -82,13 +83,13 @@ class _Smooth(torch.autograd.Function):
         return None, None, None
 
 
-def _smoothed(factor: torch.Tensor, taps: torch.Tensor, kernel: str) -> torch.Tensor:
+def _smoothed(factor: Tensor, taps: Tensor, kernel: str) -> Tensor:
     out = torch.empty_like(factor, memory_format=torch.contiguous_format)
     getattr(kernels("vm", factor.device), kernel)(factor, taps, out)
     return out
 
 
-def _to_factors(adjoint: str, saved, cotangent: torch.Tensor, *more):
+def _to_factors(adjoint: str, saved, cotangent: Tensor, *more):
     """Run an adjoint kernel; what autograd is to get for planes and lines."""
     points, planes, lines = saved
     (grad_planes, planes_out), (grad_lines, lines_out) = map(gradient_buffer, (planes, lines))
@@ -97,21 +98,18 @@ def _to_factors(adjoint: str, saved, cotangent: torch.Tensor, *more):
     return planes_out, lines_out
 
 
-def _contiguous(*tensors: torch.Tensor) -> tuple[torch.Tensor, ...]:
+def _contiguous(*tensors: Tensor) -> tuple[Tensor, ...]:
     return tuple(tensor.contiguous() for tensor in tensors)
 
 
-def vm_products(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor) -> torch.Tensor:
+def vm_products(points: Tensor, planes: Tensor, lines: Tensor) -> Tensor:
     """All 3·C products at points [N, 3] in grid units → [N, 3·C]."""
     if fast(planes):
         return _Products.apply(points.detach().contiguous(), *_contiguous(planes, lines))
     return vm_torch.vm_products(points.detach(), planes, lines)
 
 
-def vm_sum(
-    points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor,
-    known: torch.Tensor | None = None,
-) -> torch.Tensor:  # fmt: skip
+def vm_sum(points: Tensor, planes: Tensor, lines: Tensor, known: Tensor | None = None) -> Tensor:
     """The sum of all products at points [N, 3] in grid units → [N].
 
     Args:
@@ -122,14 +120,14 @@ def vm_sum(
     return vm_torch.vm_sum(points.detach(), planes, lines)
 
 
-def vm_gradient(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor) -> torch.Tensor:
+def vm_gradient(points: Tensor, planes: Tensor, lines: Tensor) -> Tensor:
     """Gradient per grid unit of the sum at points [N, 3] → [N, 3]; see `vm_torch`."""
     if fast(planes):
         return _Gradient.apply(points.detach().contiguous(), *_contiguous(planes, lines))
     return vm_torch.vm_gradient(points.detach(), planes, lines)
 
 
-def smooth_planes(planes: torch.Tensor, taps: torch.Tensor) -> torch.Tensor:
+def smooth_planes(planes: Tensor, taps: Tensor) -> Tensor:
     """Odd, symmetric taps [2r + 1] along both axes of planes [3, G, G, C]; borders are mirrored."""
     if fast(planes):
         taps = constant_on(planes.device, tuple(taps.tolist()))
@@ -137,7 +135,7 @@ def smooth_planes(planes: torch.Tensor, taps: torch.Tensor) -> torch.Tensor:
     return vm_torch.smooth_planes(planes, taps)
 
 
-def smooth_lines(lines: torch.Tensor, taps: torch.Tensor) -> torch.Tensor:
+def smooth_lines(lines: Tensor, taps: Tensor) -> Tensor:
     """Odd, symmetric taps [2r + 1] along lines [3, G, C]; borders are mirrored."""
     if fast(lines):
         taps = constant_on(lines.device, tuple(taps.tolist()))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from .vectors_warp import Grid, Planes, Vectors
+from .vectors_warp import Grid, Planes
 
 
 @wp.struct
@@ -71,8 +71,3 @@ def raw_density(point: wp.vec3, planes: Planes, lines: Grid):
         for ch in range(planes.shape[3]):
             total += plane_at(planes, k, a, b, ch) * line_at(lines, k, c, ch)
     return total
-
-
-@wp.func
-def point_of(points: Vectors, n: int):
-    return wp.vec3(points[n, 0], points[n, 1], points[n, 2])

@@ -10,19 +10,20 @@ from __future__ import annotations
 
 import torch
 import torch.nn.functional as F
+from torch import Tensor
 
 PLANE_AXES = ((0, 1), (0, 2), (1, 2))
 LINE_AXES = (2, 1, 0)
 
 
-def _cell(coordinate: torch.Tensor, size: int) -> tuple[torch.Tensor, torch.Tensor]:
+def _cell(coordinate: Tensor, size: int) -> tuple[Tensor, Tensor]:
     """Lower index and fraction of a linear interpolation on `size` nodes."""
     coordinate = coordinate.clamp(0, size - 1)
     lower = coordinate.floor().clamp(max=size - 2).long()
     return lower, coordinate - lower
 
 
-def interpolate_plane(plane: torch.Tensor, a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+def interpolate_plane(plane: Tensor, a: Tensor, b: Tensor) -> Tensor:
     """Bilinear lookup of a plane [G, G, ...] at positions a, b [N] → [N, ...]."""
     i, u = _cell(a, plane.shape[0])
     j, v = _cell(b, plane.shape[1])
@@ -33,14 +34,14 @@ def interpolate_plane(plane: torch.Tensor, a: torch.Tensor, b: torch.Tensor) -> 
     return near * (1 - u) + far * u
 
 
-def interpolate_line(line: torch.Tensor, c: torch.Tensor) -> torch.Tensor:
+def interpolate_line(line: Tensor, c: Tensor) -> Tensor:
     """Linear lookup of a line [G, ...] at positions c [N] → [N, ...]."""
     k, w = _cell(c, line.shape[0])
     w = w.view((-1,) + (1,) * (line.dim() - 1)).to(line.dtype)
     return line[k] * (1 - w) + line[k + 1] * w
 
 
-def vm_products(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor) -> torch.Tensor:
+def vm_products(points: Tensor, planes: Tensor, lines: Tensor) -> Tensor:
     """The 3·C products plane × line at points [N, 3] → [N, 3·C]."""
     parts = []
     for k, ((a, b), c) in enumerate(zip(PLANE_AXES, LINE_AXES, strict=True)):
@@ -49,12 +50,12 @@ def vm_products(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor)
     return torch.cat(parts, dim=-1)
 
 
-def vm_sum(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor) -> torch.Tensor:
+def vm_sum(points: Tensor, planes: Tensor, lines: Tensor) -> Tensor:
     """The sum of all products at points [N, 3] → [N] (the raw density s of TensoRF)."""
     return vm_products(points, planes, lines).sum(-1)
 
 
-def correlate(factor: torch.Tensor, taps: tuple[float, ...], axis: int) -> torch.Tensor:
+def correlate(factor: Tensor, taps: tuple[float, ...], axis: int) -> Tensor:
     """Correlation along one axis; the borders continue with their last value."""
     radius = len(taps) // 2
     size = factor.shape[axis]
@@ -66,7 +67,7 @@ def correlate(factor: torch.Tensor, taps: tuple[float, ...], axis: int) -> torch
     return sum(terms[1:], terms[0])
 
 
-def smooth(factor: torch.Tensor, taps: torch.Tensor, axis: int) -> torch.Tensor:
+def smooth(factor: Tensor, taps: Tensor, axis: int) -> Tensor:
     """Correlation with odd, symmetric taps along one axis; the borders are mirrored (b a | a b c)."""
     size, reach = factor.shape[axis], len(taps) // 2
     index = torch.arange(-reach, size + reach, device=factor.device) % (2 * size)
@@ -76,12 +77,12 @@ def smooth(factor: torch.Tensor, taps: torch.Tensor, axis: int) -> torch.Tensor:
     return sum(terms[1:], terms[0])
 
 
-def smooth_planes(planes: torch.Tensor, taps: torch.Tensor) -> torch.Tensor:
+def smooth_planes(planes: Tensor, taps: Tensor) -> Tensor:
     """Odd, symmetric taps along both axes of planes [3, G, G, C], borders mirrored."""
     return smooth(smooth(planes, taps, 1), taps, 2)
 
 
-def vm_gradient(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor) -> torch.Tensor:
+def vm_gradient(points: Tensor, planes: Tensor, lines: Tensor) -> Tensor:
     """Gradient, per grid unit, of a VM sum at points [N, 3] → [N, 3].
 
     Central differences at the nodes, interpolated between them as the values are. planes and lines
@@ -103,9 +104,7 @@ def vm_gradient(points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor)
     return torch.stack(gradient, dim=-1)
 
 
-def vm_interpolation_gradient(
-    points: torch.Tensor, planes: torch.Tensor, lines: torch.Tensor
-) -> torch.Tensor:
+def vm_interpolation_gradient(points: Tensor, planes: Tensor, lines: Tensor) -> Tensor:
     """Gradient, per grid unit, of the interpolation itself at points [N, 3] → [N, 3].
 
     planes [3, G, G, C], lines [3, G, C] as in `vm_sum`. Piecewise constant along the axis of

@@ -10,7 +10,7 @@ from __future__ import annotations
 import torch
 import warp as wp
 
-from .vectors_warp import Grid, Numbers, Planes, Vectors
+from .vectors_warp import Grid, Numbers, Planes, Vectors, vector
 from .vm_point_warp import (
     Cell,
     axis_a,
@@ -19,7 +19,6 @@ from .vm_point_warp import (
     cell_of,
     line_at,
     plane_at,
-    point_of,
     raw_density,
 )
 from .warp_device import launch
@@ -41,7 +40,7 @@ class Stencil:
 @wp.kernel
 def _sum(points: Vectors, planes: Planes, lines: Grid, out: Numbers):
     n = wp.tid()
-    out[n] = raw_density(point_of(points, n), planes, lines)
+    out[n] = raw_density(vector(points, n), planes, lines)
 
 
 @wp.kernel

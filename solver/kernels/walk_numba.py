@@ -18,7 +18,7 @@ from .vectors_numba import three_of, times
 
 DEPTH_UNIT = np.float32(1 / ROOTS_PER_UNIT**2)
 WITHIN = np.float32(1 - 1e-6)
-"""of the cells along an edge, where the last one is still the last"""
+"""of an edge, so that what lies at its end is in the last cell"""
 LEAST_OPAQUE = np.float32(7.0)
 """optical depth from which nothing passes"""
 HALF = np.float32(math.log(2))

@@ -7,6 +7,7 @@ from functools import partial
 from typing import NamedTuple
 
 import torch
+from torch import Tensor
 
 from .adam import Moments, Rates, adam_step, mean_root_square
 from .backend import has_kernels, kernels, on_numba, on_warp
@@ -49,11 +50,11 @@ def run_groups(names: list[str], progress: Callable[[float], None]) -> None:
         progress(done / len(names))
 
 
-def _leaf(*shape: int) -> torch.Tensor:
+def _leaf(*shape: int) -> Tensor:
     return torch.rand(*shape, requires_grad=True)
 
 
-def _rays() -> tuple[torch.Tensor, torch.Tensor]:
+def _rays() -> tuple[Tensor, Tensor]:
     points = torch.rand(4, 3)
     return points, torch.nn.functional.normalize(points - 0.4, dim=-1)
 
@@ -80,7 +81,7 @@ def _run_walks() -> None:
     look_around(points, directions, 0.1, 0.25, blocking)
 
 
-def _light() -> tuple[torch.Tensor, torch.Tensor]:
+def _light() -> tuple[Tensor, Tensor]:
     """Prefix sums of a light and of its rows' solid angles."""
     rows = torch.linspace(0, 1, 5, dtype=torch.float64)
     return prefix_sums(_leaf(3, 4, 8), rows[1:]), rows

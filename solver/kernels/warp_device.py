@@ -13,6 +13,7 @@ from functools import cache, partial
 
 import torch
 import warp as wp
+from torch import Tensor
 
 from ..threads import usable_cores
 from .warp_folder import kernel_cache
@@ -59,7 +60,7 @@ def _run(kernel: wp.Kernel, dim, arguments: tuple, cotangents: tuple | None) -> 
 
 
 def _device_of(arguments: tuple) -> torch.device:
-    return next(a.device for a in arguments if isinstance(a, torch.Tensor))
+    return next(a.device for a in arguments if isinstance(a, Tensor))
 
 
 class _Launch:
@@ -107,10 +108,10 @@ class _Parameter:
         if isinstance(kind, wp.array):
             self._array, self._type = _Array(), wp.dtype_to_torch(kind.dtype)
 
-    def given(self, value: torch.Tensor | float | None) -> object:
+    def given(self, value: Tensor | float | None) -> object:
         """What Warp is given for a value, at first."""
         self.set(value)
-        return self._array if isinstance(value, torch.Tensor) else value
+        return self._array if isinstance(value, Tensor) else value
 
     def join(self, command: wp.Launch, index: int, adjoint: bool) -> None:
         """Be a launch's parameter."""
@@ -118,9 +119,9 @@ class _Parameter:
         if self._array is not None:
             command.set_param_at_index_from_ctype(index, self._array, adjoint)
 
-    def set(self, value: torch.Tensor | float | None) -> None:
+    def set(self, value: Tensor | float | None) -> None:
         """Take another value."""
-        if isinstance(value, torch.Tensor):
+        if isinstance(value, Tensor):
             # All that Warp is told is where and how large it is: no type, so that a double would be read
             # as two floats, and no owner, for memory on a stream is used again after what waits there.
             self._array.data, *layout = place_of(value, self._name, self._type)
@@ -143,7 +144,7 @@ class _Parameter:
 
 
 def place_of(
-    tensor: torch.Tensor, name: str, wanted: torch.dtype | None
+    tensor: Tensor, name: str, wanted: torch.dtype | None
 ) -> tuple[int, tuple[int, ...], tuple[int, ...]]:
     """Address, shape and strides of a tensor of the type wanted.
 

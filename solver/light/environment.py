@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 import torch.nn.functional as F
-from torch import nn
+from torch import Tensor, nn
 
 from ..capture.frames import texel_directions
 from ..kernels.backend import precise
@@ -27,11 +27,11 @@ from .spherical_harmonics import sh_basis
 class LightTables(NamedTuple):
     """What the lookups of one optimisation step share, built once a step."""
 
-    table: torch.Tensor  # [H+1, W+1, 3] double: prefix sums of radiance × solid angle
-    irradiance: torch.Tensor  # [1 + R, 9, 3]: SH coefficients, of all light and of `Arriving`
+    table: Tensor  # [H+1, W+1, 3] double: prefix sums of radiance × solid angle
+    irradiance: Tensor  # [1 + R, 9, 3]: SH coefficients, of all light and of `Arriving`
 
 
-def equirect_coordinates(directions: torch.Tensor, height: int, width: int) -> torch.Tensor:
+def equirect_coordinates(directions: Tensor, height: int, width: int) -> Tensor:
     """Continuous (column, row) [..., 2] in texels of unit directions [..., 3], differentiable."""
     x, y, z = directions.unbind(-1)
     # atan2 has no gradient on the polar axis: move such directions off it by far less than a texel.
@@ -41,18 +41,18 @@ def equirect_coordinates(directions: torch.Tensor, height: int, width: int) -> t
     return torch.stack([u * width, v * height], dim=-1)
 
 
-def equirect_directions(height: int, width: int, device=None) -> torch.Tensor:
+def equirect_directions(height: int, width: int, device=None) -> Tensor:
     """Unit directions [H, W, 3] double of the texel centres."""
     return torch.from_numpy(texel_directions(height, width)).to(device)
 
 
-def texel_solid_angles(height: int) -> torch.Tensor:
+def texel_solid_angles(height: int) -> Tensor:
     """Solid angle [H] double of a texel of every row of a map that is twice as wide as high, sr."""
     edges = torch.cos(torch.arange(height + 1, dtype=torch.float64) * math.pi / height)
     return (edges[:-1] - edges[1:]) * (math.pi / height)
 
 
-def resized_map(values: torch.Tensor, height: int) -> torch.Tensor:
+def resized_map(values: Tensor, height: int) -> Tensor:
     """A map [3, H, 2H] on the sphere at another height, bilinear."""
     row, column = (
         (torch.arange(count, device=values.device) + 0.5) / count * size
@@ -61,7 +61,7 @@ def resized_map(values: torch.Tensor, height: int) -> torch.Tensor:
     return look_up(values, torch.stack(torch.meshgrid(column, row, indexing="xy"), dim=-1))
 
 
-def coarsely_coloured(radiance: torch.Tensor, texels: int) -> torch.Tensor:
+def coarsely_coloured(radiance: Tensor, texels: int) -> Tensor:
     """Radiance [3, H, 2H] whose brightness, the mean of its channels, stays, and whose colour is that of
     the energy of squares of `texels`, blended between their centres.
 
@@ -77,9 +77,9 @@ def coarsely_coloured(radiance: torch.Tensor, texels: int) -> torch.Tensor:
 class _MapConstants(NamedTuple):
     """What depends on a map's size alone."""
 
-    texel_solid_angle: torch.Tensor  # [H]
-    row_prefix: torch.Tensor  # [H + 1]
-    irradiance_weights: torch.Tensor  # [9, H·W] float
+    texel_solid_angle: Tensor  # [H]
+    row_prefix: Tensor  # [H + 1]
+    irradiance_weights: Tensor  # [9, H·W] float
 
 
 @lru_cache(maxsize=16)
@@ -95,7 +95,7 @@ def _map_constants(height: int, device: torch.device) -> _MapConstants:
 
 
 @lru_cache(maxsize=128)
-def _places_before(height: int, turn: tuple[float, ...], device: torch.device) -> torch.Tensor:
+def _places_before(height: int, turn: tuple[float, ...], device: torch.device) -> Tensor:
     """Where (columns, rows) [H, W, 2] the light of each texel was before a turn [9]; a fit of a turntable
     asks again and again for those of its photos."""
     directions = equirect_directions(height, 2 * height)
@@ -137,17 +137,17 @@ class EnvironmentMap(nn.Module):
         self.log_radiance = nn.Parameter(torch.full((3, height, 2 * height), math.log(initial)))
 
     @property
-    def texel_solid_angle(self) -> torch.Tensor:
+    def texel_solid_angle(self) -> Tensor:
         """Solid angle of a texel of every row [H], sr."""
         return _map_constants(self.height, self.log_radiance.device).texel_solid_angle
 
     @property
-    def row_prefix(self) -> torch.Tensor:
+    def row_prefix(self) -> Tensor:
         """Prefix sums of a texel's solid angle down the rows [H + 1]."""
         return _map_constants(self.height, self.log_radiance.device).row_prefix
 
     @classmethod
-    def from_radiance(cls, radiance: torch.Tensor) -> EnvironmentMap:
+    def from_radiance(cls, radiance: Tensor) -> EnvironmentMap:
         """A map that holds given radiance [H, 2H, 3], linear Rec.709, Blender's equirect.
 
         Zeros become 1e-6, since the parameter is a logarithm.
@@ -170,7 +170,7 @@ class EnvironmentMap(nn.Module):
     def width(self) -> int:
         return self.log_radiance.shape[2]
 
-    def radiance(self, turn: torch.Tensor | None = None) -> torch.Tensor:
+    def radiance(self, turn: Tensor | None = None) -> Tensor:
         """Radiance [3, H, W], linear Rec.709.
 
         Args:
@@ -187,9 +187,7 @@ class EnvironmentMap(nn.Module):
         radiance = self.radiance().detach().permute(1, 2, 0)
         return np.ascontiguousarray(radiance.cpu().numpy(), dtype=np.float32)
 
-    def tables(
-        self, arriving: Arriving | None = None, turn: torch.Tensor | None = None
-    ) -> LightTables:
+    def tables(self, arriving: Arriving | None = None, turn: Tensor | None = None) -> LightTables:
         """Summed-area table and irradiance of the current map; rebuild after every step.
 
         Args:
@@ -204,16 +202,16 @@ class EnvironmentMap(nn.Module):
             irradiance = torch.cat([irradiance, arriving_harmonics(table, arriving)])
         return LightTables(table, irradiance)
 
-    def patch_lobes(self) -> torch.Tensor:
+    def patch_lobes(self) -> Tensor:
         """`Patches.lobes` [J, 9] where this light is in each patch; no gradient."""
         radiance = self.radiance().detach()
         harmonics = _map_constants(self.height, radiance.device).irradiance_weights
         return bright_lobes(harmonics, radiance.mean(0).flatten())
 
     def lookup(
-        self, tables: LightTables, directions: torch.Tensor, solid_angle: torch.Tensor,
-        spread: torch.Tensor | None = None, points: torch.Tensor | None = None,
-    ) -> torch.Tensor:  # fmt: skip
+        self, tables: LightTables, directions: Tensor, solid_angle: Tensor,
+        spread: Tensor | None = None, points: Tensor | None = None,
+    ) -> Tensor:  # fmt: skip
         """Mean radiance [N, 3] over a square of `solid_angle` [N] sr around directions [N, 3].
 
         The square is one of latitude and longitude: height √(area·sinθ), width √(area/sinθ) in
@@ -236,7 +234,7 @@ class EnvironmentMap(nn.Module):
         size = self.footprint(centre[:, 1].detach(), variance)
         return rectangle_mean(tables.table, self.row_prefix, centre, size)
 
-    def footprint(self, row: torch.Tensor, variance: torch.Tensor) -> torch.Tensor:
+    def footprint(self, row: Tensor, variance: Tensor) -> Tensor:
         """(columns, rows) [N, 2] of rectangles at continuous rows [N].
 
         Args:
@@ -252,9 +250,8 @@ class EnvironmentMap(nn.Module):
 
     @staticmethod
     def _variance(
-        directions: torch.Tensor, solid_angle: torch.Tensor, spread: torch.Tensor | None,
-        seen: SeenFromCentre | None,
-    ) -> torch.Tensor:  # fmt: skip
+        directions: Tensor, solid_angle: Tensor, spread: Tensor | None, seen: SeenFromCentre | None,
+    ) -> Tensor:  # fmt: skip
         """Squared widths [N, 2], rad², along longitude and latitude, of squares of solid angles [N]
         around directions [N, 3], blurred by parallelograms [N, 2, 3]; both as rays see them. Gradients
         flow to the solid angles alone."""

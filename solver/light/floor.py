@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from ..kernels.sending import constant_on
 
@@ -46,7 +47,7 @@ class Floor(NamedTuple):
         """Of the centre above the plane."""
         return float(np.dot(self.up, self.centre)) - self.height
 
-    def shifts(self, points: torch.Tensor) -> torch.Tensor:
+    def shifts(self, points: Tensor) -> Tensor:
         """(x − c)/h [N, 3] of points x [N, 3]; no gradient."""
         points = points.detach()
         up, centre = (_like(points, values) for values in (self.up, self.centre))
@@ -54,7 +55,7 @@ class Floor(NamedTuple):
         least = LOWEST * self.centre_height
         return (points - centre) / above.clamp(min=least)[:, None]
 
-    def seen(self, shifts: torch.Tensor, directions: torch.Tensor) -> SeenFromCentre:
+    def seen(self, shifts: Tensor, directions: Tensor) -> SeenFromCentre:
         """What rays of unit directions [N, 3] see, as the centre sees it.
 
         Args:
@@ -78,14 +79,14 @@ class Floor(NamedTuple):
 class SeenFromCentre(NamedTuple):
     """Directions from the centre to what rays see, and how those change with these."""
 
-    directions: torch.Tensor  # [N, 3] unit
-    length: torch.Tensor  # [N, 1] that they had before they were made unit
-    rays: torch.Tensor  # [N, 3] unit directions of the rays themselves
-    shifts: torch.Tensor  # [N, 3] of their origins; 0 for rays that do not go down
-    up: torch.Tensor  # [3]
+    directions: Tensor  # [N, 3] unit
+    length: Tensor  # [N, 1] that they had before they were made unit
+    rays: Tensor  # [N, 3] unit directions of the rays themselves
+    shifts: Tensor  # [N, 3] of their origins; 0 for rays that do not go down
+    up: Tensor  # [3]
 
     @torch.no_grad()
-    def along_rays(self, axes: torch.Tensor) -> torch.Tensor:
+    def along_rays(self, axes: Tensor) -> Tensor:
         """What a turn of the ray moves its place along axes [N, M, 3], as the centre sees it: Jᵀ · axis.
 
         Args:
@@ -97,5 +98,5 @@ class SeenFromCentre(NamedTuple):
         return back - (back * ray).sum(-1, keepdim=True) * ray
 
 
-def _like(tensor: torch.Tensor, values: tuple[float, ...]) -> torch.Tensor:
+def _like(tensor: Tensor, values: tuple[float, ...]) -> Tensor:
     return constant_on(tensor.device, values, tensor.dtype)

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
+from torch import Tensor
 
 from ..kernels.backend import precise
 from ..kernels.integral import corner_sums
@@ -35,16 +36,16 @@ _SAMPLES = 8  # along either edge of such a rectangle, for means over it
 class Patches(NamedTuple):
     """J patches of the sphere of directions, of about equal size, row by row from +Z."""
 
-    solid_angle: torch.Tensor  # [J] sr
-    lobes: torch.Tensor  # [J, 9] mean over the patch of harmonics × the clamped cosine's
+    solid_angle: Tensor  # [J] sr
+    lobes: Tensor  # [J, 9] mean over the patch of harmonics × the clamped cosine's
 
 
 class Arriving(NamedTuple):
     """What R points see of the light: see `Patches`."""
 
-    passing: torch.Tensor  # [R, J] share of each patch's light
-    lobes: torch.Tensor  # [J, 9] as `Patches.lobes`, or where the light is in the patch
-    sent: torch.Tensor  # [R, 9, 3] coefficients of the irradiance by what stands before the others
+    passing: Tensor  # [R, J] share of each patch's light
+    lobes: Tensor  # [J, 9] as `Patches.lobes`, or where the light is in the patch
+    sent: Tensor  # [R, 9, 3] coefficients of the irradiance by what stands before the others
 
 
 @lru_cache(maxsize=4)
@@ -64,7 +65,7 @@ def patches(device: torch.device) -> Patches:
 
 
 @lru_cache(maxsize=1)
-def _sides() -> torch.Tensor:
+def _sides() -> Tensor:
     """Top, bottom, left, right [4, J, 4] of the four rectangles whose mean a patch is, as shares of a map's
     height and width; some reach over its left or right edge."""
     return torch.stack([_shifted(down, across) for down in _SHIFTS for across in _SHIFTS])
@@ -76,7 +77,7 @@ def _columns() -> list[int]:
     return [max(4, round(2 * PATCH_ROWS * sine)) for sine in middles]
 
 
-def patches_at(directions: torch.Tensor) -> torch.Tensor:
+def patches_at(directions: Tensor) -> Tensor:
     """In which patch [N] unit directions [N, 3] of the world lie; where patches overlap, in its middle."""
     x, y, z = directions.unbind(-1)
     counts = torch.tensor(_columns(), device=x.device)
@@ -87,7 +88,7 @@ def patches_at(directions: torch.Tensor) -> torch.Tensor:
     return (counts.cumsum(0) - counts)[row] + torch.minimum(column, count - 1)
 
 
-def _shifted(down: float, across: float) -> torch.Tensor:
+def _shifted(down: float, across: float) -> Tensor:
     """Sides [J, 4] of a rectangle of every patch, shifted by shares of a patch's size; the poles stay."""
     sides = []
     for row, count in enumerate(_columns()):
@@ -102,8 +103,8 @@ def _shifted(down: float, across: float) -> torch.Tensor:
 class _Corners(NamedTuple):
     """Where prefix sums [(H + 1) · (2H + 1)] of a map are summed up to make those over patches."""
 
-    at: torch.Tensor  # [J, 24] long
-    share: torch.Tensor  # [J, 24]
+    at: Tensor  # [J, 24] long
+    share: Tensor  # [J, 24]
 
 
 @lru_cache(maxsize=16)
@@ -128,14 +129,14 @@ def _corners(height: int, device: torch.device) -> _Corners:
     return _Corners(at.to(device), share.to(device, precise(device)) / len(top))
 
 
-def power(table: torch.Tensor) -> torch.Tensor:
+def power(table: Tensor) -> Tensor:
     """∫ L dω [J, 3] over every patch, of a light's prefix sums [H+1, W+1, 3] (`LightTables.table`)."""
     corners = _corners(len(table) - 1, table.device)
     rows = table.flatten(0, 1)
     return corner_sums(rows, corners.at, corners.share).float()
 
 
-def bright_lobes(harmonics: torch.Tensor, radiance: torch.Tensor) -> torch.Tensor:
+def bright_lobes(harmonics: Tensor, radiance: Tensor) -> Tensor:
     """`Patches.lobes` [J, 9] weighted by the light in each patch: a sun is where it is.
 
     Args:
@@ -153,12 +154,12 @@ def bright_lobes(harmonics: torch.Tensor, radiance: torch.Tensor) -> torch.Tenso
     return torch.where(whole > 0, sums / whole.clamp(min=1e-30), lobes)
 
 
-def middles(lobes: torch.Tensor) -> torch.Tensor:
+def middles(lobes: Tensor) -> Tensor:
     """The mean directions [J, 3] of lobes [J, 9], unit, world: what their first band says."""
     return F.normalize(lobes[:, [3, 1, 2]], dim=-1)
 
 
-def arriving_harmonics(table: torch.Tensor, arriving: Arriving) -> torch.Tensor:
+def arriving_harmonics(table: Tensor, arriving: Arriving) -> Tensor:
     """Coefficients [R, 9, 3] of the irradiance at R points, linear in the light.
 
     Args:
@@ -168,7 +169,7 @@ def arriving_harmonics(table: torch.Tensor, arriving: Arriving) -> torch.Tensor:
     return (arriving.passing @ lit.flatten(1)).view(-1, *lit.shape[1:]) + arriving.sent
 
 
-def irradiance(harmonics: torch.Tensor, normals: torch.Tensor) -> torch.Tensor:
+def irradiance(harmonics: Tensor, normals: Tensor) -> Tensor:
     """Irradiance [N, 3] of surfaces with unit normals [N, 3], of its coefficients [9, 3], or [N, 9, 3]
     where every surface has its own."""
     basis = quadratic(normals) @ quadratic_form(normals.device, normals.dtype)

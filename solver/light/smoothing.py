@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import torch
 import torch.nn.functional as F
+from torch import Tensor
 
 from ..field.smoothing import LEAST_STEP_SIGMA, gaussian
 from ..kernels.backend import fast_on_numba, kernels
@@ -16,7 +17,7 @@ LEAST_RADIANCE = 1e-30
 """as dark as a light gets, so that its logarithm stays a number"""
 
 
-def map_smoothing(sigma: float) -> Callable[[torch.Tensor], torch.Tensor] | None:
+def map_smoothing(sigma: float) -> Callable[[Tensor], Tensor] | None:
     """What blurs a map [C, H, 2H], or a change of one, by a Gaussian of `sigma` texels, around its seam and
     up to its poles, without gradient; None below a third.
 
@@ -30,7 +31,7 @@ def map_smoothing(sigma: float) -> Callable[[torch.Tensor], torch.Tensor] | None
 
 
 @torch.no_grad()
-def _blurred(maps: torch.Tensor, taps: torch.Tensor) -> torch.Tensor:
+def _blurred(maps: Tensor, taps: Tensor) -> Tensor:
     """Maps [C, H, 2H] with odd, symmetric taps along both axes."""
     if fast_on_numba(maps):
         out = torch.empty_like(maps, memory_format=torch.contiguous_format)
@@ -45,7 +46,7 @@ def _blurred(maps: torch.Tensor, taps: torch.Tensor) -> torch.Tensor:
 
 
 @torch.no_grad()
-def draw_together(light: EnvironmentMap, sigma: float, share: torch.Tensor) -> None:
+def draw_together(light: EnvironmentMap, sigma: float, share: Tensor) -> None:
     """Move the logarithm of a light, in place, by a share of its way to its blur by `sigma` texels, and
     keep the energy around each texel, which a mean of logarithms would lower.
 
@@ -56,7 +57,7 @@ def draw_together(light: EnvironmentMap, sigma: float, share: torch.Tensor) -> N
     if smooth is None:
         return
 
-    def around() -> torch.Tensor:
+    def around() -> Tensor:
         return smooth(light.radiance()).clamp(min=LEAST_RADIANCE)
 
     logarithm = light.log_radiance.detach()
@@ -66,7 +67,7 @@ def draw_together(light: EnvironmentMap, sigma: float, share: torch.Tensor) -> N
 
 
 @torch.no_grad()
-def draw_colours_together(light: EnvironmentMap, sigma: float, share: torch.Tensor) -> None:
+def draw_colours_together(light: EnvironmentMap, sigma: float, share: Tensor) -> None:
     """Move the colours of a light, in place, by a share of their way to the colour of the energy within
     `sigma` texels around. The brightness of each texel, the mean of its channels, stays, and so does the
     energy of each channel around: halfway between logarithms there would be less of the rarer colours.

@@ -10,9 +10,10 @@ from functools import cache
 
 import torch
 import torch.nn.functional as F
+from torch import Tensor
 
 
-def sh_basis(directions: torch.Tensor, degree: int) -> torch.Tensor:
+def sh_basis(directions: Tensor, degree: int) -> Tensor:
     """Values [..., (degree + 1)²] at unit directions [..., 3], degree ≤ 4."""
     if not 0 <= degree <= 4:
         raise ValueError(f"spherical harmonics are implemented up to degree 4, not {degree}")
@@ -54,14 +55,14 @@ def sh_basis(directions: torch.Tensor, degree: int) -> torch.Tensor:
     return torch.stack(values, dim=-1)
 
 
-def quadratic(directions: torch.Tensor) -> torch.Tensor:
+def quadratic(directions: Tensor) -> Tensor:
     """All products of pairs of (x, y, z, 1) [N, 16] of unit directions [N, 3]."""
     homogeneous = F.pad(directions, (0, 1), value=1.0)
     return (homogeneous[:, :, None] * homogeneous[:, None, :]).flatten(1)
 
 
 @cache
-def quadratic_form(device: torch.device, dtype: torch.dtype = torch.float32) -> torch.Tensor:
+def quadratic_form(device: torch.device, dtype: torch.dtype = torch.float32) -> Tensor:
     """[16, 9] with sh_basis(d, 2) = quadratic(d) @ it: three operations where the sum takes twenty.
 
     Ramamoorthi & Hanrahan, "An Efficient Representation for Irradiance Environment Maps", 2001, eq. 11.
@@ -85,6 +86,6 @@ def quadratic_form(device: torch.device, dtype: torch.dtype = torch.float32) -> 
     return form.view(16, 9).to(device)
 
 
-def sh_degrees(degree: int, device: torch.device | None = None) -> torch.Tensor:
+def sh_degrees(degree: int, device: torch.device | None = None) -> Tensor:
     """The degree l of every coefficient of `sh_basis`, [(degree + 1)²]."""
     return torch.cat([torch.full((2 * d + 1,), float(d), device=device) for d in range(degree + 1)])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from ..capture.camera import Camera
 from ..field.heads import Materials
@@ -28,7 +28,7 @@ class Placement:
     scale: float = 1.0
     turn: float = 0.0
 
-    def rotation(self, device) -> torch.Tensor:
+    def rotation(self, device) -> Tensor:
         """[3, 3], local to world."""
         c, s = torch.cos(torch.tensor(self.turn)), torch.sin(torch.tensor(self.turn))
         zero, one = torch.zeros(()), torch.ones(())
@@ -68,9 +68,7 @@ class Composition(nn.Module):
     def normal_tables(self) -> list:
         return [part.normal_tables() for part in self.parts]
 
-    def sample(
-        self, origins, directions, start, offset, step_voxels, min_transmittance
-    ) -> Steps:  # fmt: skip
+    def sample(self, origins, directions, start, offset, step_voxels, min_transmittance) -> Steps:
         """See `Scene.sample`."""
         found = []
         for part, placement in zip(self.parts, self.placements, strict=True):
@@ -109,7 +107,7 @@ class Composition(nn.Module):
             reach[mine] = found.reach * placement.scale
         return Surface(normals, features, Materials(albedo, alpha, f0), reach)
 
-    def surface_normals(self, points, part, normal_tables) -> torch.Tensor:
+    def surface_normals(self, points, part, normal_tables) -> Tensor:
         """See `Scene.surface_normals`."""
         normals = torch.zeros_like(points)
         for index, (scene, placement) in enumerate(zip(self.parts, self.placements, strict=True)):
@@ -119,7 +117,7 @@ class Composition(nn.Module):
             normals[mine] = found @ placement.rotation(points.device).T
         return normals
 
-    def neural_term(self, part, features, half, light, alpha) -> torch.Tensor:
+    def neural_term(self, part, features, half, light, alpha) -> Tensor:
         """See `Scene.neural_term`; every part has its own g, or the shared one."""
         g = torch.ones_like(half)
         for index, scene in enumerate(self.parts):
@@ -129,7 +127,7 @@ class Composition(nn.Module):
             g = g.index_copy(0, mine, values)
         return g
 
-    def grid_transmittance(self, origins, directions, start) -> torch.Tensor:
+    def grid_transmittance(self, origins, directions, start) -> Tensor:
         """See `Scene.grid_transmittance`."""
         passing = torch.ones_like(start)
         for scene, placement in zip(self.parts, self.placements, strict=True):
@@ -137,7 +135,7 @@ class Composition(nn.Module):
             passing = passing * scene.grid_transmittance(*local, start / placement.scale)
         return passing
 
-    def irradiance(self, points, part, normals, light) -> torch.Tensor:
+    def irradiance(self, points, part, normals, light) -> Tensor:
         """See `Scene.irradiance`."""
         if self.probes.arriving is None:
             return irradiance(light.irradiance[0], normals)
@@ -167,7 +165,7 @@ class Composition(nn.Module):
             part.append(torch.full((len(local),), index, device=local.device))
         return nodes, torch.cat(points), torch.cat(part)
 
-    def probe_rows(self, hits, directions) -> torch.Tensor:
+    def probe_rows(self, hits, directions) -> Tensor:
         """See `Scene.probe_rows`."""
         rows = torch.zeros(len(hits), dtype=torch.long, device=hits.device)
         for index, (scene, placement) in enumerate(zip(self.parts, self.placements, strict=True)):
@@ -187,7 +185,7 @@ class Composition(nn.Module):
         return passing, distance
 
     @staticmethod
-    def _to_world(placement: Placement, points) -> torch.Tensor:
+    def _to_world(placement: Placement, points) -> Tensor:
         rotation = placement.rotation(points.device)
         return placement.scale * (points @ rotation.T) + points.new_tensor(placement.position)
 

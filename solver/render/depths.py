@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
+from torch import Tensor
 
 from ..kernels.backend import fast_on_numba
 from ..kernels.drawing import draw_depths
@@ -21,15 +22,15 @@ LEAST_WEIGHT = 1e-12
 class Depths:
     """K chosen samples of R rays: a ray sees opacity · Σ share · value."""
 
-    index: torch.Tensor  # [K] long, ascending
-    ray: torch.Tensor  # [K] long
-    share: torch.Tensor  # [K] of the ray's opacity; sums to 1 over a ray
-    mass: torch.Tensor  # [K] of the pixel that the sample stands for, no gradient
-    opacity: torch.Tensor  # [R]
-    weights: torch.Tensor | None = None  # [S] they were drawn by; None: shares have a gradient
+    index: Tensor  # [K] long, ascending
+    ray: Tensor  # [K] long
+    share: Tensor  # [K] of the ray's opacity; sums to 1 over a ray
+    mass: Tensor  # [K] of the pixel that the sample stands for, no gradient
+    opacity: Tensor  # [R]
+    weights: Tensor | None = None  # [S] they were drawn by; None: shares have a gradient
     others: float = 0.0  # how much a share's gradient of these counts (see `random_depths`)
 
-    def gather(self, values: torch.Tensor) -> torch.Tensor:
+    def gather(self, values: Tensor) -> Tensor:
         """What the rays see [R, C], premultiplied, of what the samples show [K, C]."""
         if self.weights is not None and fast_on_numba(values):
             return seen(
@@ -53,9 +54,7 @@ class Depths:
         return mean * self.opacity[:, None]
 
 
-def all_depths(
-    weights: torch.Tensor, ray: torch.Tensor, opacity: torch.Tensor, min_weight: float
-) -> Depths:
+def all_depths(weights: Tensor, ray: Tensor, opacity: Tensor, min_weight: float) -> Depths:
     """All samples [S] heavier than `min_weight`; they make up for the others of their `ray` [S]."""
     index, real = indices_of(weights.detach() > min_weight)
     kept, heavy = ray[index], weights.index_select(0, index)
@@ -69,9 +68,7 @@ def all_depths(
     return Depths(index, kept, share, fixed, opacity)
 
 
-def random_depths(
-    weights: torch.Tensor, offsets: torch.Tensor, opacity: torch.Tensor, u: torch.Tensor
-) -> Depths:
+def random_depths(weights: Tensor, offsets: Tensor, opacity: Tensor, u: Tensor) -> Depths:
     """D samples of every ray, drawn independently with probabilities q = weight/opacity.
 
     A sample that is drawn n times stands for n/D of the opacity, which is right in the mean. So is the
@@ -93,7 +90,7 @@ def random_depths(
     return Depths(index, chosen, share, mass, opacity, weights, others)
 
 
-def _log_of(values: torch.Tensor, index: torch.Tensor) -> torch.Tensor:
+def _log_of(values: Tensor, index: Tensor) -> Tensor:
     """Logarithms of values [N] at `index` [K]."""
     # Not values[index], whose gradient is slow on a card where an index comes often.
     return values.index_select(0, index).clamp(min=LEAST_WEIGHT).log()

@@ -9,6 +9,7 @@ Igehy, "Tracing Ray Differentials", SIGGRAPH 1999.
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 
 from ..brdf.microfacet import tangent_frame
 from ..kernels.pointwise import at_hand, rowwise
@@ -20,9 +21,9 @@ LEAST_COSINE = 0.1
 
 @torch.no_grad()
 def reflected_spread(
-    scene: Scene, tables: StepTables, samples: Samples, normals: torch.Tensor, view: torch.Tensor,
-    pixel_angle: torch.Tensor,
-) -> torch.Tensor:  # fmt: skip
+    scene: Scene, tables: StepTables, samples: Samples, normals: Tensor, view: Tensor,
+    pixel_angle: Tensor,
+) -> Tensor:  # fmt: skip
     """By how much mirrored directions differ across a pixel [S, 2, 3], rad, one row for each of the
     pixel's two edges; world. No gradient.
 
@@ -47,9 +48,8 @@ def reflected_spread(
 
 
 def turned_mirrored(
-    turn: torch.Tensor, bend: torch.Tensor, normals: torch.Tensor, view: torch.Tensor,
-    facing: torch.Tensor,
-) -> torch.Tensor:  # fmt: skip
+    turn: Tensor, bend: Tensor, normals: Tensor, view: Tensor, facing: Tensor,
+) -> Tensor:  # fmt: skip
     """By how much mirrored directions [..., 3] differ where views are turned and normals are bent [..., 3].
 
     Args:
@@ -61,9 +61,9 @@ def turned_mirrored(
 
 
 def _spread_at_once(
-    scene: Scene, tables: StepTables, samples: Samples, normals: torch.Tensor, view: torch.Tensor,
-    angle: torch.Tensor,
-) -> torch.Tensor:  # fmt: skip
+    scene: Scene, tables: StepTables, samples: Samples, normals: Tensor, view: Tensor,
+    angle: Tensor,
+) -> Tensor:  # fmt: skip
     """`reflected_spread` in two kernels, before and after normals are looked up; `angle` [S]."""
     edges = normals, view, samples.points, samples.distance, angle
     (points,) = rowwise("pixel_edges", edges, (LEAST_COSINE,), ((2, 3),))

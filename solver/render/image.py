@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from ..capture.camera import Camera
 from ..kernels.march import composite
@@ -123,7 +124,7 @@ def render_view(
 
 @torch.no_grad()
 def ray_peaks(
-    scene: Scene, settings: RenderSettings, origins: torch.Tensor, directions: torch.Tensor
+    scene: Scene, settings: RenderSettings, origins: Tensor, directions: Tensor
 ) -> tuple[np.ndarray, np.ndarray]:
     """Opacity [R] and highest extinction [R] of world rays [R, 3], a group of rays after the other."""
     groups = zip(origins.split(PEAK_RAYS), directions.split(PEAK_RAYS), strict=True)
@@ -133,8 +134,8 @@ def ray_peaks(
 
 
 def _ray_peaks(
-    scene: Scene, settings: RenderSettings, origins: torch.Tensor, directions: torch.Tensor
-) -> tuple[torch.Tensor, torch.Tensor]:
+    scene: Scene, settings: RenderSettings, origins: Tensor, directions: Tensor
+) -> tuple[Tensor, Tensor]:
     count, half_step = len(origins), 0.5 * settings.step
     start, offset = origins.new_zeros(count), origins.new_full((count,), 0.5)
     steps = scene.sample(origins, directions, start, offset, half_step, 1e-3)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
+from torch import Tensor
 
 from ..brdf.microfacet import fresnel_schlick, tangent_frame
 from ..field.heads import Materials
@@ -31,27 +32,27 @@ MOST_SPREAD = 2.0
 class Mirrored(NamedTuple):
     """What K pairs of probes and patches of directions see in metals."""
 
-    probe: torch.Tensor  # [K] long
-    patch: torch.Tensor  # [K] long, in which the probe looks
-    light: torch.Tensor  # [K, 3] mirrored radiance that comes from far away
-    blocked: torch.Tensor  # [K, 3] share of what the blocker on the way sends
-    blocker: torch.Tensor  # [K] long: its row, as in `Nodes.row`
+    probe: Tensor  # [K] long
+    patch: Tensor  # [K] long, in which the probe looks
+    light: Tensor  # [K, 3] mirrored radiance that comes from far away
+    blocked: Tensor  # [K, 3] share of what the blocker on the way sends
+    blocker: Tensor  # [K] long: its row, as in `Nodes.row`
 
 
 class Looking(NamedTuple):
     """How P probes see J patches of directions."""
 
-    points: torch.Tensor  # [P, 3] world
-    part: torch.Tensor | None  # [P] long
-    directions: torch.Tensor  # [J, 3] world, unit
-    solid_angle: torch.Tensor  # [J] sr
-    passing: torch.Tensor  # [P, J]
-    distance: torch.Tensor  # [P, J] of what stands in the way, or infinite
-    blockers: torch.Tensor  # [P, J] long: its row
+    points: Tensor  # [P, 3] world
+    part: Tensor | None  # [P] long
+    directions: Tensor  # [J, 3] world, unit
+    solid_angle: Tensor  # [J] sr
+    passing: Tensor  # [P, J]
+    distance: Tensor  # [P, J] of what stands in the way, or infinite
+    blockers: Tensor  # [P, J] long: its row
 
 
 def look_into_mirrors(
-    scene, light: torch.Tensor, looking: Looking, materials: Materials, normal_tables
+    scene, light: Tensor, looking: Looking, materials: Materials, normal_tables
 ) -> Mirrored:
     """What probes see in the metals around them.
 

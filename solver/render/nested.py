@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import torch
+from torch import Tensor
 
 
-def tensors_of(nested: Any) -> list[torch.Tensor]:
+def tensors_of(nested: Any) -> list[Tensor]:
     """All tensors of nested tuples and lists, in order; what is neither is left out."""
-    if isinstance(nested, torch.Tensor):
+    if isinstance(nested, Tensor):
         return [nested]
     if isinstance(nested, tuple | list):
         return [tensor for part in nested for tensor in tensors_of(part)]
     return []
 
 
-def mapped(change: Callable[[torch.Tensor], torch.Tensor], nested: Any) -> Any:
+def mapped(change: Callable[[Tensor], Tensor], nested: Any) -> Any:
     """Nested tuples and lists with every tensor changed."""
-    if isinstance(nested, torch.Tensor):
+    if isinstance(nested, Tensor):
         return change(nested)
     if not isinstance(nested, tuple | list):
         return nested

@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from ..kernels.sending import constant_on
 from .radiance import RayBuffers
@@ -28,17 +29,17 @@ def secondary_rays_each(secondary_rays: int, grid: int) -> int:
     return max(1, secondary_rays // grid**2)
 
 
-def keys_of_rays(keys: torch.Tensor, rays: int) -> torch.Tensor:
+def keys_of_rays(keys: Tensor, rays: int) -> Tensor:
     """Keys [P·rays] of the rays of pixels, one pixel's after the other's, from those of pixels [P]."""
     return (keys[:, None] * rays + torch.arange(rays, device=keys.device)).flatten()
 
 
-def mean_of_rays(values: torch.Tensor, rays: int) -> torch.Tensor:
+def mean_of_rays(values: Tensor, rays: int) -> Tensor:
     """Means [P, …] over every `rays` values of [P·rays, …]."""
     return values if rays == 1 else values.unflatten(0, (-1, rays)).mean(1)
 
 
-def halves_of_rays(values: torch.Tensor, rays: int) -> torch.Tensor:
+def halves_of_rays(values: Tensor, rays: int) -> Tensor:
     """Means [P, 2, C] over the black and the white squares of a chess board, of values [P·rays, C].
 
     Depths and secondary rays of each are drawn by numbers of its own. Over both, what slopes evenly has the
@@ -58,7 +59,7 @@ def pixels_of(buffers: RayBuffers, rays: int, halves: bool = False) -> RayBuffer
     seen = {
         field.name: mean_of_rays(value, rays)
         for field in dataclasses.fields(buffers)
-        if isinstance(value := getattr(buffers, field.name), torch.Tensor)
+        if isinstance(value := getattr(buffers, field.name), Tensor)
     }
     if halves:
         radiance_and_opacity = torch.cat([buffers.radiance, buffers.opacity[:, None]], 1)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
+from torch import Tensor
 
 from ..kernels.backend import fast
 from ..kernels.probe_light import irradiance_between
@@ -33,15 +34,15 @@ LEAST_CLEAR = 1e-4
 """of that, below which a node has no probe; in a crevice none is clear, and one that is half in it does"""
 STAND_IN, STAND_IN_REACH = 1e-6, 2
 """how much a node without a probe counts, and from how many nodes away one with a probe stands in for it"""
-LIFT_NODES = 0.5
+LIFT_NODES = 0.2
 """how far before a surface its light is looked up, so that nodes behind it count little"""
 
 
 class Nodes(NamedTuple):
     """Probes on a grid over a field's box."""
 
-    row: torch.Tensor  # [N, N, N] long: of the irradiance tables; 0, all light, far from surfaces
-    clear: torch.Tensor  # [N, N, N] how much a node counts, more than 0
+    row: Tensor  # [N, N, N] long: of the irradiance tables; 0, all light, far from surfaces
+    clear: Tensor  # [N, N, N] how much a node counts, more than 0
     spacing: float  # of the nodes, box units
 
 
@@ -60,9 +61,7 @@ class Probes:
         """Take over new probes."""
         self.nodes, self.arriving = nodes, arriving
 
-    def irradiance(
-        self, table: torch.Tensor, part: int, box_points: torch.Tensor, normals: torch.Tensor
-    ) -> torch.Tensor:
+    def irradiance(self, table: Tensor, part: int, box_points: Tensor, normals: Tensor) -> Tensor:
         """Irradiance [S, 3] of surfaces with unit normals [S, 3] at points [S, 3] of a field's box,
         blended from the nodes around.
 
@@ -79,7 +78,7 @@ class Probes:
         blended = F.embedding_bag(rows, table.flatten(1), per_sample_weights=shares, mode="sum")
         return irradiance(blended.view(-1, *table.shape[1:]), normals)
 
-    def nearest_rows(self, part: int, box_points: torch.Tensor) -> torch.Tensor:
+    def nearest_rows(self, part: int, box_points: Tensor) -> Tensor:
         """Rows [K] of the nodes next to points [K, 3] of a field's box."""
         nodes = self.nodes[part]
         last = len(nodes.row) - 1
@@ -87,7 +86,7 @@ class Probes:
         return nodes.row[x, y, z]
 
 
-def nodes_of(depths: torch.Tensor, first_row: int) -> tuple[Nodes, torch.Tensor]:
+def nodes_of(depths: Tensor, first_row: int) -> tuple[Nodes, Tensor]:
     """Nodes close to the surface in a grid of cells' optical depths [K, K, K], and where they are
     [P, 3], box units.
 
@@ -115,7 +114,7 @@ def nodes_of(depths: torch.Tensor, first_row: int) -> tuple[Nodes, torch.Tensor]
     return Nodes(row, clear, spacing), at.to(depths) * spacing
 
 
-def _around(nodes: Nodes, box_points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+def _around(nodes: Nodes, box_points: Tensor) -> tuple[Tensor, Tensor]:
     """Rows and shares [S, 8] of the nodes around points [S, 3]; no gradient."""
     count = len(nodes.row)
     with torch.no_grad():

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from ..light.irradiance import Arriving, arriving_harmonics, irradiance, middles, patches
 from .mirrors import Looking, look_into_mirrors
@@ -59,7 +60,7 @@ def refresh_probes(scene: Scene) -> None:
     scene.probes.fill(nodes, Arriving(passing, lobes, sent))
 
 
-def _light_of(scene) -> tuple[torch.Tensor, torch.Tensor]:
+def _light_of(scene) -> tuple[Tensor, Tensor]:
     """Prefix sums (`LightTables.table`) of the light that blockers get, and `Patches.lobes` [J, 9]."""
     environment, turntable = scene.environment, scene.turntable
     if turntable is None:
@@ -73,7 +74,7 @@ def _light_of(scene) -> tuple[torch.Tensor, torch.Tensor]:
     return sum(tables) / len(tables), patches(scene.device).lobes
 
 
-def _rows(radiance: torch.Tensor) -> torch.Tensor:
+def _rows(radiance: Tensor) -> Tensor:
     """What is next to probes [P, 3] by `Nodes.row` [1 + P, 3]; far from all of them, their mean."""
     return torch.cat([radiance.mean(0, keepdim=True), radiance])
 
@@ -86,7 +87,7 @@ def _nearest_surface(scene, normal_tables, points, part, distance, directions):
     return surface.normals, surface.materials
 
 
-def _rows_of_blockers(scene, points, distance, directions) -> torch.Tensor:
+def _rows_of_blockers(scene, points, distance, directions) -> Tensor:
     """Rows [P, J] of the probes next to what stands in a probe's way; 0 where nothing does."""
     rows = torch.zeros(distance.shape, dtype=torch.long, device=points.device)
     probe, patch = distance.isfinite().nonzero(as_tuple=True)

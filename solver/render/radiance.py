@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
+from torch import Tensor
 
 from ..kernels.march import composite
 from .depths import Depths, all_depths, random_depths
@@ -32,26 +33,26 @@ RAYS_PER_TRACE = 65536
 class RayBuffers:
     """What R rays saw. All premultiplied by opacity where it says so."""
 
-    radiance: torch.Tensor  # [R, 3] linear Rec.709, premultiplied
-    opacity: torch.Tensor  # [R]
-    normal: torch.Tensor  # [R, 3] world, premultiplied
-    albedo: torch.Tensor  # [R, 3] linear, premultiplied
-    alpha: torch.Tensor  # [R] GGX α, premultiplied
-    f0: torch.Tensor  # [R, 3] linear, premultiplied
-    backfacing: torch.Tensor  # [R] Σ w·max(0, n·d)² (orientation loss, Ref-NeRF eq. 11)
-    distance: torch.Tensor  # [R] mean distance, premultiplied, no gradient
+    radiance: Tensor  # [R, 3] linear Rec.709, premultiplied
+    opacity: Tensor  # [R]
+    normal: Tensor  # [R, 3] world, premultiplied
+    albedo: Tensor  # [R, 3] linear, premultiplied
+    alpha: Tensor  # [R] GGX α, premultiplied
+    f0: Tensor  # [R, 3] linear, premultiplied
+    backfacing: Tensor  # [R] Σ w·max(0, n·d)² (orientation loss, Ref-NeRF eq. 11)
+    distance: Tensor  # [R] mean distance, premultiplied, no gradient
     samples: int  # density samples taken by primary rays
     retraced: int  # secondary rays traced through the field
     retraced_samples: int  # density samples they took
-    bending: torch.Tensor | None = None  # [R] Σ w·bending of the samples (see `smoothness`)
-    unevenness: torch.Tensor | None = None  # [R] Σ w·|materials − materials close by|
-    halves: torch.Tensor | None = None  # [R, 2, 4] radiance and opacity of a pixel's halves
+    bending: Tensor | None = None  # [R] Σ w·bending of the samples (see `smoothness`)
+    unevenness: Tensor | None = None  # [R] Σ w·|materials − materials close by|
+    halves: Tensor | None = None  # [R, 2, 4] radiance and opacity of a pixel's halves
 
 
 def render_rays(
     scene: Scene, tables: StepTables, settings: RenderSettings, random: RandomNumbers,
-    origins: torch.Tensor, directions: torch.Tensor, keys: torch.Tensor, jitter: bool,
-    pixel_angle: torch.Tensor | None = None,
+    origins: Tensor, directions: Tensor, keys: Tensor, jitter: bool,
+    pixel_angle: Tensor | None = None,
 ) -> RayBuffers:  # fmt: skip
     """Trace primary rays (origins, unit directions [R, 3], world).
 
@@ -115,7 +116,7 @@ def render_rays(
     )
 
 
-def _seen(chosen: Depths, shown: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+def _seen(chosen: Depths, shown: dict[str, Tensor]) -> dict[str, Tensor]:
     """What rays see of what the chosen samples show, [K] or [K, C] each; all gathered at once."""
     columns = [value if value.dim() > 1 else value[:, None] for value in shown.values()]
     seen = chosen.gather(torch.cat(columns, 1)).split([c.shape[1] for c in columns], 1)
@@ -126,8 +127,7 @@ def _seen(chosen: Depths, shown: dict[str, torch.Tensor]) -> dict[str, torch.Ten
 
 
 def _samples(
-    steps: Steps, chosen: Depths, origins: torch.Tensor, directions: torch.Tensor,
-    keys: torch.Tensor,
+    steps: Steps, chosen: Depths, origins: Tensor, directions: Tensor, keys: Tensor,
 ) -> Samples:  # fmt: skip
     """The chosen steps along rays of the given origins, directions [R, 3] and keys [R]."""
     index, ray = chosen.index, steps.ray[chosen.index]

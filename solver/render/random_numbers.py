@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 
 import torch
+from torch import Tensor
 
 from ..kernels.hashing import uniform
 from ..kernels.march import MOST_SAMPLES
@@ -28,7 +29,7 @@ class RandomNumbers:
         self.seed = seed
         self._streams = self.streams_at(0)
 
-    def uniform(self, purpose: int, keys: torch.Tensor, columns: int = 1) -> torch.Tensor:
+    def uniform(self, purpose: int, keys: Tensor, columns: int = 1) -> Tensor:
         """Independent uniform numbers in [0, 1) of keys [N]: [N], or [N, columns]."""
         values = uniform(keys, self.stream(purpose), columns)
         return values[:, 0] if columns == 1 else values
@@ -37,27 +38,25 @@ class RandomNumbers:
         """Those of a step."""
         return self.of(self.streams_at(step))
 
-    def of(self, streams: torch.Tensor) -> RandomNumbers:
+    def of(self, streams: Tensor) -> RandomNumbers:
         """Those of streams for all purposes [PURPOSES], which may be another step's when they are drawn."""
         other = copy.copy(self)
         other._streams = streams
         return other
 
-    def streams_at(self, step: int) -> torch.Tensor:
+    def streams_at(self, step: int) -> Tensor:
         """The hash's seeds for all purposes at a step [PURPOSES] long, where its kernels look for them."""
         # Odd multipliers keep seeds, steps and purposes apart before they are hashed.
         mixed = self.seed * 0x9E3779B1 + step * 0x85EBCA77
         seeds = [(mixed + purpose * 0xC2B2AE3D) & 0xFFFFFFFF for purpose in range(PURPOSES)]
         return sent(torch.tensor(seeds), self.points.device)
 
-    def stream(self, purpose: int) -> torch.Tensor:
+    def stream(self, purpose: int) -> Tensor:
         """The hash's seed for the numbers of a purpose."""
         return self._streams[purpose : purpose + 1]
 
 
-def sample_keys(
-    ray_keys: torch.Tensor, ray: torch.Tensor, index: torch.Tensor, offsets: torch.Tensor
-) -> torch.Tensor:
+def sample_keys(ray_keys: Tensor, ray: Tensor, index: Tensor, offsets: Tensor) -> Tensor:
     """Keys [K] of samples at indices `index` [K] of a flat form, on rays `ray` [K], from those of
     the rays [R]."""
     return ray_keys[ray] * MOST_SAMPLES + (index - offsets[ray])

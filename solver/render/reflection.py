@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import torch
+from torch import Tensor
 
 from ..brdf.microfacet import (
     fresnel_schlick,
@@ -34,23 +35,23 @@ FARTHEST_START = 4.0
 class SecondaryRays(NamedTuple):
     """Secondary rays in flat form; ray k belongs to sample `sample[k]`."""
 
-    sample: torch.Tensor  # [K] long
-    keys: torch.Tensor  # [K] long
-    direction: torch.Tensor  # [K, 3] world, unit
-    weight: torch.Tensor  # [K, 3] BRDF · cosine / density
-    solid_angle: torch.Tensor  # [K] 1 / (N · pdf)
-    spread: torch.Tensor | None = None  # [K, 2, 3] what the pixel adds to the solid angle, rad
+    sample: Tensor  # [K] long
+    keys: Tensor  # [K] long
+    direction: Tensor  # [K, 3] world, unit
+    weight: Tensor  # [K, 3] BRDF · cosine / density
+    solid_angle: Tensor  # [K] 1 / (N · pdf)
+    spread: Tensor | None = None  # [K, 2, 3] what the pixel adds to the solid angle, rad
 
 
-def plan_rays(keys: torch.Tensor, mass: torch.Tensor, rays: int, random: RandomNumbers) -> Plan:
+def plan_rays(keys: Tensor, mass: Tensor, rays: int, random: RandomNumbers) -> Plan:
     """Share out a primary ray's `rays` among the samples along it by mass [S] (`drawing.plan_rays`)."""
     streams = random.stream(ALLOCATION), random.stream(ROTATION)
     return drawing.plan_rays(keys, mass, rays, random.points, streams)
 
 
 def scatter(
-    surface: Surface, normals: torch.Tensor, view: torch.Tensor, part: torch.Tensor | None,
-    plan: Plan, scene: Scene, settings: RenderSettings, spread: torch.Tensor | None = None,
+    surface: Surface, normals: Tensor, view: Tensor, part: Tensor | None,
+    plan: Plan, scene: Scene, settings: RenderSettings, spread: Tensor | None = None,
 ) -> SecondaryRays:  # fmt: skip
     """Sample secondary rays at samples with `normals` facing unit `view` [S, 3].
 
@@ -73,9 +74,8 @@ def scatter(
 
 
 def _leave(
-    materials: Materials, normals: torch.Tensor, view: torch.Tensor, plan: Plan,
-    settings: RenderSettings,
-) -> tuple[torch.Tensor, ...]:  # fmt: skip
+    materials: Materials, normals: Tensor, view: Tensor, plan: Plan, settings: RenderSettings,
+) -> tuple[Tensor, ...]:  # fmt: skip
     """Rays [K] as they leave: local half vectors and directions, world directions, weights without g, and
     solid angles."""
     sample = plan.sample
@@ -108,9 +108,8 @@ def _leave(
 
 
 def _leave_at_once(
-    materials: Materials, normals: torch.Tensor, view: torch.Tensor, plan: Plan,
-    settings: RenderSettings,
-) -> tuple[torch.Tensor, ...]:  # fmt: skip
+    materials: Materials, normals: Tensor, view: Tensor, plan: Plan, settings: RenderSettings,
+) -> tuple[Tensor, ...]:  # fmt: skip
     """`_leave` in one kernel."""
     *rays, solid_angle = rowwise(
         "scattered",
@@ -122,9 +121,7 @@ def _leave_at_once(
     return *rays, _widening(solid_angle.detach(), alpha, settings)
 
 
-def _widening(
-    solid_angle: torch.Tensor, alpha: torch.Tensor, settings: RenderSettings
-) -> torch.Tensor:  # fmt: skip
+def _widening(solid_angle: Tensor, alpha: Tensor, settings: RenderSettings) -> Tensor:
     """Solid angles [K] with the gradient to α [K] that they have in narrow lobes, where they go with α²."""
     if not (settings.widening_gradient and settings.integral_image and alpha.requires_grad):
         return solid_angle
@@ -133,16 +130,15 @@ def _widening(
 
 @torch.no_grad()
 def secondary_origins(
-    samples: Samples, normals: torch.Tensor, sample: torch.Tensor, direction: torch.Tensor,
-    reach: torch.Tensor | float,
-) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
+    samples: Samples, normals: Tensor, sample: Tensor, direction: Tensor, reach: Tensor | float,
+) -> tuple[Tensor, Tensor]:  # fmt: skip
     """Where secondary rays begin: world points [K, 3] lifted off the surface by `reach`, and the
     distances [K] from which anything can be in their way. No gradient.
 
     Args:
         normals: [S, 3]. sample: [K] long, where each ray leaves from. direction: [K, 3] unit.
     """
-    if not isinstance(reach, torch.Tensor):
+    if not isinstance(reach, Tensor):
         reach = normals.new_full((len(normals),), reach)
     if at_hand("lifted", normals):
         inputs = normals, samples.points, reach, sample, direction
@@ -155,7 +151,7 @@ def secondary_origins(
     return origins, reach * (1 / cosine - 1).clamp(max=FARTHEST_START)
 
 
-def choose_noisy_largest(scores: torch.Tensor, budget: int, noise: torch.Tensor) -> torch.Tensor:
+def choose_noisy_largest(scores: Tensor, budget: int, noise: Tensor) -> Tensor:
     """Indices of the `budget` largest of scores [K], scaled to sum to the budget, plus `noise` [K].
 
     The paper's choice (§3.4): biased towards what is bright already; the noise varies it.
@@ -166,9 +162,7 @@ def choose_noisy_largest(scores: torch.Tensor, budget: int, noise: torch.Tensor)
     return torch.topk(scaled, min(budget, len(scores)), sorted=False).indices
 
 
-def choose_systematic(
-    scores: torch.Tensor, budget: int, u: torch.Tensor | float
-) -> tuple[torch.Tensor, torch.Tensor]:
+def choose_systematic(scores: Tensor, budget: int, u: Tensor | float) -> tuple[Tensor, Tensor]:
     """Systematic sampling of about `budget` rays by score: indices and their probabilities.
 
     Dividing what a chosen ray brings by its probability keeps the estimate unbiased.
@@ -189,9 +183,9 @@ def choose_systematic(
 
 def reflected(
     scene: Scene, tables: StepTables, settings: RenderSettings, random: RandomNumbers,
-    samples: Samples, surface: Surface, toward: torch.Tensor, view: torch.Tensor,
-    mass: torch.Tensor, rays: int, trace=None, spread: torch.Tensor | None = None,
-) -> torch.Tensor:  # fmt: skip
+    samples: Samples, surface: Surface, toward: Tensor, view: Tensor,
+    mass: Tensor, rays: int, trace=None, spread: Tensor | None = None,
+) -> Tensor:  # fmt: skip
     """Radiance [S, 3] that samples reflect glossily along unit `view` [S, 3].
 
     With `visibility` every ray is dimmed by the grid, and rays that are blocked are traced; without,
@@ -241,9 +235,9 @@ def reflected(
 
 
 def _choose(
-    settings: RenderSettings, random: RandomNumbers, plan: Plan, weight: torch.Tensor,
-    passing: torch.Tensor, mass: torch.Tensor,
-) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
+    settings: RenderSettings, random: RandomNumbers, plan: Plan, weight: Tensor,
+    passing: Tensor, mass: Tensor,
+) -> tuple[Tensor, Tensor]:  # fmt: skip
     """Which secondary rays are traced once more, and the probabilities with which these were chosen."""
     sample, budget = plan.sample, settings.retraced_rays
     systematic = settings.retrace_choice != "noisy"
@@ -261,6 +255,6 @@ def _choose(
     return chosen, torch.ones_like(importance[chosen])
 
 
-def _near(floor: Floor | None, points: torch.Tensor) -> Near | None:
+def _near(floor: Floor | None, points: Tensor) -> Near | None:
     """What of the light comes from close by to points [S, 3]."""
     return None if floor is None else Near(floor.shifts(points), floor.up)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from ..brdf.neural import NeuralTerm
 from ..capture.camera import Camera
@@ -77,30 +77,30 @@ class RenderSettings:
 class Steps(NamedTuple):
     """Density samples of R rays in flat form; those of ray r are `offsets[r]:offsets[r + 1]`."""
 
-    depth: torch.Tensor  # [S] optical depth
-    distance: torch.Tensor  # [S] along the ray, world units
-    ray: torch.Tensor  # [S] long
-    offsets: torch.Tensor  # [R + 1] long
-    part: torch.Tensor | None = None  # [S] long: which part of a composition
+    depth: Tensor  # [S] optical depth
+    distance: Tensor  # [S] along the ray, world units
+    ray: Tensor  # [S] long
+    offsets: Tensor  # [R + 1] long
+    part: Tensor | None = None  # [S] long: which part of a composition
 
 
 class Samples(NamedTuple):
     """The steps that are shaded, and where they are."""
 
-    points: torch.Tensor  # [S, 3] world
-    distance: torch.Tensor  # [S] along the ray, world units
-    ray: torch.Tensor  # [S] long
-    keys: torch.Tensor  # [S] long, for random numbers
-    part: torch.Tensor | None = None  # [S] long: which part of a composition
+    points: Tensor  # [S, 3] world
+    distance: Tensor  # [S] along the ray, world units
+    ray: Tensor  # [S] long
+    keys: Tensor  # [S] long, for random numbers
+    part: Tensor | None = None  # [S] long: which part of a composition
 
 
 class Surface(NamedTuple):
     """What the field says of S points."""
 
-    normals: torch.Tensor  # [S, 3] world, unit, outward
-    features: torch.Tensor  # [S, F]
+    normals: Tensor  # [S, 3] world, unit, outward
+    features: Tensor  # [S, F]
     materials: Materials
-    reach: torch.Tensor | float  # [S] world units: height from which secondary rays can be blocked
+    reach: Tensor | float  # [S] world units: height from which secondary rays can be blocked
 
 
 FRINGE_CELLS = 1.5
@@ -137,7 +137,7 @@ class Scene(nn.Module):
     def device(self) -> torch.device:
         return self.field.centre.device
 
-    def turn_for(self, camera: Camera) -> torch.Tensor | None:
+    def turn_for(self, camera: Camera) -> Tensor | None:
         """By which [3, 3] the light is turned for a camera of the scene's world; None: it stands still."""
         if self.turntable is None:
             return None
@@ -148,8 +148,8 @@ class Scene(nn.Module):
         return self.field.normal_factors()
 
     def sample(
-        self, origins: torch.Tensor, directions: torch.Tensor, start: torch.Tensor,
-        offset: torch.Tensor, step_voxels: float, min_transmittance: float,
+        self, origins: Tensor, directions: Tensor, start: Tensor,
+        offset: Tensor, step_voxels: float, min_transmittance: float,
     ) -> Steps:  # fmt: skip
         """Density samples along world rays [R, 3] with unit directions.
 
@@ -167,7 +167,7 @@ class Scene(nn.Module):
         depth = field.extinction(field.raw_density(found.points, found.raw)) * step
         return Steps(depth, found.distance, found.ray, found.offsets)
 
-    def surface(self, points: torch.Tensor, part: torch.Tensor | None, normal_tables) -> Surface:
+    def surface(self, points: Tensor, part: Tensor | None, normal_tables) -> Surface:
         """Normals, features and materials at world points [S, 3]."""
         field = self.field
         box_points = field.to_box(points)
@@ -175,19 +175,15 @@ class Scene(nn.Module):
         normals = field.normals(box_points, normal_tables)
         return Surface(normals, features, field.materials(features), self.self_shadow)
 
-    def surface_normals(
-        self, points: torch.Tensor, part: torch.Tensor | None, normal_tables
-    ) -> torch.Tensor:
+    def surface_normals(self, points: Tensor, part: Tensor | None, normal_tables) -> Tensor:
         """Unit outward normals [S, 3] at world points [S, 3]."""
         return self.field.normals(self.field.to_box(points), normal_tables)
 
-    def neural_term(self, part, features, half, light, alpha) -> torch.Tensor:
+    def neural_term(self, part, features, half, light, alpha) -> Tensor:
         """g [N, 3] of local directions (see `NeuralTerm`)."""
         return self.neural(features, half, light, alpha)
 
-    def grid_transmittance(
-        self, origins: torch.Tensor, directions: torch.Tensor, start: torch.Tensor
-    ) -> torch.Tensor:
+    def grid_transmittance(self, origins: Tensor, directions: Tensor, start: Tensor) -> Tensor:
         """Transmittance [K] of world rays through the occupancy grid, no gradient."""
         field = self.field
         return grid_transmittance(
@@ -196,38 +192,33 @@ class Scene(nn.Module):
         )  # fmt: skip
 
     def irradiance(
-        self, points: torch.Tensor, part: torch.Tensor | None, normals: torch.Tensor,
-        light: LightTables,
-    ) -> torch.Tensor:  # fmt: skip
+        self, points: Tensor, part: Tensor | None, normals: Tensor, light: LightTables,
+    ) -> Tensor:  # fmt: skip
         """Irradiance [S, 3] of surfaces at world points [S, 3] with unit outward normals."""
         if self.probes.arriving is None:
             return irradiance(light.irradiance[0], normals)
         lifted = self.before_surface(points, normals, self.probes.nodes[0].spacing)
         return self.probes.irradiance(light.irradiance, 0, lifted, normals)
 
-    def before_surface(
-        self, points: torch.Tensor, normals: torch.Tensor, spacing: float
-    ) -> torch.Tensor:
+    def before_surface(self, points: Tensor, normals: Tensor, spacing: float) -> Tensor:
         """Box points [S, 3] where the light on surfaces at world points is looked up among probes."""
         lift = LIFT_NODES * spacing * self.field.to_axes(normals.detach())
         return self.field.to_box(points.detach()) + lift
 
-    def new_probes(self) -> tuple[list[Nodes], torch.Tensor, torch.Tensor | None]:
+    def new_probes(self) -> tuple[list[Nodes], Tensor, Tensor | None]:
         """Nodes close to the surface as it is now, where they are [P, 3], world, and their parts."""
         nodes, points = nodes_of(self.occupancy.optical_depth(), 1)
         return [nodes], self.field.from_box(points), None
 
-    def probe_rows(self, hits: torch.Tensor, directions: torch.Tensor) -> torch.Tensor:
+    def probe_rows(self, hits: Tensor, directions: Tensor) -> Tensor:
         """Rows [K] of the probes before what rays of directions [K, 3] hit at world points [K, 3]."""
         return self.probes.nearest_rows(0, self.before_hit(hits, directions))
 
-    def before_hit(self, hits: torch.Tensor, directions: torch.Tensor) -> torch.Tensor:
+    def before_hit(self, hits: Tensor, directions: Tensor) -> Tensor:
         """Box points [K, 3] a cell before what rays hit."""
         return self.field.to_box(hits - self.cell * directions)
 
-    def look_around(
-        self, points: torch.Tensor, directions: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
+    def look_around(self, points: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
         """What arrives at world points [P, 3] from far away in directions [J, 3]: its share [P, J], and
         at which distances [P, J] half of it is stopped, or infinity."""
         field = self.field
@@ -263,7 +254,7 @@ class StepTables(NamedTuple):
     normals: object  # nested tuples or lists of tensors
 
     @classmethod
-    def of(cls, scene: Scene, turn: torch.Tensor | None = None) -> StepTables:
+    def of(cls, scene: Scene, turn: Tensor | None = None) -> StepTables:
         """Tables of the current parameters of a scene or a composition.
 
         Args:
@@ -284,7 +275,7 @@ class SharedTables(NamedTuple):
     normals: object  # nested tuples or lists of tensors
 
     @classmethod
-    def of(cls, scene: Scene, turns: Sequence[torch.Tensor | None]) -> SharedTables:
+    def of(cls, scene: Scene, turns: Sequence[Tensor | None]) -> SharedTables:
         """Tables of the current parameters of a scene or a composition.
 
         Args:

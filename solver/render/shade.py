@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 import torch
+from torch import Tensor
 
 from ..field.heads import Materials
 from ..kernels.pointwise import at_hand, rowwise
@@ -18,13 +19,13 @@ from .scene import RenderSettings, Samples, Scene, StepTables
 class Shading(NamedTuple):
     """Shaded samples: radiance [S, 3] and what it was made of."""
 
-    radiance: torch.Tensor  # [S, 3] linear Rec.709
-    normals: torch.Tensor  # [S, 3] world, unit, outward
-    features: torch.Tensor  # [S, F]
+    radiance: Tensor  # [S, 3] linear Rec.709
+    normals: Tensor  # [S, 3] world, unit, outward
+    features: Tensor  # [S, F]
     materials: Materials
 
 
-def diffuse_fresnel(f0: torch.Tensor, cosine: torch.Tensor) -> torch.Tensor:
+def diffuse_fresnel(f0: Tensor, cosine: Tensor) -> Tensor:
     """Share (1 − F) of the light that reaches the diffuse layer [N, 3], averaged over light directions.
 
     (1 − F0)(1 − s(n·v)) with s the hemispherical mean of (1 − v·h)^5, fitted; within 0.2 % of the
@@ -35,8 +36,8 @@ def diffuse_fresnel(f0: torch.Tensor, cosine: torch.Tensor) -> torch.Tensor:
 
 
 def diffuse_radiance(
-    normals: torch.Tensor, materials: Materials, light: torch.Tensor, view: torch.Tensor
-) -> tuple[torch.Tensor, torch.Tensor]:
+    normals: Tensor, materials: Materials, light: Tensor, view: Tensor
+) -> tuple[Tensor, Tensor]:
     """Radiance [S, 3] that samples scatter of irradiance `light` [S, 3] along unit `view` [S, 3], and their
     normals on the viewer's side."""
     if at_hand("diffuse", normals):
@@ -50,8 +51,8 @@ def diffuse_radiance(
 
 def shade(
     scene: Scene, tables: StepTables, settings: RenderSettings, random: RandomNumbers,
-    samples: Samples, view: torch.Tensor, mass: torch.Tensor, rays: int, trace=None,
-    pixel_angle: torch.Tensor | None = None,
+    samples: Samples, view: Tensor, mass: Tensor, rays: int, trace=None,
+    pixel_angle: Tensor | None = None,
 ) -> Shading:  # fmt: skip
     """Shade samples [S] seen along unit `view` [S, 3] (towards the viewer).
 

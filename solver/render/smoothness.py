@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 
 from ..field.heads import Materials
 from ..kernels.pointwise import at_hand, rowwise
@@ -22,7 +23,7 @@ CREASE = 0.063
 """angle, rad, by which a lone normal has to be off to count half as much as any edge does (3.6°)"""
 
 
-def saturating(square: torch.Tensor, spread: float) -> torch.Tensor:
+def saturating(square: Tensor, spread: float) -> Tensor:
     """x²/(x² + s²) in [0, 1) of squares x²: nearly quadratic below the spread s, nearly one beyond it.
 
     Geman & McClure's robust function: what is far away is left alone.
@@ -33,7 +34,7 @@ def saturating(square: torch.Tensor, spread: float) -> torch.Tensor:
 def smoothness(
     scene: Scene, tables: StepTables, settings: RenderSettings, random: RandomNumbers,
     samples: Samples, shading: Shading,
-) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
+) -> tuple[Tensor, Tensor]:  # fmt: skip
     """Bending and unevenness, each [S] ≥ 0, of shaded samples [S].
 
     Both look at a random point close by (see `unevenness`); bending at its mirror image beyond the sample
@@ -57,7 +58,7 @@ def smoothness(
     return bends, unevenness(shading.materials, near.materials)
 
 
-def bending(here: torch.Tensor, near: torch.Tensor, beyond: torch.Tensor) -> torch.Tensor:
+def bending(here: Tensor, near: Tensor, beyond: Tensor) -> Tensor:
     """How unevenly a surface bends [S] in [0, 1), from unit normals [S, 3] at a point and at two others,
     equally far from it on opposite sides.
 
@@ -68,7 +69,7 @@ def bending(here: torch.Tensor, near: torch.Tensor, beyond: torch.Tensor) -> tor
     return saturating(square, CREASE)
 
 
-def unevenness(here: Materials, near: Materials) -> torch.Tensor:
+def unevenness(here: Materials, near: Materials) -> Tensor:
     """By how much materials differ [S] from those close by: the steps of albedo, F0 and roughness r.
 
     A step of F0 counts `EVEN_F0` times, for in a pixel that shows two colours a thin metal fits as well as

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import torch
+from torch import Tensor
 
 from ..field.room import Room, contract
 from ..kernels.march import composite
@@ -22,19 +23,19 @@ FARTHEST = 1e-3
 class Surroundings(NamedTuple):
     """The room of R rays: what they see is before + passing · (object + (1 − opacity) · behind)."""
 
-    before: torch.Tensor  # [R, 3] linear Rec.709, premultiplied, between origin and box
-    passing: torch.Tensor  # [R] transmittance of that
-    behind: torch.Tensor  # [R, 3] linear Rec.709, opaque: room and environment
+    before: Tensor  # [R, 3] linear Rec.709, premultiplied, between origin and box
+    passing: Tensor  # [R] transmittance of that
+    behind: Tensor  # [R, 3] linear Rec.709, opaque: room and environment
 
-    def around(self, radiance: torch.Tensor, opacity: torch.Tensor) -> torch.Tensor:
+    def around(self, radiance: Tensor, opacity: Tensor) -> Tensor:
         """Radiance [R, 3] with an object of premultiplied `radiance` and `opacity` [R] within."""
         inside = radiance + (1 - opacity)[:, None] * self.behind
         return self.before + self.passing[:, None] * inside
 
 
 def surroundings(
-    scene: Scene, tables: StepTables, origins: torch.Tensor, directions: torch.Tensor,
-    pixel_angle: torch.Tensor, u: torch.Tensor | None = None,
+    scene: Scene, tables: StepTables, origins: Tensor, directions: Tensor,
+    pixel_angle: Tensor, u: Tensor | None = None,
 ) -> Surroundings:  # fmt: skip
     """The surroundings along world rays [R, 3]; without a room, the environment itself.
 
@@ -65,9 +66,7 @@ def surroundings(
     return Surroundings(before, passing, behind + last[:, None] * light)
 
 
-def light_of_room(
-    room: Room, directions: torch.Tensor, u: torch.Tensor
-) -> tuple[torch.Tensor, torch.Tensor]:
+def light_of_room(room: Room, directions: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
     """Premultiplied radiance [N, 3] and opacity [N] of the room, seen from the box's centre.
 
     Args:
@@ -82,14 +81,12 @@ def light_of_room(
     return seen, 1 - passing
 
 
-def _distance(share: torch.Tensor, reach: torch.Tensor) -> torch.Tensor:
+def _distance(share: Tensor, reach: Tensor) -> Tensor:
     """How far beyond `reach` lies the point by which a `share` of the contracted length is gone."""
     return reach / (1 - share) - reach
 
 
-def _box_span(
-    room: Room, origins: torch.Tensor, directions: torch.Tensor
-) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def _box_span(room: Room, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Distances [R] at which rays enter and leave the box, and how far from its centre that is.
 
     A ray that misses the box has both where it comes closest, or at its start.
@@ -108,9 +105,8 @@ def _box_span(
 
 
 def _seen(
-    room: Room, origins: torch.Tensor, directions: torch.Tensor, edges: torch.Tensor,
-    u: torch.Tensor,
-) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
+    room: Room, origins: Tensor, directions: Tensor, edges: Tensor, u: Tensor,
+) -> tuple[Tensor, Tensor]:  # fmt: skip
     """Premultiplied radiance [R, 3] and transmittance [R] of steps between `edges` [R, N + 1]."""
     rays, steps = len(origins), edges.shape[1] - 1
     distance = torch.lerp(edges[:, :-1], edges[:, 1:], u[:, None])
