@@ -48,7 +48,7 @@ def free_distance(blocked: Tensor) -> Tensor:
 
 
 def blocking_grid(depths: Tensor) -> Tensor:
-    """The grid for `march.grid_transmittance` of optical depths [K + 1, K + 1, K + 1] along a cell's edge."""
+    """The grid for `march.grid_transmittance` of depths [K + 1, K + 1, K + 1], those of a cell's edge."""
     codes = (depths.sqrt() * ROOTS_PER_UNIT).round().clamp(0, EMPTY - 1).to(torch.uint8)
     codes[codes < LEAST_ROOT] = 0
     blocked = of_corners(codes > 0, torch.logical_or)
