@@ -191,8 +191,8 @@ def cases(points: int) -> list[Case]:
     blocking = blocking_grid(3.0 * ((radii - 0.7).abs() < 0.05))
     blockers = Blockers(torch.zeros(3), torch.empty(0, 3), 1.0, 1 / 128, blocking, 0.02)
     u = rand(glossy_rays, 2)
-    # Cells that a ray reads in these scenes, counted once by a plain loop.
-    glossy_cells, probe_cells = 6, 9
+    # Cells that a ray walks through here, and corners that it reads; counted once by a plain loop.
+    glossy_cells, glossy_corners, probe_cells, probe_corners = 7, 18, 11, 24
     # Probes stand right outside of the shell that `free` has.
     probes = 0.5 + 0.4 * torch.nn.functional.normalize(rand(points // 100, 3) - 0.5, dim=-1)
     around = torch.nn.functional.normalize(rand(328, 3) - 0.5, dim=-1)
@@ -247,8 +247,9 @@ def cases(points: int) -> list[Case]:
              LIGHT * 2 * LIGHT * (2 + 3 + 2 * 3) * FLOAT, LIGHT * 2 * LIGHT * (20 + 3 * 9), False),
         # Per ray: about 250 operations for direction and weight, 180 for a mean of three channels, a
         # dozen for a cell of the grid; the adjoint has twice the first and scatters the second.
-        Case("specular", glossy, glossy_rays * (8 * 3 * 8 + glossy_cells + 4 * 33),
-             glossy_rays * (430 + 12 * glossy_cells), False, glossy_rays * (8 + glossy_cells)),
+        Case("specular", glossy, glossy_rays * (8 * 3 * 8 + glossy_corners + 4 * 33),
+             glossy_rays * (430 + 12 * glossy_cells + 4 * glossy_corners), False,
+             glossy_rays * (8 + glossy_cells)),
         Case("specular, adjoint", in_place(lambda: reflected.sum().backward(retain_graph=True)),
              glossy_rays * (3 * 8 * 3 * 8 + 4 * 33), glossy_rays * 700, False,
              glossy_rays * 8),
@@ -261,7 +262,8 @@ def cases(points: int) -> list[Case]:
              rays * 12 * nodes * DENSITY * FLOAT, rays * 12 * 3 * DENSITY * 13),
         Case("look_around", lambda: look_around(
             probes, around, 1.5 / 128, 1 / 128, blockers.blocking),
-             views * (probe_cells + 2 * FLOAT), views * 12 * probe_cells, lines=views * probe_cells),
+             views * (probe_corners + 2 * FLOAT),
+             views * (12 * probe_cells + 4 * probe_corners), lines=views * probe_cells),
         Case("adam, all touched", lambda: (gradient.fill_(1), adam_step(
             parameter, gradient, moments, Rates(1e-3, 0.9, 0.99, 1e-15, 5))),
              9 * planes_bytes * DENSITY, 3 * SIZE * SIZE * DENSITY * 12),
