@@ -34,7 +34,7 @@ LEAST_CLEAR = 1e-4
 """of that, below which a node has no probe; in a crevice none is clear, and one that is half in it does"""
 STAND_IN, STAND_IN_REACH = 1e-6, 2
 """how much a node without a probe counts, and from how many nodes away one with a probe stands in for it"""
-LIFT_NODES = 0.5
+LIFT_NODES = 0.35
 """how far before a surface its light is looked up, so that nodes behind it count little"""
 
 
