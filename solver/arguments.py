@@ -24,16 +24,10 @@ def add_ignore(command: argparse.ArgumentParser) -> None:
 def add_capture(command: argparse.ArgumentParser, kinds: str) -> None:
     """Add the arguments for a capture, of these kinds, and its pictures."""
     command.add_argument("capture", type=Path, help=kinds)
-    for name, place in (
-        ("photos", "in the capture's folder"),
-        ("masks", "in a folder 'masks' there"),
-    ):
-        command.add_argument(
-            f"--{name}",
-            type=Path,
-            metavar="DIR",
-            help=f"folder or archive of the {name}, if not {place}",
-        )
+    places = {"photos": "in the capture's folder", "masks": "in a folder 'masks' there"}
+    for name, place in places.items():
+        purpose = f"folder or archive of the {name}, if not {place}"
+        command.add_argument(f"--{name}", type=Path, metavar="DIR", help=purpose)
     add_ignore(command)
 
 

@@ -30,6 +30,16 @@ class Column:
 
 
 @wp.struct
+class Sides:
+    """Left and right columns of a rectangle, and those behind a pole, half a turn away."""
+
+    x0: Column
+    x1: Column
+    far0: Column
+    far1: Column
+
+
+@wp.struct
 class Slab:
     """An integral over columns x0..x1 and rows 0..y, and its slopes by y, x1 and x0."""
 
@@ -74,28 +84,26 @@ def slab(table: Table, c: int, x0: Column, x1: Column, y: wp.float64):
 
 
 @wp.func
-def slab_over_poles(
-    table: Table, c: int, x0: Column, x1: Column, far0: Column, far1: Column, y: wp.float64
-):
+def slab_over_poles(table: Table, c: int, at: Sides, y: wp.float64):
     """`slab` for y in [−H, 2H]: past a pole the map goes on half a turn away (`far`), mirrored."""
     height = wp.float64(table.shape[0] - 1)
     found = Slab()
     if y < ZERO:
-        mirrored = slab(table, c, far0, far1, -y)
+        mirrored = slab(table, c, at.far0, at.far1, -y)
         found.value = -mirrored.value
         found.by_y = mirrored.by_y
         found.by_x1 = -mirrored.by_x1
         found.by_x0 = -mirrored.by_x0
     elif y > height:
-        near = slab(table, c, x0, x1, height)
-        behind = slab(table, c, far0, far1, height)
-        mirrored = slab(table, c, far0, far1, TWO * height - y)
+        near = slab(table, c, at.x0, at.x1, height)
+        behind = slab(table, c, at.far0, at.far1, height)
+        mirrored = slab(table, c, at.far0, at.far1, TWO * height - y)
         found.value = near.value + behind.value - mirrored.value
         found.by_y = mirrored.by_y
         found.by_x1 = near.by_x1 + behind.by_x1 - mirrored.by_x1
         found.by_x0 = near.by_x0 + behind.by_x0 - mirrored.by_x0
     else:
-        found = slab(table, c, x0, x1, y)
+        found = slab(table, c, at.x0, at.x1, y)
     return found
 
 
@@ -125,29 +133,35 @@ def edges_of(centre: Vectors, size: Vectors, n: int, axis: int):
     return wp.vec2d(wp.float64(centre[n, axis]) - half, wp.float64(centre[n, axis]) + half)
 
 
+@wp.func
+def sides_of(centre: Vectors, size: Vectors, n: int, width: int):
+    x = edges_of(centre, size, n, 0)
+    turn = HALF * wp.float64(width)
+    found = Sides()
+    found.x0 = column_of(x[0], width)
+    found.x1 = column_of(x[1], width)
+    found.far0 = column_of(x[0] + turn, width)
+    found.far1 = column_of(x[1] + turn, width)
+    return found
+
+
 @wp.kernel
 def _rectangle_mean(
     table: Table, rows: wp.array(dtype=wp.float64), centre: Vectors, size: Vectors, out: Vectors,
     slope: Grid,
 ):  # fmt: skip
     n = wp.tid()
-    width = table.shape[1] - 1
-    x = edges_of(centre, size, n, 0)
+    at = sides_of(centre, size, n, table.shape[1] - 1)
     y = edges_of(centre, size, n, 1)
     columns = wp.float64(size[n, 0])
-    turn = HALF * wp.float64(width)
-    x0 = column_of(x[0], width)
-    x1 = column_of(x[1], width)
-    far0 = column_of(x[0] + turn, width)
-    far1 = column_of(x[1] + turn, width)
     below = row_integral_over_poles(rows, y[1])
     above = row_integral_over_poles(rows, y[0])
     area = columns * (below[0] - above[0])
     area_slope = columns * (below[1] - above[1])
     lines_slope = columns * (below[1] + above[1])
     for c in range(3):
-        a = slab_over_poles(table, c, x0, x1, far0, far1, y[1])
-        b = slab_over_poles(table, c, x0, x1, far0, far1, y[0])
+        a = slab_over_poles(table, c, at, y[1])
+        b = slab_over_poles(table, c, at, y[0])
         mean = (a.value - b.value) / area
         out[n, c] = float(mean)
         slope[n, c, 0] = float(((a.by_x1 - b.by_x1) - (a.by_x0 - b.by_x0)) / area)
@@ -175,19 +189,16 @@ def scatter_slab(grad: Table, x0: Column, x1: Column, y: wp.float64, g: wp.float
 
 
 @wp.func
-def scatter_over_poles(
-    grad: Table, x0: Column, x1: Column, far0: Column, far1: Column, y: wp.float64, g: wp.float64,
-    c: int,
-):  # fmt: skip
+def scatter_over_poles(grad: Table, at: Sides, y: wp.float64, g: wp.float64, c: int):
     height = wp.float64(grad.shape[0] - 1)
     if y < ZERO:
-        scatter_slab(grad, far0, far1, -y, -g, c)
+        scatter_slab(grad, at.far0, at.far1, -y, -g, c)
     elif y > height:
-        scatter_slab(grad, x0, x1, height, g, c)
-        scatter_slab(grad, far0, far1, height, g, c)
-        scatter_slab(grad, far0, far1, TWO * height - y, -g, c)
+        scatter_slab(grad, at.x0, at.x1, height, g, c)
+        scatter_slab(grad, at.far0, at.far1, height, g, c)
+        scatter_slab(grad, at.far0, at.far1, TWO * height - y, -g, c)
     else:
-        scatter_slab(grad, x0, x1, y, g, c)
+        scatter_slab(grad, at.x0, at.x1, y, g, c)
 
 
 @wp.kernel
@@ -197,20 +208,14 @@ def _rectangle_mean_backward(
     n, c = wp.tid()
     if cotangent[n, c] == 0.0:
         return
-    width = grad.shape[1] - 1
-    x = edges_of(centre, size, n, 0)
+    at = sides_of(centre, size, n, grad.shape[1] - 1)
     y = edges_of(centre, size, n, 1)
     columns = wp.float64(size[n, 0])
-    turn = HALF * wp.float64(width)
-    x0 = column_of(x[0], width)
-    x1 = column_of(x[1], width)
-    far0 = column_of(x[0] + turn, width)
-    far1 = column_of(x[1] + turn, width)
     below = row_integral_over_poles(rows, y[1])
     above = row_integral_over_poles(rows, y[0])
     g = wp.float64(cotangent[n, c]) / (columns * (below[0] - above[0]))
-    scatter_over_poles(grad, x0, x1, far0, far1, y[1], g, c)
-    scatter_over_poles(grad, x0, x1, far0, far1, y[0], -g, c)
+    scatter_over_poles(grad, at, y[1], g, c)
+    scatter_over_poles(grad, at, y[0], -g, c)
 
 
 def rectangle_mean(table, rows, centre, size, out, slope) -> None:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..capture.capture import Capture
-from ..capture.errors import counted
 from .findings import Finding, note, warning
 
 REACH = 30.0
@@ -75,10 +74,11 @@ def coverage(capture: Capture) -> list[Finding]:
         )
     away = looking_away(capture)
     if len(away) > MOST_AWAY * count:
+        do = "does" if len(away) == 1 else "do"
         found.append(
-            warning(counted(f"{len(away)} of {count} cameras (the first: {away[0]}) does|do not see the "
-                    "region, but only an object that all photos show is reconstructed, not the "
-                    "surroundings; if there is one, move the region box to it"))
+            warning(f"{len(away)} of {count} cameras (the first: {away[0]}) {do} not see the region, but "
+                    "only an object that all photos show is reconstructed, not the surroundings; if there "
+                    "is one, move the region box to it")
         )  # fmt: skip
         return found
     seen = coverage_of(capture)
