@@ -157,9 +157,6 @@ def cases(points: int) -> list[Case]:
 
         return inside
 
-    def twin_backward(lookup, at, factors):
-        return lambda: torch.autograd.grad(lookup(at, *factors).sum(), factors)
-
     nodes = 3 * (4 + 2)  # that a lookup meets
     smooth_nodes = 3 * (12 + 4)
     planes_bytes = FLOAT * 3 * SIZE * SIZE
@@ -186,8 +183,8 @@ def cases(points: int) -> list[Case]:
             rand(shaded, 3).requires_grad_(), table.detach().requires_grad_()]  # fmt: skip
     glossy_rays = 5 * shaded
     first = 5 * torch.arange(shaded + 1)
-    nodes = torch.linspace(-1, 1, 129)
-    radii = (nodes[:, None, None] ** 2 + nodes[None, :, None] ** 2 + nodes[None, None] ** 2).sqrt()
+    axis = torch.linspace(-1, 1, 129)
+    radii = (axis[:, None, None] ** 2 + axis[None, :, None] ** 2 + axis[None, None] ** 2).sqrt()
     blocking = blocking_grid(3.0 * ((radii - 0.7).abs() < 0.05))
     blockers = Blockers(torch.zeros(3), torch.empty(0, 3), 1.0, 1 / 128, blocking, 0.02)
     u = rand(glossy_rays, 2)

@@ -20,11 +20,15 @@ def prepare_runtimes() -> None:
     one that spin while they wait take the cores from the other, and from Blender: with two fits at once
     on two cores, a step took five times as long.
 
+    numpy's and scipy's products of matrices, which are small here, stay on one core: OpenBLAS makes them
+    three times as slow on two.
+
     On Linux, torch asks for huge pages for large tensors. Steps look up grids all over; with common pages
     a step takes 1.07 times as long.
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     os.environ.setdefault("GOMP_SPINCOUNT", "0")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("THP_MEM_ALLOC_ENABLE", "1")
 
 

@@ -1,5 +1,6 @@
 """For all tests: the same examples every time, no network, threads that wait as the solver's do."""
 
+import os
 import socket
 
 import pytest
@@ -8,6 +9,13 @@ from hypothesis import settings
 from solver.threads import prepare_runtimes
 
 prepare_runtimes()
+if "PYTEST_XDIST_WORKER" in os.environ:
+    # Processes side by side have a core each. With a thread for each core of all, the same tests take 1.7
+    # times as long on two cores.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    import numba
+
+    numba.set_num_threads(1)
 
 settings.register_profile("project", deadline=None, derandomize=True)
 settings.load_profile("project")

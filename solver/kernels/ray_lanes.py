@@ -83,22 +83,11 @@ for _kind in (rays, crowd):
         (operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">="),
     ):  # fmt: skip
         of_two(_operation, _kind, _flags, _comparison(_sign))
+    of_two(operator.and_, _flags, _flags, ir.IRBuilder.and_, lambda of: False)
     for _operation, _generate in (
         (operator.neg, ir.IRBuilder.fneg), (abs, _called("fabs")), (math.sqrt, _called("sqrt")),
     ):  # fmt: skip
         _of_one(_operation, _kind, _generate)
-
-
-@infer_global(operator.and_)
-class _AndTyping(AbstractTemplate):
-    def generic(self, of, _):
-        same = len(of) == 2 and isinstance(of[0], Flags) and of[0] == of[1]
-        return signature(of[0], *of) if same else None
-
-
-lower_builtin(operator.and_, Flags, Flags)(
-    lambda _, builder, signature, values: builder.and_(*values)
-)
 
 
 @intrinsic

@@ -84,7 +84,7 @@ def test_blurred_photos_are_left_out_with_a_warning_unless_most_are(tmp_path):
 
     capture = read_capture(make_polycam(tmp_path / "a", edit=one))
     assert [c.name for c in capture.cameras] == ["1000", "1001", "1003", "1004"]
-    assert "1 photos that Polycam scores as blurred" in capture.warnings[0]
+    assert "1 photo that Polycam scores as blurred is left out" in capture.warnings[0]
     all_blurred = make_polycam(
         tmp_path / "b", edit=lambda i, content: content.update(blur_score=3.0)
     )
