@@ -21,6 +21,14 @@ def add_ignore(command: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def add_command(
+    commands: argparse._SubParsersAction, name: str, purpose: str
+) -> argparse.ArgumentParser:
+    """A command that says what it is for among all, and in its own help."""
+    description = f"{purpose[0].upper()}{purpose[1:]}."
+    return commands.add_parser(name, help=purpose, description=description)
+
+
 def add_capture(command: argparse.ArgumentParser, kinds: str) -> None:
     """Add the arguments for a capture, of these kinds, and its pictures."""
     command.add_argument("capture", type=Path, help=kinds)

@@ -15,6 +15,7 @@ from pathlib import Path
 from . import __version__
 from .arguments import (
     add_capture,
+    add_command,
     add_ignore,
     add_seed,
     add_settings,
@@ -83,7 +84,7 @@ def _parser() -> argparse.ArgumentParser:
     add_frames(commands)
     add_check(commands)
     add_pictures(commands)
-    new = commands.add_parser("reconstruct", help="turn photos into mesh, textures and light")
+    new = add_command(commands, "reconstruct", "turn photos into mesh, textures and light")
     add_capture(new, "folder, camera file or archive")
     new.add_argument("--out", type=Path, required=True, metavar="JOB", help="new job folder")
     new.add_argument("--preset", help="draft (default), standard or paper")
@@ -96,17 +97,17 @@ def _parser() -> argparse.ArgumentParser:
     add_settings(new, "section.field=value", "change a setting (see docs/manual.md)")
     new.set_defaults(run=_reconstruct)
 
-    run = commands.add_parser("run", help="run or resume a job folder (how Blender starts it)")
+    run = add_command(commands, "run", "run or resume a job folder (how Blender starts it)")
     _add_job(run, "its folder")
     run.add_argument("--events", action="store_true", help="events on stdout, no bar")
     run.set_defaults(run=_run)
 
-    render = commands.add_parser("render", help="render a finished job from given cameras")
+    render = add_command(commands, "render", "render a finished job from given cameras")
     _add_job(render)
     _add_views(render)
     render.set_defaults(run=_render)
 
-    compose = commands.add_parser("compose", help="render several jobs together under one light")
+    compose = add_command(commands, "compose", "render several jobs together under one light")
     compose.add_argument(
         "jobs", type=Path, nargs="+", metavar="JOB", help="folders of finished jobs"
     )
@@ -117,7 +118,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_views(compose)
     compose.set_defaults(run=_compose)
 
-    evaluate = commands.add_parser("evaluate", help="compare renders with held-out photos")
+    evaluate = add_command(commands, "evaluate", "compare renders with held-out photos")
     _add_job(evaluate)
     _add_cameras(evaluate, "camera file with photos, or an archive with both")
     evaluate.add_argument("--photos", type=Path, metavar="DIR", help="theirs, if not in its folder")
@@ -128,19 +129,15 @@ def _parser() -> argparse.ArgumentParser:
     _add_rendering(evaluate)
     evaluate.set_defaults(run=_evaluate)
 
-    export = commands.add_parser("export", help="copy a job's asset files, or bake them again")
+    export = add_command(commands, "export", "copy a job's asset files, or bake them again")
     _add_job(export)
     export.add_argument("--out", type=Path, metavar="DIR", help="new folder; default: JOB/export")
     add_settings(export, "asset.field=value", "bake again with another mesh or other textures")
     export.set_defaults(run=_export)
 
-    loops = commands.add_parser("compile", help="compile what the first fit would have to wait for")
-    loops.set_defaults(run=_compile)
-
-    doctor = commands.add_parser("doctor", help="show what this machine can do")
-    doctor.set_defaults(run=_doctor)
-    for listed in commands._choices_actions:  # their own help says what they do, too
-        commands.choices[listed.dest].description = f"{listed.help[0].upper()}{listed.help[1:]}."
+    purpose = "compile what the first fit would have to wait for"
+    add_command(commands, "compile", purpose).set_defaults(run=_compile)
+    add_command(commands, "doctor", "show what this machine can do").set_defaults(run=_doctor)
     return parser
 
 

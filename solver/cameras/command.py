@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from ..arguments import add_ignore, add_seed
+from ..arguments import add_command, add_ignore, add_seed
 from ..capture.errors import CaptureError
 from ..capture.ignored import check_ignored
 from ..capture.photo_finder import PhotoFinder
@@ -36,7 +36,7 @@ MOST_SEED = (1 << 31) - 1
 
 def add_solve(commands: argparse._SubParsersAction) -> None:
     """Add the command to the command line."""
-    solve = commands.add_parser("solve", help="find the cameras of photos or a video")
+    solve = add_command(commands, "solve", "find the cameras of photos or a video")
     solve.add_argument("photos", type=Path, help="folder of photos, their archive, or a video")
     solve.add_argument(
         "--out", type=Path, metavar="FOLDER",
@@ -71,7 +71,7 @@ def add_solve(commands: argparse._SubParsersAction) -> None:
 
 def add_frames(commands: argparse._SubParsersAction) -> None:
     """Add the command to the command line."""
-    command = commands.add_parser("frames", help="extract photos from a video")
+    command = add_command(commands, "frames", "extract photos from a video")
     command.add_argument("video", type=Path, help="MP4, MOV and others")
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder")
     command.add_argument(

@@ -16,17 +16,21 @@ NEGLIGIBLE = 1e-3
 """cotangents below this share of their mean are left out of sums over many samples"""
 
 
-class _Products(torch.autograd.Function):
+class _Lookup(torch.autograd.Function):
+    """`vm_products` or `vm_gradient`, of so many numbers a point."""
+
     @staticmethod
-    def forward(ctx, points, planes, lines):
+    def forward(ctx, points, planes, lines, name, numbers):
         ctx.save_for_backward(points, planes, lines)
-        out = planes.new_empty(len(points), 3 * planes.shape[3])
-        kernels("vm", out.device).vm_products(points, planes, lines, out)
+        ctx.name = name
+        out = planes.new_empty(len(points), numbers)
+        getattr(kernels("vm", out.device), name)(points, planes, lines, out)
         return out
 
     @staticmethod
     def backward(ctx, cotangent):
-        return None, *_to_factors("vm_products_backward", ctx.saved_tensors, cotangent)
+        gradients = _to_factors(f"{ctx.name}_backward", ctx.saved_tensors, cotangent)
+        return None, *gradients, None, None
 
 
 class _Sum(torch.autograd.Function):
@@ -48,19 +52,6 @@ class _Sum(torch.autograd.Function):
             least = float(least)  # where nothing waits for it
         gradients = _to_factors("vm_sum_backward", ctx.saved_tensors, cotangent, least)
         return None, *gradients, None
-
-
-class _Gradient(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx, points, planes, lines):
-        ctx.save_for_backward(points, planes, lines)
-        out = planes.new_empty(len(points), 3)
-        kernels("vm", out.device).vm_gradient(points, planes, lines, out)
-        return out
-
-    @staticmethod
-    def backward(ctx, cotangent):
-        return None, *_to_factors("vm_gradient_backward", ctx.saved_tensors, cotangent)
 
 
 class _Smooth(torch.autograd.Function):
@@ -102,11 +93,16 @@ def _contiguous(*tensors: Tensor) -> tuple[Tensor, ...]:
     return tuple(tensor.contiguous() for tensor in tensors)
 
 
+def _looked_up(name: str, numbers: int, points: Tensor, planes: Tensor, lines: Tensor) -> Tensor:
+    points = points.detach()
+    if fast(planes):
+        return _Lookup.apply(points.contiguous(), *_contiguous(planes, lines), name, numbers)
+    return getattr(vm_torch, name)(points, planes, lines)
+
+
 def vm_products(points: Tensor, planes: Tensor, lines: Tensor) -> Tensor:
     """All 3·C products at points [N, 3] in grid units → [N, 3·C]."""
-    if fast(planes):
-        return _Products.apply(points.detach().contiguous(), *_contiguous(planes, lines))
-    return vm_torch.vm_products(points.detach(), planes, lines)
+    return _looked_up("vm_products", 3 * planes.shape[3], points, planes, lines)
 
 
 def vm_sum(points: Tensor, planes: Tensor, lines: Tensor, known: Tensor | None = None) -> Tensor:
@@ -122,9 +118,7 @@ def vm_sum(points: Tensor, planes: Tensor, lines: Tensor, known: Tensor | None =
 
 def vm_gradient(points: Tensor, planes: Tensor, lines: Tensor) -> Tensor:
     """Gradient per grid unit of the sum at points [N, 3] → [N, 3]; see `vm_torch`."""
-    if fast(planes):
-        return _Gradient.apply(points.detach().contiguous(), *_contiguous(planes, lines))
-    return vm_torch.vm_gradient(points.detach(), planes, lines)
+    return _looked_up("vm_gradient", 3, points, planes, lines)
 
 
 def smooth_planes(planes: Tensor, taps: Tensor) -> Tensor:

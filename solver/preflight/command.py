@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..arguments import add_capture
+from ..arguments import add_capture, add_command
 from ..job.exit_codes import CANCELLED, DONE
 from ..job.folder import JobFolder
 from ..job.request import DEVICES
@@ -26,7 +26,7 @@ KINDS = "folder, camera file, archive, or a job"
 
 def add_check(commands: argparse._SubParsersAction) -> None:
     """Add the command to the command line."""
-    check = commands.add_parser("check", help="look for problems in a capture, in seconds")
+    check = add_command(commands, "check", "look for problems in a capture, in seconds")
     add_capture(check, KINDS)
     check.add_argument("--preset", help="draft, standard or paper; default: the job's, or draft")
     check.add_argument(
@@ -38,7 +38,7 @@ def add_check(commands: argparse._SubParsersAction) -> None:
 
 def add_pictures(commands: argparse._SubParsersAction) -> None:
     """Add the command to the command line."""
-    pictures = commands.add_parser("pictures", help="make JPEGs of HEIC, AVIF and raw photos")
+    pictures = add_command(commands, "pictures", "make JPEGs of HEIC, AVIF and raw photos")
     add_capture(pictures, KINDS)
     pictures.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for them, new or empty"
