@@ -70,7 +70,7 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
         row = layout.row(align=True)
         text = f"{cameras} photo|photos with camera|cameras"
         row.label(text=counted(text), icon="IMAGE_DATA")
-        if hidden_cameras(collection):
+        if hidden_cameras(collection) and not side_task.running:
             row.operator("nmf.show_photos", icon="HIDE_ON")
         report = check_report(collection)
         if region_box(collection) is None:

@@ -83,7 +83,8 @@ class NMF_OT_use_moving_camera(bpy.types.Operator):
             with bpy.context.temp_override(scene=scene, view_layer=layer):
                 made = capture_shot(bpy.context, found, film, pictures, cameras)
             scene.nmf.capture, made_number = made, made.session_uid
-            task.holds_for = lambda c: c.session_uid == made_number
+            if looked_at:
+                task.holds_for = lambda c: c.session_uid == made_number
             task.model.text = f"{len(pictures)} photos extracted"
             bpy.ops.ed.undo_push(message=NMF_OT_use_moving_camera.bl_label)
 

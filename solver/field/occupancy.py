@@ -57,12 +57,13 @@ class Occupancy(nn.Module):
         occupied = of_corners(sigma > -math.log1p(-min_alpha) / step, torch.logical_or)
         occupied = dilated(occupied, dilation)
         cell = 2 * field.half_size / self.cells
-        self.fill(occupied & self.allowed, sigma * cell * self._allowed_corners())
+        self.fill(occupied & self.allowed, sigma * cell)
 
     def fill(self, occupied: Tensor, corner_depth: Tensor) -> None:
-        """Take over a boolean grid of what may be occupied, and optical depths at corners."""
-        self.occupied, self.corner_depth = occupied, corner_depth
-        self.free, self.blocking = free_distance(occupied), blocking_grid(corner_depth)
+        """Take over a boolean grid of what may be occupied, and optical depths at corners, which count
+        where something may be."""
+        self.occupied, self.corner_depth = occupied, corner_depth * self._allowed_corners()
+        self.free, self.blocking = free_distance(occupied), blocking_grid(self.corner_depth)
 
     def optical_depth(self) -> Tensor:
         """Optical depths [K, K, K] of cells whose eighths are as deep as their corners, side by side.

@@ -231,13 +231,14 @@ def _floor_of(state: dict) -> Floor | None:
     return values and Floor(tuple(values["up"]), values["height"], tuple(values["centre"]))
 
 
+@torch.no_grad()
 def _restore_occupancy(scene: Scene, tensors: dict[str, Tensor]) -> None:
+    scene.occupancy.allowed = tensors["allowed"]
     depth = tensors.get("corner_depth")
     if depth is None:  # an older job's: as its field is
         sigma = scene.field.extinction(scene.field.raw_density_grid(scene.occupancy.cells + 1))
-        depth = sigma.detach() * scene.cell
+        depth = sigma * scene.cell
     scene.occupancy.fill(tensors["occupancy"], depth)
-    scene.occupancy.allowed = tensors["allowed"]
 
 
 def _probe_tensors(scene: Scene) -> dict[str, Tensor]:

@@ -1,4 +1,4 @@
-"""Low-discrepancy points for the secondary rays: Owen-scrambled Sobol, rotated per sample.
+"""Low-discrepancy points for the secondary rays: Owen-scrambled Sobol, turned for each primary ray.
 
 All numbers are functions of (seed, step, purpose, key), where the key names a pixel or a sample
 along its ray. So an image does not depend on how its pixels are batched, nor on the device.
@@ -23,7 +23,7 @@ PURPOSES = 10
 class RandomNumbers:
     """Random numbers of one rendering; `at` makes those of an optimisation step."""
 
-    def __init__(self, seed: int, device: torch.device | str = "cpu", points: int = 1024):
+    def __init__(self, seed: int, device: torch.device | str = "cpu", points: int = 1 << 16):
         engine = torch.quasirandom.SobolEngine(2, scramble=True, seed=seed)
         self.points = engine.draw(points).to(device)
         self.seed = seed

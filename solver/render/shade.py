@@ -57,8 +57,8 @@ def shade(
     """Shade samples [S] seen along unit `view` [S, 3] (towards the viewer).
 
     Args:
-        mass: [S] by how much of its pixel each sample stands for, which shares out the rays.
-        rays: secondary rays a pixel.
+        mass: [S] by how much of its primary ray each sample stands for, which shares out the rays.
+        rays: secondary rays a primary ray.
         trace: traces secondary rays through the field: (origins, directions, keys, start) →
             (radiance [K, 3], transmittance [K]); None at the last bounce.
         pixel_angle: [R] angular width of each ray's pixel, rad; None: rays have no width.

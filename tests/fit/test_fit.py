@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 from safetensors import SafetensorError
+from safetensors.torch import load, save
 
 from solver import replacing
 from solver.capture.camera import Camera
@@ -159,6 +160,28 @@ def test_a_fit_under_a_time_limit_is_resumed_where_it_was_not_where_its_steps_sa
     assert FitClock(settings, other.fraction, None).fraction(other.step) == 0.9
     other.advance(0.1)
     assert (other.scene.field.size, other.scene.environment.height) == (size, rows)
+
+
+def test_a_checkpoint_of_before_depths_at_corners_has_them_from_its_field_where_something_may_be(
+    tmp_path,
+):
+    """A fixed bug: what the field holds outside, which no photo knows, blocked light."""
+    trainer, *_ = trained(1)
+    occupancy = trainer.scene.occupancy
+    occupancy.allowed = occupancy.allowed.clone()
+    occupancy.allowed[: len(occupancy.allowed) // 2] = False
+    trainer.refresh_occupancy()
+    folder = tmp_path / "checkpoint"
+    checkpoint.save_checkpoint(trainer, folder, 1.0, done=False)
+    expected = checkpoint.load_scene(folder)[0].occupancy.corner_depth
+    path = folder / "scene.safetensors"
+    path.write_bytes(
+        save({k: v for k, v in load(path.read_bytes()).items() if k != "corner_depth"})
+    )
+    found = checkpoint.load_scene(folder)[0].occupancy.corner_depth
+    assert float(expected.amax()) > 0 == float(expected[: len(expected) // 2].amax())
+    torch.testing.assert_close(found, expected, rtol=1e-2, atol=1e-3)
+    assert not found.requires_grad
 
 
 def test_a_checkpoint_does_not_hold_on_to_its_file(tmp_path):

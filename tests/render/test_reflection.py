@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 import torch
 
+from solver.cli import MOST_RAYS
 from solver.field.heads import Materials
 from solver.kernels.backend import forced_path, plain_torch
 from solver.light.environment import EnvironmentMap, equirect_directions
@@ -199,3 +200,10 @@ def test_blocked_rays_are_chosen_as_by_the_plain_twin(budget):
     torch.testing.assert_close(probability, same_probability)
     blocked = int(((passing < CLEAR) & (mass[sample] > 0)).sum())
     assert abs(len(chosen) - min(budget, blocked)) <= 1
+
+
+def test_as_many_rays_as_can_be_asked_for_have_points_of_their_own():
+    """A fixed bug: since all samples along a ray share a set, rays from the 1,025th on were those before."""
+    points = RandomNumbers(3).points
+    assert len(points.unique(dim=0)) >= 0.99 * MOST_RAYS
+    assert torch.equal(points[:1024], RandomNumbers(3, points=1024).points)
