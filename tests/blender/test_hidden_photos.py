@@ -98,6 +98,8 @@ def test_the_panel_offers_to_show_what_blender_cannot_until_it_is_shown(
     bpy.context.scene.nmf.capture = capture
     assert ("operator", "nmf.show_photos") in draw("capture")[0]
     bpy.ops.nmf.show_photos()
+    # A button that greys under the pointer stays so until the next redraw.
+    assert ("operator", "nmf.show_photos") not in draw("capture")[0]
     task.finish()
     assert ("operator", "nmf.show_photos") not in draw("capture")[0]
 

@@ -345,13 +345,14 @@ def test_a_camera_that_is_gone_when_its_photos_are_there_is_named(task, fake_sol
 
 
 def test_a_capture_comes_to_the_scene_of_its_camera_while_another_is_looked_at(
-    task, fake_solver, camera, video
+    draw, task, fake_solver, camera, video
 ):
     mine, other = bpy.context.scene, bpy.data.scenes.new("Another")  # first by its name
     bpy.ops.nmf.use_moving_camera(first=4, last=20)
     bpy.context.window.scene = other
     task.finish()
     assert task.model.text == "3 photos extracted", task.model.error
+    assert "3 photos extracted" in draw("capture")[1], "told wherever the person looks"
     assert other.nmf.capture is None and not other.collection.children
     capture = mine.nmf.capture
     assert capture in list(mine.collection.children) and bpy.context.scene == other
