@@ -9,7 +9,7 @@
 #
 # PYTHON=…           the Python to build .venv with, 3.11 or 3.13: make demo PYTHON=python3.13
 # PIP_ARGUMENTS=…    more for pip install, such as --extra-index-url with PyTorch's index for CPUs
-# WORKERS=…          processes that run the solver's tests, 2 unless said; each takes up to 2 GB
+# WORKERS=…          processes that run tests side by side, 2 unless said; each takes up to 2 GB
 # NMF_REAL_BLENDER=… a program that starts a real Blender; with it, `make test` tests there too
 
 SUPPORTED = import sys, venv; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 13)))
@@ -59,7 +59,7 @@ test-solver: $(STAMP)
 		-n $(WORKERS) --dist loadfile --max-worker-restart 0
 
 test-blender: $(STAMP)
-	$(BIN)/python -m pytest -q tests/blender
+	$(BIN)/python -m pytest -q tests/blender -n $(WORKERS) --dist loadfile --max-worker-restart 0
 
 test-window: $(STAMP)
 	@if [ -z "$(NMF_REAL_BLENDER)" ]; then \

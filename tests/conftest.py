@@ -2,6 +2,7 @@
 
 import os
 import socket
+import sys
 
 import pytest
 from hypothesis import settings
@@ -9,13 +10,9 @@ from hypothesis import settings
 from solver.threads import prepare_runtimes
 
 prepare_runtimes()
-if "PYTEST_XDIST_WORKER" in os.environ:
-    # Processes side by side have a core each. With a thread for each core of all, the same tests take 1.7
-    # times as long on two cores.
+SIDE_BY_SIDE = "PYTEST_XDIST_WORKER" in os.environ
+if SIDE_BY_SIDE:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    import numba
-
-    numba.set_num_threads(1)
 
 settings.register_profile("project", deadline=None, derandomize=True)
 settings.load_profile("project")
@@ -36,3 +33,19 @@ def _connect_here(self, address):
 @pytest.fixture(autouse=True)
 def no_network(monkeypatch):
     monkeypatch.setattr(socket.socket, "connect", _connect_here)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def a_core_each():
+    """Of processes side by side. With a thread for each core of all, the same tests take 1.7 times as long
+    on two cores."""
+    if SIDE_BY_SIDE and "numba" in sys.modules:  # which Blender's tests do without
+        sys.modules["numba"].set_num_threads(1)
+
+
+@pytest.fixture(scope="session")
+def duck(tmp_path_factory):
+    """The sample, made small; not to be written to."""
+    from tests.small_duck import write_small_duck
+
+    return write_small_duck(tmp_path_factory.mktemp("small") / "duck")

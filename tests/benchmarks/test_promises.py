@@ -5,7 +5,7 @@ import json
 import pytest
 
 from benchmarks.promises import errors_of_time_left, last_step, measure, page
-from tests.cli.command import DUCK, TINY
+from tests.cli.command import TINY
 
 
 def write_events(folder, told):
@@ -39,8 +39,8 @@ def test_the_page_says_how_much_of_a_limit_was_taken_and_how_far_off_times_were(
     assert "| a | 60 | 57 | 95 % | 321 | – | – |" in text
 
 
-def test_a_job_with_a_limit_is_measured(tmp_path):
+def test_a_job_with_a_limit_is_measured(duck, tmp_path):
     changes = [*TINY[1::2], "fit.steps=100000"]
-    row = measure(DUCK, tmp_path / "job", "draft", 30.0, changes)
+    row = measure(duck, tmp_path / "job", "draft", 30.0, changes)
     assert row["steps"] > 1 and row["seconds"] > 5 and row["limit"] == 30.0
     assert all(error > -1 for error in row["errors"])

@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.quality import SETTINGS, stage_seconds
 from benchmarks.tables import METRICS, PAPER, ablation_table, quality_table, write_page
-from tests.cli.command import DUCK, ROOT, TINY
+from tests.cli.command import ROOT, TINY
 
 
 def row(scene="ball", setting="default", paper_scene=None, **mean):
@@ -102,8 +102,8 @@ def test_stages_of_a_resumed_job_are_added_up(tmp_path):
     assert stage_seconds(tmp_path) == {"fit": 12, "asset": 5}
 
 
-def test_rows_are_measured_once_and_the_run_can_be_taken_up_again(tmp_path):
-    scene = shutil.copytree(DUCK, tmp_path / "duck", ignore=shutil.ignore_patterns("*studio*"))
+def test_rows_are_measured_once_and_the_run_can_be_taken_up_again(duck, tmp_path):
+    scene = shutil.copytree(duck, tmp_path / "duck", ignore=shutil.ignore_patterns("*studio*"))
     cameras = json.loads((scene / "transforms_test.json").read_text())
     some = {**cameras, "frames": cameras["frames"][:2]}
     (scene / "transforms_test.json").write_text(json.dumps(some))

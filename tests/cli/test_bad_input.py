@@ -16,7 +16,7 @@ from solver.arguments import unpack_archives
 from solver.job.folder import JobFolder
 from solver.job.request import JobRequest
 from tests.capture.test_capture import make_capture, set_pose
-from tests.cli.command import DUCK, ROOT, solver
+from tests.cli.command import ROOT, solver
 
 
 def cut_in_half(path):
@@ -136,22 +136,22 @@ def test_what_was_there_before_bad_input_stays(before, tmp_path):
     assert options or list(root.iterdir()) == []
 
 
-def test_an_unknown_setting_is_named(tmp_path):
+def test_an_unknown_setting_is_named(tmp_path, duck):
     for text in ("fit.speed=1", "nothing.at=2", "fit.steps=many", "fit"):
-        result = solver("reconstruct", DUCK, "--out", tmp_path / "job", "--set", text)
+        result = solver("reconstruct", duck, "--out", tmp_path / "job", "--set", text)
         assert result.returncode == 2 and text.split("=")[0] in result.stderr
         assert not (tmp_path / "job").exists()
 
 
-def test_numbers_that_are_none_are_told_so(job, tmp_path):
+def test_numbers_that_are_none_are_told_so(job, tmp_path, duck):
     for options, words in (
         (["--seed", "9" * 30], "whole number"), (["--time-limit", "soon"], "'soon' is not a number"),
     ):  # fmt: skip
-        result = solver("reconstruct", DUCK, "--out", tmp_path / "no", *options)
+        result = solver("reconstruct", duck, "--out", tmp_path / "no", *options)
         assert result.returncode == 2 and words in result.stderr
-    result = solver("render", job, "--cameras", DUCK, "--out", tmp_path / "no", "--rays", 0)
+    result = solver("render", job, "--cameras", duck, "--out", tmp_path / "no", "--rays", 0)
     assert result.returncode == 2 and "from 1 to" in result.stderr
-    result = solver("solve", DUCK, "--out", tmp_path / "no", "--seed", 1 << 31)
+    result = solver("solve", duck, "--out", tmp_path / "no", "--seed", 1 << 31)
     assert result.returncode == 2 and "from 0 to" in result.stderr
     assert not (tmp_path / "no").exists()
 
@@ -169,18 +169,18 @@ def test_doctor_names_packages_that_do_not_load(monkeypatch, capsys):
     assert last.startswith("a-missing-package DOES NOT LOAD: ModuleNotFoundError")
 
 
-def test_a_device_that_is_not_there_is_told_before_a_folder_is_made(tmp_path):
+def test_a_device_that_is_not_there_is_told_before_a_folder_is_made(tmp_path, duck):
     missing = "cuda" if sys.platform == "darwin" else "mps"
-    result = solver("reconstruct", DUCK, "--out", tmp_path / "job", "--device", missing)
+    result = solver("reconstruct", duck, "--out", tmp_path / "job", "--device", missing)
     assert result.returncode == 2 and not (tmp_path / "job").exists()
     assert result.stderr.startswith(f"--device {missing}: this machine has no such device; choose ")
 
 
-def test_a_package_that_is_missing_is_told_before_a_folder_is_made(tmp_path):
+def test_a_package_that_is_missing_is_told_before_a_folder_is_made(tmp_path, duck):
     """A fixed bug: what was left asked for --resume."""
     code = (
         "import sys; sys.modules['xatlas'] = None; from solver.start import start; "
-        f"sys.argv[1:] = ['reconstruct', {str(DUCK)!r}, '--out', {str(tmp_path / 'job')!r}]; "
+        f"sys.argv[1:] = ['reconstruct', {str(duck)!r}, '--out', {str(tmp_path / 'job')!r}]; "
         "sys.exit(start())"
     )
     result = subprocess.run(
@@ -201,12 +201,12 @@ def test_a_python_without_the_packages_is_told_which_and_how_to_get_them(how):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems' names are text")
-def test_a_name_that_is_no_text_is_refused_and_nothing_is_made(tmp_path):
+def test_a_name_that_is_no_text_is_refused_and_nothing_is_made(tmp_path, duck):
     folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/bad\xff"))
     make_capture(folder)
     for arguments in (
         ["check", folder],
-        ["reconstruct", DUCK, "--out", folder / "job"],
+        ["reconstruct", duck, "--out", folder / "job"],
         ["solve", folder],
     ):
         result = solver(*arguments)

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from solver.job.status import read_status
-from tests.cli.command import DUCK, ROOT
+from tests.cli.command import ROOT
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="a child cannot be sent Ctrl-C alone")
 
@@ -58,9 +58,9 @@ sys.exit(solver.start.start())
 @pytest.mark.parametrize(
     "module", ["solver.cameras", "numpy", "torch._opaque_base", "solver.preflight.check"]
 )
-def test_a_signal_while_modules_load_is_a_cancel(module, number):
+def test_a_signal_while_modules_load_is_a_cancel(module, number, duck):
     process = subprocess.Popen(
-        [sys.executable, "-X", "importtime", "-m", "solver", "check", str(DUCK)], cwd=ROOT,
+        [sys.executable, "-X", "importtime", "-m", "solver", "check", str(duck)], cwd=ROOT,
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, preexec_fn=listens,
     )  # fmt: skip
     for line in process.stderr:

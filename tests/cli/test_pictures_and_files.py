@@ -30,11 +30,11 @@ ASSET = (
 )
 
 
-def test_render_writes_every_buffer_of_the_contract(job, tmp_path):
-    content = json.loads((DUCK / "transforms_test.json").read_text())
+def test_render_writes_every_buffer_of_the_contract(job, tmp_path, duck):
+    content = json.loads((duck / "transforms_test.json").read_text())
     content["frames"] = content["frames"][:3]
     for frame in content["frames"]:
-        frame["file_path"] = str(DUCK / frame["file_path"]) + ".png"
+        frame["file_path"] = str(duck / frame["file_path"]) + ".png"
     cameras = tmp_path / "three.json"
     cameras.write_text(json.dumps(content))
     out = tmp_path / "out ö"
@@ -50,19 +50,19 @@ def test_render_writes_every_buffer_of_the_contract(job, tmp_path):
     assert np.all((np.abs(length - 1) < 1e-3) | (length == 0))
     bright = solver(
         "render", job, "--cameras", cameras, "--out", tmp_path / "relit", "--rays", 4,
-        "--environment", DUCK / "relight_sunset.exr",
+        "--environment", duck / "relight_sunset.exr",
     )  # fmt: skip
     assert bright.returncode == 0, bright.stderr
     other, _ = read_exr(tmp_path / "relit" / "r_0_linear.exr")
     assert np.abs(other - colour).mean() > 1e-3
 
 
-def test_one_camera_can_be_rendered_but_never_over_its_photo(job, tmp_path):
-    content = json.loads((DUCK / "transforms_test.json").read_text())
+def test_one_camera_can_be_rendered_but_never_over_its_photo(job, tmp_path, duck):
+    content = json.loads((duck / "transforms_test.json").read_text())
     content["frames"] = content["frames"][:1]
     (tmp_path / "test").mkdir()
     name = Path(content["frames"][0]["file_path"]).name + ".png"
-    photo = shutil.copy(DUCK / "test" / name, tmp_path / "test")
+    photo = shutil.copy(duck / "test" / name, tmp_path / "test")
     before = Path(photo).read_bytes()
     cameras = tmp_path / "transforms.json"
     cameras.write_text(json.dumps(content))
@@ -75,8 +75,8 @@ def test_one_camera_can_be_rendered_but_never_over_its_photo(job, tmp_path):
     assert solver("render", job, *few, "--out", tmp_path / "out").returncode == 0
 
 
-def test_cameras_that_never_took_a_photo_can_be_rendered_if_they_say_how_large(job, tmp_path):
-    content = json.loads((DUCK / "transforms_test.json").read_text())
+def test_cameras_that_never_took_a_photo_can_be_rendered_if_they_say_how_large(job, tmp_path, duck):
+    content = json.loads((duck / "transforms_test.json").read_text())
     content["frames"] = [{**content["frames"][0], "file_path": "path/0001"}]
     cameras = tmp_path / "path.json"
     size = {"w": 24, "h": 16}
@@ -91,9 +91,9 @@ def test_cameras_that_never_took_a_photo_can_be_rendered_if_they_say_how_large(j
 
 
 def test_evaluate_scores_all_that_has_a_truth_and_agrees_with_what_render_writes(
-    job, cameras, tmp_path
+    job, large_cameras, tmp_path
 ):
-    few = ["--cameras", cameras, "--rays", 8]
+    few = ["--cameras", large_cameras, "--rays", 8]
     result = solver("evaluate", job, *few, "--out", tmp_path / "m.json")
     assert result.returncode == 0, result.stderr
     scores = json.loads((tmp_path / "m.json").read_text())

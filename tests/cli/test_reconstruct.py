@@ -53,8 +53,8 @@ def test_a_warning_is_told_off_a_terminal_and_every_warning_of_a_job_is_in_its_r
     assert "<ul>" not in (job / "result" / "report.html").read_text()
 
 
-def test_a_report_says_why_it_does_not_show_photos_that_were_held_out(job, tmp_path):
-    again, duck = shutil.copytree(job, tmp_path / "job"), shutil.copytree(DUCK, tmp_path / "duck")
+def test_a_report_says_why_it_does_not_show_photos_that_were_held_out(job, tmp_path, duck):
+    again, duck = shutil.copytree(job, tmp_path / "job"), shutil.copytree(duck, tmp_path / "duck")
     shutil.rmtree(again / "result")
     (duck / "transforms_test.json").write_text("{}")
     request = json.loads((again / "job.json").read_text())
@@ -69,7 +69,7 @@ def test_a_report_says_why_it_does_not_show_photos_that_were_held_out(job, tmp_p
     assert before["warnings"] == [] and any("held-out views" in name for name in before)
 
 
-def test_the_paper_preset_goes_all_the_way_and_keeps_its_neural_term(cameras, tmp_path):
+def test_the_paper_preset_goes_all_the_way_and_keeps_its_neural_term(cameras, tmp_path, duck):
     small = [
         "--set",
         "fit.samples=20000",
@@ -83,7 +83,7 @@ def test_the_paper_preset_goes_all_the_way_and_keeps_its_neural_term(cameras, tm
     small += ["--set", "fit.use_masks=yes", "--set", "field.hull_start=yes"]
     root = tmp_path / "job"
     sizes = [*TINY, "--set", "fit.steps=60", *small]
-    result = solver("reconstruct", DUCK, "--out", root, "--preset", "paper", *sizes)
+    result = solver("reconstruct", duck, "--out", root, "--preset", "paper", *sizes)
     assert result.returncode == 0, result.stderr
     scores = []
     for extra in ([], ["--without-neural"]):
@@ -94,9 +94,9 @@ def test_the_paper_preset_goes_all_the_way_and_keeps_its_neural_term(cameras, tm
     assert scores[0] > scores[1] > 5
 
 
-def test_snapshots_are_laid_side_by_side(tmp_path):
+def test_snapshots_are_laid_side_by_side(tmp_path, duck):
     root = tmp_path / "job"
-    result = solver("reconstruct", DUCK, "--out", root, *TINY, "--set", "fit.snapshots=1,10,24")
+    result = solver("reconstruct", duck, "--out", root, *TINY, "--set", "fit.snapshots=1,10,24")
     assert result.returncode == 0, result.stderr
     names = {path.name for path in (root / "snapshots").iterdir()}
     assert {"snapshots.png", "render_000010.png", "weights_000024.png"} <= names
@@ -218,10 +218,10 @@ def test_what_is_to_be_ignored_is_given_kept_and_not_compared(tmp_path):
     assert result.returncode == 2 and "was begun with the ignored" in result.stderr
 
 
-def test_large_photos_are_made_smaller_for_fit_and_report(tmp_path):
+def test_large_photos_are_made_smaller_for_fit_and_report(tmp_path, duck):
     job = tmp_path / "job"
     result = solver(
-        "reconstruct", DUCK, "--out", job, *TINY, "--set", "photos.most_pixels=2500",
+        "reconstruct", duck, "--out", job, *TINY, "--set", "photos.most_pixels=2500",
         "--set", "fit.steps=4",
     )  # fmt: skip
     assert result.returncode == 0, result.stderr
@@ -231,9 +231,9 @@ def test_large_photos_are_made_smaller_for_fit_and_report(tmp_path):
     assert manifest["region"]["max"][0] < 2
 
 
-def test_a_limit_too_short_is_told_with_what_it_will_take_and_what_it_left(tmp_path):
+def test_a_limit_too_short_is_told_with_what_it_will_take_and_what_it_left(tmp_path, duck):
     result = solver(
-        "reconstruct", DUCK, "--out", tmp_path / "job", "--time-limit", 1, *TINY,
+        "reconstruct", duck, "--out", tmp_path / "job", "--time-limit", 1, *TINY,
         "--set", "fit.steps=100000",
     )  # fmt: skip
     assert result.returncode == 0, result.stderr

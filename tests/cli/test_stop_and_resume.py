@@ -18,19 +18,19 @@ from solver.job.control import Cancelled
 from solver.job.folder import JobFolder
 from solver.job.request import JobRequest
 from tests.capture.test_capture import make_capture
-from tests.cli.command import DUCK, ROOT, TINY, solver, wait_for
+from tests.cli.command import ROOT, TINY, solver, wait_for
 
 
-def test_a_second_job_in_the_same_folder_is_refused(job):
-    result = solver("reconstruct", DUCK, "--out", job, *TINY)
+def test_a_second_job_in_the_same_folder_is_refused(job, duck):
+    result = solver("reconstruct", duck, "--out", job, *TINY)
     assert result.returncode == 2 and "--resume" in result.stderr
 
 
-def test_a_killed_job_resumes_to_the_same_kind_of_result(tmp_path):
+def test_a_killed_job_resumes_to_the_same_kind_of_result(tmp_path, duck):
     root = tmp_path / "job"
     long = [*TINY, "--set", "fit.steps=4000"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "solver", "reconstruct", DUCK, "--out", root, *long], cwd=ROOT,
+        [sys.executable, "-m", "solver", "reconstruct", duck, "--out", root, *long], cwd=ROOT,
         stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     wait_for(lambda: (root / "checkpoint" / "state.json").exists(), process)
@@ -42,17 +42,17 @@ def test_a_killed_job_resumes_to_the_same_kind_of_result(tmp_path):
     state = json.loads((root / "checkpoint" / "state.json").read_text())
     state["settings"]["fit"]["steps"] = before + 5
     (root / "checkpoint" / "state.json").write_text(json.dumps(state))
-    result = solver("reconstruct", DUCK, "--out", root, "--resume")
+    result = solver("reconstruct", duck, "--out", root, "--resume")
     assert result.returncode == 0, result.stderr
     assert json.loads((root / "checkpoint" / "state.json").read_text())["step"] == before + 5
     assert (root / "result" / "manifest.json").is_file()
 
 
-def test_cancel_leaves_a_checkpoint_and_closing_stdin_ends_the_process(tmp_path):
+def test_cancel_leaves_a_checkpoint_and_closing_stdin_ends_the_process(tmp_path, duck):
     overrides = dict(text.split("=") for text in [*TINY[1::2], "fit.steps=9000"])
     for name, hang_up in (("cancel", False), ("close", True)):
         root = tmp_path / name
-        JobFolder.create(root, JobRequest(str(DUCK), overrides=overrides))
+        JobFolder.create(root, JobRequest(str(duck), overrides=overrides))
         process = subprocess.Popen(
             [sys.executable, "-m", "solver", "run", root], cwd=ROOT,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
@@ -74,14 +74,14 @@ def test_cancel_leaves_a_checkpoint_and_closing_stdin_ends_the_process(tmp_path)
             stream.close()
 
 
-def test_a_list_of_captures_on_stdin_is_left_to_the_loop_that_reads_it(tmp_path):
+def test_a_list_of_captures_on_stdin_is_left_to_the_loop_that_reads_it(tmp_path, duck):
     """A fixed bug: `while read n; do … reconstruct $n …; done` lost its list, and its first job with it."""
     stdin, ours = os.pipe()
     os.write(ours, b"the next capture\ncancel\n")
     os.close(ours)
     few = ["--set", "fit.steps=2"]
     result = subprocess.run(
-        [sys.executable, "-m", "solver", "reconstruct", DUCK, "--out", tmp_path / "job", *TINY, *few],
+        [sys.executable, "-m", "solver", "reconstruct", duck, "--out", tmp_path / "job", *TINY, *few],
         cwd=ROOT, stdin=stdin, capture_output=True, text=True, timeout=600, check=False,
     )  # fmt: skip
     left = os.read(stdin, 999)
@@ -91,7 +91,7 @@ def test_a_list_of_captures_on_stdin_is_left_to_the_loop_that_reads_it(tmp_path)
 
 
 def test_cancel_is_heard_while_the_asset_is_made_and_a_result_from_before_is_complete_no_more(
-    tmp_path, job
+    tmp_path, job, duck
 ):
     again = tmp_path / "job"
     shutil.copytree(job, again)
@@ -113,7 +113,7 @@ def test_cancel_is_heard_while_the_asset_is_made_and_a_result_from_before_is_com
         "report/view.part.png",
     ):
         (again / "result" / name).touch()
-    assert solver("reconstruct", DUCK, "--out", again, "--resume").returncode == 0
+    assert solver("reconstruct", duck, "--out", again, "--resume").returncode == 0
     assert {path.name for path in (again / "result").rglob("*")} == {
         path.name for path in (job / "result").rglob("*")
     }
@@ -126,9 +126,9 @@ def test_cancel_is_heard_while_the_asset_is_made_and_a_result_from_before_is_com
         (["--set", "fit.steps=99"], "overrides"), (["--device", "cuda"], "device 'auto', not 'cuda'"),
     ],
 )  # fmt: skip
-def test_what_is_resumed_is_what_was_asked(job, options, words):
+def test_what_is_resumed_is_what_was_asked(job, options, words, duck):
     before = (job / "job.json").read_bytes()
-    result = solver("reconstruct", DUCK, "--out", job, "--resume", *options)
+    result = solver("reconstruct", duck, "--out", job, "--resume", *options)
     assert result.returncode == 2 and words in result.stderr, result.stderr
     assert (job / "job.json").read_bytes() == before
 
@@ -139,8 +139,8 @@ def test_another_capture_is_not_resumed_in_this_ones_job(job, tmp_path):
     assert result.returncode == 2 and "was begun with the capture" in result.stderr
 
 
-def test_cancel_is_heard_while_photos_are_read(tmp_path):
-    job = JobFolder.create(tmp_path / "job", JobRequest(str(DUCK)))
+def test_cancel_is_heard_while_photos_are_read(tmp_path, duck):
+    job = JobFolder.create(tmp_path / "job", JobRequest(str(duck)))
     progress, control = Mock(), SimpleNamespace(should_stop=False)
 
     def read_one(*_):
@@ -174,9 +174,11 @@ def test_a_checkpoint_can_be_read_by_whoever_can_read_the_rest_of_a_job(job):
     assert modes == {(job / "job.json").stat().st_mode}
 
 
-def test_a_fit_of_exposures_does_not_go_on_without_some_of_its_photos_or_with_others(tmp_path):
+def test_a_fit_of_exposures_does_not_go_on_without_some_of_its_photos_or_with_others(
+    tmp_path, duck
+):
     capture = tmp_path / "capture"
-    shutil.copytree(DUCK, capture, ignore=shutil.ignore_patterns("test*", "relight*", "*test.json"))
+    shutil.copytree(duck, capture, ignore=shutil.ignore_patterns("test*", "relight*", "*test.json"))
     few = [*TINY, "--set", "fit.steps=2", "--set", "fit.exposure=gain"]
     root = tmp_path / "job"
     assert solver("reconstruct", capture, "--out", root, *few).returncode == 0
@@ -199,9 +201,9 @@ def test_a_fit_of_exposures_does_not_go_on_without_some_of_its_photos_or_with_ot
     assert "exposures of" in result.stderr and "put back" in result.stderr
 
 
-def test_photos_that_changed_while_a_job_rested_are_told(tmp_path):
+def test_photos_that_changed_while_a_job_rested_are_told(tmp_path, duck):
     capture = tmp_path / "capture"
-    shutil.copytree(DUCK, capture, ignore=shutil.ignore_patterns("test*", "relight*", "*test.json"))
+    shutil.copytree(duck, capture, ignore=shutil.ignore_patterns("test*", "relight*", "*test.json"))
     root = tmp_path / "job"
     few = [*TINY, "--set", "fit.steps=2"]
     assert solver("reconstruct", capture, "--out", root, *few).returncode == 0
@@ -233,11 +235,11 @@ def test_a_reader_that_hangs_up_does_not_make_a_finished_run_a_failure(tmp_path,
 
 
 @pytest.mark.parametrize(("unbuffered", "code"), [("", 0), ("1", 1)])
-def test_a_check_whose_reader_hangs_up_says_nothing_of_it(unbuffered, code):
+def test_a_check_whose_reader_hangs_up_says_nothing_of_it(unbuffered, code, duck):
     out, ours = os.pipe()
     os.close(out)
     result = subprocess.run(
-        [sys.executable, "-m", "solver", "check", DUCK], cwd=ROOT, stdin=subprocess.DEVNULL, stdout=ours,
+        [sys.executable, "-m", "solver", "check", duck], cwd=ROOT, stdin=subprocess.DEVNULL, stdout=ours,
         stderr=subprocess.PIPE, text=True, timeout=300, env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
         check=False,
     )  # fmt: skip
@@ -247,11 +249,11 @@ def test_a_check_whose_reader_hangs_up_says_nothing_of_it(unbuffered, code):
 
 @pytest.mark.skipif(os.name == "nt", reason="closed by a shell of POSIX")
 @pytest.mark.parametrize(
-    ("command", "code"), [(f"check '{DUCK}'", 0), ("check nowhere", 2), ("doctor --nonsense", 2)]
+    ("command", "code"), [("check '{}'", 0), ("check nowhere", 2), ("doctor --nonsense", 2)]
 )
-def test_standard_streams_that_are_closed_change_nothing(command, code):
+def test_standard_streams_that_are_closed_change_nothing(command, code, duck):
     for closed in ("2>&-", "<&- >&- 2>&-"):
-        shell = f'"{sys.executable}" -m solver {command} {closed}'
+        shell = f'"{sys.executable}" -m solver {command.format(duck)} {closed}'
         done = subprocess.run(shell, shell=True, cwd=ROOT, timeout=300, stdout=subprocess.DEVNULL)
         assert done.returncode == code, closed
 
@@ -279,8 +281,8 @@ def test_an_error_that_nobody_can_be_told_still_has_its_code():
 @pytest.mark.skipif(os.name == "nt", reason="a device of POSIX")
 @pytest.mark.parametrize("command", ["doctor", "export", "check"])
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_a_standard_output_that_is_full_is_told(command, unbuffered, tmp_path, job):
-    arguments = {"export": [job, "--out", tmp_path / "out"], "check": [DUCK], "doctor": []}[command]
+def test_a_standard_output_that_is_full_is_told(command, unbuffered, tmp_path, job, duck):
+    arguments = {"export": [job, "--out", tmp_path / "out"], "check": [duck], "doctor": []}[command]
     with open("/dev/full", "w") as full:
         done = subprocess.run(
             [sys.executable, "-m", "solver", command, *arguments], cwd=ROOT, stdin=subprocess.DEVNULL,
@@ -312,16 +314,16 @@ def test_a_pipe_that_breaks_elsewhere_is_told(monkeypatch, capsys):
         main(["doctor"])
 
 
-def test_a_decoder_is_another_job_wherever_this_one_is_run_later(tmp_path, job):
+def test_a_decoder_is_another_job_wherever_this_one_is_run_later(tmp_path, job, duck):
     few = [*TINY, "--set", "fit.steps=2"]
     missing = solver(
-        "reconstruct", DUCK, "--out", tmp_path / "a", *few, "--set", "fit.decoder=nowhere"
+        "reconstruct", duck, "--out", tmp_path / "a", *few, "--set", "fit.decoder=nowhere"
     )
     assert missing.returncode == 2 and "nowhere" in missing.stderr
     assert not (tmp_path / "a").exists()
     relative = os.path.relpath(job, ROOT)
     given = solver(
-        "reconstruct", DUCK, "--out", tmp_path / "b", *few, "--set", f"fit.decoder={relative}"
+        "reconstruct", duck, "--out", tmp_path / "b", *few, "--set", f"fit.decoder={relative}"
     )
     assert given.returncode == 0, given.stderr
     assert JobFolder.open(tmp_path / "b").request.overrides["fit.decoder"] == str(job)

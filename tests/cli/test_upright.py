@@ -11,19 +11,20 @@ from solver.capture.photos import read_exr
 from solver.capture.placement import suggest_placement
 from solver.capture.read import read_capture
 from solver.light.turned import turned
-from tests.cli.command import DUCK, TINY, solver
+from tests.cli.command import TINY, solver
 
+TURNED = "--set", "field.turn_box=yes"
 WRITTEN = ("mesh.ply", "asset.glb", "environment.exr", "environment_upright.exr")
 
 
 @pytest.fixture(scope="module")
-def tilted(tmp_path_factory):
+def tilted(tmp_path_factory, duck):
     """A finished job of the duck in a world that says nothing of up; its folder and the capture's file."""
     folder = tmp_path_factory.mktemp("tilted")
     world = np.eye(4)
     world[:3, :3] = 3 * Rotation.random(random_state=7).as_matrix()
     world[:3, 3] = 4, -5, 6
-    content = json.loads((DUCK / "transforms_train.json").read_text())
+    content = json.loads((duck / "transforms_train.json").read_text())
     content["applied_transform"] = np.eye(4)[:3].tolist()
     for frame in content["frames"]:
         pose = world @ frame["transform_matrix"]
@@ -32,7 +33,7 @@ def tilted(tmp_path_factory):
     cameras = folder / "transforms_train.json"
     cameras.write_text(json.dumps(content))
     root = folder / "job"
-    result = solver("reconstruct", cameras, "--photos", DUCK, "--out", root, *TINY)
+    result = solver("reconstruct", cameras, "--photos", duck, "--out", root, *TINY, *TURNED)
     assert result.returncode == 0, result.stderr
     return root, cameras, world
 
@@ -43,11 +44,11 @@ def test_a_capture_that_stands_already_is_left_where_it_is(job):
     assert "environment_upright" not in manifest
 
 
-def test_the_manifest_says_how_the_glb_is_placed_and_the_light_is_turned_with_it(tilted):
+def test_the_manifest_says_how_the_glb_is_placed_and_the_light_is_turned_with_it(tilted, duck):
     root, cameras, world = tilted
     manifest = json.loads((root / "result" / "manifest.json").read_text())
     placement = np.array(manifest["placement"])
-    np.testing.assert_array_equal(placement, suggest_placement(read_capture(cameras, photos=DUCK)))
+    np.testing.assert_array_equal(placement, suggest_placement(read_capture(cameras, photos=duck)))
     upright = placement @ world
     up = upright[:3, 2] / np.linalg.norm(upright[:3, 2])
     np.testing.assert_allclose(up, (0, 0, 1), atol=0.05)

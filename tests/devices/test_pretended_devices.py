@@ -42,6 +42,7 @@ SMALL = {
     "field.sizes": "16,20", "field.size_starts": "0,0.5", "light.heights": "8,16", "fit.rays": "32",
     "field.hull_cells": "32", "field.occupancy_cells": "16", "field.points_density": "0",
     "render.secondary_rays": "4", "render.retraced_rays": "2", "fit.steps": "4",
+    "field.turn_box": "no",
 }  # fmt: skip
 FITS = {
     "masked": ("draft", {"fit.exposure": "white_balance", "fit.background": "random"}),
@@ -165,7 +166,7 @@ def test_a_job_on_a_card_is_stopped_resumed_baked_rendered_and_composed_with_the
 ):
     overrides = SMALL | {
         "fit.snapshots": "2", "asset.cells": "24", "asset.triangles": "500",
-        "asset.texture_size": "32",
+        "asset.texture_size": "32", "render.pixel_grid": "1",
     }  # fmt: skip
     there, here = (
         JobFolder.create(

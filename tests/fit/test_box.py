@@ -19,6 +19,7 @@ from solver.render.scene import StepTables
 from tests.fit.test_fit import SMALL, resumed
 from tests.fit.test_simplest_axes import off
 
+TURNED = overridden(SMALL, "field.turn_box", "yes")
 SIZE = 64
 AXES = Rotation.from_rotvec([0.4, -0.3, 0.5]).as_matrix()
 PLACE = np.array([0.3, -0.2, 0.1])
@@ -96,7 +97,7 @@ def test_where_photos_are_from_one_side_their_views_turn_no_box():
 
 def test_a_fit_starts_as_the_brick_where_it_is_and_goes_on_as_it_was_from_a_checkpoint(tmp_path):
     capture, photos = askew_brick()
-    trainer = new_trainer(capture, photos, SMALL, 0, None, "cpu", lambda fraction: None)
+    trainer = new_trainer(capture, photos, TURNED, 0, None, "cpu", lambda fraction: None)
     field = trainer.scene.field
     assert off(field.axes.numpy(), AXES) < 3
     points = PLACE + np.random.default_rng(0).uniform(-0.9, 0.9, (4000, 3))
@@ -118,7 +119,7 @@ def test_cameras_see_a_turned_start_as_they_do_a_straight_one():
     views, wrong = {}, {}
     for name, axes in (("turned", AXES), ("straight", np.eye(3))):
         capture, photos = askew_brick(axes)
-        trainer = new_trainer(capture, photos, SMALL, 0, None, "cpu", lambda fraction: None)
+        trainer = new_trainer(capture, photos, TURNED, 0, None, "cpu", lambda fraction: None)
         view = render_view(
             trainer.scene, StepTables.of(trainer.scene), SMALL.render, capture.cameras[3]
         )
@@ -132,7 +133,7 @@ def test_cameras_see_a_turned_start_as_they_do_a_straight_one():
 
 def test_the_mesh_of_a_turned_box_is_where_the_object_is_in_the_world():
     capture, photos = askew_brick()
-    trainer = new_trainer(capture, photos, SMALL, 0, None, "cpu", lambda fraction: None)
+    trainer = new_trainer(capture, photos, TURNED, 0, None, "cpu", lambda fraction: None)
     surface = SceneSurface(trainer.scene, list(capture.cameras))
     mesh = marching_cubes(surface, 62, 20.0)
     local = (mesh.vertices - PLACE) @ AXES.T
@@ -179,5 +180,5 @@ def test_a_fit_can_be_stopped_while_its_box_is_turned():
             raise Asked
 
     with pytest.raises(Asked):
-        new_trainer(capture, photos, SMALL, 0, None, "cpu", progress)
+        new_trainer(capture, photos, TURNED, 0, None, "cpu", progress)
     assert len(told) > 20 and told == sorted(told)

@@ -42,8 +42,14 @@ def fitted(gains, kind, steps=260):
 GAINS = np.exp(0.25 * np.array([-1, 1, 0.5, -0.5, 0.8, -0.8, 0.2, -0.2, 0.6, -0.6]))
 
 
-def test_gains_of_photos_are_found_and_the_fit_is_better_for_it():
-    trainer, loss, *_ = fitted(np.tile(GAINS[:, None], 3), "gain")
+@pytest.fixture(scope="module")
+def with_gains():
+    """A fit that finds a gain for each photo; not to be gone on with."""
+    return fitted(np.tile(GAINS[:, None], 3), "gain")
+
+
+def test_gains_of_photos_are_found_and_the_fit_is_better_for_it(with_gains):
+    trainer, loss, *_ = with_gains
     found = trainer.exposures.gains()[:, 0].numpy()
     assert np.corrcoef(np.log(found), np.log(GAINS))[0, 1] > 0.97
     np.testing.assert_allclose(found.prod(), 1, rtol=1e-4)
@@ -96,9 +102,8 @@ def test_an_unknown_kind_of_exposure_is_named():
     assert exposures_for("fixed", 3) is None
 
 
-def test_pictures_are_compared_with_photos_at_their_own_exposure():
-    gains = np.tile(GAINS[:, None], 3)
-    trainer, _, capture, photos, settings = fitted(gains, "gain")
+def test_pictures_are_compared_with_photos_at_their_own_exposure(with_gains):
+    trainer, _, capture, photos, _ = with_gains
     view = shown(trainer, capture.cameras[0])
     plain, exposed = (
         psnr(display(brought_to(view, photos[0], "white", kind)), over_plain(photos[0].pixels))

@@ -45,7 +45,7 @@ SMALL = settings_for(
     {
         "field.sizes": "24,32", "field.size_starts": "0,0.5", "light.heights": "16,32", "fit.rays": "256",
         "field.hull_cells": "48", "field.occupancy_cells": "32",
-        "render.secondary_rays": "4",
+        "render.secondary_rays": "4", "field.turn_box": "no",
     },
 )  # fmt: skip
 

@@ -18,7 +18,7 @@ from tests.fit.test_fit import ball_capture, resumed
 SMALL = {
     "field.sizes": "24", "field.size_starts": "0", "light.heights": "64", "fit.rays": "512",
     "field.hull_cells": "48", "field.occupancy_cells": "32", "render.secondary_rays": "4",
-    "light.step_smoothing": "0",
+    "light.step_smoothing": "0", "field.turn_box": "no",
 }  # fmt: skip
 SIGMA = 3 * math.pi / 64
 """of the light's blur, rad"""

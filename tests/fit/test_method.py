@@ -25,6 +25,7 @@ SMALL_PAPER = {
     "field.sizes": "16,20,24", "field.size_starts": "0,0.3,0.6", "light.heights": "16",
     "field.occupancy_cells": "32", "fit.rays": "64", "fit.most_rays": "128", "fit.samples": "4000",
     "fit.secondary_samples": "3000", "render.secondary_rays": "16", "render.retraced_rays": "50",
+    "field.turn_box": "no",
 }  # fmt: skip
 
 

@@ -26,6 +26,7 @@ SETTINGS = {"draft": SMALL, "paper": settings_for("paper", SMALL_PAPER)}
 FEW = {
     "field.sizes": "24,32", "field.size_starts": "0,0.5", "light.heights": "16,32", "fit.rays": "64",
     "field.hull_cells": "32", "field.occupancy_cells": "32", "render.secondary_rays": "4",
+    "field.turn_box": "no",
 }  # fmt: skip
 WAITING = {
     "_local_scalar_dense",

@@ -24,7 +24,7 @@ from solver.job.control import Cancelled
 from solver.job.folder import JobFolder
 from solver.job.request import JobRequest
 from tests.capture.test_capture import camera
-from tests.cli.command import DUCK, TINY
+from tests.cli.command import TINY
 from tests.fit.test_standing import Heard
 from tests.render.scenes import ball
 
@@ -124,11 +124,11 @@ def test_a_lookup_takes_time_whatever_the_coarsest_clock_says(monkeypatch):
 
 
 def test_a_limit_counts_what_a_job_took_each_time_it_was_run_start_up_included(
-    tmp_path, monkeypatch
+    duck, tmp_path, monkeypatch
 ):
     """A fixed bug: of runs that were stopped only the fit's seconds were known to those that went on."""
     overrides = dict(text.split("=") for text in [*TINY[1::2], "fit.steps=9000"])
-    request = JobRequest(str(DUCK), overrides=overrides, time_limit=1000)
+    request = JobRequest(str(duck), overrides=overrides, time_limit=1000)
     job = JobFolder.create(tmp_path / "job", request)
     left = []
 
