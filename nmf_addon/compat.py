@@ -1,7 +1,5 @@
 """What differs between the versions of Blender."""
 
-from __future__ import annotations
-
 import bpy
 
 # From 4.5 on a path property says that it may be relative to the .blend ("//…").

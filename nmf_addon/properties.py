@@ -13,6 +13,13 @@ def _may_be_chosen(settings: NMF_scene, collection: bpy.types.Collection) -> boo
     return is_capture(collection)
 
 
+def _choice(name: str, description: str, *items: tuple[str, str, str], default: str | None = None):
+    """One of some items; the first, unless another is the default."""
+    return bpy.props.EnumProperty(
+        name=name, description=description, items=items, default=default or items[0][0]
+    )
+
+
 class NMF_scene(bpy.types.PropertyGroup):
     """Choices for the next reconstruction."""
 
@@ -22,75 +29,41 @@ class NMF_scene(bpy.types.PropertyGroup):
         type=bpy.types.Collection,
         poll=_may_be_chosen,
     )
-    preset: bpy.props.EnumProperty(
-        name="Preset",
-        items=(
-            ("draft", "Draft", "Minutes on any computer, to see whether the capture works"),
-            (
-                "standard",
-                "Standard",
-                "Finer shape, crisper reflections; about three times as long as Draft",
-            ),
-        ),
-        default="draft",
-        description="How much time to spend on quality",
-    )
-    device: bpy.props.EnumProperty(
-        name="Device",
-        items=(
-            ("auto", "Automatic", "A graphics card if the solver can use it, else the processor"),
-            ("cpu", "CPU", "The processor"),
-            ("cuda", "CUDA", "An NVIDIA graphics card"),
-            ("mps", "Metal", "An Apple graphics chip"),
-        ),
-        default="auto",
-        description="What the solver runs on",
-    )
-    exposure: bpy.props.EnumProperty(
-        name="Exposure",
-        items=(
-            ("fixed", "As Shot", "All photos share one exposure and white balance"),
-            ("gain", "Even Out", "Find each photo's exposure, if the camera was on automatic"),
-            (
-                "white_balance",
-                "Even Out with Color",
-                "Find each photo's exposure and white balance",
-            ),
-        ),
-        default="fixed",
-        description="Whether photos differ in brightness or tint",
-    )
-    turntable: bpy.props.EnumProperty(
-        name="Turntable",
-        items=(
-            ("auto", "Automatic", "Detect it from the cameras and from what is next to the object"),
-            (
-                "yes",
-                "Yes",
-                "The object was turned in front of a still camera: highlights stayed in place",
-            ),
-            ("no", "No", "The camera went round the object"),
-        ),
-        default="auto",
-        description="Whether the object was turned instead of the camera moving around it",
-    )
-    texture_size: bpy.props.EnumProperty(
-        name="Textures",
-        items=tuple(
+    preset: _choice(
+        "Preset", "How much time to spend on quality",
+        ("draft", "Draft", "Minutes on any computer, to see whether the capture works"),
+        ("standard", "Standard", "Finer shape, crisper reflections; about three times as long as Draft"),
+    )  # fmt: skip
+    device: _choice(
+        "Device", "What the solver runs on",
+        ("auto", "Automatic", "A graphics card if the solver can use it, else the processor"),
+        ("cpu", "CPU", "The processor"), ("cuda", "CUDA", "An NVIDIA graphics card"),
+        ("mps", "Metal", "An Apple graphics chip"),
+    )  # fmt: skip
+    exposure: _choice(
+        "Exposure", "Whether photos differ in brightness or tint",
+        ("fixed", "As Shot", "All photos share one exposure and white balance"),
+        ("gain", "Even Out", "Find each photo's exposure, if the camera was on automatic"),
+        ("white_balance", "Even Out with Color", "Find each photo's exposure and white balance"),
+    )  # fmt: skip
+    turntable: _choice(
+        "Turntable", "Whether the object was turned instead of the camera moving around it",
+        ("auto", "Automatic", "Detect it from the cameras and from what is next to the object"),
+        ("yes", "Yes", "The object was turned in front of a still camera: highlights stayed in place"),
+        ("no", "No", "The camera went round the object"),
+    )  # fmt: skip
+    texture_size: _choice(
+        "Textures", "Size of the result's textures in pixels",
+        *(
             (str(size), f"{size} × {size}", text)
             for size, text in (
-                (512, "For distant objects"),
-                (1024, "For most objects"),
+                (512, "For distant objects"), (1024, "For most objects"),
                 (2048, "For close-ups; about half a minute more"),
-                (
-                    4096,
-                    "For photos with that much detail; about two minutes and 4 GB of memory more",
-                ),
+                (4096, "For photos with that much detail; about two minutes and 4 GB of memory more"),
             )
         ),
         default="1024",
-        description="Size of the result's textures in pixels",
-    )
+    )  # fmt: skip
     use_time_limit: bpy.props.BoolProperty(
         name="Time Limit", description="Plan the reconstruction to end within a given time"
     )
@@ -103,10 +76,7 @@ class NMF_scene(bpy.types.PropertyGroup):
         name="Seed", description="Number that fixes all random choices", min=0
     )
     job: bpy.props.StringProperty(
-        name="Job",
-        description="Folder of the last job",
-        subtype="DIR_PATH",
-        options=PATH_OPTIONS,
+        name="Job", description="Folder of the last job", subtype="DIR_PATH", options=PATH_OPTIONS
     )
 
 

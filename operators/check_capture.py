@@ -63,12 +63,9 @@ class NMF_OT_check_capture(bpy.types.Operator):
         try:
             python = preferences.solver_python()
             job = create_job(
-                collection,
-                folder / "job",
-                preset=settings.preset,
-                device=settings.device,
+                collection, folder / "job", preset=settings.preset, device=settings.device,
                 overrides=chosen_overrides(settings),
-            )
+            )  # fmt: skip
             words = ["check", str(job.root), "--preset", settings.preset, "--json"]
             side_task.start("Check Capture", python, words, folder, done)
         except (CaptureError, JobError, TaskError, RuntimeMissing, OSError) as error:

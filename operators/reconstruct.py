@@ -10,11 +10,7 @@ from ..nmf_addon.jobs.model import model_of_folder
 from ..nmf_addon.jobs.monitor import WAITS, monitor
 from ..nmf_addon.properties import chosen_overrides
 from ..nmf_addon.runtime import RuntimeMissing
-from ..nmf_addon.scene.capture_collection import (
-    active_capture,
-    remember_job,
-    to_capture_space,
-)
+from ..nmf_addon.scene.capture_collection import active_capture, remember_job, to_capture_space
 from ..nmf_addon.scene.images import stored_path
 from ..nmf_addon.scene.region import region_problem
 from ..nmf_addon.words import words_of

@@ -152,7 +152,10 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         try:
             python = preferences.solver_python()
             # The log lies beside the folder, which has to be new.
-            kept = f"Import Capture from {out}"
+            given = (("Photos", photos), ("Masks", masks), ("Ignore", ignored))
+            kept = ", ".join(
+                [f"Import Capture from {out}", *(f"{name}: {path}" for name, path in given if path)]
+            )
             side_task.start("Solve Cameras", python, words, jobs_folder() / "logs", done, kept)
         except (TaskError, RuntimeMissing, OSError) as error:
             self.report({"ERROR"}, words_of(error))

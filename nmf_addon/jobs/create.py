@@ -11,7 +11,7 @@ from pathlib import Path
 import bpy
 
 from ...solver import __version__
-from ...solver.capture.read import JOBS_FOLDER
+from ...solver.capture.picture_names import JOBS_FOLDER
 from ...solver.job.folder import JobFolder
 from ...solver.job.request import JobRequest
 from ..names import JOBS_OF_UNSAVED, user_folder

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ...solver.job.events import Event, clock
-from ...solver.job.exit_codes import CANCELLED, DONE, OUT_OF_MEMORY
+from ...solver.job.exit_codes import BAD_INPUT, CANCELLED, DONE, OUT_OF_MEMORY
 from ...solver.job.folder import JobFolder
 from ...solver.job.status import process_is_alive, read_status
 
@@ -93,7 +93,7 @@ class JobModel:
         elif exit_code == OUT_OF_MEMORY:
             self.state, self.text = "failed", "Out of memory"
             self.error = self.error or "Choose the draft preset or smaller photos."
-        elif said_bye or self.error:
+        elif said_bye or self.error or exit_code == BAD_INPUT:
             self.state, self.text = "failed", "The solver stopped"
             self.error = self.error or log_tail or f"It ended with code {exit_code}."
         else:

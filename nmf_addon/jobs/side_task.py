@@ -44,6 +44,7 @@ class SideTask:
         title: what it is for, in the panel.
         model: what is known of it.
         events: all its events so far but progress.
+        started_in: the .blend that was open then; empty if none.
         of_this_file: False once another .blend was opened meanwhile: what it finds is not put there.
         holds_for: whether a capture still has what came out, which Undo takes back; None: it has none.
     """
@@ -56,7 +57,7 @@ class SideTask:
         self.of_this_file = True
         self.holds_for: Callable[[bpy.types.Collection], bool] | None = None
         self._done: Callable[[SideTask], None] | None = None
-        self._kept = ""
+        self._kept = self.started_in = ""
 
     @property
     def running(self) -> bool:
@@ -82,6 +83,7 @@ class SideTask:
         self.process = JobProcess(command, TaskFolder(folder), clean_environment())
         self.title, self.model, self.events, self._done = title, JobModel(), [], done
         self.of_this_file, self.holds_for, self._kept = True, None, kept
+        self.started_in = bpy.data.filepath
         if not bpy.app.timers.is_registered(_tick):
             bpy.app.timers.register(_tick, first_interval=INTERVAL, persistent=True)
 
@@ -141,8 +143,8 @@ def _tick() -> float | None:
 
 @persistent
 def _on_load(path: str) -> None:
-    """Another file was opened: what came out before is none of its."""
-    side_task.of_this_file = False
+    """A file was opened: what came out before is none of it, and what will come out if it is another."""
+    side_task.of_this_file = path != "" and path == side_task.started_in
     if not side_task.running:
         side_task.model = JobModel(state="new", text="")
 

@@ -23,11 +23,11 @@ def adjust_cameras(job: JobFolder, collection: bpy.types.Collection) -> int:
     """
     if not job.cameras_path.is_file():
         return 0
+    settle(collection)
     try:
-        moved = cameras_of(job)
+        moved, to_capture = cameras_of(job), to_capture_space(collection)
     except (CaptureError, JobError):
         return 0
-    settle(collection)
     to_space = job_space(job, collection)
     to_space = np.eye(4) if to_space is None else to_space
     pairs = {
@@ -35,14 +35,16 @@ def adjust_cameras(job: JobFolder, collection: bpy.types.Collection) -> int:
         for given, found in moved
     }
     size = size_of(np.stack([given.camera_to_world for given, _ in pairs.values()]))
-    to_capture = to_capture_space(collection)
     to_world = to_capture.inverted()
     count = 0
     for item in photo_cameras(collection):
         pair = pairs.get(photo_path(photo_of(item)).resolve())
         if pair is None:
             continue
-        pose = to_solver(item, to_capture).camera_to_world
+        try:
+            pose = to_solver(item, to_capture).camera_to_world
+        except CaptureError:  # a person has made another camera of it
+            continue
         if stands_elsewhere(pose, pair[0].camera_to_world, size):
             continue
         item.matrix_world = to_world @ Matrix(pair[1].camera_to_world.tolist())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -15,17 +16,35 @@ AS_MADE = "nmf_as_made"
 
 
 def mark_as_made(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> None:
-    """Remember a data-block as it is now."""
+    """Remember a data-block as it is now, and the pictures that it shows."""
     block[AS_MADE] = fingerprint_of(block)
+    for image in [] if isinstance(block, bpy.types.Mesh) else images_of(block):
+        image[AS_MADE] = _of_file(image)
 
 
 def is_edited(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> bool:
-    """True if a data-block is another than when it was marked, or shows a picture that was painted on and
-    is not saved; False of one that never was marked."""
+    """True if a data-block is another than when it was marked, or shows a picture that was painted on;
+    False of one that never was marked."""
     if AS_MADE not in block:
         return False
     images = [] if isinstance(block, bpy.types.Mesh) else images_of(block)
-    return block[AS_MADE] != fingerprint_of(block) or any(image.is_dirty for image in images)
+    return block[AS_MADE] != fingerprint_of(block) or any(map(is_painted, images))
+
+
+def is_painted(image: bpy.types.Image) -> bool:
+    """True if a picture, or the file that it shows, is another than when it was marked."""
+    made = image.get(AS_MADE, "")
+    return image.is_dirty or (made != "" and _of_file(image) not in ("", made))
+
+
+def _of_file(image: bpy.types.Image) -> str:
+    """Of what a picture shows once it is loaded; empty if that is gone."""
+    path = Path(bpy.path.abspath(image.filepath, library=image.library))
+    try:
+        data = image.packed_file.data if image.packed_file else path.read_bytes()
+    except OSError:
+        return ""
+    return hashlib.sha1(data).hexdigest()
 
 
 def fingerprint_of(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> str:

@@ -20,7 +20,15 @@ from .job_space import job_space
 from .light_axes import light_by
 from .material import build_material
 from .pictures import named_pictures
-from .replace import JOB, check_not_edited, installed_before, replace_asset
+from .replace import (
+    CAPTURE,
+    JOB,
+    capture_of,
+    check_not_edited,
+    edited_of,
+    installed_before,
+    replace_asset,
+)
 from .result import job_of_result, read_manifest, read_ply
 from .selection import make_active
 from .world import build_world
@@ -61,12 +69,13 @@ def install_result(
     job = job_of_result(job_root)
     manifest = read_manifest(job)
     positions, normals, uvs, faces = read_ply(job.result_dir / manifest["mesh"])
-    pictures = named_pictures(job, manifest)
     name = job.root.name
     scene = (collection and scene_of(collection, context.scene)) or context.scene
     earlier = installed_before(job, scene)
     if earlier is not None:
         check_not_edited(earlier)
+    edited = [] if earlier is None else edited_of(earlier)
+    pictures = named_pictures(job, manifest)
     data = bpy.data
     with nothing_left_behind(
         data.objects, data.meshes, data.materials, data.node_groups, data.images, data.worlds
@@ -80,12 +89,11 @@ def install_result(
             for image in (*images_of(material), *images_of(world)):
                 image.pack()
         item = earlier or _place(context, scene, job, mesh, manifest, collection)
-    kept = [] if earlier is None else replace_asset(earlier, mesh, material, world)
+    kept = [] if earlier is None else replace_asset(earlier, mesh, material, world, edited)
     for block in (item, mesh, material, world):
-        block[JOB] = str(job.root)
+        block[JOB], block[CAPTURE] = str(job.root), capture_of(job)
     moved = adjust_cameras(job, collection) if collection is not None else 0
-    if item.parent is not None:
-        _light(world, item, job, manifest, collection)
+    _light(world, item, job, manifest, collection)
     for block in (world, material, mesh):
         mark_as_made(block)
     shown = context.scene if context.scene in item.users_scene else item.users_scene[0]
@@ -123,8 +131,9 @@ def _light(
 ) -> None:  # fmt: skip
     """Let a result's light turn with its capture, or with what stands the result upright."""
     root = root_of(collection) if collection is not None else None
-    if root is None or (item.parent != root and item.parent.parent == root):
-        light_by(world, item, item.parent, Matrix.Identity(4))
+    above = item.parent
+    if root is None or above is None or (above != root and above.parent == root):
+        light_by(world, item, above, Matrix.Identity(4))
     else:
         matrix = _in_capture(job, manifest, collection)
         light_by(world, item, root, matrix or Matrix.Identity(4))
@@ -163,7 +172,9 @@ def _in_capture(job: JobFolder, manifest: dict, collection: bpy.types.Collection
     """Where in the capture's space the coordinates of a result are; None if they are the same."""
     matrix = job_space(job, collection)
     origin = np.array(manifest.get("origin", (0.0, 0.0, 0.0)), dtype=np.float64)
-    return None if matrix is None else Matrix(counted_from(matrix, origin))
+    if matrix is None and not origin.any():
+        return None
+    return Matrix(counted_from(np.eye(4) if matrix is None else matrix, origin))
 
 
 def build_mesh(name, positions, normals, uvs, faces) -> bpy.types.Mesh:

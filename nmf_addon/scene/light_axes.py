@@ -22,15 +22,18 @@ properties would keep the object in the file after that was deleted"""
 
 
 def light_by(
-    world: bpy.types.World, item: bpy.types.Object, under: bpy.types.Object, local: Matrix
+    world: bpy.types.World, item: bpy.types.Object, under: bpy.types.Object | None, local: Matrix
 ) -> None:
     """Let a result's light turn with what the result's object hangs on.
 
     Args:
-        under: what axes are to hang on if the result has none from an earlier installation.
+        under: what axes are to hang on if the result has none from an earlier installation; None: then
+            it needs none.
         local: from the light's coordinates to those of `under`.
     """
-    axes = _axes_of(item) or _new_axes(item)
+    axes = _axes_of(item) or (under and _new_axes(item))
+    if axes is None:
+        return
     knows = axes.constraints[RESULT]
     if knows.target != item:
         knows.target, axes.parent, axes.matrix_local = item, under, local

@@ -14,14 +14,15 @@ from pathlib import Path
 import bpy
 
 from ...solver.job.folder import JobFolder
+from .edited import is_painted
 from .result import textures_of
 
 
 def named_pictures(job: JobFolder, manifest: dict) -> dict[str, Path]:
     """The textures' and the environment's files by what they are, in JOB/textures under names of their own.
 
-    They are hard links where the file system has them, else copies, and the result's own files where
-    nothing can be written.
+    They are copies, so that who paints on them and saves does not change the result; the result's own
+    files where nothing can be written.
     """
     entries = {key: manifest["textures"][key] for key in textures_of(manifest)}
     entries["environment"] = manifest["environment"]
@@ -30,24 +31,23 @@ def named_pictures(job: JobFolder, manifest: dict) -> dict[str, Path]:
     stem = _free_stem(job.root.name, [file.name for file in files.values()], folder)
     try:
         folder.mkdir(exist_ok=True)
-        return {key: _link(file, folder / f"{stem}_{file.name}") for key, file in files.items()}
+        named = {key: folder / f"{stem}_{file.name}" for key, file in files.items()}
+        for key, file in files.items():
+            # It may be one file with the result's, as it was in earlier versions.
+            named[key].unlink(missing_ok=True)
+            shutil.copyfile(file, named[key])
+        return named
     except OSError:
         return files
 
 
 def _free_stem(name: str, files: list[str], folder: Path) -> str:
-    """A job's name, with a number where pictures of another job of this name are in the open file."""
-    paths = [bpy.path.abspath(image.filepath, library=image.library) for image in bpy.data.images]
-    taken = {Path(path).name for path in paths if Path(os.path.normpath(path)).parent != folder}
+    """A job's name, with a number where pictures of another job of this name are in the open file, or where
+    a person has painted on its own."""
+    taken = set()
+    for image in bpy.data.images:
+        path = Path(os.path.normpath(bpy.path.abspath(image.filepath, library=image.library)))
+        if path.parent != folder or is_painted(image):
+            taken.add(path.name)
     stems = (name if number == 1 else f"{name}_{number}" for number in count(1))
     return next(stem for stem in stems if taken.isdisjoint(f"{stem}_{file}" for file in files))
-
-
-def _link(file: Path, link: Path) -> Path:
-    """Make `link` the same file as `file`, whatever it was; returns it."""
-    link.unlink(missing_ok=True)
-    try:
-        os.link(file, link)
-    except OSError:
-        shutil.copyfile(file, link)
-    return link

@@ -13,6 +13,8 @@ from .images import images_of
 
 JOB = "nmf_job"
 """path of the job's folder, on all that was installed from it"""
+CAPTURE = "nmf_capture"
+"""that of its capture, which tells jobs of one name apart"""
 
 
 def installed_before(job: JobFolder, scene: bpy.types.Scene) -> bpy.types.Object | None:
@@ -26,10 +28,19 @@ def installed_before(job: JobFolder, scene: bpy.types.Scene) -> bpy.types.Object
 
 def is_of(block: bpy.types.ID, job: JobFolder) -> bool:
     """True if a data-block was installed from a job, also one that has moved since."""
-    path = block.get(JOB)
-    if not path:
-        return False
-    return Path(path) == job.root or (Path(path).name == job.root.name and not Path(path).exists())
+    path = Path(block.get(JOB, ""))
+    if path == job.root:
+        return True
+    moved = path.name == job.root.name and not path.exists()
+    return moved and block.get(CAPTURE) in (None, capture_of(job))
+
+
+def capture_of(job: JobFolder) -> str:
+    """The path of a job's capture, as it was when the job began; empty if only its result is there."""
+    try:
+        return JobFolder.open(job.root).request.capture
+    except JobError:
+        return ""
 
 
 def check_not_edited(item: bpy.types.Object) -> None:
@@ -44,33 +55,43 @@ def check_not_edited(item: bpy.types.Object) -> None:
             )
 
 
-def replace_asset(
-    item: bpy.types.Object,
-    mesh: bpy.types.Mesh,
-    material: bpy.types.Material,
-    world: bpy.types.World,
-) -> list[str]:
-    """Put a new mesh, material and World in the place of those that an object was installed with.
+def edited_of(item: bpy.types.Object) -> list[bpy.types.ID]:
+    """What an object was installed with, and a person has edited since."""
+    return [block for block in (item.data, *_materials(item), *_worlds(item)) if is_edited(block)]
 
-    Whatever else uses the earlier ones, such as linked duplicates, uses the new ones then.
 
-    Returns: names under which the file keeps those that a person has edited.
-    """
-    job, earlier_mesh = item[JOB], item.data
-    materials = [m for m in earlier_mesh.materials if m is not None and _is_ours(m, job)]
+def _materials(item: bpy.types.Object) -> list[bpy.types.Material]:
+    return [m for m in item.data.materials if m is not None and _is_ours(m, item[JOB])]
+
+
+def _worlds(item: bpy.types.Object) -> list[bpy.types.World]:
     # A full copy of the scene has an object and a light of its own.
-    here = item.users_scene
+    job, here = item[JOB], item.users_scene
     copies = [
         s for s in bpy.data.scenes if s not in here and any(_is_ours(i, job) for i in s.objects)
     ]
     kept = {s.world for s in copies} - {s.world for s in here}
-    worlds = [w for w in bpy.data.worlds if _is_ours(w, job) and w not in kept]
+    return [w for w in bpy.data.worlds if _is_ours(w, job) and w not in kept]
+
+
+def replace_asset(
+    item: bpy.types.Object, mesh: bpy.types.Mesh, material: bpy.types.Material, world: bpy.types.World,
+    edited: list[bpy.types.ID],
+) -> list[str]:  # fmt: skip
+    """Put a new mesh, material and World in the place of those that an object was installed with.
+
+    Whatever else uses the earlier ones, such as linked duplicates, uses the new ones then.
+
+    Args:
+        edited: `edited_of` the object, before what is new has taken the place of its pictures.
+
+    Returns: names under which the file keeps those that a person has edited.
+    """
+    earlier_mesh, materials, worlds = item.data, _materials(item), _worlds(item)
     images = {image for block in (*materials, *worlds) for image in images_of(block)}
     pairs = [(bpy.data.meshes, earlier_mesh, mesh)]
     pairs += [(bpy.data.materials, earlier, material) for earlier in materials]
     pairs += [(bpy.data.worlds, earlier, world) for earlier in worlds]
-    # Before any is replaced, for a mesh knows which material it had.
-    edited = [earlier for _, earlier, _ in pairs if is_edited(earlier)]
     for blocks, earlier, new in pairs:
         _supersede(blocks, earlier, new, earlier in edited)
     for image in images:

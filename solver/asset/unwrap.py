@@ -47,13 +47,15 @@ class UnwrappedMesh:
 def unwrap(mesh: trimesh.Trimesh, normals: np.ndarray, texture_size: int) -> UnwrappedMesh:
     """Cut charts and pack them for a square texture; `normals` [V, 3] belong to the vertices."""
     atlas = xatlas.Atlas()
+    # Of area 1: triangles of less than some 1e-7 get no UVs, which in metres those of a cup are.
+    shape = (mesh.vertices - mesh.centroid) / np.sqrt(mesh.area)
     atlas.add_mesh(
-        np.asarray(mesh.vertices, dtype=np.float32), np.asarray(mesh.faces, dtype=np.uint32),
+        shape.astype(np.float32), np.asarray(mesh.faces, dtype=np.uint32),
         np.asarray(normals, dtype=np.float32),
     )  # fmt: skip
     charts, pack = xatlas.ChartOptions(), xatlas.PackOptions()
     charts.max_iterations = 1
-    charts.max_chart_area = mesh.area / LEAST_CHARTS
+    charts.max_chart_area = 1 / LEAST_CHARTS
     pack.resolution, pack.padding, pack.bilinear = texture_size, 4, True
     pack.create_image = False
     atlas.generate(charts, pack)

@@ -84,8 +84,7 @@ def sharpest(video: Path, count: int, span: range | None = None) -> Iterator[tup
         raise _too_short(video)
     step = -(-total // (parts * CANDIDATES))
     within = takewhile(
-        lambda frame: frame.number < span.stop,
-        dropwhile(lambda frame: frame.number < first, found),
+        lambda frame: frame.number < span.stop, dropwhile(lambda frame: frame.number < first, found)
     )
     with ThreadPoolExecutor(usable_cores()) as pool:
         for part, members in groupby(within, lambda f: (f.number - first) * parts // total):

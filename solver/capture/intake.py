@@ -80,7 +80,7 @@ def assemble(
         metric: world units are metres.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     if not found:
         raise CaptureError(source, "cameras", "there are none in it", "export the cameras again")

@@ -21,13 +21,7 @@ from .camera import Camera
 from .capture import Capture
 from .colour import linear_to_srgb, srgb_to_linear
 from .decoded import Decoded
-from .decoding import (
-    decode,
-    no_colours,
-    read_exr,
-    read_exr_channels,
-    read_image,
-)
+from .decoding import decode, no_colours, read_exr, read_exr_channels, read_image
 from .errors import CaptureError
 from .image_circle import Circles
 from .masks import read_mask

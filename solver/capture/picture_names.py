@@ -20,6 +20,10 @@ VIDEOS = (
 DEEPEST, MOST_FILES = 6, 200_000
 _LAYER = ".geometry"
 """folder of the photos themselves, among RealityCapture's layers; other folders that are hidden are left"""
+JOBS_FOLDER = "nmf_jobs"
+"""what Blender writes beside a .blend, with camera files and pictures of its own"""
+NO_PHOTOS = (JOBS_FOLDER, "@eaDir")
+"""folders that are not looked into; the other has the thumbnails of a network drive"""
 _THUMBNAILS = re.compile(r"thumb|preview", re.I)
 _DRIVE = re.compile(r"[a-z]:", re.I)
 
@@ -81,7 +85,7 @@ def pictures_below(folder: Path, extensions: tuple[str, ...] = EXTENSIONS) -> It
         if len(Path(place).parts) - start >= DEEPEST:
             folders.clear()
         shown = (name for name in folders if not name.startswith(".") or name == _LAYER)
-        folders[:] = sorted(shown)
+        folders[:] = sorted(name for name in shown if name not in NO_PHOTOS)
         for name in sorted(files):
             seen += 1
             if seen > MOST_FILES:

@@ -46,14 +46,8 @@ from .formats import (
 from .ignored import check_ignored
 from .image_header import EXTENSIONS as PICTURES
 from .no_capture import no_camera_file, nothing_in, several_in
-from .photo_finder import (
-    MIN_PHOTOS,
-    MODEL_FOLDERS,
-    PhotoFinder,
-    capture_folder,
-    folder_with_photos,
-)
-from .picture_names import pictures_below
+from .photo_finder import MIN_PHOTOS, MODEL_FOLDERS, PhotoFinder, capture_folder, folder_with_photos
+from .picture_names import JOBS_FOLDER, pictures_below
 
 FORMATS: tuple[ModuleType, ...] = (
     transforms, colmap, metashape, realitycapture, meshroom, openmvg, opensfm, opendronemap,
@@ -62,8 +56,6 @@ FORMATS: tuple[ModuleType, ...] = (
     kapture,
 )  # fmt: skip
 """readers, the likeliest first"""
-JOBS_FOLDER = "nmf_jobs"
-"""what Blender writes beside a .blend, with camera files of its own"""
 CAMERA_FILES = tuple(sorted({extension for reader in FORMATS for extension in reader.EXTENSIONS}))
 """extensions of camera files, for file dialogs and drops"""
 

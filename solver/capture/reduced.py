@@ -13,11 +13,12 @@ from .colour import linear_to_srgb
 from .decoded import Decoded
 from .decoding import decode
 from .errors import CaptureError
-from .image_header import focal_of_raw, image_orientation, image_size, is_heif, is_raw
+from .image_header import MOST_PIXELS, focal_of_raw, image_orientation, image_size, is_heif, is_raw
 from .masks import coverage, no_mask
 from .orientation import oriented, same_shape, turn_for
 from .tiff_header import CAMERA_FIELDS, FOCAL_LENGTH_35MM
 
+Image.MAX_IMAGE_PIXELS = MOST_PIXELS
 _WITHOUT_EXIF = (".exr", ".hdr", ".tif", ".tiff")
 
 
@@ -138,13 +139,13 @@ def _shown() -> np.ndarray:
 def _of_decoded(decoded: Decoded, longest: int) -> tuple[np.ndarray, np.ndarray | None]:
     pixels = decoded.pixels
     if decoded.is_float:
-        # Every n-th pixel of n: good enough to look at, and radiances do not average well.
-        every = -(-max(pixels.shape[:2]) // longest)
-        pixels = np.nan_to_num(pixels[::every, ::every].astype(np.float64))
+        # Clipped, for radiances do not average well.
+        channels = (np.nan_to_num(channel).clip(0, 1) for channel in np.moveaxis(pixels, 2, 0))
+        pixels = np.stack([smaller(c.astype(np.float32), longest) for c in channels], axis=2)
     colour = pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=-1)
     alpha = None if decoded.alpha is None else pixels[..., decoded.alpha]
     if decoded.is_float:
-        colour = linear_to_srgb(np.maximum(colour, 0))
+        colour = linear_to_srgb(colour)
     elif decoded.linear and colour.dtype == np.uint16:
         colour = _shown()[colour]
     largest = 255 if colour.dtype == np.uint8 else decoded.largest
@@ -157,11 +158,13 @@ def _of_decoded(decoded: Decoded, longest: int) -> tuple[np.ndarray, np.ndarray 
 def _in_eight_bits(values: np.ndarray, largest: float) -> np.ndarray:
     if values.dtype == np.uint8:
         return np.ascontiguousarray(values)
+    if values.dtype == np.uint16:  # a photo has millions of numbers, but few different ones
+        return _in_eight_bits(np.arange(1 << 16), largest)[values]
     return np.round(np.clip(values / largest, 0, 1) * 255).astype(np.uint8)
 
 
 def smaller(values: np.ndarray, longest: int) -> np.ndarray:
-    """A picture [H, W] or [H, W, 3] uint8 of sides no longer than `longest` pixels."""
+    """A picture [H, W] or [H, W, 3] uint8, or [H, W] float32, of sides no longer than `longest` pixels."""
     picture = Image.fromarray(values)
     picture.thumbnail((longest, longest), Image.Resampling.BOX, reducing_gap=2.0)
     return np.asarray(picture)

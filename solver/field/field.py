@@ -37,21 +37,11 @@ class MicrofacetField(nn.Module):
     """
 
     def __init__(
-        self,
-        centre: Tensor,
-        half_size: float,
-        size: int,
-        density_components: int = 16,
-        feature_components: int = 24,
-        feature_size: int = 24,
-        density_shift: float = -4.0,
-        density_scale: float = 25.0,
-        initial_albedo: float = 0.5,
-        initial_roughness: float = 0.4,
-        initial_f0: float = 0.1,
-        smoothed_normals: bool = True,
-        axes: Tensor | None = None,
-    ):
+        self, centre: Tensor, half_size: float, size: int, density_components: int = 16,
+        feature_components: int = 24, feature_size: int = 24, density_shift: float = -4.0,
+        density_scale: float = 25.0, initial_albedo: float = 0.5, initial_roughness: float = 0.4,
+        initial_f0: float = 0.1, smoothed_normals: bool = True, axes: Tensor | None = None,
+    ):  # fmt: skip
         super().__init__()
         self.register_buffer("centre", torch.as_tensor(centre, dtype=torch.float32))
         axes = None if axes is None else torch.as_tensor(axes, dtype=torch.float32)

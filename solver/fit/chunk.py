@@ -115,8 +115,7 @@ class ChunkLoss:
         """What the pixels of a chunk see."""
         batch = chunk.batch
         settings = dataclasses.replace(
-            self.render_settings(chunk.fraction),
-            retraced_rays=chunk.retraced,
+            self.render_settings(chunk.fraction), retraced_rays=chunk.retraced
         )
         each = batch.directions.shape[1]
         buffers = render_rays(

@@ -6,12 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..capture.backdrop import (
-    LEVELS,
-    backdrop_of,
-    border_of,
-    object_before,
-)
+from ..capture.backdrop import LEVELS, backdrop_of, border_of, object_before
 from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.panorama import Panorama

@@ -18,11 +18,7 @@ import numpy as np
 from .. import __version__
 from ..capture.camera import Camera
 from ..capture.capture import Capture
-from ..capture.photos import (
-    Photo,
-    load_photos,
-    read_exr,
-)
+from ..capture.photos import Photo, load_photos, read_exr
 from ..capture.read import read_capture
 from ..job.folder import JobFolder
 from ..job.request import JobError

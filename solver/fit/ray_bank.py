@@ -146,17 +146,11 @@ class RayBank:
         if self.backdrop is not None:
             # The backdrop seen through a handle, or a highlight as white as it.
             known = (alpha < 1) | ((colour - self.backdrop).abs() > TOLERANCE).any(-1)
+        behind = None if self.behind is None else self.behind[pixel].float()
         return RayBatch(
-            self.position[photo],
-            directions,
-            colour,
-            alpha,
-            known,
-            clipped,
-            self.pixel_angle[photo],
-            photo,
-            None if self.behind is None else self.behind[pixel].float(),
-        )
+            self.position[photo], directions, colour, alpha, known, clipped, self.pixel_angle[photo], photo,
+            behind,
+        )  # fmt: skip
 
     def restrict(self, likely: Tensor) -> None:
         """Draw mostly from the pixels in `likely` [P] bool (rays that can meet the object)."""

@@ -1,7 +1,5 @@
 """Adam's step on the CPU; `adam.adam_step_torch` is the plain twin."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

@@ -4,8 +4,6 @@ A call of the C library, good as it is, has all that a loop holds in registers p
 again; for the directions of a glossy ray that took longer than all the rest of their geometry.
 """
 
-from __future__ import annotations
-
 import math
 
 from .compiling import function

@@ -5,8 +5,6 @@ with exits are not vectorised. What a kernel calls is compiled once for all its 
 compiled alike.
 """
 
-from __future__ import annotations
-
 import numba
 
 _ARITHMETIC = {"fastmath": True, "error_model": "numpy"}

@@ -1,7 +1,5 @@
 """Fused CPU kernels for a step's random choices; `drawing_torch` is their plain twin."""
 
-from __future__ import annotations
-
 import math
 
 import numba

@@ -1,7 +1,5 @@
 """Plain torch twin of `drawing`'s kernels: the same choices, bit for bit where nothing is summed."""
 
-from __future__ import annotations
-
 import torch
 
 from .backend import precise

@@ -3,8 +3,6 @@
 They are done eight at a time (`ray_lanes`), whichever samples they are of: in a fit most have one or two.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

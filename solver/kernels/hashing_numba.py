@@ -1,7 +1,5 @@
 """The hash on the CPU; `hashing.uniform_torch` is the plain twin."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

@@ -5,8 +5,6 @@
 tables are bilinear, which is the exact integral of a map that is constant on each texel.
 """
 
-from __future__ import annotations
-
 import math
 
 import numba

@@ -3,8 +3,6 @@
 Vectors are tuples of three numbers. What a ray has of its own may be that of eight (`ray_lanes`).
 """
 
-from __future__ import annotations
-
 import math
 
 from .angles_numba import cosine_sine_of_turns

@@ -3,8 +3,6 @@
 Plain torch, their twin, stands where each is called (see `pointwise`). Arguments are as in `shading_numba`.
 """
 
-from __future__ import annotations
-
 import math
 
 from .compiling import function, serial_kernel

@@ -3,8 +3,6 @@
 Torch takes as long for it as for half a step of a fit: its convolutions are made for many channels.
 """
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

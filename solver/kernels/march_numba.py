@@ -4,8 +4,6 @@ Positions are in box units: the region of interest is [0, 1]^3 (`field.box`), so
 not unit vectors there; `t` stays in world units because origin and direction scale together.
 """
 
-from __future__ import annotations
-
 import math
 
 import numba

@@ -4,8 +4,6 @@
 three and one are left over when they are taken eight at once (`lanes`).
 """
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

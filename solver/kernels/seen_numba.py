@@ -1,7 +1,5 @@
 """What rays see of a few chosen samples, on the CPU; `render.depths` has the plain twin."""
 
-from __future__ import annotations
-
 from .compiling import serial_kernel
 
 

@@ -5,8 +5,6 @@ then what has none, numbers, and what they write; adjoints take the outputs' cot
 last what they write, the cotangents g_x of what has gradients.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

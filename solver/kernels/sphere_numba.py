@@ -4,8 +4,6 @@ A map is [3, H, W], places are [H', W', 2] columns in [0, W] and rows in [0, H],
 Columns go on around, and rows beyond a pole half a turn away.
 """
 
-from __future__ import annotations
-
 import math
 
 from .compiling import inlined, serial_kernel

@@ -1,8 +1,6 @@
 """Arithmetic of three numbers, vectors and colours alike, for the kernels: tuples, so that they stay in
 registers."""
 
-from __future__ import annotations
-
 from .compiling import function, inlined
 from .lanes import load
 

@@ -1,7 +1,5 @@
 """Walks from points through a coarse grid on the CPU; `visibility_torch` is the plain twin."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Plain twin of `visibility_numba` and `visibility_warp`."""
 
-from __future__ import annotations
-
 import math
 
 import torch

@@ -6,8 +6,6 @@ one address. Lines belong to all bands: each has a copy, which are added up at t
 points alone, so the sums have the same order on any number of cores.
 """
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

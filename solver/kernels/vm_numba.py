@@ -3,14 +3,12 @@
 They share the points among the threads. Their adjoints are in `vm_adjoint_numba`.
 """
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 
 from .compiling import inlined, kernel, serial_kernel
 from .lanes import LANES, eight_of, store, total
-from .vm_adjoint_numba import vm_gradient_backward, vm_products_backward, vm_sum_backward
+from .vm_adjoint_numba import vm_gradient_backward, vm_products_backward, vm_sum_backward  # noqa: F401
 from .vm_point_numba import (
     AXIS_A,
     AXIS_B,
@@ -24,19 +22,6 @@ from .vm_point_numba import (
     plane_and_line,
     raw_density,
 )
-
-__all__ = [
-    "add_smooth_lines",
-    "add_smooth_planes",
-    "smooth_lines",
-    "smooth_planes",
-    "vm_gradient",
-    "vm_gradient_backward",
-    "vm_products",
-    "vm_products_backward",
-    "vm_sum",
-    "vm_sum_backward",
-]
 
 
 @kernel

@@ -4,8 +4,6 @@ What works on channels does so for one, or for eight at once (`lanes`): for as m
 cotangent.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from .compiling import inlined

@@ -11,16 +11,7 @@ import torch
 import warp as wp
 
 from .vectors_warp import Grid, Numbers, Planes, Vectors, vector
-from .vm_point_warp import (
-    Cell,
-    axis_a,
-    axis_b,
-    axis_c,
-    cell_of,
-    line_at,
-    plane_at,
-    raw_density,
-)
+from .vm_point_warp import Cell, axis_a, axis_b, axis_c, cell_of, line_at, plane_at, raw_density
 from .warp_device import launch
 
 wp.set_module_options({"enable_backward": False, "fast_math": True})
@@ -37,6 +28,14 @@ class Stencil:
     along_c: float
 
 
+@wp.func
+def cells_of(points: Vectors, n: int, k: int, size: int):
+    """Of pair k around a point: along both axes of its plane, and along its line."""
+    a = cell_of(points[n, axis_a(k)], size)
+    b = cell_of(points[n, axis_b(k)], size)
+    return a, b, cell_of(points[n, axis_c(k)], size)
+
+
 @wp.kernel
 def _sum(points: Vectors, planes: Planes, lines: Grid, out: Numbers):
     n = wp.tid()
@@ -48,9 +47,7 @@ def _products(points: Vectors, planes: Planes, lines: Grid, out: Vectors):
     n, ch = wp.tid()
     size = planes.shape[1]
     for k in range(3):
-        a = cell_of(points[n, axis_a(k)], size)
-        b = cell_of(points[n, axis_b(k)], size)
-        c = cell_of(points[n, axis_c(k)], size)
+        a, b, c = cells_of(points, n, k, size)
         product = plane_at(planes, k, a, b, ch) * line_at(lines, k, c, ch)
         out[n, k * planes.shape[3] + ch] = product
 
@@ -85,9 +82,7 @@ def _sum_backward(
         return
     size = planes.shape[1]
     for k in range(3):
-        a = cell_of(points[n, axis_a(k)], size)
-        b = cell_of(points[n, axis_b(k)], size)
-        c = cell_of(points[n, axis_c(k)], size)
+        a, b, c = cells_of(points, n, k, size)
         spread(planes, lines, grad_planes, grad_lines, k, a, b, c, ch, g)
 
 
@@ -99,9 +94,7 @@ def _products_backward(
     n, ch = wp.tid()
     size = planes.shape[1]
     for k in range(3):
-        a = cell_of(points[n, axis_a(k)], size)
-        b = cell_of(points[n, axis_b(k)], size)
-        c = cell_of(points[n, axis_c(k)], size)
+        a, b, c = cells_of(points, n, k, size)
         g = cotangent[n, k * planes.shape[3] + ch]
         spread(planes, lines, grad_planes, grad_lines, k, a, b, c, ch, g)
 
@@ -138,9 +131,7 @@ def _gradient(points: Vectors, planes: Planes, lines: Grid, out: Vectors):
     size = planes.shape[1]
     total = wp.vec3(0.0)
     for k in range(3):
-        a = cell_of(points[n, axis_a(k)], size)
-        b = cell_of(points[n, axis_b(k)], size)
-        c = cell_of(points[n, axis_c(k)], size)
+        a, b, c = cells_of(points, n, k, size)
         for ch in range(planes.shape[3]):
             here = stencil_at(planes, lines, k, a, b, c, ch)
             total[axis_a(k)] += 0.5 * here.along_a * here.line
@@ -158,9 +149,7 @@ def _gradient_backward(
     n, ch = wp.tid()
     size = planes.shape[1]
     for k in range(3):
-        a = cell_of(points[n, axis_a(k)], size)
-        b = cell_of(points[n, axis_b(k)], size)
-        c = cell_of(points[n, axis_c(k)], size)
+        a, b, c = cells_of(points, n, k, size)
         here = stencil_at(planes, lines, k, a, b, c, ch)
         to_along_a = 0.5 * cotangent[n, axis_a(k)]
         to_along_b = 0.5 * cotangent[n, axis_b(k)]

@@ -4,8 +4,6 @@ Where a ray reads next depends on what it has just read, so a single one leaves 
 A crowd walks side by side until the last one has ended (`ray_lanes`).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -12,13 +12,7 @@ from torch import Tensor
 
 from ..capture.camera import Camera
 from ..kernels.march import composite
-from .pixels import (
-    keys_of_rays,
-    mean_of_rays,
-    pixels_of,
-    places_in_pixel,
-    secondary_rays_each,
-)
+from .pixels import keys_of_rays, mean_of_rays, pixels_of, places_in_pixel, secondary_rays_each
 from .radiance import render_rays
 from .random_numbers import RandomNumbers
 from .scene import RenderSettings, Scene, StepTables

@@ -107,13 +107,9 @@ def render_rays(
     with torch.no_grad():
         distance = torch.zeros_like(near).index_add(0, ray, weights * steps.distance)
     return RayBuffers(
-        opacity=1 - transmittance,
-        distance=distance,
-        samples=len(ray),
-        retraced=traced[0],
-        retraced_samples=traced[1],
-        **_seen(chosen, shown),
-    )
+        opacity=1 - transmittance, distance=distance, samples=len(ray), retraced=traced[0],
+        retraced_samples=traced[1], **_seen(chosen, shown),
+    )  # fmt: skip
 
 
 def _seen(chosen: Depths, shown: dict[str, Tensor]) -> dict[str, Tensor]:

@@ -187,6 +187,21 @@ def test_texels_lie_on_the_surface_and_cover_every_chart(unwrapped):
     assert np.isclose(len(texels.row), area, rtol=0.05)
 
 
+@pytest.mark.parametrize("size", [1e-4, 0.02, 50.0])
+def test_an_object_of_any_size_has_all_its_surface_on_the_texture(size):
+    """A fixed bug: a cup in metres had a sixth of its texels, and what is smaller no UVs at all."""
+    mesh = trimesh.creation.icosphere(5)
+    mesh.apply_transform(trimesh.transformations.scale_matrix(size / 2))
+    mesh.apply_translation((3 * size, 0, 0))
+    found = unwrap(mesh, mesh.vertex_normals, 256)
+    assert np.isfinite(found.uvs).all()
+    corners = found.uvs[found.faces].astype(float)
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
+    assert (area > 0).all() and area.sum() > 0.35
+    np.testing.assert_allclose(np.ptp(found.positions, axis=0), size, rtol=0.01)
+
+
 def test_normal_map_decodes_to_the_normals_that_were_baked(unwrapped):
     texels = rasterise(unwrapped, 256)
     frames = texel_frames(unwrapped, texels)

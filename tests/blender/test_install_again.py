@@ -1,6 +1,8 @@
 """A job that is installed once more replaces what it brought before, where that stands now."""
 
+import json
 import shutil
+from pathlib import Path
 
 import bpy
 import fake_result
@@ -176,6 +178,47 @@ def test_what_a_person_has_edited_stays_in_the_file_when_it_is_renewed(install, 
     install()
     assert counts() == before, "only what was edited is kept"
     assert block.name == f"{name} before"
+
+
+def test_what_was_painted_and_saved_stays_and_the_result_is_as_it_was(install, result_job):
+    """A fixed bug: it was saved into the result itself, or was gone when that was installed again."""
+    item = install()
+    image, material = image_of(item, "Albedo"), item.active_material
+    before = (result_job / "result" / "albedo.png").read_bytes()
+    image.pixels[0] = 1 - image.pixels[0]
+    image.save()
+    painted = Path(bpy.path.abspath(image.filepath)).read_bytes()
+    assert painted != before == (result_job / "result" / "albedo.png").read_bytes()
+    for _ in range(2):
+        item = install()
+        assert material.name == "jöb 1 before"
+        assert Path(bpy.path.abspath(image.filepath)).read_bytes() == painted
+        shown = image_of(item, "Albedo")
+        assert Path(bpy.path.abspath(shown.filepath)).read_bytes() == before
+
+
+def test_a_result_that_is_made_anew_counts_as_nothing_painted(install, result_job):
+    install()
+    fake_result.write_result(result_job)
+    (result_job / "result" / "albedo.png").write_bytes(
+        (result_job / "result" / "f0.png").read_bytes()
+    )
+    before = counts()
+    install()
+    assert counts() == before
+    assert len(list((result_job / "textures").glob("*albedo.png"))) == 1
+
+
+def test_a_job_of_the_same_name_in_another_project_is_another_job(install, result_job, tmp_path):
+    """A fixed bug: once the one's folder was gone, the other's result took its object."""
+    item = install()
+    mesh = item.data
+    other = tmp_path / "other project" / result_job.name
+    shutil.copytree(result_job, other)
+    request = json.loads((other / "job.json").read_text())
+    (other / "job.json").write_text(json.dumps({**request, "capture": "/other/capture"}))
+    shutil.rmtree(result_job)
+    assert install(other) != item and item.data == mesh
 
 
 def test_a_file_that_was_saved_and_opened_has_nothing_edited(install, tmp_path):

@@ -118,6 +118,12 @@ def test_each_way_to_fail_is_told_apart(start, part, mode, code, text, error):
     assert model.seconds_left is None
 
 
+def test_bad_input_is_no_crash_also_where_no_event_has_told_of_it(part):
+    model = part("jobs.model").JobModel()
+    model.ended(2, said_bye=False, log_tail="photos: it has too few photos; give at least 3.")
+    assert model.text == "The solver stopped" and model.error.startswith("photos: it has too few")
+
+
 @pytest.mark.parametrize("answer", [ProcessLookupError, PermissionError])
 def test_a_child_that_has_just_ended_needs_no_end(start, part, monkeypatch, answer):
     """What macOS answers for a group of processes that have ended, but were not waited for."""

@@ -6,7 +6,7 @@ import bpy
 import fake_capture
 import numpy as np
 import pytest
-from mathutils import Euler, Matrix
+from mathutils import Euler, Matrix, Vector
 
 TURNED = Matrix.LocRotScale((3, 1, 2), Euler((0.2, 0.4, 0.6)), (2, 2, 2))
 
@@ -122,6 +122,17 @@ def test_light_axes_go_with_their_result_once(placed, result_job, extension, cap
     np.testing.assert_allclose(relative(again), before, atol=1e-4)
 
 
+def test_a_result_that_has_left_its_capture_keeps_its_light_when_it_is_installed_again(
+    placed, result_job, extension, capture
+):
+    """A fixed bug: the new light was not turned at all."""
+    item, _ = placed
+    before = relative(item)
+    leave(item)
+    extension("scene.install").install_result(bpy.context, result_job, capture)
+    np.testing.assert_allclose(relative(item), before, atol=1e-4)
+
+
 def test_a_deleted_result_is_not_kept_in_the_file_by_its_light(placed):
     item, _ = placed
     name = item.name
@@ -138,6 +149,21 @@ def test_light_axes_last_over_saving_and_opening(placed):
     leave(item)
     delete(root)
     np.testing.assert_allclose(relative(item), before, atol=1e-4)
+
+
+def test_a_result_is_counted_from_its_origin_also_in_the_captures_own_space(
+    capture, extension, result_job
+):
+    file = result_job / "result" / "manifest.json"
+    manifest = json.loads(file.read_text())
+    file.write_text(json.dumps({**manifest, "origin": [1000.0, 2000.0, 0.0]}))
+    root = extension("scene.capture_collection").root_of(capture)
+    root.matrix_world = TURNED
+    item = extension("scene.install").install_result(bpy.context, result_job, capture).object
+    bpy.context.view_layer.update()
+    np.testing.assert_allclose(
+        item.matrix_world.translation, TURNED @ Vector((1000, 2000, 0)), atol=1e-3
+    )
 
 
 def test_a_result_of_the_command_line_stands_among_its_cameras_whose_empty_was_applied(

@@ -396,6 +396,20 @@ def test_what_a_task_finds_is_not_put_into_another_file(task, photos, fake_solve
     task.finish()
     assert not bpy.data.collections
     assert "another file" in task.model.text and "Import Capture from" in task.model.text
+    assert f"Photos: {photos}" in task.model.text
+
+
+def test_what_a_task_finds_is_put_into_its_file_that_was_opened_once_more(
+    task, photos, fake_solver, tmp_path
+):
+    """A fixed bug: File › Revert while cameras were solved lost them."""
+    path = str(tmp_path / "scene.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.nmf.solve_cameras(directory=str(photos))
+    bpy.ops.wm.open_mainfile(filepath=path)
+    task.finish()
+    assert bpy.context.scene.nmf.capture is not None
+    assert "photos have a camera" in task.model.text
 
 
 def test_a_solve_that_was_stopped_goes_on_in_its_folder(task, photos, fake_solver, tmp_path):

@@ -166,6 +166,19 @@ def test_dynamic_masks_beside_photos_are_found_by_themselves_and_are_no_photos(t
     assert [photo.ignored for photo in found] == [None, photos / "dynamic_mask_IMG_1.png", None]
 
 
+def test_what_blender_and_network_drives_write_beside_photos_are_no_photos(tmp_path):
+    """A fixed bug: solved once more, pictures of the last job were taken for photos."""
+    photos = photos_at(tmp_path / "photos")
+    job = photos / "nmf_jobs" / "photos_cameras" / "photos"
+    for folder in (job, photos / "@eaDir" / "IMG_0.png"):
+        folder.mkdir(parents=True)
+        Image.new("L", (32, 32)).save(folder / "frame_000001.png")
+    assert photos_below(photos) == ("IMG_0.png", "IMG_1.png", "IMG_2.png")
+    for name in ("a.png", "b.png"):
+        Image.new("L", (32, 32)).save(job / name)
+    assert photos_below(job) == ("a.png", "b.png", "frame_000001.png")
+
+
 def test_given_pictures_are_no_photos_wherever_they_lie(tmp_path):
     photos = photos_at(tmp_path / "photos")
     (photos / "hands").mkdir()

@@ -1,6 +1,9 @@
 """Photos and masks at a reduced size, turned as their cameras saw them."""
 
+import tracemalloc
+
 import numpy as np
+import OpenEXR
 import pytest
 from PIL import Image
 
@@ -41,3 +44,40 @@ def test_tiffs_are_reduced_by_means_as_other_photos_are(dtype, tmp_path):
     assert colour.shape == (60, 80, 3) and alpha.shape == (60, 80)
     assert np.ptp(colour) <= 2 and abs(float(colour.mean()) - 127.5) < 2
     assert np.ptp(alpha) <= 2
+
+
+def test_linear_photos_are_reduced_where_they_are_and_by_means(tmp_path):
+    """A fixed bug: of blocks of pixels the first was taken, so that all were moved by half a block."""
+    rows, columns = np.mgrid[:360, :640] + 0.5
+    blob = np.exp(-((columns - 300) ** 2 + (rows - 170) ** 2) / (2 * 40**2)).astype(np.float32)
+    fine = (np.indices((360, 640)).sum(axis=0) % 2).astype(np.float32)
+    noise = np.full((360, 640), np.nan, np.float32)
+    OpenEXR.File({}, {"RGB": np.dstack([blob, fine, noise])}).write(str(tmp_path / "a.exr"))
+    colour, alpha = load_reduced(tmp_path / "a.exr", 160)
+    assert colour.shape == (90, 160, 3) and alpha is None
+    small = colour[..., 0].astype(float)
+    rows, columns = np.mgrid[:90, :160] + 0.5
+    middle = [(small * at).sum() / small.sum() * 4 for at in (columns, rows)]
+    np.testing.assert_allclose(middle, (300, 170), atol=0.2)
+    # sRGB of half of the light.
+    assert np.ptp(colour[..., 1]) <= 2 and abs(float(colour[..., 1].mean()) - 188) < 2
+    assert (colour[..., 2] == 0).all()
+
+
+def test_a_photo_of_16_bits_takes_no_more_memory_than_its_pixels(tmp_path):
+    """A fixed bug: eight bytes a number, several times, of as many photos at once as there are cores."""
+    pixels = np.random.default_rng(0).integers(0, 1 << 16, (1500, 2000, 3)).astype(np.uint16)
+    write(tmp_path / "a.tif", pixels)
+    load_reduced(tmp_path / "a.tif", 500)
+    tracemalloc.start()
+    load_reduced(tmp_path / "a.tif", 500)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2.5 * pixels.nbytes
+
+
+def test_a_phones_200_megapixels_are_no_bomb(tmp_path):
+    Image.new("1", (16320, 12240)).save(tmp_path / "a.png")
+    header = read_header(tmp_path / "a.png")
+    assert (header.width, header.height) == (16320, 12240)
+    assert load_reduced(tmp_path / "a.png", 100)[0].shape == (75, 100, 3)

@@ -53,7 +53,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the block with the most photos; those without a pose are left out with a warning.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     root = read_xml(path)
     blocks = root.findall("Block")

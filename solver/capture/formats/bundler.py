@@ -47,7 +47,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read a `.out` file with the list of photos beside it.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     lines = ((where, line) for where, line in read_lines(path) if line)
     version = next((line for _, line in lines), "")

@@ -41,7 +41,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read a model from any of its files.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     files = _model_files(path)
     sensors = _module(files["cameras"]).read_cameras(files["cameras"])

@@ -74,7 +74,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the projections of all places that there are photos of.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     kind = _NUMBERED.fullmatch(path.stem)[1]
     files = {}

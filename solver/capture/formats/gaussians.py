@@ -41,7 +41,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read all cameras, and the sparse points beside the file.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     content = read_json(path)
     if not isinstance(content, list) or len(content) > _MOST_CAMERAS:

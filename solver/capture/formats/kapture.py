@@ -55,7 +55,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the cameras that have records, with rigs and sparse points.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     sensors_file = path.with_name(_SENSORS)
     if not _KNOWN.match(text_head(sensors_file).lower()):

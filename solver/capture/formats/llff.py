@@ -38,7 +38,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the poses of all photos.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     table = read_npy(path)
     if table.ndim != 2 or table.shape[1] != 17:

@@ -99,7 +99,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read a scene; views without a pose are left out with a warning.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     if head_of(path, 8)[4:] == _BINARY:
         raise CaptureError(

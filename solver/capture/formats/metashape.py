@@ -58,7 +58,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     directions are left out with a warning.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     chunks = [
         chunk for chunk in read_xml(path).iter("chunk") if chunk.find(".//camera") is not None

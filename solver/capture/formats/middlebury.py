@@ -52,7 +52,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the cameras of all lines.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     lines = ((number, line) for number, line in read_lines(path) if line)
     found = [_camera(path, f"line {number}", line, photos) for number, line in _after_count(lines)]

@@ -43,7 +43,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read all cameras that are known; the box becomes the region.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     content = mapping(path, "", read_json(path))
     names = _inside(path, content, "image_path", "file_paths")

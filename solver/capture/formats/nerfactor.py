@@ -41,7 +41,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the cameras of all views whose folders are called as that of a camera's file.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     files = _views(path)
     return assemble(path, NAME, [_camera(file, photos) for file in files], photos)

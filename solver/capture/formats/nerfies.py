@@ -47,7 +47,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read all cameras for training of the folder that a camera's JSON file lies in.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     place = path.absolute().parent.parent
     scales = sorted((place / _PHOTOS).glob("*x"), key=lambda folder: numbered(folder.name))

@@ -43,7 +43,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read all cameras of the folder that a camera's file lies in.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     folder = path.absolute().parent
     files = [file for file in files_in(folder, _ENDING) if _FILE.fullmatch(file.name)]

@@ -44,7 +44,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the projections of all photos; the sphere becomes the region.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     projections = _numbered(path, "world_mat_")
     if not projections:

@@ -45,7 +45,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read all shots, with the lenses of `cameras.json`.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     features = entries(path, "features", mapping(path, "", read_json(path)).get("features"))
     lenses_file, lenses = _lenses(path)

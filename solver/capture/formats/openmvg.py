@@ -58,7 +58,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read a scene; views without a pose are left out with a warning.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     content = mapping(path, "", read_json(path))
     root = content.get("root_path")

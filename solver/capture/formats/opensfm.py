@@ -82,7 +82,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the reconstruction with the most shots.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     content = read_json(path)
     if not isinstance(content, list) or not content:

@@ -60,7 +60,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the calibrated cameras of a project; others are left out with a warning.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     items = entries(path, "items", mapping(path, "", read_json(path)).get("items"))
     calibrations = list(_resources(path, items, _CALIBRATION))

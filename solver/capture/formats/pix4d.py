@@ -68,7 +68,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read all photos of a file of calibrated cameras.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     lines = ((where, line) for where, line in read_lines(path) if line)
     titles = [" ".join(line.lower().split()) for _, line in islice(lines, len(_TITLES))]

@@ -45,7 +45,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read all cameras of the folder that a camera's JSON file lies in.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     found, blurred = [], []
     for file in files_in(path.parent, ".json"):

@@ -64,7 +64,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read lenses and all poses that are not of photos held out; the box becomes the region.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     lens_file = _lens_file(path)
     place = next(folder for folder in lens_file.parents if _pose_folder(folder) is not None)

@@ -44,7 +44,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read a table of cameras, or all sidecars beside the one given and beside photos.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     if _NAMESPACE.encode() in text_head(path, _HEAD):
         return _read_sidecars(path, photos)

@@ -98,7 +98,7 @@ def read_table(path: Path, name: str, photos: PhotoFinder) -> Capture:
         name: of the format.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     text = read_text(path)
     table = _table_of(text[:65536])

@@ -44,7 +44,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the metadata of a recording.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     content = read_json(path)
     poses = content.get("poses") if isinstance(content, dict) else None

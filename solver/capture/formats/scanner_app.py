@@ -35,7 +35,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read all frames with photos of the folder that a frame's JSON file lies in.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     found = []
     for file in files_in(path.parent, ".json"):

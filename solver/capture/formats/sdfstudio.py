@@ -38,7 +38,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read all frames; the scene's box becomes the region.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     content = mapping(path, "", read_json(path))
     found = []

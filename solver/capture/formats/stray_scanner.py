@@ -57,7 +57,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the poses of all frames of which there are pictures.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     rows = _rows(path)
     pictures = _pictures(path, list(rows), photos)

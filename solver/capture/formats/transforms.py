@@ -65,7 +65,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read a transforms file; frames without a pose are left out with a warning.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     content = read_json(path)
     if not is_transforms(content):

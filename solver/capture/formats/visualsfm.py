@@ -40,7 +40,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the first model of an `.nvm` file, which is the largest.
 
     Raises:
-        CaptureError: anything that cannot be used, with file, field and remedy.
+        CaptureError: anything that cannot be used.
     """
     lines = ((f"line {where}", line) for where, line in read_lines(path) if line)
     version = next((line for _, line in lines), "")
