@@ -21,11 +21,9 @@ class NMF_OT_install_result(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     job: bpy.props.StringProperty(
-        name="Job",
-        description="Folder of the finished job, or of an exported result",
-        subtype="DIR_PATH",
-        options={"SKIP_SAVE"},
-    )
+        name="Job", description="Folder of the finished job, or of an exported result",
+        subtype="DIR_PATH", options={"SKIP_SAVE"},
+    )  # fmt: skip
     directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
 
     @classmethod
@@ -54,6 +52,9 @@ class NMF_OT_install_result(bpy.types.Operator):
                 monitor.look_at(str(folder))  # if it is not finished, the panel can resume it
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+        scenes = asset.object.users_scene
+        if context.scene not in scenes:
+            self.report({"INFO"}, f"Its object is in the scene {scenes[0].name}")
         if asset.moved_cameras:
             self.report({"INFO"}, f"Cameras moved to fit their photos: {asset.moved_cameras}")
         if asset.kept:

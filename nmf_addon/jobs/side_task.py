@@ -143,7 +143,7 @@ def _tick() -> float | None:
 
 @persistent
 def _on_load(path: str) -> None:
-    """A file was opened: what came out before is none of it, and what will come out if it is another."""
+    """A file was opened: what came out before is none of its, nor what will, if it is another."""
     side_task.of_this_file = path != "" and path == side_task.started_in
     if not side_task.running:
         side_task.model = JobModel(state="new", text="")

@@ -20,15 +20,7 @@ from .job_space import job_space
 from .light_axes import light_by
 from .material import build_material
 from .pictures import named_pictures
-from .replace import (
-    CAPTURE,
-    JOB,
-    capture_of,
-    check_not_edited,
-    edited_of,
-    installed_before,
-    replace_asset,
-)
+from .replace import check_not_edited, edited_of, installed_before, mark, replace_asset
 from .result import job_of_result, read_manifest, read_ply
 from .selection import make_active
 from .world import build_world
@@ -91,7 +83,7 @@ def install_result(
         item = earlier or _place(context, scene, job, mesh, manifest, collection)
     kept = [] if earlier is None else replace_asset(earlier, mesh, material, world, edited)
     for block in (item, mesh, material, world):
-        block[JOB], block[CAPTURE] = str(job.root), capture_of(job)
+        mark(block, job)
     moved = adjust_cameras(job, collection) if collection is not None else 0
     _light(world, item, job, manifest, collection)
     for block in (world, material, mesh):

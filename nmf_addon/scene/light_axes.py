@@ -27,8 +27,7 @@ def light_by(
     """Let a result's light turn with what the result's object hangs on.
 
     Args:
-        under: what axes are to hang on if the result has none from an earlier installation; None: then
-            it needs none.
+        under: what axes are to hang on if the result has none from an earlier installation; or None.
         local: from the light's coordinates to those of `under`.
     """
     axes = _axes_of(item) or (under and _new_axes(item))

@@ -14,7 +14,7 @@ from .images import images_of
 JOB = "nmf_job"
 """path of the job's folder, on all that was installed from it"""
 CAPTURE = "nmf_capture"
-"""that of its capture, which tells jobs of one name apart"""
+"""that of its capture when it began, which tells jobs of one name apart; empty of a result alone"""
 
 
 def installed_before(job: JobFolder, scene: bpy.types.Scene) -> bpy.types.Object | None:
@@ -32,11 +32,15 @@ def is_of(block: bpy.types.ID, job: JobFolder) -> bool:
     if path == job.root:
         return True
     moved = path.name == job.root.name and not path.exists()
-    return moved and block.get(CAPTURE) in (None, capture_of(job))
+    return moved and block.get(CAPTURE) in (None, _capture_of(job))
 
 
-def capture_of(job: JobFolder) -> str:
-    """The path of a job's capture, as it was when the job began; empty if only its result is there."""
+def mark(block: bpy.types.ID, job: JobFolder) -> None:
+    """Remember what a data-block was installed from."""
+    block[JOB], block[CAPTURE] = str(job.root), _capture_of(job)
+
+
+def _capture_of(job: JobFolder) -> str:
     try:
         return JobFolder.open(job.root).request.capture
     except JobError:

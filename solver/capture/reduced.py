@@ -158,7 +158,7 @@ def _of_decoded(decoded: Decoded, longest: int) -> tuple[np.ndarray, np.ndarray 
 def _in_eight_bits(values: np.ndarray, largest: float) -> np.ndarray:
     if values.dtype == np.uint8:
         return np.ascontiguousarray(values)
-    if values.dtype == np.uint16:  # a photo has millions of numbers, but few different ones
+    if values.dtype == np.uint16:  # few different numbers
         return _in_eight_bits(np.arange(1 << 16), largest)[values]
     return np.round(np.clip(values / largest, 0, 1) * 255).astype(np.uint8)
 

@@ -180,6 +180,15 @@ def test_what_a_person_has_edited_stays_in_the_file_when_it_is_renewed(install, 
     assert block.name == f"{name} before"
 
 
+def test_a_result_that_is_in_another_scene_is_renewed_there_and_one_is_told(install, capfd):
+    item = install()
+    bpy.context.window.scene = bpy.data.scenes.new("Second")
+    capfd.readouterr()
+    bpy.ops.nmf.install_result(directory=item["nmf_job"])
+    assert "Its object is in the scene Scene" in capfd.readouterr().out
+    assert list(bpy.context.scene.objects) == []
+
+
 def test_what_was_painted_and_saved_stays_and_the_result_is_as_it_was(install, result_job):
     """A fixed bug: it was saved into the result itself, or was gone when that was installed again."""
     item = install()
