@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -13,14 +12,12 @@ from solver.capture.read import read_capture
 from solver.capture.reduced import load_reduced
 from solver.fit.errors import SettingsError
 from solver.preflight.check import check
+from tests.cli.command import solver as run
 from tests.preflight.captures import ROOT, around, blurred, capture_at, only, write
 
 
 def solver(*arguments, command="check"):
-    return subprocess.run(
-        [sys.executable, "-m", "solver", command, *map(str, arguments)], cwd=ROOT, text=True,
-        capture_output=True, stdin=subprocess.DEVNULL, timeout=120,
-    )  # fmt: skip
+    return run(command, *arguments)
 
 
 def test_the_command_prints_a_line_a_finding_or_one_json(pictures, tmp_path):
