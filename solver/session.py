@@ -146,7 +146,7 @@ def explain(error: Exception) -> tuple[int, str]:
         )
     if isinstance(error, OSError) and error.errno in _REMEDIES:
         where = error.filename or "what was to be written"
-        return (BAD_INPUT, f"{where}: writing failed ({error.strerror}); {_REMEDIES[error.errno]}.")
+        return BAD_INPUT, f"{where}: writing failed ({error.strerror}); {_REMEDIES[error.errno]}."
     if "no space left" in text or "i/o error" in text:
         return BAD_INPUT, f"The job folder cannot be written ({error}); free space or move the job."
     if isinstance(error, KNOWN_FAILURES):

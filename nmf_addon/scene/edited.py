@@ -18,7 +18,7 @@ AS_MADE = "nmf_as_made"
 def mark_as_made(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> None:
     """Remember a data-block as it is now, and the pictures that it shows."""
     block[AS_MADE] = fingerprint_of(block)
-    for image in [] if isinstance(block, bpy.types.Mesh) else images_of(block):
+    for image in images_of(block):
         image[AS_MADE] = _of_file(image)
 
 
@@ -27,8 +27,7 @@ def is_edited(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> b
     False of one that never was marked."""
     if AS_MADE not in block:
         return False
-    images = [] if isinstance(block, bpy.types.Mesh) else images_of(block)
-    return block[AS_MADE] != fingerprint_of(block) or any(map(is_painted, images))
+    return block[AS_MADE] != fingerprint_of(block) or any(map(is_painted, images_of(block)))
 
 
 def is_painted(image: bpy.types.Image) -> bool:

@@ -51,8 +51,10 @@ def load_picture(path: Path, colour_space: str | None = None) -> bpy.types.Image
     return image
 
 
-def images_of(block: bpy.types.Material | bpy.types.World) -> list[bpy.types.Image]:
-    """Pictures that a material or World shows."""
+def images_of(block: bpy.types.ID) -> list[bpy.types.Image]:
+    """Pictures that a material or World shows; a mesh shows none."""
+    if isinstance(block, bpy.types.Mesh):
+        return []
     nodes = block.node_tree.nodes
     return [n.image for n in nodes if n.type in ("TEX_IMAGE", "TEX_ENVIRONMENT") and n.image]
 

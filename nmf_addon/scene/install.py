@@ -82,8 +82,7 @@ def install_result(
                 image.pack()
         item = earlier or _place(context, scene, job, mesh, manifest, collection)
     kept = [] if earlier is None else replace_asset(earlier, mesh, material, world, edited)
-    for block in (item, mesh, material, world):
-        mark(block, job)
+    mark(job, item, mesh, material, world)
     moved = adjust_cameras(job, collection) if collection is not None else 0
     _light(world, item, job, manifest, collection)
     for block in (world, material, mesh):

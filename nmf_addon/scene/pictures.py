@@ -33,7 +33,7 @@ def named_pictures(job: JobFolder, manifest: dict) -> dict[str, Path]:
         folder.mkdir(exist_ok=True)
         named = {key: folder / f"{stem}_{file.name}" for key, file in files.items()}
         for key, file in files.items():
-            # Once it was a link to the result's.
+            # It was a link to the result's once, which is not to be written to.
             named[key].unlink(missing_ok=True)
             shutil.copyfile(file, named[key])
         return named

@@ -35,9 +35,11 @@ def is_of(block: bpy.types.ID, job: JobFolder) -> bool:
     return moved and block.get(CAPTURE) in (None, _capture_of(job))
 
 
-def mark(block: bpy.types.ID, job: JobFolder) -> None:
-    """Remember what a data-block was installed from."""
-    block[JOB], block[CAPTURE] = str(job.root), _capture_of(job)
+def mark(job: JobFolder, *blocks: bpy.types.ID) -> None:
+    """Remember what data-blocks were installed from."""
+    capture = _capture_of(job)
+    for block in blocks:
+        block[JOB], block[CAPTURE] = str(job.root), capture
 
 
 def _capture_of(job: JobFolder) -> str:

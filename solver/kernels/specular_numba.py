@@ -209,7 +209,7 @@ def specular_backward_of_sample(
         g_flat = (alpha * g_long[0], alpha * g_long[1], g_long[2] if flat[2] > 1e-7 else 0.0)
         g_p2 = dot(g_flat, t2)
         g_p2 -= dot(g_flat, st) * p2 / p3 if 1.0 - p1 * p1 - p2 * p2 > 1e-12 else 0.0
-        g_t1, g_t2, g_st = (plus(g_t1, p1, g_flat), plus(g_t2, p2, g_flat), plus(g_st, p3, g_flat))
+        g_t1, g_t2, g_st = plus(g_t1, p1, g_flat), plus(g_t2, p2, g_flat), plus(g_st, p3, g_flat)
         g_st = (g_st[0], g_st[1], g_st[2] + 0.5 * g_p2 * by_share)
     if masking:
         by_cosine, by_alpha = smith_slopes(view[2], alpha)

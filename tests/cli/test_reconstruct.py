@@ -218,10 +218,10 @@ def test_what_is_to_be_ignored_is_given_kept_and_not_compared(tmp_path):
     assert result.returncode == 2 and "was begun with the ignored" in result.stderr
 
 
-def test_large_photos_are_made_smaller_for_fit_and_report(tmp_path, duck):
+def test_large_photos_are_made_smaller_for_fit_and_report(tmp_path):
     job = tmp_path / "job"
     result = solver(
-        "reconstruct", duck, "--out", job, *TINY, "--set", "photos.most_pixels=2500",
+        "reconstruct", DUCK, "--out", job, *TINY, "--set", "photos.most_pixels=2500",
         "--set", "fit.steps=4",
     )  # fmt: skip
     assert result.returncode == 0, result.stderr
