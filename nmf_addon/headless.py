@@ -3,8 +3,6 @@
 Exit codes are the solver's: 0 done, 2 bad input, 3 cancelled, 4 out of memory, 1 anything else.
 """
 
-from __future__ import annotations
-
 import argparse
 import shutil
 import sys

@@ -1,7 +1,5 @@
 """The extension's package and folders."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The sidebar tab "NMF" of the 3D View: capture, reconstruct, result."""
 
-from __future__ import annotations
-
 import bpy
 
 from ..solver.capture.errors import counted

@@ -1,7 +1,5 @@
 """Everything that is added to Blender, and taken away again."""
 
-from __future__ import annotations
-
 import bpy
 
 from ..operators import (

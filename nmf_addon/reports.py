@@ -1,7 +1,5 @@
 """Errors that operators report, as Blender tells them to whoever calls them."""
 
-from __future__ import annotations
-
 import bpy
 
 

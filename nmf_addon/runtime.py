@@ -1,7 +1,5 @@
 """The solver's own Python: found, or built by "Set up solver". Never imported by Blender."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os

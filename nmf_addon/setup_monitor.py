@@ -4,8 +4,6 @@ The build script is `setup_runtime.py`, run by a Python outside Blender's proces
 solver's own `doctor`.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

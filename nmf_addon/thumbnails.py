@@ -1,7 +1,5 @@
 """The job's preview as icons for the panel: photo, render and normals."""
 
-from __future__ import annotations
-
 import logging
 from pathlib import Path
 

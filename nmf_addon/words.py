@@ -1,7 +1,5 @@
 """Errors in words for a person. No bpy in here."""
 
-from __future__ import annotations
-
 
 def words_of(error: Exception) -> str:
     """What an error says; of one of the system's, the file and the reason, without its number."""

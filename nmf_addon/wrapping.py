@@ -1,7 +1,5 @@
 """Texts in as many lines as a region is narrow: Blender cuts off what does not fit into one."""
 
-from __future__ import annotations
-
 import textwrap
 
 import bpy

@@ -1,7 +1,5 @@
 """Look at a capture before the long run."""
 
-from __future__ import annotations
-
 import json
 import tempfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Import cameras with their photos."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from pathlib import Path
 

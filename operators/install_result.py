@@ -1,7 +1,5 @@
 """Install a finished job."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import bpy

@@ -1,7 +1,5 @@
 """A job's files: open its folder or report, copy what a question needs."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

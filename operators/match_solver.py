@@ -1,7 +1,5 @@
 """Render settings of the solver."""
 
-from __future__ import annotations
-
 import bpy
 
 from ..nmf_addon.scene.match_solver import match_photo, match_solver

@@ -1,7 +1,5 @@
 """When operators can be used."""
 
-from __future__ import annotations
-
 import bpy
 
 from ..nmf_addon.scene.capture_collection import active_capture

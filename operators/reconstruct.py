@@ -1,7 +1,5 @@
 """Start, resume and cancel a reconstruction."""
 
-from __future__ import annotations
-
 import bpy
 
 from ..nmf_addon import preferences

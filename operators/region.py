@@ -1,7 +1,5 @@
 """The region box: add one, select it, fit it to what masks show."""
 
-from __future__ import annotations
-
 import bpy
 
 from ..nmf_addon.scene.capture_collection import (

@@ -1,7 +1,5 @@
 """Relight the scene."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import bpy

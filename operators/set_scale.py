@@ -1,7 +1,5 @@
 """Set a capture's scale from two points of a known distance."""
 
-from __future__ import annotations
-
 import bpy
 
 from ..nmf_addon.scene.measure import LEAST, MeasureError, picked_capture, picked_points, scale_to

@@ -1,7 +1,5 @@
 """Build the solver's private Python environment, and see what it can do."""
 
-from __future__ import annotations
-
 import bpy
 
 from ..nmf_addon import preferences, runtime, setup_monitor

@@ -1,7 +1,5 @@
 """Show photos that Blender cannot decode."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Find the cameras of photos, or of a video, that have none."""
 
-from __future__ import annotations
-
 import os
 from contextlib import suppress
 from pathlib import Path

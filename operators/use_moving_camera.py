@@ -1,7 +1,5 @@
 """Make a capture of a camera that moves before a film."""
 
-from __future__ import annotations
-
 import bpy
 
 from ..nmf_addon import preferences

@@ -1,7 +1,5 @@
 """Work in a process of its own: for libraries that may not share one with torch, and can be stopped so."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import pickle

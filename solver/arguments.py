@@ -1,7 +1,5 @@
 """What the command line takes: texts to values, all raising ArgumentTypeError with what is wrong; paths."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """What this machine can do: a report a person can paste into a question."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import os
 import platform

@@ -1,7 +1,5 @@
 """Ctrl-C and SIGTERM, whenever they come, end the command line as what they are: a cancel."""
 
-from __future__ import annotations
-
 import atexit
 import os
 import signal

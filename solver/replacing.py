@@ -1,7 +1,5 @@
 """Files that others read while they are replaced: they see the old or the new, never half."""
 
-from __future__ import annotations
-
 import json
 import os
 import time

@@ -1,7 +1,5 @@
 """A self-contained HTML page of pictures and numbers. Standard library alone."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Sequence
 from dataclasses import dataclass

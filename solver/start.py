@@ -1,7 +1,5 @@
 """Start the command line, or say which package this Python lacks."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Standard streams as a process finds them: closed, lacking letters, or with nobody at the other end."""
 
-from __future__ import annotations
-
 import io
 import os
 import select

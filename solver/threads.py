@@ -1,7 +1,5 @@
 """How many threads there may be, and how they wait; and in what pages memory comes."""
 
-from __future__ import annotations
-
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator

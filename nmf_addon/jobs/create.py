@@ -1,7 +1,5 @@
 """New job folders."""
 
-from __future__ import annotations
-
 import re
 from collections import deque
 from collections.abc import Iterator

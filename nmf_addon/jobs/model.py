@@ -1,7 +1,5 @@
 """What is known of a job, from its events or its folder. No bpy in here."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """Watches the running job from a timer: drains events, redraws the panel, installs the result."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from pathlib import Path

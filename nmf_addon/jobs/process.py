@@ -1,7 +1,5 @@
 """A solver process and its messages. No bpy in here: the panel and headless runs share it."""
 
-from __future__ import annotations
-
 import os
 import queue
 import signal

@@ -1,7 +1,5 @@
 """Cameras that a job found to be off are moved to where their photos fit, so that renders fit them, too."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 from mathutils import Matrix

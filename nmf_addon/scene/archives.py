@@ -1,7 +1,5 @@
 """Archives that a person picks or drops."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

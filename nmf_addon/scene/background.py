@@ -4,8 +4,6 @@ Blender's cameras have no distortion, and its images no EXIF orientation. The so
 photos as they are; these copies only stand behind the scene, so they are small and live in the .blend.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Solver cameras to Blender cameras and back. Both have OpenGL axes, so poses carry over as they are."""
 
-from __future__ import annotations
-
 import os
 from contextlib import suppress
 from pathlib import Path

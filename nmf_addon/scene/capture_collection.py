@@ -4,8 +4,6 @@ The empty carries the similarity transform (up, scale, origin) from capture spac
 collection is the truth the solver is started from.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

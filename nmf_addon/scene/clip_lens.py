@@ -8,8 +8,6 @@ the focal length; NUKE's are in halves of the picture's longer side. r is ideal,
     NUKE                 r = d / (1 + k1 d² + k2 d⁴)
 """
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Colour spaces and views by whatever name the person's OpenColorIO configuration has for them."""
 
-from __future__ import annotations
-
 import bpy
 
 NON_COLOUR = "Non-Color"

@@ -1,7 +1,5 @@
 """Whether a person has changed what a result was installed as; blocks have a mark of what they were."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator
 from pathlib import Path

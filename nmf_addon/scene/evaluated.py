@@ -1,7 +1,5 @@
 """Where objects are that Blender does not look at, because viewports do not show them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

@@ -1,7 +1,5 @@
 """What a check has found of a capture, kept with it."""
 
-from __future__ import annotations
-
 import json
 
 import bpy

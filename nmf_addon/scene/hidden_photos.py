@@ -1,7 +1,5 @@
 """Photos that Blender cannot show (HEIC, AVIF, raw): small copies stand behind the scene in their place."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import bpy

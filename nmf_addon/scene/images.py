@@ -1,7 +1,5 @@
 """Image files into the .blend."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path

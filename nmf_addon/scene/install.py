@@ -1,7 +1,5 @@
 """A finished job into the scene: object, material, World."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Which capture a job was made from."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

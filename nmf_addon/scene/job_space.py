@@ -1,7 +1,5 @@
 """Where the coordinates of a job are in its capture, as that stands now."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import bpy

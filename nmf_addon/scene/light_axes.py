@@ -5,8 +5,6 @@ transform is applied (Ctrl+A), both move when it is turned, and the light stands
 is turned.
 """
 
-from __future__ import annotations
-
 import bpy
 from bpy.app.handlers import persistent
 from mathutils import Matrix

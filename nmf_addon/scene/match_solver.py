@@ -1,7 +1,5 @@
 """ "Match solver": render settings under which Cycles shows what the solver optimised."""
 
-from __future__ import annotations
-
 import bpy
 
 from .cameras import ASPECT, fit_photos, photo_of, size_of

@@ -5,8 +5,6 @@ solver's model to 0.2 % under an environment (s, the hemispherical mean of (1 âˆ
 For EEVEE and what Blender exports to: Principled with metals as metals, and F0 as specular tint beside.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import bpy

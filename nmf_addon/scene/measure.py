@@ -1,7 +1,5 @@
 """Metric scale: two points of a known distance."""
 
-from __future__ import annotations
-
 import bpy
 from mathutils import Matrix, Vector
 

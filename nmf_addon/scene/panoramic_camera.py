@@ -5,8 +5,6 @@ Their picture's middle is where the camera looks, longitudes run to the right an
 viewport shows such a camera as a perspective one, so no photo belongs behind it.
 """
 
-from __future__ import annotations
-
 import bpy
 
 from ...solver.capture.camera import Camera

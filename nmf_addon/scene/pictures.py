@@ -4,8 +4,6 @@ In every result the albedo is called albedo.png. Blender copies pictures by thei
 it unpacks them or exports USD, OBJ or FBX, and of two objects both would show one's.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 from itertools import count

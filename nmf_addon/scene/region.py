@@ -1,7 +1,5 @@
 """The region box: an empty cube that says where the object is, for the person to move and scale."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 from mathutils import Matrix

@@ -1,7 +1,5 @@
 """A job that is installed once more: what it brings takes the place of what it brought before."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import bpy

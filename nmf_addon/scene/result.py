@@ -1,7 +1,5 @@
 """A finished result on disk: where it is, whether it is whole, its mesh. No bpy in here."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

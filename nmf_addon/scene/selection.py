@@ -1,7 +1,5 @@
 """What is selected and active, and seen in Local View."""
 
-from __future__ import annotations
-
 import bpy
 
 

@@ -4,8 +4,6 @@ A film is a video or a numbered sequence of pictures, as Blender's tracker has i
 image behind the camera. How Blender counts is in its `movieclip.cc` and `image.cc`.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A capture of a camera that moves: one camera for each picture of the film behind it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Worlds: the recovered light, and others to relight with."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import bpy

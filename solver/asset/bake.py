@@ -1,7 +1,5 @@
 """Materials and normals from the field into texels."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """From a fitted field to the files of the asset."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A job's result where a person wants it: in a new folder, all of it or nothing."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -5,8 +5,6 @@ here is near to what photos show: in each direction the mean of what is seen in 
 mirrors it to their cameras.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import torch

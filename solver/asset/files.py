@@ -1,7 +1,5 @@
 """The asset's files: mesh.ply, textures, environment.exr; written beside, renamed."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A fitted scene as the asset sees it: numpy in, numpy out."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path

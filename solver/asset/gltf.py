@@ -3,8 +3,6 @@
 glTF has Y up; the export turns the object by −90° about X.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import struct

@@ -5,8 +5,6 @@ metal without metalness is black plastic. So metals are given as metals, with th
 diffuse layer. Those that know F0 still get it beside that: it is what the part reflects that is no metal.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Settings of the asset."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -1,7 +1,5 @@
 """What of a scene's surface a photo shows."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 

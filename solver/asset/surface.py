@@ -1,7 +1,5 @@
 """The surface of a density field: marching cubes, clean-up, decimation."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Protocol
 

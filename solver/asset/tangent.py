@@ -5,8 +5,6 @@ sign · n × t of the interpolated vectors, not renormalised: as MikkTSpace (Mik
 Blender and glTF viewers use to decode.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from .unwrap import Texels, UnwrappedMesh

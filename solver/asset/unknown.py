@@ -4,8 +4,6 @@ The underside of what stands on something is in no photo. Nothing holds a field'
 they are is noise, which would be the first thing to be seen of the asset when it is turned over.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -5,8 +5,6 @@ Symbols of the paper: n normal, h half vector, ω_o view (`view`), ω_i light (`
 squared (`alpha`).
 """
 
-from __future__ import annotations
-
 import math
 from typing import TypeVar
 

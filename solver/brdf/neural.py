@@ -1,7 +1,5 @@
 """The neural term g of the BRDF (paper §3.2, Appendix B): what Schlick × GGX cannot express."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor, nn
 

@@ -1,7 +1,5 @@
 """The commands `solve`, cameras from photos or from a video, and `frames`, photos from a video."""
 
-from __future__ import annotations
-
 import argparse
 import os
 from collections.abc import Iterable

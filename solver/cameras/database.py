@@ -3,8 +3,6 @@
 `colmap` is the module pycolmap, which `solve` imports when it is used.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager

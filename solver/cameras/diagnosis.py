@@ -1,7 +1,5 @@
 """Why photos could not be placed, in words a photographer can act on."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

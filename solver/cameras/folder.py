@@ -7,8 +7,6 @@ The database numbers the photos (`000001.png` is the first of solve.json's list)
 at which features were found; sparse/0 and transforms_train.json name and size them as they are.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os

@@ -1,7 +1,5 @@
 """COLMAP's models of a database: the largest, with as many of the photos as there is any evidence for."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

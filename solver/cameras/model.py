@@ -1,7 +1,5 @@
 """COLMAP's model, brought from the working size to the photos' and into an upright world."""
 
-from __future__ import annotations
-
 import re
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any

@@ -1,7 +1,5 @@
 """What a solve leaves: cameras as a transforms file, sparse points as a PLY."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from pathlib import Path, PurePosixPath

@@ -1,7 +1,5 @@
 """Which photos are compared with which."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 EXHAUSTIVE_UP_TO = 120

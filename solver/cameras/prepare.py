@@ -1,8 +1,6 @@
 """Photos as features are sought in them: turned as for a fit, reduced, grey, without what is not to be
 looked at."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

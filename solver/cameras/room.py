@@ -1,7 +1,5 @@
 """Room on the disk: COLMAP aborts the process when its database cannot grow, and the database its log."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

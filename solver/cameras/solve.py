@@ -4,8 +4,6 @@ Imports pycolmap only when it is used. Every step stops within seconds when aske
 and what a stopped or killed solve has put into the database is not computed again.
 """
 
-from __future__ import annotations
-
 import shutil
 import threading
 import time

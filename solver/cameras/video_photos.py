@@ -1,7 +1,5 @@
 """Photos from a video: spread evenly over it, each the sharpest frame of its time."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor

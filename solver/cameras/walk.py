@@ -6,8 +6,6 @@ show the same things, so their matches can be trusted: a model that contradicts 
 between them, is folded, and what they alone make of the world tells which of the others fit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How well photos fit their cameras: by what two photos both show, without knowing where that is."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

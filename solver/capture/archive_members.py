@@ -1,7 +1,5 @@
 """What is in an archive of photos, and what of it may be unpacked: archives come from anywhere."""
 
-from __future__ import annotations
-
 import os
 import stat
 import sys

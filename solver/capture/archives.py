@@ -5,8 +5,6 @@ An archive comes from anywhere, so nothing in it is trusted: it writes below its
 over no file that is there already, and no more than there is room for.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil

@@ -3,8 +3,6 @@
 Only what is connected with the edge of a photo counts as backdrop: a highlight on the object is white, too.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.ndimage
 

@@ -8,8 +8,6 @@ fisheye are shrunk before the polynomial: to the angle θ from the axis (1, equi
 multiplied by 1 + p3 r² + p4 r⁴; `skew`·v is added to u at last.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

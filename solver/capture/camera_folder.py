@@ -1,7 +1,5 @@
 """Cameras in a folder of small files, one a photo, and matrices that these hold as text."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

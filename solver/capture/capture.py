@@ -1,7 +1,5 @@
 """The neutral capture every reader returns, and the world box its cameras look at."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -10,8 +10,6 @@ Coordinates, NaN and masks are as in `lenses`; distances from the axis are r (id
 `division` with k < 0 and `eucm` see behind themselves, as the formulas do.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 Matrices act on linear RGB columns. White points are adapted by Bradford's transform, as ICC does.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)

@@ -1,7 +1,5 @@
 """An image as it lies in its file."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

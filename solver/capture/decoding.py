@@ -5,8 +5,6 @@ where Pillow has no 16-bit RGB, and reports a cut-off OpenEXR file, of which its
 Only `photos` and `masks` import this module: Blender's Python need not have the package.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

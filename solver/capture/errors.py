@@ -1,7 +1,5 @@
 """The one error for captures that cannot be read, and what sentences for people are made of."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

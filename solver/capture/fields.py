@@ -1,7 +1,5 @@
 """Values of camera files, as a reader may use them: anything else is refused by the field's name."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Text, JSON and XML from files that may be cut off, huge or hostile; with the standard library alone."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

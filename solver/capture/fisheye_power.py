@@ -6,8 +6,6 @@ Coordinates, NaN and masks are as in `lenses`. A direction at angle θ from the 
 length θ + k2 θ² + k3 θ³ + k4 θ⁴; then `across`·b is added to a and `down`·a to b.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 

@@ -12,8 +12,6 @@ Environment: Blender's equirectangular map. Row 0 is +Z, the image's centre is +
 (u = ¼) is +Y, the left and right edges are −X.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 # Half a turn about X is its own inverse, so one array serves both ways.

@@ -3,8 +3,6 @@
 OpenImageIO's wheels have no decoder of either. Importing this module teaches Pillow to open HEIC.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -6,8 +6,6 @@ EXIF's is: whoever decodes the file has to follow it.
 https://www.iso.org/standard/83650.html (ISO/IEC 23008-12), sections 6.5 and 9
 """
 
-from __future__ import annotations
-
 import os
 import struct
 from collections.abc import Iterator

@@ -5,8 +5,6 @@ alone (printers', scanners') are not, and `read_profile` has None for them.
 https://www.color.org/specification/ICC.1-2022-05.pdf, sections 8.4.2 and 10
 """
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ one picture for all photos, as of a lens's corners or of what a drone always has
 where there is nothing to be fitted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path

@@ -4,8 +4,6 @@ A lens's numbers do not tell: those of most fisheyes have rays for the black cor
 in all photos of one lens, and begins at one distance all around the middle, is no backdrop.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from .camera import Camera

@@ -4,8 +4,6 @@ Only headers are read, a part at a time, so a file that claims to be huge costs 
 raw photos take LibRaw, which Blender's Python does not have (`UnknownSize`).
 """
 
-from __future__ import annotations
-
 import os
 import re
 import struct

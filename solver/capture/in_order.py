@@ -1,7 +1,5 @@
 """Photos of camera files that name none and count on the order of their names."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from .errors import CaptureError

@@ -1,7 +1,5 @@
 """From what a camera file says to a capture: what all readers share."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Size and EXIF of a JPEG, by the standard library alone."""
 
-from __future__ import annotations
-
 import os
 import struct
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Roots that lens models need: growing functions of one number, maps of the plane, polynomials' folds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

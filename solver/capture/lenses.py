@@ -10,8 +10,6 @@ Polynomials fold back somewhere: two directions on one pixel. Only the part up t
 lens. Directions beyond it have no pixel (NaN), pixels beyond its image have the fold's direction.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

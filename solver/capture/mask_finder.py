@@ -1,7 +1,5 @@
 """Find the mask of a photo: beside it, or in a folder of masks beside it or its folders."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterable

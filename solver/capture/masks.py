@@ -1,7 +1,5 @@
 """Masks: pictures of the object's coverage. Only `photos`, `reduced` and `told` import this module."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What to say where there is no camera file that is known here, or more than one capture."""
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path

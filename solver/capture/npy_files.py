@@ -1,7 +1,5 @@
 """Arrays of numbers from numpy's files, without pickles; what a header states is not believed."""
 
-from __future__ import annotations
-
 import io
 import math
 import tokenize

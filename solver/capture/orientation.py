@@ -1,7 +1,5 @@
 """Which way up a photo lies: what its EXIF orientation says, and whether its camera followed it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 UPWARD = {3: (0, -1), 4: (0, -1), 5: (-1, 0), 6: (-1, 0), 7: (1, 0), 8: (1, 0)}

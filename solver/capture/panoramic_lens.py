@@ -11,8 +11,6 @@ The left edge, x = −π, and the right one show the same, and count as the left
 one pixel. Nothing is behind such a camera: its depths are distances.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 EQUIRECTANGULAR = "equirectangular"

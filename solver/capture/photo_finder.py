@@ -5,8 +5,6 @@ its end fits a picture's path below the folder, so a project that moved is read 
 that names /etc/passwd gets nothing.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from contextlib import suppress

@@ -4,8 +4,6 @@ Features (Lowe 2004, doi:10.1023/B:VISI.0000029664.99615.94) are told as pixels 
 lens's distortion, or of a panorama of all directions, so that all that follows knows no other lenses.
 """
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Callable, Iterator

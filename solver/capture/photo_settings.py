@@ -1,7 +1,5 @@
 """Settings of how photos are read; apart from `photos`, so that Blender can import them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 COLOUR_SPACES = ("auto", "srgb", "linear")

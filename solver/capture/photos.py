@@ -6,8 +6,6 @@ OpenEXR's chromaticities are converted; profiles that are tables of colours coun
 outside Rec. 709 become negative in some channel rather than clipped.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace

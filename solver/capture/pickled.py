@@ -4,8 +4,6 @@
 understood, and nothing is imported, called or made by name.
 """
 
-from __future__ import annotations
-
 import pickletools
 import re
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Names of pictures and their folders, as programs and systems spell them; and pictures below a folder."""
 
-from __future__ import annotations
-
 import os
 import re
 import unicodedata

@@ -1,8 +1,6 @@
 """What files say of a lens without distortion: its matrix, alone or in a projection, and the size of the
 photo that is meant."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

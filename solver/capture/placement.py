@@ -1,7 +1,5 @@
 """Stand a capture upright, at a size and place that suit a scene; structure from motion leaves all open."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ A paper sweep or a cloth has no edges, and it reaches the edges of a photo. So w
 with the photo's edge by what is even, is backdrop, whatever its colour and however it fades.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Points of a PLY file, with numpy alone. Its header is not trusted: nothing is allocated by its word."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

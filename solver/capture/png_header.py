@@ -3,8 +3,6 @@
 https://www.w3.org/TR/png-3/#cICP-chunk, ITU-T H.273
 """
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

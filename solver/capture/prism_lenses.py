@@ -9,8 +9,6 @@ the plane moves it. Numbers:
 Both see as far as their radial part grows.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -6,8 +6,6 @@ brightest pixel would ask for nor what a DNG says of how it is to be shown (Base
 differ from photo to photo where the light did not. Code 65535 is a saturated sensor.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path

@@ -3,8 +3,6 @@
 Its size is not among that: each maker states it elsewhere, and only LibRaw (`raw`) knows where.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 from io import BytesIO

@@ -1,7 +1,5 @@
 """Find the camera file a person meant and read it, whatever program wrote it."""
 
-from __future__ import annotations
-
 import re
 from contextlib import suppress
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Photos at a reduced size: decoded fast, turned, in eight bits. For looking at many of them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path

@@ -5,8 +5,6 @@ points are adjusted together (Triggs et al. 2000, doi:10.1007/3-540-44480-7_21),
 strictly. Lenses stay.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

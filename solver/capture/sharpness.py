@@ -1,7 +1,5 @@
 """How sharp a photo is, as a number that photos of one object can be compared by."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.ndimage
 

@@ -1,7 +1,5 @@
 """Sparse points as a reader comes by them: a file may hold more than anyone needs."""
 
-from __future__ import annotations
-
 from array import array
 
 import numpy as np

@@ -3,8 +3,6 @@
 The object does not: it may be a mirror, in which nothing is where it seems to be.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from .camera import Camera

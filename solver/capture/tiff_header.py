@@ -3,8 +3,6 @@
 TIFF and BigTIFF, in both byte orders, and the marks of makers who write TIFFs that call themselves other.
 """
 
-from __future__ import annotations
-
 import struct
 from typing import BinaryIO
 

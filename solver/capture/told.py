@@ -6,8 +6,6 @@ fisheye's image, corners beyond a polynomial's fold), and where a person says so
 which a photo says where the object is not.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -4,8 +4,6 @@ better cameras, where photos show that these are off.
 Textured things get points, shiny and plain ones hardly any.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor

@@ -4,8 +4,6 @@ Structure from motion leaves it open. People hold cameras level, mostly upright,
 or down, and walk around a thing rather than over it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from .camera import Camera

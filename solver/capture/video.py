@@ -4,8 +4,6 @@ What a file says of its colours is taken by ITU-T H.273. Frames for ordinary scr
 as players show them; those of HDR videos become linear light.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 https://developers.google.com/speed/webp/docs/riff_container, RFC 9649
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from typing import BinaryIO

@@ -1,7 +1,5 @@
 """The microfacet field: VM density and features in a cubic box, normals and materials from them."""
 
-from __future__ import annotations
-
 import math
 
 import torch

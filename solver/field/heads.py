@@ -1,7 +1,5 @@
 """Material heads: albedo, roughness and F0 from the features of a point (paper §3.2)."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import torch

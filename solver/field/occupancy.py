@@ -1,7 +1,5 @@
 """Where there is anything: the occupancy grid that lets rays skip empty space."""
 
-from __future__ import annotations
-
 import math
 
 import torch

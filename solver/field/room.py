@@ -6,8 +6,6 @@ edges of the box, |p|∞ > 1, lies at (2 − 1/|p|∞) p/|p|∞ (Barron et al., 
 doi:10.1109/CVPR52688.2022.00539, eq. 10, with the maximum norm as in "MERF", Reiser et al. 2023).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ and differentiating the factors: ∂x(G ∗ P·L) = (∂x G ∗ P)·(G ∗ L). L
 kernel (the authors' public code damps them by 0.452 instead).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -3,8 +3,6 @@
 torch's own would do, but takes two seconds to import its compiler, and goes over all of every grid.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

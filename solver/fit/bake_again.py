@@ -1,7 +1,5 @@
 """A finished job's asset once more, with another mesh or other textures."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

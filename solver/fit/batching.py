@@ -3,8 +3,6 @@
 Early, rays go through fog and take many samples; later few. After NeRFAcc (Li et al., 2022).
 """
 
-from __future__ import annotations
-
 import math
 
 import torch

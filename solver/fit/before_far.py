@@ -1,7 +1,5 @@
 """Photos before what is far away get alpha: it looks the same in all photos that look in one direction."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Checkpoints: the complete state as safetensors and JSON, which hold no code; written beside, renamed."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import shutil

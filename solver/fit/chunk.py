@@ -1,7 +1,5 @@
 """A chunk of a step: from its rays to the gradients they have for a scene and its tables."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """How much of a fit is done, and when it will be over, by steps or within a time limit."""
 
-from __future__ import annotations
-
 import time
 from itertools import pairwise
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """What masks of one object have in common: its hull, and what each photo shows of that."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Photos of an object before a plain backdrop get alpha: the fit then begins with its hull."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Photos of an object on a table, a floor, a lawn get alpha: the fit then begins with its hull."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Which of a machine's devices a fit runs on."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 

@@ -7,8 +7,6 @@ same object under another light, which is relight_X/env.exr or relight_X.exr. Th
 transforms_relight_X.json, else those that bear the names of this camera file's.
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Exposure and white balance of each photo, found along with the rest where a person asks for it."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 

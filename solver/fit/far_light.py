@@ -4,8 +4,6 @@ A panorama made of them (`capture.panorama`) is the light in all directions that
 white, where a photo is saturated. It is the first light, and the light is held to it.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import torch

@@ -1,7 +1,5 @@
 """Cells of a visual hull that silhouettes hold in place; along those of lids on hollows they only pass."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.ndimage
 

@@ -8,8 +8,6 @@ nothing holds and photos disagree about is carved, until they agree: space carvi
 photo, too, but in one colour all over.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """What of a job's photos is the object: they get alpha, where they have none and something tells."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable

@@ -4,8 +4,6 @@ Photos of something red tell little of the light's red. What they leave open eac
 of its own: red and cyan specks, the first thing to be seen of a light that stands behind its object.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import torch

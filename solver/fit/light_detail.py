@@ -6,8 +6,6 @@ the object (docs/decisions/0038). So do colours: where the light is dark, or a l
 has noise of its own (docs/decisions/0040).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

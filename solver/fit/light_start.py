@@ -5,8 +5,6 @@ to the room. Once they reflect, all at once depends on it: under a light that is
 between red walls turns pink, and metal has nothing to mirror.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

@@ -1,7 +1,5 @@
 """What values settings may have: at least 0 and finite, unless it says otherwise here."""
 
-from __future__ import annotations
-
 import math
 
 from ..capture.photo_settings import COLOUR_SPACES

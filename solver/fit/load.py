@@ -1,7 +1,5 @@
 """The fitted scene of a job, and other lights for it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What the optimisation minimises."""
 
-from __future__ import annotations
-
 import math
 
 import torch

@@ -1,7 +1,5 @@
 """Errors of materials against their truth beside photos (docs/metrics.md)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -4,8 +4,6 @@ A minimal cut of the pixels' graph (Boykov and Jolly 2001, doi:10.1109/ICCV.2001
 of Boykov and Kolmogorov (2004, doi:10.1109/TPAMI.2004.60).
 """
 
-from __future__ import annotations
-
 import maxflow
 import numpy as np
 

@@ -1,7 +1,5 @@
 """A job's surroundings.exr: what photos show far behind the object, and where they do."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

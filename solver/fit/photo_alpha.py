@@ -1,7 +1,5 @@
 """Alpha for a photo of which it is known what is the object, and what is behind it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The start of a fit without masks: a fog that is denser where sparse points say that something is."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The presets, and the paper's ablations as overrides of any of them."""
 
-from __future__ import annotations
-
 from ..capture.photo_settings import PhotoSettings
 from ..render.scene import RenderSettings
 from .errors import SettingsError

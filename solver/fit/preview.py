@@ -1,7 +1,5 @@
 """Pictures of the current state: a photo beside its render and normals, and the environment."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 They count as far as points reflect light instead of shining by themselves.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

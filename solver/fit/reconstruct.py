@@ -1,7 +1,5 @@
 """A whole job: photos → start → fit → asset → report, resumable at every point."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Pictures of fitted scenes: `solver render`, under any light, and `solver compose`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

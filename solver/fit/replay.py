@@ -6,8 +6,6 @@ which steps differ in nothing but their random numbers. For that its arrays have
 after what the period's first step, an ordinary one, had in them (`kernels.flat_form`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import partial

@@ -1,7 +1,5 @@
 """report.json and report.html of a job: photos beside the solver's own renders, and numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

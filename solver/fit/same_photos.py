@@ -1,7 +1,5 @@
 """Photos of a job that goes on: whether they are those that it began with."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from torch import Tensor

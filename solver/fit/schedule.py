@@ -1,7 +1,5 @@
 """What changes over a fit, as functions of the fraction of it that is done."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Where something can be, from the cameras alone: what they look at, and where they were carried."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.spatial
 

@@ -3,8 +3,6 @@
 `--set section.field=value` changes one; a section is one of the dataclasses below.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import typing
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Pictures of the fit on its way: render, weights along a scan line, light (paper's snapshots figure)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -6,8 +6,6 @@ photos together say of a place in space holds for each (Campbell et al. 2010,
 doi:10.1016/j.imavis.2008.09.005).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

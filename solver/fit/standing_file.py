@@ -1,8 +1,6 @@
 """What a job keeps of cutting photos out before a support: standing.npz, by which other photos are, and
 masks/NAME.png of its own."""
 
-from __future__ import annotations
-
 import zipfile
 import zlib
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """What stands on a support: photos are cut out, compared, and cut out again by what they say together."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 

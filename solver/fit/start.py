@@ -1,7 +1,5 @@
 """The start of a fit: the box, the first density and the first light, from photos and cameras."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterator
 from pathlib import Path

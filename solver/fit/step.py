@@ -1,7 +1,5 @@
 """What a step is made of: random pixels, cut into chunks, and the gradients of these."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

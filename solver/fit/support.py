@@ -1,7 +1,5 @@
 """What an object stands on: a level plane among a capture's sparse points."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a time limit leaves: seconds for the fit; mesh, textures and report of a size to go with them."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The optimisation loop's one step, and the state it carries."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import time

@@ -1,7 +1,5 @@
 """What is known of a scene beside its photos: normals, albedo, F0 and roughness of each pixel."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

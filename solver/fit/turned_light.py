@@ -1,7 +1,5 @@
 """Whether an object was turned before a still camera, so that its light goes round with the cameras."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from ..capture.capture import Capture

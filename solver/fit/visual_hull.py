@@ -1,7 +1,5 @@
 """The visual hull of photos with masks: where the optimisation starts, and how big the box is."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial

@@ -1,7 +1,5 @@
 """The cameras of a job that were adjusted to their photos (see `capture.refine`): cameras.json."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What a running job hears: cancel on stdin, by file or by signal, and the end of its parent."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Events: one JSON object a line, appended to `events.jsonl` and sent to the parent process."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

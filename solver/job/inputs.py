@@ -1,7 +1,5 @@
 """The capture that a job was asked to reconstruct."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

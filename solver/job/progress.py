@@ -1,7 +1,5 @@
 """Progress of a job: to a terminal as a bar, to the job folder and a parent process as events."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Taking up a job that was begun: it has to be the one that is asked for now."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Any

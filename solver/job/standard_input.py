@@ -1,7 +1,5 @@
 """Bytes that arrive on a pipe, without a read that waits for them on Windows."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable

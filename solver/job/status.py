@@ -1,7 +1,5 @@
 """The heartbeat: `status.json` says who works on a job and how far along it is."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

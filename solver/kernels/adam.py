@@ -4,8 +4,6 @@ Kingma & Ba 2015 (https://arxiv.org/abs/1412.6980); lazy as torch's SparseAdam: 
 whose gradient is all zero keep their value and their moments. Most of a grid is empty space.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import torch

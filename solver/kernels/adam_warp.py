@@ -1,7 +1,5 @@
 """Adam's step in Warp, for CUDA; `adam.adam_step_torch` is the plain twin."""
 
-from __future__ import annotations
-
 import torch
 import warp as wp
 

@@ -4,8 +4,6 @@ A family of kernels, "vm" for instance, is the modules `vm_numba` and `vm_warp`,
 The twin that both are tested against is `vm_torch`, or stands where they are called. Some have one path.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import importlib.util

@@ -1,7 +1,5 @@
 """Compile the CPU kernels in several processes, each of which does so with one thread, whatever it has."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait

@@ -2,8 +2,6 @@
 secondary rays leave from them. No gradients.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import torch

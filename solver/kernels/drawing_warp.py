@@ -4,8 +4,6 @@ Functions take the arguments of `drawing_numba`, as tensors, and do what is said
 ray, or a sample.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from .hashing_warp import unit_number

@@ -12,8 +12,6 @@ fills the rest counts for nothing:
 What does not fit is left out, of the last rows first; the totals that `reserved` yields tell of it.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator, Sequence
 

@@ -4,8 +4,6 @@ Three rounds of Wellons' 32-bit hash "lowbias32" (https://nullprogram.com/blog/2
 seed, the key's upper and its lower half. Good enough for sampling; not for secrets.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

@@ -1,7 +1,5 @@
 """The hash in Warp, for CUDA; `hashing.uniform_torch` is the plain twin."""
 
-from __future__ import annotations
-
 import warp as wp
 
 from .vectors_warp import Integers, Vectors

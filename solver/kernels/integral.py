@@ -1,7 +1,5 @@
 """Means of an environment map over rectangles, by summed-area table, on the fastest path at hand."""
 
-from __future__ import annotations
-
 import torch
 import torch.nn.functional as F
 from torch import Tensor

@@ -1,7 +1,5 @@
 """Plain torch twin of `integral_numba`; every quantity differentiable by autograd."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

@@ -4,8 +4,6 @@ Functions take the arguments of `integral_numba`, as tensors, and do what is sai
 rectangle, its adjoint adds atomically.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from .vectors_warp import Grid, Vectors

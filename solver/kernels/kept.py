@@ -4,8 +4,6 @@ numba compares a kernel's own file with what it was, not the files of what it ca
 it keeps says of which sources that is, and of others nothing is left to be found.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import sys

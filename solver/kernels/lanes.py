@@ -9,8 +9,6 @@ What works on `Lanes` works on a single number, too: `load` returns as many as `
 know to be writes.
 """
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Callable
 

@@ -3,8 +3,6 @@
 All in a sample's own frame, with the normal along +Z, unless said otherwise.
 """
 
-from __future__ import annotations
-
 import math
 
 import warp as wp

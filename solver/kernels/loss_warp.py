@@ -4,8 +4,6 @@ Plain torch, their twin, stands where each is called (see `pointwise`). Kernels 
 then what has none, numbers, and what they write.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from .vectors_warp import Grid, Numbers, Vectors, held, largest, mean_square, saturating, vector

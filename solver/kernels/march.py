@@ -3,8 +3,6 @@
 Rays are given in box units (see `march_numba`); distances and steps are in world units.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Plain torch twin of `march_numba`: dense, slow, readable, on any device."""
 
-from __future__ import annotations
-
 import torch
 import torch.nn.functional as F
 from torch import Tensor

@@ -3,8 +3,6 @@
 Functions take the arguments of `march_numba`, as tensors; a thread takes a ray.
 """
 
-from __future__ import annotations
-
 import math
 
 import warp as wp

@@ -4,8 +4,6 @@ Where each is called stands its plain torch twin: in `field.field`, `field.heads
 `render.shade`, `render.reflection`, `render.footprint`, `render.smoothness`, `fit.losses` and `fit.priors`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import torch

@@ -4,8 +4,6 @@ Each is one call for what plain torch does in dozens, which take as long as what
 other cores cannot share.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from torch import Tensor
 

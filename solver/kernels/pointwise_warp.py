@@ -4,8 +4,6 @@ Each is one launch for what plain torch does in dozens: on a card, whose numbers
 what a step waits for.
 """
 
-from __future__ import annotations
-
 from . import loss_warp, shading_warp
 from .warp_device import launch, launch_adjoint
 

@@ -3,8 +3,6 @@
 `render.probes` chooses between this and its plain torch twin.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

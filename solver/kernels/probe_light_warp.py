@@ -4,8 +4,6 @@ Functions take the arguments of `probe_light_numba`, as tensors, and do what is 
 cotangents of x.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from .vectors_warp import Grid, Rows, Vectors

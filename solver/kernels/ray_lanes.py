@@ -5,8 +5,6 @@ single precision, to which numbers of the source are rounded. A branch is `where
 each ray keeps its own. Functions that branch in no other way work on numbers and on `rays` alike.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Numbers of the processor's that a device needs."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import torch

@@ -4,8 +4,6 @@ Plain torch, their twin, stands where each is called (see `pointwise`). Kernels 
 then what has none, numbers, and what they write.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from .lobe_warp import PI, fresnel_power, masked_share, reflected, solid_angle_of, to_world

@@ -6,8 +6,6 @@ below 128; or 128 + that number of cells at the lower corner of an empty one. Be
 trilinear: between nothing and opaque, the depth itself would be opaque nearly all the way.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import torch

@@ -3,8 +3,6 @@
 `render.reflection` chooses between this and its plain torch twin, `scatter` and a lookup.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import torch

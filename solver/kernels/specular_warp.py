@@ -5,8 +5,6 @@ ray. The adjoint of a ray's geometry is derived by Warp, that of its place in th
 arcus functions have no end at the poles.
 """
 
-from __future__ import annotations
-
 import torch
 import warp as wp
 

@@ -1,7 +1,5 @@
 """Bilinear lookups of a map on the sphere, all of a new map at once, on the fastest path at hand."""
 
-from __future__ import annotations
-
 import torch
 
 from . import sphere_torch

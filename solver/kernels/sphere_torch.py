@@ -1,7 +1,5 @@
 """Bilinear lookups of a map on the sphere: the plain torch twin of `sphere_numba`."""
 
-from __future__ import annotations
-
 import torch
 import torch.nn.functional as F
 

@@ -3,8 +3,6 @@
 A register has room for four; the last lane is not used, and what it holds means nothing.
 """
 
-from __future__ import annotations
-
 from llvmlite import ir
 from numba.core import types
 from numba.core.errors import TypingError

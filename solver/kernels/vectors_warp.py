@@ -1,7 +1,5 @@
 """Small functions of the kernels in Warp, which derives their adjoints."""
 
-from __future__ import annotations
-
 import warp as wp
 
 Numbers = wp.array(dtype=float)

@@ -1,7 +1,5 @@
 """What light gets through a coarse grid to points in it, on the fastest path at hand. No gradients."""
 
-from __future__ import annotations
-
 from torch import Tensor
 
 from . import visibility_torch

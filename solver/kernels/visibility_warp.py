@@ -1,7 +1,5 @@
 """Walks from points through a coarse grid in Warp, for CUDA; `visibility_torch` is the plain twin."""
 
-from __future__ import annotations
-
 import warp as wp
 
 from .march_warp import through_grid

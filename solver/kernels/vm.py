@@ -3,8 +3,6 @@
 Shapes and layout are those of `vm_torch`. Gradients flow to the factors only, never to positions.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

@@ -1,7 +1,5 @@
 """A VM lookup at one point, for the Warp kernels that look up many."""
 
-from __future__ import annotations
-
 import warp as wp
 
 from .vectors_warp import Grid, Planes

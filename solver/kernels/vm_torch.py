@@ -6,8 +6,6 @@ runs along the pair's first axis; lines [3, G, C]. Positions are in grid units, 
 and are clamped to the grid; they carry no gradient.
 """
 
-from __future__ import annotations
-
 import torch
 import torch.nn.functional as F
 from torch import Tensor

@@ -5,8 +5,6 @@ writes one number a channel, a point and a channel, so that neighbouring threads
 addresses. Adjoints add atomically: sums may differ in their last bits from run to run.
 """
 
-from __future__ import annotations
-
 import torch
 import warp as wp
 

@@ -1,7 +1,5 @@
 """Compile the fused kernels before the clock of a fit starts; numba and Warp keep them on disk."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple

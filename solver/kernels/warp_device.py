@@ -4,8 +4,6 @@ Warp (https://github.com/NVIDIA/warp) compiles at run time with what its wheel b
 needs a CUDA toolkit. Kernels run on torch's current stream, in order with torch's own.
 """
 
-from __future__ import annotations
-
 import importlib
 import threading
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """Where Warp keeps kernels on Windows, whose compilers cannot open every path."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

@@ -9,8 +9,6 @@ Patches overlap. What shadows tell of the light, they tell of whole patches, who
 would be seen in a light that is fitted.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import NamedTuple

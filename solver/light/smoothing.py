@@ -1,7 +1,5 @@
 """Blurs on the light's map: of its steps, and of what photos leave open of it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import torch

@@ -4,8 +4,6 @@ Order: (l, m) with l = 0…degree and m = −l…l; the sign convention without 
 (Sloan, "Stupid Spherical Harmonics Tricks", 2008).
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import torch

@@ -6,8 +6,6 @@ the map is shared out by how much of it, blurred bilinearly, lies in which part 
 are sampled, and so balanced (Sinkhorn & Knopp 1967): no light is lost, and even light stays even.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.sparse import csr_array
 

@@ -4,8 +4,6 @@
 a pixel with what is around it take the prediction for true elsewhere (`true_where_told`).
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

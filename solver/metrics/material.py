@@ -1,7 +1,5 @@
 """Errors of material maps and of the recovered light."""
 
-from __future__ import annotations
-
 import numpy as np
 import skimage.transform
 

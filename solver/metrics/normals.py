@@ -1,7 +1,5 @@
 """Errors of normal maps."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """Least-squares factors: inverse rendering knows light and albedo only up to one factor a channel."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.optimize
 

@@ -1,7 +1,5 @@
 """Where the object is, as all masks together tell: the box that the region could shrink to."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..capture.capture import Capture

@@ -1,7 +1,5 @@
 """All checks of a capture, in seconds and without changing anything."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Where the cameras stand around the object, and where none does."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

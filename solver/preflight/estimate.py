@@ -5,8 +5,6 @@ which several share a part; on an NVIDIA card, what it took on an H200 (docs/dec
 what photos take up while rays are made of them, plus what a fit of the preset was seen to need beside them.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from dataclasses import asdict, dataclass, replace

@@ -1,7 +1,5 @@
 """What a check found, a sentence each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -1,7 +1,5 @@
 """One quick look at every photo, at a reduced size: the numbers all checks of photos judge by."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Findings about photos: blur, exposure, duplicates, masks, size."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..capture.capture import Capture

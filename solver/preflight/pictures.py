@@ -1,7 +1,5 @@
 """Copies of photos that Blender can show, where it cannot show the photos."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Whether photos fit their cameras, by what some pairs of them have in common."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..apart import ApartError

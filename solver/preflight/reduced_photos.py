@@ -1,7 +1,5 @@
 """Photos as a check looks at them: at a reduced size, decoded once, and where they say something."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing

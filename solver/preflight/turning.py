@@ -1,7 +1,5 @@
 """Whether the object was turned, and not the camera carried around it: then the light turned as well."""
 
-from __future__ import annotations
-
 from ..fit.turned_light import Circles
 from .findings import Finding, note
 

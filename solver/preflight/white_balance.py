@@ -1,7 +1,5 @@
 """Whether the white balance of raw photos is one: a camera that chose it anew gave things other colours."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np

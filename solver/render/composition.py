@@ -1,7 +1,5 @@
 """Several fitted scenes as one, under one light, traced together (paper Fig. 'environment swap', b)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

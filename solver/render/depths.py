@@ -1,7 +1,5 @@
 """Which of a ray's density samples are shaded, and how what they show becomes what the ray sees."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

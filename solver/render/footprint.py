@@ -6,8 +6,6 @@ cannot match a photo that averages over all that, however exact the surface is (
 Igehy, "Tracing Ray Differentials", SIGGRAPH 1999.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

@@ -1,7 +1,5 @@
 """Whole images of a fitted scene: radiance and the maps of what the surface is made of."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass

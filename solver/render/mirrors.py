@@ -5,8 +5,6 @@ table would stay in the table's albedo. So where a probe looks at metal, it sees
 what its patch of directions becomes in that mirror, however bent. See docs/decisions/0047.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import torch

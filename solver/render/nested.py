@@ -1,7 +1,5 @@
 """Tensors in nested tuples and lists, such as tables and batches."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -4,8 +4,6 @@ A ray through a pixel's centre cannot match a photo that averages over all of it
 share of the pixel's width, come near (docs/decisions/0011).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -7,8 +7,6 @@ without noise, and a surface blends that of the nodes before it (as in Majercik 
 Global Illumination with Ray-Traced Irradiance Fields", JCGT 2019; docs/decisions/0014).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import torch

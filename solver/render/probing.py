@@ -1,7 +1,5 @@
 """What arrives at a scene's probes: they look around, and see what blocks their light shine."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rays to pixels: march, composite, shade; and the secondary rays that do the same once more."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

@@ -1,7 +1,5 @@
 """Glossy reflection: rays sampled from the lobe, dimmed by the grid, and some traced once more."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import torch

@@ -1,7 +1,5 @@
 """Where along its rays a row of pixels finds the object: a cross section of the weights."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 

@@ -1,7 +1,5 @@
 """Radiance leaving shaded points: diffuse by SH irradiance, glossy by secondary rays."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """How unlike its surroundings a surface is: bends of its normals, steps of its materials."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

@@ -1,7 +1,5 @@
 """What rays see besides the object: the room before and behind the box, and the light at its end."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import torch

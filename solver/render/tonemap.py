@@ -1,7 +1,5 @@
 """The sRGB transfer function and pixels over a background."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

@@ -11,8 +11,6 @@ up; a geocentric one has metres, and up is away from the Earth's centre; a map h
 Degrees are no world for cameras. Photos of other components than the main one (1) were not placed with it.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from pathlib import Path

@@ -16,8 +16,6 @@ guide's formulas are pictures; a WebODM plugin that writes these files has the r
 quarter turn that is 1, as they are here.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable

@@ -5,8 +5,6 @@ f (1 + k1 r² + k2 r⁴). Cameras with f = 0 were not solved.
 https://www.cs.cornell.edu/~snavely/bundler/bundler-v0.4-manual.html#S6
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from itertools import islice

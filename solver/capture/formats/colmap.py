@@ -5,8 +5,6 @@ OpenCV's axes, pixels have their centres at +0.5 as here. Photos are named below
 model does not name; it is `images` by convention.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from types import ModuleType

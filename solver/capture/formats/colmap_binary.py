@@ -1,7 +1,5 @@
 """The binary files of a COLMAP model (little-endian records behind a count)."""
 
-from __future__ import annotations
-
 import mmap
 import os
 import struct

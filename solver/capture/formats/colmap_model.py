@@ -3,8 +3,6 @@
 https://colmap.github.io/format.html and https://colmap.github.io/cameras.html
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The text files of a COLMAP model: a line for a record, for an image two."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path

@@ -16,8 +16,6 @@ https://roboimagedata.compute.dtu.dk (MVS data set); MVSNet's cameras for it, wh
 https://github.com/lioryariv/idr (DATA_CONVENTION.md), whose `world_mat` are these
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -7,8 +7,6 @@ lie elsewhere.
 Kerbl et al. 2023, doi:10.1145/3592433; `camera_to_JSON` of their code.
 """
 
-from __future__ import annotations
-
 from contextlib import suppress
 from pathlib import Path
 

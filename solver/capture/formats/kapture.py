@@ -13,8 +13,6 @@ of the folder stands for it. Photos without a pose are left out; the world has a
 https://github.com/naver/kapture/blob/main/kapture_format.adoc
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

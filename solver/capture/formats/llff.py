@@ -7,8 +7,6 @@ The lens is a pinhole, its axis in the photo's centre: LLFF drops what COLMAP fo
 https://github.com/Fyusion/LLFF#using-your-own-poses-without-running-colmap
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -25,8 +25,6 @@ AliceVision's features count pixels from the centre of the first one, but an off
 has unless the point was refined, means the middle of the picture to everyone: so it does here, too.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from contextlib import suppress

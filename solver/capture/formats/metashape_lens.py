@@ -20,8 +20,6 @@ its maker's with the formula was at hand, only one program's without its origin,
 coefficient that is not known.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from xml.etree.ElementTree import Element

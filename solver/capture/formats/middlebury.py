@@ -9,8 +9,6 @@ x across and y down. The photos' size is not stated; the lens's centre tells.
 https://vision.middlebury.edu/mview/data (README.txt of each data set)
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -15,8 +15,6 @@ https://github.com/YoYo000/MVSNet#file-formats, preprocess.py and homography_war
 https://github.com/YoYo000/BlendedMVS#dataset-structure; https://github.com/donydchen/matchnerf/issues/3
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ..camera_folder import LARGEST_FILE, files_in, matrix_of, photo_folder, words_of

@@ -9,8 +9,6 @@ https://github.com/apple/ml-neilf (code/utils/io.py: `load_cams_from_sfmscene`; 
 `depth_map_to_position_map`)
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

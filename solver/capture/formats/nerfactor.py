@@ -9,8 +9,6 @@ beside these folders, as mostly, that is read.
 https://github.com/google/nerfactor (nerfactor/datasets/nerf.py: `_load_data`, `_gen_rays`)
 """
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path

@@ -10,8 +10,6 @@ What moves between the photos, as these captures were made to show, is not recon
 https://github.com/google/nerfies#datasets and its camera.py
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

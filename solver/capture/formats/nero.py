@@ -8,8 +8,6 @@ folder; depths are of no use here.
 https://github.com/liuyuan-pal/NeRO, `GlossySyntheticDatabase` of dataset/database.py
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -7,8 +7,6 @@ world, and what is to be reconstructed is in that sphere. Photos lie in `image` 
 https://github.com/lioryariv/idr/blob/main/DATA_CONVENTION.md
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

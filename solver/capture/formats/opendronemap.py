@@ -9,8 +9,6 @@ The world is that of the map, metres with +X east, +Y north and +Z up, millions 
 places are counted from among the cameras then. Without GPS it is OpenSfM's own, of any scale.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

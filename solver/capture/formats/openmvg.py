@@ -13,8 +13,6 @@ longer side (`Camera_Spherical.cpp`). Its +Y is down as every lens's; until Nove
 worlds were mirrored (issue 1133), which the file does not tell.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -23,8 +23,6 @@ The world has metres with +X east, +Y north and +Z up from `reference_lla` on; w
 the scale is anyone's, and +Z is up as well as OpenSfM could tell (doc/source/geometry.rst).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

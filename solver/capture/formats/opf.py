@@ -15,8 +15,6 @@ https://pix4d.github.io/opf-spec, https://github.com/Pix4D/pyopf (examples/compu
 Pix4D's paper "Camera internals for fisheye lens" and articles/202559089 of its support
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import replace

@@ -6,8 +6,6 @@ https://github.com/Pix4D/opf-spec (point_cloud.md), https://github.com/Pix4D/pyo
 (opf2colmap/converter.py, `generate_points3D`)
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote

@@ -22,8 +22,6 @@ known (`opf`), and the program exports its projects as OPF.
 https://support.pix4d.com/hc/en-us/articles/202977149 and /202559089; `opf` has the lens's formula
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path

@@ -9,8 +9,6 @@ Any one of the JSON files stands for all of its folder. Photos that Polycam scor
 out as nerfstudio does, unless that would be most of them.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

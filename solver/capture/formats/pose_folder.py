@@ -16,8 +16,6 @@ https://github.com/sxyu/svox2 (nsvf_dataset.py); https://github.com/ScanNet/Scan
 https://github.com/Kai-46/nerfplusplus#data
 """
 
-from __future__ import annotations
-
 import math
 import re
 from contextlib import suppress

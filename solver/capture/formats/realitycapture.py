@@ -9,8 +9,6 @@ orientation: https://github.com/nerfstudio-project/nerfstudio/pull/1261, where p
 own sample fit its table once they are not turned.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

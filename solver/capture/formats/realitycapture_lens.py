@@ -17,8 +17,6 @@ others, and no file with points was at hand that tells. The models `rationalP2D1
 which it knows, too, are described nowhere.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ..brown_lens import polynomial_lens

@@ -11,8 +11,6 @@ pixels, and a sentence about all that in the name of its last column.
 Which lens model a table has it does not say (`realitycapture_lens`).
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable
 from pathlib import Path

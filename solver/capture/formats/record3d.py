@@ -9,8 +9,6 @@ it is up in the first picture.
 https://github.com/marek-simonik/record3d/issues/27, /36 and /42
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

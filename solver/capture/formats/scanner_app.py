@@ -6,8 +6,6 @@ pixels of the photo. Most frames have a depth map only; those are no photos, and
 Any one of the JSON files stands for all of its folder.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ..camera_folder import files_in

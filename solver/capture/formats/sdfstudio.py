@@ -5,8 +5,6 @@ The camera's axes are OpenCV's; `intrinsics` is a matrix of 3 × 3 or 4 × 4 num
 https://github.com/autonomousvision/sdfstudio (sdfstudio_dataparser.py)
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -11,8 +11,6 @@ why.
 https://github.com/strayrobots/scanner (docs/format.md, OdometryEncoder.swift)
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

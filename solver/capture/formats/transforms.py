@@ -6,8 +6,6 @@ nerfstudio's `applied_transform` says how the poses were moved before writing; t
 written, and so are the sparse points of `ply_file_path`, which were moved with it.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

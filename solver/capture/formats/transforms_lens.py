@@ -7,8 +7,6 @@ EQUIRECTANGULAR has focal lengths of half a turn (width / 2, height). instant-ng
 panorama of all directions, too; its `equirectangular` is another, of equal areas (`common_device.cuh`).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -7,8 +7,6 @@ first order. The optional `FixedK fx cx fy cy` is a calibration for all.
 http://ccwu.me/vsfm/doc.html#nvm
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 
