@@ -1,6 +1,5 @@
 """Look at a capture before the long run."""
 
-import json
 import tempfile
 from pathlib import Path
 
@@ -40,8 +39,7 @@ class NMF_OT_check_capture(bpy.types.Operator):
         number = collection.session_uid
 
         def done(task: SideTask) -> None:
-            answer = next(e for e in reversed(task.events) if e.kind == "log")
-            report = json.loads(answer.data["text"])
+            (report,) = (event.data["report"] for event in task.events if event.kind == "result")
             found = capture_of_number(number)
             if found is not None:
                 keep_report(found, report)
@@ -64,7 +62,7 @@ class NMF_OT_check_capture(bpy.types.Operator):
                 collection, folder / "job", preset=settings.preset, device=settings.device,
                 overrides=chosen_overrides(settings),
             )  # fmt: skip
-            words = ["check", str(job.root), "--preset", settings.preset, "--json"]
+            words = ["check", str(job.root), "--preset", settings.preset, "--events"]
             side_task.start("Check Capture", python, words, folder, done)
         except (CaptureError, JobError, TaskError, RuntimeMissing, OSError) as error:
             self.report({"ERROR"}, words_of(error))

@@ -17,7 +17,7 @@ STAGE_TEXTS = {
     "video": "Extracting photos from the video",
     "features": "Finding features", "matching": "Comparing photos",
     "mapping": "Placing cameras", "adjustment": "Refining cameras",
-    "pictures": "Copying photos that Blender cannot show",
+    "check": "Looking at photos", "pictures": "Copying photos that Blender cannot show",
     "asset": "Making mesh and textures", "report": "Writing the report",
 }  # fmt: skip
 

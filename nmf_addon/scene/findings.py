@@ -19,7 +19,7 @@ def keep_report(collection: bpy.types.Collection, report: dict) -> None:
 
 
 def check_report(collection: bpy.types.Collection) -> dict:
-    """What the last check of the capture found (`solver check --json`); {} if there was none."""
+    """What the last check of the capture found (`solver check`); {} if there was none."""
     if collection.session_uid in _reports_on_linked:
         return _reports_on_linked[collection.session_uid]
     try:

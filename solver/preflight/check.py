@@ -22,6 +22,9 @@ from .reduced_photos import ReducedPhotos
 from .turning import turning
 from .white_balance import white_balance
 
+LOOKING = 0.7
+"""of the time, for the progress: the rest is for comparing photos"""
+
 
 @dataclass(frozen=True)
 class Report:
@@ -45,14 +48,14 @@ class Report:
 
 
 def check(
-    capture: Capture, preset: str = "draft", progress: Callable[[int, int], None] | None = None,
+    capture: Capture, preset: str = "draft", progress: Callable[[float, str], None] | None = None,
     region: np.ndarray | None = None, overrides: Mapping[str, object] | None = None,
     device: str = "auto",
 ) -> Report:  # fmt: skip
     """Check a capture before it is reconstructed.
 
     Args:
-        progress: called with the number of photos looked at and of all.
+        progress: told the share done, and what is being done; what it raises ends the check.
         region: [2, 3] world box that a person gave; None: the capture's. `Report.box` may lie beside it.
         overrides: settings that a person chose, as `JobRequest.overrides`; what they answer is not advised.
         device: that it is to run on, as `choose_device` takes it.
@@ -60,12 +63,15 @@ def check(
     Raises:
         CaptureError: a photo cannot be decoded. SettingsError: there is no such preset, setting or device.
     """
+    told = progress or (lambda done, text: None)
     card = card_of(choose_device(device))
     idle = idle_card() if device == "auto" and card is None else None
     settings = settings_for(preset, overrides)
     asked = capture if region is None else replace(capture, region=region)
     reduced = ReducedPhotos()
-    looks = look_at_photos(asked, progress, reduced)
+    looks = look_at_photos(
+        asked, lambda n, count: told(LOOKING * n / count, f"photo {n} of {count}"), reduced
+    )
     circles = circles_of(asked)
     asks = settings.light.turntable == "auto"
     still = circles is not None and circles.still is True
@@ -74,7 +80,7 @@ def check(
         _stands(capture, settings, region),
         all(look.coverage is not None for look in looks),
     )
-    told = estimate(
+    needed = estimate(
         asked, preset, masked, turned=turned, standing=stands, settings=settings, card=card
     )  # fmt: skip
     found = [note(text) for text in (*capture.warnings, idle) if text]
@@ -93,19 +99,25 @@ def check(
     )
     # Where alpha has taken away what is around the object, only that is left to compare, maybe a mirror.
     if not turned and (not masked or all(camera.mask_path for camera in capture.cameras)):
-        found = poses(capture, reduced, settings) + found
+        share = 1 - LOOKING
+        found = (
+            poses(
+                capture, reduced, settings, lambda d: told(LOOKING + share * d, "comparing photos")
+            )
+            + found
+        )
     margin = settings.field.box_margin
     box = object_box(asked, looks, margin)
     found += nothing_in_common(looks, box)
     if region is not None:
         box = object_box(capture, looks, margin)
-    if told.memory is not None and told.bytes > 0.8 * told.memory:
+    if needed.memory is not None and needed.bytes > 0.8 * needed.memory:
         found.append(
-            warning(f"the fit will need about {told.bytes / 1e9:.0f} of this machine's "
-                    f"{told.memory / 1e9:.0f} GB of memory; make the photos smaller")
+            warning(f"the fit will need about {needed.bytes / 1e9:.0f} of this machine's "
+                    f"{needed.memory / 1e9:.0f} GB of memory; make the photos smaller")
         )  # fmt: skip
     found.sort(key=lambda finding: finding.level != "warning")
-    return Report(tuple(found), told, box)
+    return Report(tuple(found), needed, box)
 
 
 def _stands(capture: Capture, settings: Settings, region: np.ndarray | None) -> bool:

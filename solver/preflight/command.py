@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..arguments import add_capture, add_command
-from ..job.exit_codes import CANCELLED, DONE
+from ..job.exit_codes import CANCELLED
 from ..job.folder import JobFolder
 from ..job.request import DEVICES
 from ..session import passing_session
@@ -32,7 +31,9 @@ def add_check(commands: argparse._SubParsersAction) -> None:
     check.add_argument(
         "--device", choices=DEVICES, help="device to run on; default: the job's, or auto"
     )
-    check.add_argument("--json", action="store_true", help="one JSON object on stdout")
+    output = check.add_mutually_exclusive_group()
+    output.add_argument("--json", action="store_true", help="one JSON object on stdout")
+    output.add_argument("--events", action="store_true", help="events on stdout, no bar")
     check.set_defaults(run=run_check)
 
 
@@ -48,7 +49,7 @@ def add_pictures(commands: argparse._SubParsersAction) -> None:
 
 
 def run_check(options: argparse.Namespace) -> int:
-    """Print findings and estimate; the exit code is 0 also with warnings.
+    """Tell findings and estimate; the exit code is 0 also with warnings.
 
     Raises:
         CaptureError: the capture cannot be read. SettingsError: there is no such preset or device.
@@ -61,15 +62,19 @@ def run_check(options: argparse.Namespace) -> int:
     overrides = {} if job is None else job.request.overrides
     settings_for(preset, overrides)
     capture, region = _capture_and_region(options, job)
-    told = _progress if sys.stderr.isatty() else None
     device = options.device or ("auto" if job is None else job.request.device)
-    report = check(capture, preset, told, region, overrides, device)
-    with naming_stdout():
-        if options.json:
-            print(json.dumps(report.as_json(), allow_nan=False))
-        else:
-            _print(report, capture)
-    return DONE
+    with passing_session("check", "looking at photos", options.events) as run:
+        report = check(capture, preset, run.told, region, overrides, device)
+        run.events.emit("result", report=report.as_json())
+    if run.code == CANCELLED:
+        say("Cancelled.")
+    elif not options.events:
+        with naming_stdout():
+            if options.json:
+                print(json.dumps(report.as_json(), allow_nan=False))
+            else:
+                _print(report, capture)
+    return run.code
 
 
 def _print(report: Report, capture: Capture) -> None:
@@ -122,8 +127,3 @@ def _capture_and_region(
         options.capture, photos=options.photos, masks=options.masks, ignored=options.ignored
     )
     return capture, None
-
-
-def _progress(done: int, count: int) -> None:
-    end = "\n" if done == count else ""
-    print(f"\rlooking at photo {done} of {count}", end=end, file=sys.stderr, flush=True)

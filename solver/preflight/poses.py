@@ -1,5 +1,7 @@
 """Whether photos fit their cameras, by what some pairs of them have in common."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..apart import ApartError
@@ -16,7 +18,9 @@ from .findings import Finding, note, warning
 from .reduced_photos import ReducedPhotos
 
 
-def poses(capture: Capture, photos: ReducedPhotos, settings: Settings) -> list[Finding]:
+def poses(
+    capture: Capture, photos: ReducedPhotos, settings: Settings, progress: Callable[[float], None]
+) -> list[Finding]:
     """How far photos lie beside their cameras, if they have enough in common to tell."""
     masked = all(camera.mask_path is not None for camera in capture.cameras)
 
@@ -30,7 +34,7 @@ def poses(capture: Capture, photos: ReducedPhotos, settings: Settings) -> list[F
         return picture_from(np.ascontiguousarray(colour), hidden)
 
     try:
-        found = compare_some(capture.cameras, picture_of)
+        found = compare_some(capture.cameras, picture_of, progress)
     except ApartError:
         return []
     if found.beside is None:

@@ -233,9 +233,10 @@ def frames(out: Path) -> int:
 
 
 def check(job: Path) -> int:
-    """One finding for the first camera of a job, by the protocol of `solver check --json`."""
+    """One finding for the first camera of a job, by the protocol of `solver check --events`."""
     import json
 
+    events = EventStream(job / "events.jsonl", take_stdout_for_events())
     request = JobFolder.open(job).request
     frames = json.loads(Path(request.capture).read_text(encoding="utf-8"))["frames"]
     findings = [
@@ -245,7 +246,9 @@ def check(job: Path) -> int:
     print("a library's banner")
     estimate = {"text": f"about 5 minutes and 1.6 GB on {request.device}", "seconds": 300.0}
     box = {"min": [-0.5, -0.25, 0.0], "max": [0.5, 0.25, 1.0]}
-    print(json.dumps({"findings": findings, "estimate": estimate, "box": box}))
+    events.emit("stage", name="check", index=0, count=1)
+    events.emit("result", report={"findings": findings, "estimate": estimate, "box": box})
+    events.emit("bye", exit_code=0)
     return 0
 
 

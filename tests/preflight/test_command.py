@@ -2,7 +2,9 @@
 
 import json
 import shutil
+import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ import pytest
 from solver.capture.read import read_capture
 from solver.capture.reduced import load_reduced
 from solver.fit.errors import SettingsError
+from solver.job.events import parse_event
 from solver.preflight.check import check
 from tests.cli.command import solver as run
 from tests.preflight.captures import ROOT, around, blurred, capture_at, only, write
@@ -37,6 +40,47 @@ def test_the_command_prints_a_line_a_finding_or_one_json(pictures, tmp_path):
     refused = solver(tmp_path, "--device", "mps" if sys.platform != "darwin" else "cuda")
     assert refused.returncode == 2 and "this machine has no such device" in refused.stderr
     assert sorted(tmp_path.iterdir()) == before
+
+
+@contextmanager
+def listening(folder):
+    """A check whose events are read as a parent does, and that hears its parent."""
+    command = [sys.executable, "-m", "solver", "check", str(folder), "--events"]
+    pipes = {name: subprocess.PIPE for name in ("stdin", "stdout", "stderr")}
+    with subprocess.Popen(command, cwd=ROOT, text=True, **pipes) as process:
+        process.stdin.write('{"cmd": "hello"}\n')
+        process.stdin.flush()
+        yield process, map(parse_event, process.stdout)
+
+
+def test_a_parent_is_told_how_far_a_check_is_and_then_what_it_found(pictures, tmp_path):
+    write(tmp_path, pictures, only(at5=blurred(3.0)))
+    with listening(tmp_path) as (process, events):
+        told = list(events)
+        assert process.stderr.read() == ""
+    assert process.returncode == 0
+    assert [event.kind for event in told if event.kind != "progress"] == [
+        "hello",
+        "stage",
+        "result",
+        "bye",
+    ]
+    done = [event.data["overall"] for event in told if event.kind == "progress"]
+    assert done == sorted(done) and done[-1] > 0
+    texts = [event.data["text"] for event in told if event.kind == "progress"]
+    assert texts[-1].startswith("photo ") and texts[-1].endswith(" of 24")
+    report = json.loads(solver(tmp_path, "--json").stdout)
+    assert told[-2].data["report"] == report and report["findings"][0]["photo"] == "IMG_005"
+
+
+def test_a_check_is_cancelled_by_its_parent(pictures, tmp_path):
+    write(tmp_path, pictures)
+    with listening(tmp_path) as (process, events):
+        next(event for event in events if event.kind == "stage")
+        process.stdin.write('{"cmd": "cancel"}\n')
+        process.stdin.flush()
+        kinds = {event.kind for event in events}
+    assert process.returncode == 3 and "result" not in kinds and "bye" in kinds
 
 
 def test_what_cannot_be_read_ends_with_code_2_and_one_sentence(pictures, tmp_path):

@@ -10,7 +10,8 @@ from solver.capture import triangulate
 from solver.capture.frames import pose_opengl_from_opencv
 from solver.capture.read import read_capture
 from solver.fit.presets import settings_for
-from solver.preflight.check import check
+from solver.job.control import Cancelled
+from solver.preflight.check import LOOKING, check
 from solver.preflight.poses import poses
 from solver.preflight.reduced_photos import ReducedPhotos
 from tests.capture.printed_table import camera_at, shaken, write_table
@@ -26,7 +27,7 @@ def cameras():
 
 def found_of(folder, cameras, told):
     capture = read_capture(write_table(folder, cameras, told))
-    return capture, poses(capture, ReducedPhotos(), SETTINGS)
+    return capture, poses(capture, ReducedPhotos(), SETTINGS, lambda done: None)
 
 
 def test_of_cameras_that_fit_it_says_how_well(cameras, tmp_path):
@@ -39,7 +40,7 @@ def test_of_cameras_that_are_off_it_says_so_and_what_becomes_of_them(cameras, tm
     assert found.level == "warning" and "will be adjusted" in found.text
     assert found in check(capture).findings
     with_points = replace(capture, points=np.zeros((500, 3)))
-    (found,) = poses(with_points, ReducedPhotos(), SETTINGS)
+    (found,) = poses(with_points, ReducedPhotos(), SETTINGS, lambda done: None)
     assert found.level == "warning" and "solve cameras" in found.text
 
 
@@ -49,6 +50,17 @@ def test_of_matrices_in_another_convention_it_says_which(cameras, tmp_path):
     ]
     _, (found,) = found_of(tmp_path, cameras, turned)
     assert found.level == "warning" and "negate the second and third column" in found.text
+
+
+def test_a_check_ends_when_it_is_asked_to_while_photos_are_compared(cameras, tmp_path):
+    write_table(tmp_path, cameras, cameras)
+
+    def told(done, text):
+        if text == "comparing photos" and done > LOOKING:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        check(read_capture(tmp_path), progress=told)
 
 
 def test_photos_that_were_cut_out_are_not_compared():
@@ -75,5 +87,6 @@ def test_few_pairs_are_compared_and_two_cameras_back_to_back_are_none(
     assert {index for pair in pairs for index in pair} == set(range(count))
     capture = read_capture(tmp_path)
     back_to_back = (camera_at(0.0, height=0.0), camera_at(np.pi, height=0.0))
-    assert poses(replace(capture, cameras=back_to_back), ReducedPhotos(), SETTINGS) == []
+    alone = replace(capture, cameras=back_to_back)
+    assert poses(alone, ReducedPhotos(), SETTINGS, lambda done: None) == []
     assert not compared
