@@ -76,7 +76,9 @@ def report() -> str:
         try:
             lines.append(f"{name} {importlib.metadata.version(name)}")
         except importlib.metadata.PackageNotFoundError:
-            lines.append(f"{name} MISSING: press Set Up Solver again")
+            lines.append(
+                f"{name} MISSING: press Set Up Solver in Blender again, or install solver/requirements.txt"
+            )
     if torch.cuda.is_available():
         free, total = torch.cuda.mem_get_info()
         lines.append(

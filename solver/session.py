@@ -138,7 +138,10 @@ def explain(error: Exception) -> tuple[int, str]:
         return BAD_INPUT, str(error)
     text = str(error).lower()
     if isinstance(error, MemoryError) or "out of memory" in text or "can't allocate" in text:
-        return OUT_OF_MEMORY, "Out of memory: choose the draft preset or smaller photos."
+        return (
+            OUT_OF_MEMORY,
+            "Out of memory: close other programs, use smaller photos, or choose draft.",
+        )
     if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
         return (
             BAD_INPUT,

@@ -36,8 +36,8 @@ def _start() -> int:
         if package == __package__ or not package:
             raise
         say(
-            f"{sys.executable}: this Python lacks the package '{package}'; press Set Up Solver, or run: "
-            f'"{sys.executable}" -m pip install -r "{REQUIREMENTS}"'
+            f"{sys.executable}: this Python lacks the package '{package}'; press Set Up Solver in Blender, "
+            f'or run: "{sys.executable}" -m pip install -r "{REQUIREMENTS}"'
         )  # fmt: skip
         return BAD_INPUT
 

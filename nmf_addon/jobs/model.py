@@ -90,7 +90,10 @@ class JobModel:
             self.state, self.text, self.error = "cancelled", "Cancelled", ""
         elif exit_code == OUT_OF_MEMORY:
             self.state, self.text = "failed", "Out of memory"
-            self.error = self.error or "Choose the draft preset or smaller photos."
+            self.error = (
+                self.error
+                or "Close other programs, use smaller photos, or choose the draft preset."
+            )
         elif said_bye or self.error or exit_code == BAD_INPUT:
             self.state, self.text = "failed", "The solver stopped"
             self.error = self.error or log_tail or f"It ended with code {exit_code}."

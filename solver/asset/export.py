@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..job.folder import JobFolder
+from ..job.folder import JobFolder, holds_nothing
 from ..job.request import JobError
 from ..replacing import replace_file
 
@@ -31,14 +31,14 @@ def new_folder(out: Path) -> Iterator[Path]:
     Raises:
         JobError: `out` exists and is not empty. OSError: it cannot be written.
     """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+    if out.exists() and not (out.is_dir() and holds_nothing(out)):
         raise JobError(f"{out}: it already exists; give a new folder.")
     part = out.absolute().with_name(f"{out.absolute().name}.part")
     shutil.rmtree(part, ignore_errors=True)
     try:
         yield part
-        if out.exists():
-            out.rmdir()
+        if out.exists() and holds_nothing(out):
+            shutil.rmtree(out)
         replace_file(part, out)
     except OSError as error:
         raise _first_of(error, out) from error

@@ -68,8 +68,8 @@ def look_at(
         ignored: see `IgnoredFinder`.
 
     Raises:
-        CaptureError: one is no picture; what is to be ignored of it is of another shape; or `ignored` fits
-            none.
+        CaptureError: one is no picture; its mask, or what is to be ignored of it, is of another shape; or
+            `ignored` fits none.
     """
     finder = PhotoFinder(folder, masks, ignored=ignored)
     found = []
@@ -86,20 +86,22 @@ def look_at(
                 finder.ignored.of(path),
             )
         )  # fmt: skip
-        _check_shape(found[-1])
+        _check_shape(found[-1], "mask")
+        _check_shape(found[-1], "ignored")
     if ignored is not None and not any(photo.ignored for photo in found):
         raise none_fits(ignored, names[0], "ignore")
     return found
 
 
-def _check_shape(photo: Prepared) -> None:
-    """Make sure that the picture of what is to be ignored of a photo, if there is one, is of its shape."""
-    if photo.ignored is None:
+def _check_shape(photo: Prepared, name: str) -> None:
+    """Make sure that the picture of a photo that an attribute names, if there is one, is of its shape."""
+    path = getattr(photo, name)
+    if path is None:
         return
-    size, wanted = image_size(photo.ignored), (photo.width, photo.height)
-    turned = max(image_orientation(path) for path in (photo.ignored, photo.path)) >= 5
+    size, wanted = image_size(path), (photo.width, photo.height)
+    turned = max(map(image_orientation, (path, photo.path))) >= 5
     if not any(same_shape(s, wanted) for s in ((size, size[::-1]) if turned else (size,))):
-        raise other_shape(photo.ignored, "ignored_path", size, wanted)
+        raise other_shape(path, f"{name}_path", size, wanted)
 
 
 def write_prepared(photo: Prepared, pictures: Path, masks: Path) -> None:
@@ -113,7 +115,9 @@ def write_prepared(photo: Prepared, pictures: Path, masks: Path) -> None:
     colour, alpha = load_reduced(photo.path, max(size), (photo.width, photo.height))
     shown = None if alpha is None or alpha.min() == 255 else _resized(alpha, size)
     if photo.mask is not None:
-        mask = load_reduced_mask(photo.mask, size[::-1], image_orientation(photo.path))
+        mask = load_reduced_mask(
+            photo.mask, size[::-1], (photo.width, photo.height), image_orientation(photo.path)
+        )
         shown = mask if shown is None else np.minimum(shown, mask)
     told = told_of_reduced(_seen(photo), size[::-1])
     if told is not None:

@@ -12,6 +12,7 @@ from .decoded import Decoded
 from .decoding import decode
 from .errors import CaptureError
 from .image_header import MOST_PIXELS, focal_of_raw, image_orientation, image_size, is_heif, is_raw
+from .mask_finder import other_shape
 from .masks import coverage, no_mask
 from .orientation import oriented, same_shape, turn_for
 from .tiff_header import CAMERA_FIELDS, FOCAL_LENGTH_35MM
@@ -103,16 +104,18 @@ def _as_it_lies(path: Path, longest: int) -> tuple[np.ndarray, np.ndarray | None
 
 
 def load_reduced_mask(
-    path: Path, shape: tuple[int, int], orientation: int = 1, field: str = "mask_path"
-) -> np.ndarray:
+    path: Path, shape: tuple[int, int], photo: tuple[int, int], orientation: int = 1,
+    field: str = "mask_path",
+) -> np.ndarray:  # fmt: skip
     """A mask [H, W] uint8 at a given size (rows, columns), read and turned as for a fit.
 
     Args:
+        photo: (width, height) of its photo, upright.
         orientation: the photo's; its mask may lie as the photo does.
         field: of the camera that names it.
 
     Raises:
-        CaptureError: it is not there or cannot be decoded.
+        CaptureError: it is not there, cannot be decoded, or is of another shape than the photo.
     """
     if not path.is_file():
         raise no_mask(path, field)
@@ -121,7 +124,9 @@ def load_reduced_mask(
     decoded = Decoded(np.concatenate(channels, axis=2), None if alpha is None else 3)
     mask = np.round(255 * coverage(decoded)).astype(np.uint8)
     candidates = [oriented(mask, turn) for turn in (1, image_orientation(path), orientation)]
-    fitting = next((c for c in candidates if same_shape(c.shape, shape)), mask)
+    fitting = next((c for c in candidates if same_shape(c.shape, shape)), None)
+    if fitting is None:
+        raise other_shape(path, field, image_size(path), photo)
     resized = Image.fromarray(np.ascontiguousarray(fitting)).resize(
         shape[::-1], Image.Resampling.BOX
     )

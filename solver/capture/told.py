@@ -47,7 +47,9 @@ def told_of_reduced(camera: Camera, shape: tuple[int, int]) -> np.ndarray | None
     told = _reached(camera.resized(*shape[::-1]).lens_key)
     if camera.ignored_path is not None:
         lies = image_orientation(camera.image_path)
-        mask = load_reduced_mask(camera.ignored_path, shape, lies, "ignored_path")
+        mask = load_reduced_mask(
+            camera.ignored_path, shape, (camera.width, camera.height), lies, "ignored_path"
+        )
         told = both(told, _kept(mask / np.float32(255), camera))
     check_told(camera, told)
     return told

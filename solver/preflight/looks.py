@@ -205,7 +205,10 @@ def look_at(
     if alpha is not None and (alpha if told is None else alpha[told]).min() == 255:
         alpha = None
     if camera.mask_path is not None:
-        mask = load_reduced_mask(camera.mask_path, (height, width), image_orientation(path))
+        mask = load_reduced_mask(
+            camera.mask_path, (height, width), (camera.width, camera.height),
+            image_orientation(path),
+        )  # fmt: skip
         alpha = mask if alpha is None else np.minimum(alpha, mask)
     if alpha is not None and told is not None:
         alpha = alpha * told

@@ -211,6 +211,18 @@ def test_pictures_that_are_of_no_use_are_named_with_what_to_do(tmp_path):
         assert len(result.stderr.strip().splitlines()) == 1
 
 
+def test_masks_of_another_shape_are_refused_before_photos_are_prepared(tmp_path):
+    photos = photos_at(tmp_path / "photos")
+    masks = tmp_path / "masks"
+    masks.mkdir()
+    for photo in photos.rglob("IMG_*.png"):
+        Image.new("L", (32, 20), 255).save(masks / photo.name)
+    result = solve(photos, "--masks", masks, "--out", tmp_path / "cameras")
+    assert result.returncode == 2
+    assert "mask_path: the mask is 32 × 20 pixels, its photo 32 × 32; export both" in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
 def test_a_solve_goes_on_with_the_same_pictures_and_begins_anew_with_others(tmp_path):
     photos = photos_at(tmp_path / "photos")
     Image.new("L", (32, 32)).save(tmp_path / "leg.png")

@@ -334,7 +334,7 @@ def test_a_check_reads_masks_as_a_fit_does(kind, tmp_path):
         Image.fromarray(shown).save(file)
     else:
         Image.fromarray(np.dstack([np.full((40, 40, 3), 255, np.uint8), shown])).save(file)
-    small = load_reduced_mask(file, (20, 20))
+    small = load_reduced_mask(file, (20, 20), (40, 40))
     assert small.shape == (20, 20)
     assert (small > 127).sum() == 100 and small[10, 10] == 255 and small[2, 2] == 0
 

@@ -7,6 +7,7 @@ import OpenEXR
 import pytest
 from PIL import Image
 
+from solver.capture.errors import CaptureError
 from solver.capture.reduced import load_reduced, load_reduced_mask, read_header
 from tests.capture.pictures import write
 
@@ -17,7 +18,19 @@ def test_a_mask_may_lie_as_the_photo_does_or_as_it_is_looked_at(upright, tmp_pat
     shown[:10, 20:] = 255
     turned = np.rot90(shown, -1)  # what EXIF's 6 makes of it
     Image.fromarray(turned if upright else shown).save(tmp_path / "mask.png")
-    np.testing.assert_array_equal(load_reduced_mask(tmp_path / "mask.png", (40, 30), 6), turned)
+    np.testing.assert_array_equal(
+        load_reduced_mask(tmp_path / "mask.png", (40, 30), (30, 40), 6), turned
+    )
+
+
+def test_a_mask_of_another_shape_is_refused_also_where_photos_are_only_looked_at(tmp_path):
+    file = tmp_path / "mask.png"
+    Image.new("L", (400, 200)).save(file)
+    assert load_reduced_mask(file, (50, 100), (800, 400)).shape == (50, 100)
+    with pytest.raises(
+        CaptureError, match="mask_path: the mask is 400 × 200 pixels, its photo 800 × 600; "
+    ):
+        load_reduced_mask(file, (75, 100), (800, 600))
 
 
 def test_photos_are_reduced_upright_with_their_alpha(tmp_path):

@@ -159,6 +159,10 @@ def test_export_copies_the_result_and_overwrites_nothing(job, tmp_path):
     assert solver("export", job, "--out", tmp_path / "asset").returncode == 0
     assert (tmp_path / "asset" / "mesh.ply").is_file()
     assert solver("export", job, "--out", tmp_path / "asset").returncode == 2
+    (tmp_path / "looked at").mkdir()
+    (tmp_path / "looked at" / ".DS_Store").write_bytes(b"the Finder's")
+    assert solver("export", job, "--out", tmp_path / "looked at").returncode == 0
+    assert (tmp_path / "looked at" / "mesh.ply").is_file()
 
 
 def test_export_bakes_anew_what_a_setting_changes_and_nothing_else(job, tmp_path):
