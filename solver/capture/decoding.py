@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO
+from PIL import ExifTags, Image
 
 from .colour import rec709_from_chromaticities, rec709_from_primaries
 from .decoded import Decoded
 from .errors import CaptureError, shown
 from .heif import check_transfer, decode_heif
-from .icc import profile_unless_srgb
+from .icc import ADOBE_RGB, profile_unless_srgb
 from .image_header import MOST_PIXELS, image_orientation, image_size, is_heif, is_raw
 from .orientation import oriented
 from .png_header import png_colours
@@ -28,6 +29,8 @@ _TYPES = {
 }  # fmt: skip
 _LINEAR = 8
 """the transfer function that is none, in ITU-T H.273"""
+_UNCALIBRATED = 0xFFFF
+"""EXIF's colour space that is not sRGB"""
 
 
 def decode(path: Path, least: int = 0) -> Decoded:
@@ -117,17 +120,32 @@ def _decode(path: Path) -> Decoded:
             image_orientation(path) if is_webp else spec.get_int_attribute("Orientation", 1)
         )
         profile = spec.getattribute("ICCProfile")
+        profile = None if profile is None else profile_unless_srgb(bytes(profile))
+        if spec.get_int_attribute("Exif:ColorSpace") == _UNCALIBRATED and _is_adobe_rgb(path):
+            profile = profile or ADOBE_RGB
         decoded = Decoded(
             pixels, alpha, associated=not straight,
             linear=str(spec.getattribute("oiio:ColorSpace") or "").startswith("lin"),
             orientation=orientation if 1 <= orientation <= 8 else 1,
-            profile=None if profile is None else profile_unless_srgb(bytes(profile)),
+            profile=profile,
             channels=tuple(spec.channelnames),
         )  # fmt: skip
         stated = png_colours(path) if file.format_name() == "png" else None
         return decoded if stated is None else _in_colours(path, decoded, *stated)
     finally:
         file.close()
+
+
+def _is_adobe_rgb(path: Path) -> bool:
+    """True for a photo whose EXIF has DCF's mark of Adobe RGB, which some cameras write for a profile.
+
+    Design rule for Camera File system 2.0, JEITA CP-3461B: interoperability index "R03".
+    """
+    try:
+        with Image.open(path) as image:
+            return image.getexif().get_ifd(ExifTags.IFD.Interop).get(1) == "R03"
+    except Exception:  # EXIF can be damaged in any way; the photo need not be
+        return False
 
 
 def _in_colours(path: Path, decoded: Decoded, primaries: int, transfer: int) -> Decoded:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .colour import rec709_from_colorants, srgb_to_linear
+from .colour import rec709_from_chromaticities, rec709_from_colorants, srgb_to_linear
 
 _SAME_CURVE = 2e-3
 
@@ -37,6 +37,13 @@ class Profile:
         """Linear light of codes in [0, 1] of one channel."""
         codes = np.linspace(0, 1, self.curves.shape[1])
         return np.interp(encoded, codes, self.curves[channel])
+
+
+ADOBE_RGB = Profile(
+    np.tile(np.linspace(0, 1, 4096) ** (563 / 256), (3, 1)),
+    rec709_from_chromaticities((0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290)),
+)
+"""Adobe RGB (1998), which cameras can also name in EXIF alone"""
 
 
 def read_profile(data: bytes) -> Profile | None:

@@ -16,6 +16,7 @@ from .errors import CaptureError
 from .files import file_size
 from .heif_header import has_heif_brand, read_heif_header
 from .jpeg_header import jpeg_exif, jpeg_size
+from .png_header import png_exif
 from .raw_header import RAW, is_raw_photo, raw_exif, raw_focal_35mm, raw_orientation
 from .tiff_header import HEIGHT, ORIENTATION, WIDTH, is_tiff, tiff_values
 from .webp_header import has_webp_mark, webp_exif, webp_has_alpha, webp_size
@@ -92,8 +93,8 @@ def _opened(path: Path) -> BinaryIO:
 
 
 def image_orientation(path: Path) -> int:
-    """EXIF's orientation of a JPEG, WebP, TIFF or raw photo, 1 to 8; 1, as it lies, where its header states
-    none."""
+    """EXIF's orientation of a JPEG, WebP, PNG, TIFF or raw photo, 1 to 8; 1, as it lies, where its header
+    states none."""
     try:
         with _opened(path) as file:
             head = file.read(24)
@@ -102,6 +103,8 @@ def image_orientation(path: Path) -> int:
                 found = _tiff_orientation(jpeg_exif(file))
             elif has_webp_mark(head):
                 found = _tiff_orientation(webp_exif(file))
+            elif head[:4] == b"\x89PNG":
+                found = _tiff_orientation(png_exif(file))
             elif is_raw_photo(file, path.suffix):
                 exif = raw_exif(file)
                 found = 1 if exif is None else raw_orientation(exif)

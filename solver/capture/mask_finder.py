@@ -32,6 +32,12 @@ def photos_of(folder: Path) -> tuple[str, ...] | None:
     return None
 
 
+def has_masks(folder: Path) -> bool:
+    """True for a folder of masks, or of smaller copies beside it, such as `masks_2` beside `masks`."""
+    whole = folder.with_name(re.sub(r"_\d{1,2}$", "", folder.name))
+    return any(photos_of(f) is not None for f in {folder, whole} if f == folder or f.is_dir())
+
+
 def masks_among(pictures: Iterable[Path]) -> list[Path]:
     """Those of some pictures that are masks of others in their folder: a_mask.png or a.jpg.mask.png of
     a.jpg."""

@@ -14,7 +14,7 @@ from urllib.parse import unquote
 from .errors import CaptureError, shown
 from .ignored import IgnoredFinder, beside_among
 from .image_header import EXTENSIONS, developed
-from .mask_finder import MaskFinder, masks_among, photos_of
+from .mask_finder import MaskFinder, has_masks, masks_among
 from .picture_names import (
     UNREADABLE,
     agreement,
@@ -245,7 +245,7 @@ class PhotoFinder:
         if folder in (self.folder, self.masks.masks, self.ignored.folder):
             return folder != self.folder
         if folder not in self._of_masks:
-            self._of_masks[folder] = photos_of(folder) is not None or self._is_mask(folder.parent)
+            self._of_masks[folder] = has_masks(folder) or self._is_mask(folder.parent)
         return self._of_masks[folder]
 
     def _fit(self, path: Path, parts: list[str]) -> tuple[int, int, int]:

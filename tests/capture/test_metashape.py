@@ -14,7 +14,9 @@ from hypothesis import strategies as st
 
 from solver.capture.errors import CaptureError
 from solver.capture.formats import metashape
+from solver.capture.placement import suggest_placement
 from solver.capture.read import read_capture, reader_of
+from solver.capture.upright import estimate_up
 from tests.capture.programs import (
     COUNT,
     HEIGHT,
@@ -151,6 +153,23 @@ def test_the_chunk_places_its_cameras_in_the_world(tmp_path, where):
     to_camera = np.linalg.inv(expected)
     check_projection(capture, lambda i, x: reference(FRAME, "frame", to_camera[i], x), expected)
     np.testing.assert_allclose(capture.up, (0, 0, 1))
+
+
+@pytest.mark.parametrize("turn", ["", "<rotation>1 0 0 0 1 0 0 0 1</rotation>"])
+def test_of_a_chunk_that_scale_bars_alone_place_the_scale_is_kept_and_up_is_found(tmp_path, turn):
+    chunk = f"<transform>{turn}<scale>0.25</scale></transform>"
+    capture = read_capture(write(tmp_path, simple(component=chunk)))
+    assert capture.up is None and capture.metric
+    expected = poses()
+    expected[:, :3, 3] *= 0.25
+    np.testing.assert_allclose(
+        [c.camera_to_world[:3, 3] for c in capture.cameras], expected[:, :3, 3]
+    )
+    matrix = suggest_placement(capture)
+    np.testing.assert_allclose(
+        matrix[:3, :3] @ estimate_up(list(capture.cameras)), (0, 0, 1), atol=1e-9
+    )
+    assert np.linalg.det(matrix[:3, :3]) == pytest.approx(1)
 
 
 @pytest.mark.parametrize(

@@ -126,12 +126,13 @@ def test_webp_and_avif_keep_straight_alpha_and_say_so_in_their_header(
         np.testing.assert_allclose(photo.pixels[..., :3], expected, atol=0.02)
 
 
+@pytest.mark.parametrize("name", ["a.webp", "a.png"])
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_webp_lies_as_its_file_has_it_and_says_its_orientation(orientation, tmp_path):
+def test_a_picture_lies_as_its_file_has_it_and_says_its_orientation(orientation, name, tmp_path):
     exif = Image.Exif()
     exif[0x0112] = orientation
     exif.get_ifd(0x8769)[0xA405] = 26
-    path = tmp_path / "a.webp"
+    path = tmp_path / name
     Image.fromarray(ramp()).save(path, exif=exif, lossless=True)
     assert image_size(path) == (80, 48)
     decoded = decode(path)

@@ -43,6 +43,21 @@ def test_photos_of_one_name_have_the_masks_of_their_own_folders(tmp_path):
         assert mask == tmp_path / "masks" / side / "1.png.png"
 
 
+@pytest.mark.parametrize("masks", ["masks", "images_masks"])
+def test_smaller_copies_of_masks_are_no_photos_and_no_masks(masks, tmp_path):
+    photo = save(tmp_path / "images" / "a.png")
+    for folder in (masks, f"{masks}_2", f"{masks}_4"):
+        save(tmp_path / folder / "a.png", 255)
+    finder = PhotoFinder(tmp_path)
+    assert finder.find("a.png") == photo
+    assert finder.mask_of(photo) == tmp_path / masks / "a.png"
+
+
+def test_a_folder_that_is_called_like_a_second_one_of_a_mask_may_hold_photos(tmp_path):
+    photo = save(tmp_path / "mask_2" / "a.png")
+    assert PhotoFinder(tmp_path).find("a.png") == photo
+
+
 def test_masks_that_could_both_be_meant_are_refused(tmp_path):
     photo = save(tmp_path / "images" / "a.png")
     save(tmp_path / "masks" / "one" / "a.png")

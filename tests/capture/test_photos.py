@@ -213,6 +213,32 @@ def test_an_icc_profile_is_followed_as_littlecms_follows_it(tmp_path, colorants,
     assert np.abs(srgb_to_linear(pixels / 255) - expected).max() > 0.01 + lost
 
 
+def exif_of(interoperability, colour_space=0xFFFF):
+    """EXIF as cameras write it of photos in Adobe RGB: the colour space and, in a directory below, a mark."""
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0xA001] = colour_space
+    exif.get_ifd(0x8769)[0xA005] = {1: interoperability}
+    return exif
+
+
+def test_adobe_rgb_that_exif_alone_tells_of_is_that_of_the_profile(tmp_path):
+    pixels = np.full((16, 16, 3), (120, 180, 110), np.uint8)
+    marked, told, plain = tmp_path / "marked.jpg", tmp_path / "told.jpg", tmp_path / "plain.jpg"
+    Image.fromarray(pixels).save(marked, quality=98, exif=exif_of("R03"))
+    Image.fromarray(pixels).save(told, quality=98, icc_profile=icc_profile(ADOBE_RGB, GAMMA_CURVE))
+    Image.fromarray(pixels).save(plain, quality=98)
+    expected = load(told).pixels
+    assert np.abs(expected - load(plain).pixels).max() > 0.1
+    np.testing.assert_allclose(load(marked).pixels, expected, atol=2e-3)
+    for exif in (exif_of("R98"), exif_of("R03", 1)):
+        Image.fromarray(pixels).save(marked, quality=98, exif=exif)
+        np.testing.assert_array_equal(load(marked).pixels, load(plain).pixels)
+    profile = icc_profile(DISPLAY_P3, SRGB_CURVE)
+    Image.fromarray(pixels).save(marked, quality=98, exif=exif_of("R03"), icc_profile=profile)
+    Image.fromarray(pixels).save(told, quality=98, icc_profile=profile)
+    np.testing.assert_array_equal(load(marked).pixels, load(told).pixels)
+
+
 def test_a_profile_of_srgb_or_a_damaged_one_changes_nothing(tmp_path):
     pixels = ramp(np.uint8)
     expected = load(write(tmp_path / "a.png", pixels)).pixels

@@ -126,7 +126,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             path, "transform", f"none of its {len(unaligned)} cameras is aligned",
             "align the photos in Metashape and export the cameras again",
         )  # fmt: skip
-    return assemble(path, NAME, found, photos, up=worlds.up, warnings=tuple(warnings))
+    return assemble(
+        path, NAME, found, photos, up=worlds.up, metric=worlds.metric, warnings=tuple(warnings)
+    )
 
 
 def _why_not(camera: Element, panoramas: set[str | None], rigs: _Rigs) -> str | None:
@@ -237,6 +239,7 @@ class _Worlds:
 
     Attributes:
         up: the world's upward direction, if the chunk is placed in one.
+        metric: the world has the scale of something measured, such as scale bars, and is turned anyhow.
     """
 
     def __init__(self, path: Path, chunk: Element):
@@ -248,7 +251,9 @@ class _Worlds:
             if element is not None:
                 self._of_component[key] = _similarity(path, element)
         first = next(iter(self._of_component.values()), None)
-        self.up = None if first is None else (0.0, 0.0, 1.0)
+        # Scale bars alone say nothing of axes, which are then those of the first photos.
+        self.metric = first is not None and np.allclose(first[:3, :3], first[0, 0] * np.eye(3))
+        self.up = None if first is None or self.metric else (0.0, 0.0, 1.0)
         if first is not None and (distance := np.linalg.norm(first[:3, 3])) > FAR:
             geocentric = _EARTH[0] < distance < _EARTH[1]
             up = first[:3, :3].T @ (first[:3, 3] if geocentric else (0.0, 0.0, 1.0))
