@@ -9,6 +9,7 @@ from .jobs.model import JobModel
 from .jobs.monitor import monitor
 from .jobs.side_task import side_task
 from .names import BASE_PACKAGE
+from .scene.awaited_copies import awaiting
 from .scene.cameras import photo_of
 from .scene.capture_collection import active_capture
 from .scene.findings import check_report, masked_box
@@ -70,6 +71,9 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
         row.label(text=counted(text), icon="IMAGE_DATA")
         if hidden_cameras(collection) and not side_task.running:
             row.operator("nmf.show_photos", icon="HIDE_ON")
+        if left := awaiting(collection.all_objects):
+            text = f"{len(left)} photo|photos left to undistort"
+            layout.label(text=counted(text), icon="SORTTIME")
         report = check_report(collection)
         if region_box(collection) is None:
             layout.operator("nmf.add_region_box", icon="CUBE")

@@ -20,7 +20,7 @@ from ..operators import (
 from . import panels, preferences, properties, runtime, setup_monitor, thumbnails
 from .jobs import monitor, side_task
 from .names import BASE_PACKAGE
-from .scene import light_axes
+from .scene import awaited_copies, light_axes
 
 _class_modules = (
     properties, preferences, import_capture, solve_cameras, use_moving_camera, show_photos, region,
@@ -58,7 +58,7 @@ def _register() -> None:
             continue
         bpy.utils.register_class(cls)
         _undo.append(lambda cls=cls: bpy.utils.unregister_class(cls))
-    for module in (properties, thumbnails, monitor, side_task, light_axes):
+    for module in (properties, thumbnails, monitor, side_task, awaited_copies, light_axes):
         module.register()
         _undo.append(module.unregister)
     _undo.append(setup_monitor.unregister)

@@ -11,6 +11,7 @@ from ...solver.job.folder import JobFolder
 from ...solver.job.request import JobError
 from .. import thumbnails
 from ..names import BASE_PACKAGE
+from ..redraw import redraw_panels
 from ..reports import reason_of
 from ..runtime import bootstrap_script, clean_environment
 from ..scene.images import stored_path
@@ -289,16 +290,6 @@ def lose_sight(watcher, what: str) -> None:
         watcher.process.close()
     watcher.process = None
     watcher.model.state, watcher.model.text = "lost", f"Blender lost track of {what}"
-
-
-def redraw_panels() -> None:
-    """Redraw the 3D Views' sidebars."""
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                for region in area.regions:
-                    if region.type == "UI":
-                        region.tag_redraw()
 
 
 def _handlers() -> list[tuple[list, Callable[[str], None]]]:

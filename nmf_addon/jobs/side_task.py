@@ -12,10 +12,11 @@ from bpy.app.handlers import persistent
 
 from ...solver.job.events import Event
 from ..names import BASE_PACKAGE
+from ..redraw import redraw_panels
 from ..reports import reason_of
 from ..runtime import bootstrap_script, clean_environment
 from .model import JobModel
-from .monitor import INTERVAL, lose_sight, redraw_panels
+from .monitor import INTERVAL, lose_sight
 from .process import JobProcess, solver_command, take_in
 
 _log = logging.getLogger(BASE_PACKAGE)

@@ -31,24 +31,19 @@ UNDISTORTED = "nmf_undistorted"
 
 
 def add_camera(
-    camera: Camera, image: bpy.types.Image | None, shown: bpy.types.Image | None = None,
-    frame: float = 0.0,
-) -> bpy.types.Object:  # fmt: skip
-    """A camera object with the photo as background; linked to nothing yet.
+    camera: Camera, image: bpy.types.Image | None, frame: float = 0.0
+) -> bpy.types.Object:
+    """A camera object with the photo as background, which is off for a panorama; linked to nothing yet.
 
     Args:
         frame: see `fit_photos`.
-        shown: what to show in place of the photo, such as its undistorted copy; the photo is kept
-            as a second background that is off. Of a panorama nothing is shown, just kept.
     """
     data = bpy.data.cameras.new(camera.name)
     _fit_sensor(data, camera, frame)
     data.display_size = 0.2
     if image is not None:
         data.show_background_images = not camera.is_panoramic
-        for picture in filter(None, (shown, image)):
-            on = picture is (shown or image) and not camera.is_panoramic
-            _add_background(data, picture, on)
+        _add_background(data, image, not camera.is_panoramic)
     data[SIZE] = [camera.width, camera.height]
     data[LENS] = camera.lens
     data[DISTORTION] = list(camera.distortion) or [0.0]

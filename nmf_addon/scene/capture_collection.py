@@ -18,7 +18,8 @@ from ...solver.capture.formats.transforms import write_transforms
 from ...solver.capture.image_header import blender_shows
 from ...solver.capture.placement import placed, suggest_placement
 from ...solver.capture.read import read_capture
-from .background import is_distorted, turn_of, undistorted_copy
+from .awaited_copies import await_copies
+from .background import is_distorted, turn_of
 from .cameras import add_camera, frame_of, photo_of, photo_path, to_solver
 from .evaluated import settle
 from .findings import check_report, masked_box
@@ -85,21 +86,18 @@ def _add_capture(
     collection.objects.link(root)
     above_cameras = _unseen_empty(f"{collection.name} Cameras", root)
     collection.objects.link(above_cameras)
-    frame, progress = frame_of(context.scene), context.window_manager
-    progress.progress_begin(0, len(capture.cameras))
-    for number, camera in enumerate(capture.cameras):
-        progress.progress_update(number)
-        image = images[camera.image_path]
+    frame, awaited = frame_of(context.scene), []
+    for camera in capture.cameras:
         differs = (
             not camera.is_panoramic
             and blender_shows(camera.image_path)
             and (is_distorted(camera) or turn_of(camera) != 1)
         )
-        shown = undistorted_copy(camera, image) if differs else None
-        item = add_camera(camera, image, shown, frame)
+        item = add_camera(camera, images[camera.image_path], frame)
         item.parent = above_cameras
         collection.objects.link(item)
-    progress.progress_end()
+        awaited += [item] if differs else []
+    await_copies(awaited)
     if capture.points is not None:
         _add_points(collection, capture.points, root)
     new_region_box(collection, capture.region, root)

@@ -10,14 +10,15 @@ import numpy as np
 from .images import images_of
 
 AS_MADE = "nmf_as_made"
-"""fingerprint of a mesh, material or World as it was installed"""
+"""fingerprint of a mesh, material or World as it was installed, and of a picture's file"""
+_SETTINGS = ("BOOLEAN", "ENUM", "FLOAT", "INT", "STRING")
 
 
 def mark_as_made(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> None:
     """Remember a data-block as it is now, and the pictures that it shows."""
-    block[AS_MADE] = fingerprint_of(block)
     for image in images_of(block):
         image[AS_MADE] = _of_file(image)
+    block[AS_MADE] = fingerprint_of(block)
 
 
 def is_edited(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> bool:
@@ -45,7 +46,10 @@ def _of_file(image: bpy.types.Image) -> str:
 
 
 def fingerprint_of(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> str:
-    """Of what a person can change in a data-block and would miss; not its name, nor what pictures hold."""
+    """Of what a person can change in a data-block and would miss; not its name, nor how its nodes lie.
+
+    Of pictures it tells which there are, as they were made: see `is_painted`.
+    """
     parts = _of_mesh(block) if isinstance(block, bpy.types.Mesh) else _of_nodes(block)
     return hashlib.sha1("\n".join(parts).encode()).hexdigest()
 
@@ -55,6 +59,11 @@ def _of_mesh(mesh: bpy.types.Mesh) -> Iterator[str]:
     yield _of_array(mesh.loops, "vertex_index", np.empty(len(mesh.loops), dtype=np.int32))
     yield f"{len(mesh.polygons)} faces, shape keys: {mesh.shape_keys is not None}"
     yield f"materials: {[material and material.get(AS_MADE) for material in mesh.materials]}"
+    yield _of_array(mesh.polygons, "material_index", np.empty(len(mesh.polygons), dtype=np.int32))
+    for name in ("use_seam", "use_edge_sharp"):
+        yield _of_array(mesh.edges, name, np.empty(len(mesh.edges), dtype=bool))
+    for layer in mesh.uv_layers:
+        yield _of_array(layer.uv, "vector", np.empty(2 * len(layer.uv), dtype=np.float32))
     yield f"layers: {len(mesh.uv_layers)} {len(mesh.color_attributes)}"
     yield f"groups: {any(vertex.groups for vertex in mesh.vertices)}"
 
@@ -70,7 +79,7 @@ def _of_nodes(block: bpy.types.Material | bpy.types.World) -> Iterator[str]:
     driven = {driver.data_path for driver in drivers}
     yield f"drivers: {sorted((driver.data_path, driver.array_index) for driver in drivers)}"
     for node in tree.nodes:
-        yield f"{node.bl_idname} {node.mute}"
+        yield f"{node.bl_idname} {node.mute} {_settings_of(node)}"
         for socket in node.inputs:
             if (
                 hasattr(socket, "default_value")
@@ -80,6 +89,15 @@ def _of_nodes(block: bpy.types.Material | bpy.types.World) -> Iterator[str]:
     for link in tree.links:
         ends = (link.from_node, link.from_socket, link.to_node, link.to_socket)
         yield " ".join(end.bl_idname if hasattr(end, "mute") else end.identifier for end in ends)
+
+
+def _settings_of(node: bpy.types.Node) -> list[str]:
+    """What a node has besides sockets, and not all nodes have; of a picture of the person's, its name."""
+    common = set(bpy.types.Node.bl_rna.properties.keys())
+    own = [p for p in node.bl_rna.properties if p.identifier not in common and p.type in _SETTINGS]
+    told = [f"{p.identifier} {_plain(getattr(node, p.identifier))}" for p in own]
+    image = getattr(node, "image", None)
+    return told if image is None else [*told, image.get(AS_MADE, image.name)]
 
 
 def _plain(value: object) -> str:

@@ -31,7 +31,7 @@ def light_by(
     axes = _axes_of(item) or (under and _new_axes(item))
     if axes is None:
         return
-    knows = axes.constraints[RESULT]
+    axes[AXES], knows = item[JOB], axes.constraints[RESULT]
     if knows.target != item:
         knows.target, axes.parent, axes.matrix_local = item, under, local
         axes.matrix_parent_inverse = Matrix.Identity(4)
@@ -52,11 +52,13 @@ def _new_axes(item: bpy.types.Object) -> bpy.types.Object:
 
 
 def _axes_of(item: bpy.types.Object) -> bpy.types.Object | None:
-    """The axes of a result's light in its scenes, also of an object that was deleted since."""
-    there = {other for scene in item.users_scene for other in scene.objects}
+    """The axes of a result's light in its scenes, also of an object that was deleted since; or of this one,
+    when its job was elsewhere."""
+    there = {other for scene in item.users_scene for other in scene.objects if AXES in other}
     found = [
-        o for o in there if o.get(AXES) == item[JOB] and not o.library and _knows(o, item, None)
-    ]
+        o for o in there
+        if not o.library and (_knows(o, item) or (o[AXES] == item[JOB] and _knows(o, None)))
+    ]  # fmt: skip
     return next(iter(sorted(found, key=lambda o: not _knows(o, item))), None)
 
 

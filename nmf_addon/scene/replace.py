@@ -6,7 +6,7 @@ import bpy
 
 from ...solver.job.folder import JobFolder
 from ...solver.job.request import JobError
-from .edited import is_edited
+from .edited import AS_MADE, is_edited
 from .images import images_of
 
 JOB = "nmf_job"
@@ -99,7 +99,7 @@ def replace_asset(
     for blocks, earlier, new in pairs:
         _supersede(blocks, earlier, new, earlier in edited)
     for image in images:
-        if image.users == 0:
+        if image.users == 0 and AS_MADE in image:
             bpy.data.images.remove(image)
     for image in {*images_of(material), *images_of(world)}:
         image.name = Path(image.filepath).name

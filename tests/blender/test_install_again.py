@@ -93,6 +93,15 @@ def test_a_job_that_was_moved_is_still_the_same(install, result_job):
     assert install(moved) == item
 
 
+def test_nodes_that_lie_elsewhere_are_no_edit(install):
+    for node in install().active_material.node_tree.nodes:
+        node.location.x += 100
+        node.select = not node.select
+    before = counts()
+    install()
+    assert counts() == before
+
+
 def test_a_full_copy_of_a_scene_is_left_alone_when_the_other_is_renewed(install):
     item, first = install(), bpy.context.scene
     bpy.ops.scene.new(type="FULL_COPY")
@@ -166,7 +175,49 @@ def brighten(item):
     return bpy.context.scene.world
 
 
-@pytest.mark.parametrize("edit", [paint, rewire, sculpt, add_slot, group_vertices, brighten])
+def unwrap_anew(item):
+    for corner in item.data.uv_layers[0].uv:
+        corner.vector = 0.5 * corner.vector
+    return item.data
+
+
+def mark_seams(item):
+    item.data.edges[0].use_seam = True
+    return item.data
+
+
+def own_picture(block, kind):
+    node = next(node for node in block.node_tree.nodes if node.type == kind)
+    node.image = bpy.data.images.new("mine", 8, 8)
+    node.image.use_fake_user = False
+    return block
+
+
+def replace_a_texture(item):
+    return own_picture(item.active_material, "TEX_IMAGE")
+
+
+def replace_the_light(item):
+    return own_picture(bpy.context.scene.world, "TEX_ENVIRONMENT")
+
+
+def swap_pictures(item):
+    nodes = [n for n in item.active_material.node_tree.nodes if n.type == "TEX_IMAGE"]
+    nodes[0].image, nodes[1].image = nodes[1].image, nodes[0].image
+    return item.active_material
+
+
+def show_texels(item):
+    nodes = item.active_material.node_tree.nodes
+    next(node for node in nodes if node.type == "TEX_IMAGE").interpolation = "Closest"
+    return item.active_material
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [paint, rewire, sculpt, add_slot, group_vertices, brighten, unwrap_anew, mark_seams,
+     replace_a_texture, replace_the_light, swap_pictures, show_texels],
+)  # fmt: skip
 def test_what_a_person_has_edited_stays_in_the_file_when_it_is_renewed(install, edit):
     block = edit(install())
     name = block.name

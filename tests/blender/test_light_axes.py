@@ -122,6 +122,25 @@ def test_light_axes_go_with_their_result_once(placed, result_job, extension, cap
     np.testing.assert_allclose(relative(again), before, atol=1e-4)
 
 
+def test_a_light_that_was_turned_by_hand_stays_so_when_its_job_was_moved(
+    placed, result_job, extension, capture
+):
+    """A fixed bug: it got axes anew."""
+    install = extension("scene.install").install_result
+    item, _ = placed
+    (axes,) = (other for other in bpy.data.objects if "nmf_light_axes" in other)
+    axes.rotation_euler.z += 1.0
+    before = relative(item)
+    moved = result_job.parent / "elsewhere" / result_job.name
+    moved.parent.mkdir()
+    result_job.rename(moved)
+    item = install(bpy.context, moved, capture).object
+    np.testing.assert_allclose(relative(item), before, atol=1e-4)
+    bpy.data.objects.remove(item)
+    install(bpy.context, moved, capture)
+    assert [other for other in bpy.data.objects if "nmf_light_axes" in other] == [axes]
+
+
 def test_a_result_that_has_left_its_capture_keeps_its_light_when_it_is_installed_again(
     placed, result_job, extension, capture
 ):

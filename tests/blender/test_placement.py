@@ -25,7 +25,7 @@ def test_a_distorted_photo_is_shown_without_its_distortion_and_solved_with_it(ex
     edit(path, lambda c: c.update(k1=-0.2, k2=0.02, p1=0.0, p2=0.0))
     collection = scene.import_capture(bpy.context, path)
     item = next(i for i in collection.objects if i.type == "CAMERA")
-    shown, kept = item.data.background_images
+    kept, shown = item.data.background_images
     assert shown.show_background_image and shown.image.get("nmf_undistorted")
     assert shown.image.packed_file is not None
     assert not kept.show_background_image and cameras.photo_of(item) == kept.image
@@ -44,7 +44,7 @@ def test_an_undistorted_photo_has_the_photos_colours_also_when_the_file_is_opene
     edit(path, lambda c: c.update(k1=0.1, k2=0.02))
     bpy.ops.nmf.import_capture(filepath=str(path))
     for _ in range(2):
-        shown, kept = (b.image for b in bpy.data.cameras[0].background_images)
+        kept, shown = (b.image for b in bpy.data.cameras[0].background_images)
         middle = slice(4 * (8 * 16 + 8), 4 * (8 * 16 + 8) + 3)
         np.testing.assert_allclose(shown.pixels[middle], kept.pixels[middle], atol=1e-3)
         bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))

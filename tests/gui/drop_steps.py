@@ -35,6 +35,13 @@ def drop(ui, x, y, *paths):
     return source.poll() == 0
 
 
+def without_distortion(capture):
+    """Whether an undistorted copy stands behind each camera of a capture."""
+    cameras = [i for i in bpy.data.collections[capture].all_objects if i.type == "CAMERA"]
+    shown = [b.image for i in cameras for b in i.data.background_images if b.show_background_image]
+    return len(shown) == len(cameras) and all("nmf_undistorted" in image for image in shown)
+
+
 def centre(region):
     return region.x + region.width // 2, region.y + region.height // 2
 
@@ -69,4 +76,10 @@ def steps(ui):
         bpy.ops.file.execute()
     yield 2.0
     report["browser"] = [taken, captures()]
+    report["copies"] = yield from ui.wait(lambda: without_distortion("Capture urn"), 20)
+    ui.move(400, 500)
+    yield 0.2
+    ui.key("ctrl+z")
+    yield 1.0
+    report["browser undone"] = captures()
     (OUT / "dropped.json").write_text(json.dumps(report))

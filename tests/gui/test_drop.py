@@ -26,6 +26,7 @@ def report(tmp_path_factory, screenshots, in_window):
     """What `drop_steps.py` saw."""
     folder = tmp_path_factory.mktemp("drops")
     cup, urn = (fake_capture.write_capture(folder / name, 4, 64) for name in ("cup", "urn"))
+    urn.write_text(json.dumps({**json.loads(urn.read_text()), "k1": -0.2}))
     pots = [cup.with_name(f"{name}.json") for name in ("jug", "pot")]
     for path in pots:
         shutil.copy(cup, path)
@@ -59,3 +60,8 @@ def test_several_camera_files_of_a_folder_dropped_at_once_are_as_many_captures(r
 def test_a_folder_dropped_into_the_file_browser_of_the_import_is_imported(report):
     taken, captures = report["browser"]
     assert taken and captures == [*report["two"][1], "Capture urn"]
+
+
+def test_undistorted_copies_follow_an_import_and_one_undo_takes_all_of_it_back(report):
+    assert report["copies"] is True
+    assert report["browser undone"] == report["two"][1]

@@ -1,0 +1,13 @@
+"""Panels whose text has changed without an event that Blender knows of."""
+
+import bpy
+
+
+def redraw_panels() -> None:
+    """Redraw the 3D Views' sidebars."""
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                for region in area.regions:
+                    if region.type == "UI":
+                        region.tag_redraw()
