@@ -5,8 +5,11 @@ Exit codes are the solver's: 0 done, 2 bad input, 3 cancelled, 4 out of memory, 
 
 import argparse
 import shutil
+import signal
+import subprocess
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 import bpy
@@ -43,6 +46,9 @@ class SolverFailed(RuntimeError):
 
 def main(arguments: list[str]) -> int:
     """Run a command line (without the program's name); returns the exit code."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        # Blender's own handler passes over the first and ends it at the second, with another code.
+        signal.signal(number, signal.default_int_handler)
     options = _parser().parse_args(arguments)
     try:
         reconstruct_to_file(options)
@@ -226,7 +232,8 @@ def run_solver(python: Path, job: JobFolder, on_event) -> None:
         code = run_blocking(process, listen)
     except KeyboardInterrupt:
         process.close()
-        process.popen.wait(10)
+        with suppress(subprocess.TimeoutExpired):  # then it ends by itself a little later
+            process.popen.wait(10)
         raise
     if code != 0:
         reason = " ".join(messages) or f"The solver ended with code {code}.\n{process.log_tail()}"

@@ -10,7 +10,7 @@ import bpy
 
 from ...solver import __version__
 from ...solver.capture.picture_names import JOBS_FOLDER
-from ...solver.job.folder import JobFolder
+from ...solver.job.folder import CAPTURE, JobFolder
 from ...solver.job.request import JobRequest
 from ..names import JOBS_OF_UNSAVED, user_folder
 from ..scene.capture_collection import placement_of, region_of, write_capture
@@ -18,8 +18,6 @@ from ..scene.evaluated import evaluated
 
 RESERVED = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9¹²³]", re.I)
 """names of devices on Windows, with whatever extension; no file can be called so there"""
-CAPTURE = "capture"
-"""folder of a job with the cameras that Blender wrote"""
 
 
 def jobs_folder() -> Path:

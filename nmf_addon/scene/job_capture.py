@@ -26,7 +26,7 @@ def capture_of_job(context: bpy.types.Context, job: JobFolder) -> bpy.types.Coll
     the capture remembers a job of this name, as after a move. Of another job, one imported from its file.
     """
     try:
-        source = Path(JobFolder.open(job.root).request.capture)
+        source = JobFolder.open(job.root).capture_path
     except JobError:
         return None
 

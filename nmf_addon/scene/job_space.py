@@ -1,7 +1,5 @@
 """Where the coordinates of a job are in its capture, as that stands now."""
 
-from pathlib import Path
-
 import bpy
 import numpy as np
 
@@ -27,7 +25,7 @@ def job_space(job: JobFolder, collection: bpy.types.Collection) -> np.ndarray | 
     transform was applied (Ctrl+A) since: that gives it another space under cameras that stay.
     """
     try:
-        matrix = from_file(collection, Path(JobFolder.open(job.root).request.capture))
+        matrix = from_file(collection, JobFolder.open(job.root).capture_path)
         if matrix is not None:
             return _moved_since_import(collection) @ matrix
         return _moved_since(job, collection)

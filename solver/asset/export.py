@@ -1,11 +1,12 @@
 """A job's result where a person wants it: in a new folder, all of it or nothing."""
 
 import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..job.folder import JobFolder, holds_nothing
+from ..job.folder import MANIFEST, JobFolder, holds_nothing
 from ..job.request import JobError
 from ..replacing import replace_file
 
@@ -20,30 +21,39 @@ def export_result(job: JobFolder, out: Path) -> Path:
     """
     job.manifest()
     with new_folder(out) as part:
-        shutil.copytree(job.result_dir, part)
+        # Which may lie in the result's folder itself.
+        shutil.copytree(job.result_dir, part, ignore=shutil.ignore_patterns(part.parent.name))
     return out
 
 
 @contextmanager
 def new_folder(out: Path) -> Iterator[Path]:
-    """A folder beside `out`, to be made and filled, that gets its name in the end; if it fails, it goes.
+    """A folder to be made and filled, of which all comes to `out` in the end, its manifest last; if it
+    fails, it goes.
 
     Raises:
         JobError: `out` exists and is not empty. OSError: it cannot be written.
     """
     if out.exists() and not (out.is_dir() and holds_nothing(out)):
         raise JobError(f"{out}: it already exists; give a new folder.")
-    part = out.absolute().with_name(f"{out.absolute().name}.part")
-    shutil.rmtree(part, ignore_errors=True)
+    # An empty one stays what it is: a link, another disk, where somebody is.
+    beside = out if out.exists() else out.absolute().parent
+    holder = None
     try:
+        beside.mkdir(parents=True, exist_ok=True)
+        holder = Path(tempfile.mkdtemp(prefix=".export-", dir=beside))
+        part = holder / "part"
         yield part
-        if out.exists() and holds_nothing(out):
-            shutil.rmtree(out)
-        replace_file(part, out)
+        if beside == out:
+            for path in sorted(part.iterdir(), key=lambda path: path.name == MANIFEST):
+                replace_file(path, out / path.name)
+        else:
+            replace_file(part, out)
     except OSError as error:
         raise _first_of(error, out) from error
     finally:
-        shutil.rmtree(part, ignore_errors=True)
+        if holder is not None:
+            shutil.rmtree(holder, ignore_errors=True)
 
 
 def _first_of(error: OSError, out: Path) -> Exception:

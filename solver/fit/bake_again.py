@@ -9,12 +9,14 @@ from .. import __version__
 from ..asset.export import new_folder
 from ..asset.from_scene import asset_of, has_finer_photos
 from ..capture.placement import counted_from
-from ..job.folder import JobFolder
+from ..job.folder import MANIFEST, JobFolder
 from ..job.inputs import capture_of, placement_of
 from ..replacing import write_json_atomic
+from .checkpoint import read_tensor
 from .errors import SettingsError
 from .exposure import photo_views
 from .load import held_out_photos, load_job, log_gain_of_job
+from .same_photos import POSES, check_poses
 from .settings import overridden
 
 
@@ -29,9 +31,10 @@ def bake_again(
         overrides: settings by `asset.field`; the others are the job's.
 
     Raises:
-        JobError: no complete result or no checkpoint, or `out` exists and is not empty. SettingsError:
-            other settings than the asset's, or ones that cannot be. CaptureError: the cameras or photos
-            are gone. EmptySurfaceError: there is no surface. OSError: `out` cannot be written.
+        JobError: no complete result or no checkpoint, the capture's cameras are others, or `out` exists and
+            is not empty. SettingsError: other settings than the asset's, or ones that cannot be.
+            CaptureError: the cameras or photos are gone. EmptySurfaceError: there is no surface. OSError:
+            `out` cannot be written.
     """
     manifest = job.manifest()
     scene, settings = load_job(job)
@@ -44,6 +47,7 @@ def bake_again(
     capture = capture_of(job)
     fitted = (c.no_larger(settings.photos.most_pixels) for c in capture.cameras)
     cameras = [camera.seen_from(scene.origin) for camera in fitted]
+    check_poses(read_tensor(job.checkpoint_dir, POSES), cameras)
     placement = manifest.get("placement")
     if placement is None:  # a result from before there was one
         placement = counted_from(placement_of(job.request, capture), scene.origin)
@@ -57,8 +61,6 @@ def bake_again(
         )  # fmt: skip
         del parts["triangles"]
         manifest.pop("report", None)
-        write_json_atomic(
-            part / "manifest.json", {**manifest, **parts, "code_version": __version__}
-        )
+        write_json_atomic(part / MANIFEST, {**manifest, **parts, "code_version": __version__})
     progress(1.0, "done")
     return out

@@ -24,7 +24,7 @@ from ..render.probes import Nodes
 from ..render.probing import PASSING_STEPS
 from ..render.scene import Scene
 from ..replacing import replace_file, write_json_atomic
-from .same_photos import COLOURS, check_exposed
+from .same_photos import COLOURS, POSES, check_exposed
 from .settings import Settings
 from .trainer import Trainer
 
@@ -64,7 +64,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     tensors |= _probe_tensors(scene)
     if trainer.open_detail.share is not None:
         tensors["light.open_detail"] = trainer.open_detail.share
-    tensors[COLOURS] = trainer.bank.mean_colours
+    tensors |= {COLOURS: trainer.bank.mean_colours, POSES: trainer.bank.poses}
     tensors |= {f"optimiser.{key}": value for key, value in trainer.optimiser.state().items()}
     if trainer.exposures is not None:
         tensors |= {f"exposures.{key}": v for key, v in trainer.exposures.state().items()}
@@ -130,8 +130,11 @@ def read_state(folder: Path) -> dict | None:
         replace_file(old, folder)
     path = folder / STATE
     try:
-        return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
-    except ValueError as error:
+        state = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
+        if state is not None:
+            state["field"]["size"], state["settings"]["fit"], state["step"]
+        return state
+    except (ValueError, TypeError, KeyError) as error:
         raise _damaged(path, error) from error
 
 

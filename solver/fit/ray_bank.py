@@ -90,6 +90,11 @@ class RayBank:
     def photo_count(self) -> int:
         return len(self.first_pixel) - 1
 
+    @property
+    def poses(self) -> Tensor:
+        """Camera to world [P, 3, 4] of the photos."""
+        return torch.cat([self.rotation, self.position[..., None]], -1)
+
     @cached_property
     def mean_colours(self) -> Tensor:
         """Each photo's mean colour [P, 3] where it says something, sRGB-encoded: by it a photo is known

@@ -32,7 +32,7 @@ from .isolation import Isolated, isolated
 from .presets import settings_for
 from .preview import write_previews
 from .report import write_job_report
-from .same_photos import what_changed
+from .same_photos import POSES, check_poses, what_changed
 from .settings import Settings
 from .snapshots import write_figure, write_snapshot
 from .start import new_trainer, trainer_for
@@ -118,6 +118,7 @@ def _run(job: JobFolder, progress: Progress, control: Control, began: float) -> 
     capture, photos = start.capture, start.photos
     if state is not None:
         scene, state, tensors = checkpoint.load_scene(job.checkpoint_dir, device)
+        check_poses(tensors.get(POSES), [c.seen_from(scene.origin) for c in capture.cameras])
         trainer = trainer_for(scene, capture, photos, settings, request.seed, start.light.held)
         checkpoint.restore(trainer, state, tensors)
         names = [camera.name for camera in capture.cameras]

@@ -1,14 +1,20 @@
-"""Photos of a job that goes on: whether they are those that it began with."""
+"""Photos and cameras of a job that goes on: whether they are those that it began with."""
 
 from collections.abc import Sequence
 
+import numpy as np
 from torch import Tensor
 
+from ..capture.camera import Camera
 from ..capture.errors import listed
 from ..job.request import JobError
 
 COLOURS = "photos.mean_colours"
 """the checkpoint's tensor [P, 3] by which photos are known again; older jobs have none"""
+POSES = "photos.poses"
+"""and that [P, 3, 4] of how they were taken, camera to world, as the field counts"""
+SAME_PLACE = 1e-4
+"""between two poses: of a rotation's numbers, and of places as a share of the farthest"""
 SAME_COLOUR = 0.002
 """between two mean colours of a photo, sRGB-encoded: decoders differ by less, and another photo by more"""
 
@@ -33,6 +39,30 @@ def check_exposed(tensors: dict[str, Tensor], known: int, now: Tensor) -> None:
             f"The fit knows the exposures of other photos: {listed([str(i + 1) for i in off])} in the "
             "order of the cameras, counted from 1, changed since; put back those that were there, or start "
             "a new job."
+        )
+
+
+def check_poses(before: Tensor | None, cameras: Sequence[Camera]) -> None:
+    """Make sure that photos are taken to be from where they were when the job began.
+
+    Args:
+        before: the checkpoint's `POSES`; None: an older job has none.
+        cameras: of the photos, as the field counts.
+
+    Raises:
+        JobError: they are not; as many as before.
+    """
+    if before is None or len(before) != len(cameras):
+        return
+    poses = before.cpu().double().numpy()
+    units = np.array([1, 1, 1, max(np.abs(poses[..., 3]).max(), 1e-30)])
+    now = np.stack([camera.camera_to_world[:3] for camera in cameras])
+    off = (np.abs(now - poses) > SAME_PLACE * units).any((1, 2))
+    names = [camera.name for camera, is_off in zip(cameras, off, strict=True) if is_off]
+    if names:
+        raise JobError(
+            f"Cameras stand elsewhere than when the job began ({listed(names)}); put back the camera file "
+            "that was there, or start a new job."
         )
 
 

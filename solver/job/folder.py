@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,11 @@ from typing import Any
 from ..capture.files import LEFT_BY_FILE_BROWSERS
 from ..replacing import read_replaced, write_json_atomic
 from .request import SCHEMA_VERSION, JobError, JobRequest
+
+MANIFEST = "manifest.json"
+"""of a result; it is written last"""
+CAPTURE = "capture"
+"""folder of a job with cameras that Blender wrote"""
 
 
 class JobFolder:
@@ -36,7 +42,7 @@ class JobFolder:
         self.checkpoint_dir = self.root / "checkpoint"
         self.preview_dir = self.root / "preview"
         self.result_dir = self.root / "result"
-        self.manifest_path = self.result_dir / "manifest.json"
+        self.manifest_path = self.result_dir / MANIFEST
 
     @classmethod
     def create(
@@ -108,6 +114,15 @@ class JobFolder:
                 f"{self.request_path}: unreadable ({error}); start a new job."
             ) from error
         return JobRequest.from_json(content, self.request_path)
+
+    @property
+    def capture_path(self) -> Path:
+        """Where the capture is that was asked for; cameras that Blender wrote into a job move with it."""
+        stated = self.request.capture
+        _, folder, name = re.split(r"[/\\]", f"//{stated}")[-3:]
+        own = self.root / CAPTURE / name
+        has_moved = folder == CAPTURE and own.is_file() and not Path(stated).exists()
+        return own if has_moved else Path(stated)
 
     def is_complete(self) -> bool:
         """True if the result is: its manifest is written last."""

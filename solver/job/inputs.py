@@ -11,7 +11,7 @@ from ..capture.errors import CaptureError
 from ..capture.placement import suggest_placement
 from ..capture.read import held_out_file, read_capture
 from .adjusted import adjusted
-from .folder import JobFolder
+from .folder import CAPTURE, JobFolder
 from .request import JobRequest
 
 
@@ -40,9 +40,8 @@ def cameras_of(job: JobFolder) -> list[tuple[Camera, Camera]]:
 
 def _given(job: JobFolder) -> Capture:
     # Drives and folders have several names, and a job may be resumed by another than it was begun by.
-    own = (job.root / "capture").resolve()
-    trusted = Path(job.request.capture).resolve().is_relative_to(own)
-    return _read(job, job.request.capture, trusted=trusted)
+    cameras, own = job.capture_path, (job.root / CAPTURE).resolve()
+    return _read(job, cameras, trusted=cameras.resolve().is_relative_to(own))
 
 
 def held_out_of(job: JobFolder, fitted: Capture) -> Capture | None:
@@ -55,7 +54,7 @@ def held_out_of(job: JobFolder, fitted: Capture) -> Capture | None:
         CaptureError: as `read_capture`; or the folder of masks has those of the fitted photos alone, and
             some that are held out have the same names.
     """
-    file = held_out_file(job.request.capture)
+    file = held_out_file(job.capture_path)
     if file is None:
         return None
     held_out = _read(job, file, fewest=1)
@@ -70,7 +69,7 @@ def held_out_of(job: JobFolder, fitted: Capture) -> Capture | None:
     return held_out
 
 
-def _read(job: JobFolder, cameras: Path | str, **how) -> Capture:
+def _read(job: JobFolder, cameras: Path, **how) -> Capture:
     request = job.request
     photos, masks, ignored = (
         None if folder is None else Path(folder)

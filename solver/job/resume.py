@@ -12,7 +12,8 @@ _PATHS = ("capture", "photos", "masks", "ignored")
 
 
 def take_up(job: JobFolder, asked: dict[str, Any], time_limit: float | None) -> None:
-    """Make sure that a job was begun with what is asked now; another time limit is taken over.
+    """Make sure that a job was begun with what is asked now; another time limit is taken over, and where
+    photos and cameras lie now, if they are no longer where they were.
 
     Args:
         asked: fields of `JobRequest`; None where a person did not say.
@@ -20,17 +21,22 @@ def take_up(job: JobFolder, asked: dict[str, Any], time_limit: float | None) -> 
     Raises:
         JobError: it was begun otherwise, or the limit cannot be.
     """
-    begun = job.request
+    begun, changes = job.request, {}
     for name, value in asked.items():
-        before = getattr(begun, name)
+        before = str(job.capture_path) if name == "capture" else getattr(begun, name)
         if value is None or before == value or (name in _PATHS and _same_place(before, value)):
+            continue
+        if name in _PATHS and before is not None and not Path(before).exists():
+            changes[name] = value
             continue
         raise JobError(
             f"{job.root}: this job was begun with the {name} {before!r}, not {value!r}; resume it without "
             "other options, or give another folder."
         )
-    if time_limit is not None and time_limit != begun.time_limit:
-        changed = dataclasses.replace(begun, time_limit=time_limit)
+    if time_limit is not None:
+        changes["time_limit"] = time_limit
+    changed = dataclasses.replace(begun, **changes)
+    if changed != begun:
         changed.check()
         job.ask(changed)
 

@@ -48,6 +48,7 @@ def shared_out(seconds: dict[str, float], count: int) -> list[list[str]]:
 def _compile_side_by_side(progress: Callable[[float], None]) -> None:
     count = min(numba.get_num_threads(), MOST_PROCESSES)
     if count < 2:
+        run_groups(list(GROUPS), progress)
         return
     shares = shared_out({name: group.seconds for name, group in GROUPS.items()}, count)
     done, is_over = [0.0] * len(shares), threading.Event()

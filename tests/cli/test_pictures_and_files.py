@@ -165,6 +165,56 @@ def test_export_copies_the_result_and_overwrites_nothing(job, tmp_path):
     assert (tmp_path / "looked at" / "mesh.ply").is_file()
 
 
+def test_an_empty_folder_that_is_exported_to_stays_the_same_folder(job, tmp_path):
+    """A link, a mount or where somebody is cannot be replaced by another folder."""
+    (tmp_path / "target").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "target", target_is_directory=True)
+    inode = (tmp_path / "target").stat().st_ino
+    assert solver("export", job, "--out", tmp_path / "link").returncode == 0
+    assert (tmp_path / "link").is_symlink() and (tmp_path / "target").stat().st_ino == inode
+    names = {path.name for path in (job / "result").iterdir()}
+    assert {path.name for path in (tmp_path / "target").iterdir()} == names
+
+
+def test_export_touches_nothing_beside_its_folder(job, tmp_path):
+    (tmp_path / "asset.part").mkdir()
+    (tmp_path / "asset.part" / "mine.txt").write_text("precious")
+    assert solver("export", job, "--out", tmp_path / "asset").returncode == 0
+    assert (tmp_path / "asset.part" / "mine.txt").read_text() == "precious"
+    assert {path.name for path in tmp_path.iterdir()} == {"asset", "asset.part"}
+    inside = JobFolder.open(shutil.copytree(job, tmp_path / "job")).result_dir / "copy"
+    assert solver("export", tmp_path / "job", "--out", inside).returncode == 0
+    assert (inside / "manifest.json").is_file() and not (inside / "copy").exists()
+
+
+def test_cameras_that_changed_since_are_refused_for_a_bake_and_where_a_job_goes_on(
+    job, duck, tmp_path
+):
+    photos, copy = (
+        shutil.copytree(duck, tmp_path / "photos"),
+        shutil.copytree(job, tmp_path / "job"),
+    )
+    request = json.loads((copy / "job.json").read_text()) | {"capture": str(photos)}
+    (copy / "job.json").write_text(json.dumps(request))
+    bake = ["export", copy, "--set", "asset.texture_size=64", "--out"]
+    assert solver(*bake, tmp_path / "right").returncode == 0
+    file = photos / "transforms_train.json"
+    content = json.loads(file.read_text())
+    for frame in content["frames"]:
+        matrix = np.array(frame["transform_matrix"])
+        frame["transform_matrix"] = [*matrix[[1, 0, 2]].tolist(), matrix[3].tolist()]
+        frame["transform_matrix"][0] = (-matrix[1]).tolist()
+    file.write_text(json.dumps(content))
+    (copy / "result" / "manifest.json").rename(copy / "manifest.json")
+    results = [solver("run", copy)]
+    (copy / "manifest.json").rename(copy / "result" / "manifest.json")
+    results.append(solver(*bake, tmp_path / "wrong"))
+    for result in results:
+        assert result.returncode == 2 and len(result.stderr.splitlines()) == 1
+        assert "Cameras stand elsewhere than when the job began (r_" in result.stderr
+    assert not (tmp_path / "wrong").exists()
+
+
 def test_export_bakes_anew_what_a_setting_changes_and_nothing_else(job, tmp_path):
     before = {path: path.read_bytes() for path in job.rglob("*") if path.is_file()}
     few, same = tmp_path / "few", tmp_path / "same"
@@ -201,7 +251,7 @@ def test_what_cannot_be_baked_anew_is_told(job, tmp_path):
 
 
 def test_an_export_that_fails_leaves_nothing_that_looks_complete(job, tmp_path, monkeypatch):
-    def full(source, target):
+    def full(source, target, **_):
         target.mkdir()
         (target / "manifest.json").touch()
         raise shutil.Error([(str(source / "asset.glb"), str(target), "No space left on device")])

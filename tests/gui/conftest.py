@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -44,24 +45,43 @@ def blender(tmp_path_factory, screenshots):
     build = ["--command", "extension", "build", "--source-dir", str(ROOT), "--output-dir"]
 
     def run(*words, seconds=120, code=0, **variables):
-        environment = {
-            **os.environ, "RB_BIND": f"{ROOT}:{screenshots}:{folder}", "NMF_GUI_OUT": str(screenshots),
-            "NMF_SOLVER_PYTHON": "/usr/bin/python3",
-            "NMF_SOLVER_BOOTSTRAP": str(ROOT / "tests" / "blender" / "fake_solver.py"), **variables,
-        }  # fmt: skip
         answer = subprocess.run(
-            [*program, *words], capture_output=True, text=True, errors="replace", env=environment,
-            timeout=seconds, stdin=subprocess.DEVNULL,
+            [*program, *words], capture_output=True, text=True, errors="replace",
+            env=run.environment(**variables), timeout=seconds, stdin=subprocess.DEVNULL,
         )  # fmt: skip
         told = answer.stdout + answer.stderr
         assert answer.returncode == code, told[-6000:]
         assert "Traceback" not in told, told[-6000:]
         return told
 
+    def environment(**variables):
+        return {
+            **os.environ, "RB_BIND": f"{ROOT}:{screenshots}:{folder}", "NMF_GUI_OUT": str(screenshots),
+            "NMF_SOLVER_PYTHON": "/usr/bin/python3",
+            "NMF_SOLVER_BOOTSTRAP": str(ROOT / "tests" / "blender" / "fake_solver.py"), **variables,
+        }  # fmt: skip
+
+    run.program, run.environment = program, environment
     run("headless", "--", *build, str(folder))
     archive = str(next(folder.glob("*.zip")))
     run("extension", "--", "install-file", "--repo", "user_default", "--enable", archive)
     return run
+
+
+@pytest.fixture(scope="session")
+def begin_blender(blender):
+    """Starts that Blender in a group of processes of its own, which hears Ctrl-C: a function of the same
+    arguments; returns the process, whose stdout has all that is printed."""
+
+    def begin(*words, **variables):
+        return subprocess.Popen(
+            [*blender.program, *words], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, text=True, errors="replace", start_new_session=True,
+            env=blender.environment(**variables),
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        )  # fmt: skip
+
+    return begin
 
 
 @pytest.fixture(scope="session")
