@@ -104,7 +104,6 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
         raise JobError(f"{out}: it already exists; give another name or --overwrite.")
     overrides = overrides_of(options.sets)
     python = preferences.solver_python()
-    check_writable(out.parent)
     # Factory settings would switch off the installed extension, which this is.
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     check_cycles(bpy.context.scene)
@@ -114,6 +113,7 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
     )
     collection = import_capture(bpy.context, capture, photos, masks, ignored)
     bpy.context.scene.nmf.capture = collection
+    check_writable(out.parent)
     name = f"{out.stem}_job"
     root = options.job.absolute() if options.job else last_job_root(name, out.parent)
     resumed = options.resume and root is not None and (root / "job.json").exists()
