@@ -11,7 +11,6 @@ import bpy
 from bpy.app.handlers import persistent
 from mathutils import Matrix
 
-from ...solver.capture.errors import CaptureError
 from ..names import BASE_PACKAGE
 from ..redraw import redraw_panels
 from .background import undistorted_copy
@@ -49,8 +48,8 @@ def make_next() -> bool:
     try:
         camera = to_solver(item, Matrix.Identity(4))
         show_behind(item, undistorted_copy(camera, photo_of(item)))
-    except CaptureError as error:  # the photo has gone meanwhile, which a reconstruction tells
-        _log.warning("%s", error)
+    except Exception as error:  # a photo that is gone or damaged is no reason to leave out others
+        _log.warning("%s: its photo is shown as it is (%s)", item.name, error)
     return True
 
 
