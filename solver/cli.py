@@ -173,6 +173,7 @@ def _add_rendering(command: argparse.ArgumentParser) -> None:
 def _reconstruct(options: argparse.Namespace) -> int:
     from .capture.read import read_capture
     from .fit.devices import choose_device
+    from .fit.load import check_capture
     from .fit.presets import settings_for
 
     if options.resume and (options.out / "job.json").exists():
@@ -183,7 +184,7 @@ def _reconstruct(options: argparse.Namespace) -> int:
             "masks": _absolute(options.masks), "ignored": _absolute(options.ignored),
             "overrides": _overrides(options.sets) or None,
         }  # fmt: skip
-        take_up(job, asked, options.time_limit)
+        take_up(job, asked, options.time_limit, check_capture)
         return _run_job(job, options.began)
     preset, overrides = options.preset or "draft", _overrides(options.sets)
     settings_for(preset, overrides)

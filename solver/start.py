@@ -38,7 +38,7 @@ def _start() -> int:
         say(
             f"{sys.executable}: this Python lacks the package '{package}'; press Set Up Solver in Blender, "
             f'or run: "{sys.executable}" -m pip install -r "{REQUIREMENTS}"'
-        )  # fmt: skip
+        )
         return BAD_INPUT
 
 

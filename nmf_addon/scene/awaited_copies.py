@@ -1,7 +1,7 @@
-"""Upright, undistorted copies of photos, made after an import, one at a time: nobody waits for them.
+"""Upright, undistorted copies of photos, filled after an import, one at a time: nobody waits for them.
 
-Until its copy is there, a photo stands behind its camera as it is. What is awaited is marked on objects, so
-an undo, or a file that was saved too early, loses none.
+Until its turn comes, a photo stands behind its camera as it is. All data-blocks are the import's, for undo
+knows of no others: later they are filled and shown alone, and what is awaited is told by themselves.
 """
 
 import logging
@@ -13,10 +13,13 @@ from mathutils import Matrix
 
 from ..names import BASE_PACKAGE
 from ..redraw import redraw_panels
-from .background import undistorted_copy
-from .cameras import photo_of, show_behind, to_solver
+from .background import empty_copy, fill_copy
+from .cameras import copy_behind, keep_behind, photo_of, show_behind, to_solver
 
 AWAITS = "nmf_awaits_copy"
+"""on a camera's data"""
+EMPTY = "GENERATED"
+"""source of an image that never was filled, and packed"""
 AT_ONCE = bpy.app.background
 """nobody waits there, and no timer runs"""
 PAUSE, PAUSE_IN_RENDER = 0.02, 1.0
@@ -26,28 +29,41 @@ _log = logging.getLogger(BASE_PACKAGE)
 
 
 def await_copies(items: Iterable[bpy.types.Object]) -> None:
-    """Begin to make copies for camera objects, of photos that are not as their cameras saw them."""
+    """Give camera objects copies of their photos, which are not as the cameras saw them, and begin to fill
+    these."""
     for item in items:
-        item[AWAITS] = True
+        keep_behind(item.data, empty_copy(item.name))
+        item.data[AWAITS] = True
     while AT_ONCE and make_next():
         pass
     _go_on()
 
 
 def awaiting(items: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
-    """Those of some objects that wait for their copies."""
-    return [item for item in items if AWAITS in item and item.library is None and item.users > 0]
+    """Those of some objects that are cameras without their copies."""
+    return [
+        i for i in items if i.type == "CAMERA" and i.users and not i.data.library and _waits(i.data)
+    ]
+
+
+def _waits(data: bpy.types.Camera) -> bool:
+    copy = copy_behind(data)
+    shown = any(b.show_background_image and b.image == copy for b in data.background_images)
+    return copy is not None and (AWAITS in data or (shown and copy.source == EMPTY))
 
 
 def make_next() -> bool:
-    """Make a copy that is awaited, and show it; False if there is none."""
+    """Fill a copy that is awaited, and show it; False if there is none."""
     item = next(iter(awaiting(bpy.data.objects)), None)
     if item is None:
         return False
-    del item[AWAITS]
+    copy = copy_behind(item.data)
+    item.data.pop(AWAITS, None)
     try:
-        camera = to_solver(item, Matrix.Identity(4))
-        show_behind(item, undistorted_copy(camera, photo_of(item)))
+        # Undo may have taken back but one of both.
+        if copy.source == EMPTY:
+            fill_copy(copy, to_solver(item, Matrix.Identity(4)), photo_of(item))
+        show_behind(item.data, copy)
     except Exception as error:  # a photo that is gone or damaged is no reason to leave out others
         _log.warning("%s: its photo is shown as it is (%s)", item.name, error)
     return True

@@ -29,10 +29,17 @@ def turn_of(camera: Camera) -> int:
     return turn_for(size, tag, camera.width, camera.height) or 1
 
 
-def undistorted_copy(
-    camera: Camera, photo: bpy.types.Image, turn: int | None = None
-) -> bpy.types.Image:
-    """A packed image of at most `WIDEST` pixels that shows `photo` through a pinhole.
+def empty_copy(name: str) -> bpy.types.Image:
+    """An image that `fill_copy` is to fill, of the photo of a camera of that name."""
+    copy = bpy.data.images.new(f"{name} undistorted", 1, 1, alpha=True)
+    copy[UNDISTORTED] = True
+    return copy
+
+
+def fill_copy(
+    copy: bpy.types.Image, camera: Camera, photo: bpy.types.Image, turn: int | None = None
+) -> None:
+    """Let an empty copy show `photo` through a pinhole, with at most `WIDEST` pixels, and pack it.
 
     What the lens does not reach is transparent.
 
@@ -40,27 +47,25 @@ def undistorted_copy(
         turn: the orientation by which `photo` becomes what the camera saw; None: it is the photo's file.
     """
     width, height = photo.size
-    name = f"{camera.name} undistorted"
     shrink = max(width, height, 1) / WIDEST
     size = tuple(max(1, round(side / max(shrink, 1.0))) for side in (camera.width, camera.height))
-    small = bpy.data.images.new(name, *size, alpha=True, float_buffer=photo.is_float)
-    small[UNDISTORTED] = True
+    copy.use_generated_float = photo.is_float
+    copy.generated_width, copy.generated_height = size
     if width and height:
         if not photo.is_float:
             # Of others, such as PNG of 16 bits, Blender gives linear light whatever their file holds.
-            small.colorspace_settings.name = photo.colorspace_settings.name
+            copy.colorspace_settings.name = photo.colorspace_settings.name
         was_loaded = photo.has_data
         source = np.empty(width * height * photo.channels, dtype=np.float32)
         photo.pixels.foreach_get(source)
         source = source.reshape(height, width, photo.channels)[::-1]
         turned = oriented(source, turn_of(camera) if turn is None else turn)
         pixels = undistorted(camera, turned, size)
-        small.pixels.foreach_set(np.ascontiguousarray(pixels[::-1]).ravel())
-        small.update()
+        copy.pixels.foreach_set(np.ascontiguousarray(pixels[::-1]).ravel())
+        copy.update()
         if not was_loaded:
             photo.buffers_free()
-    small.pack()
-    return small
+    copy.pack()
 
 
 def undistorted(camera: Camera, pixels: np.ndarray, size: tuple[int, int]) -> np.ndarray:

@@ -127,12 +127,22 @@ def fit_photos(scene: bpy.types.Scene) -> None:
             _fit_sensor(item.data, to_solver(item, Matrix.Identity(4)), frame)
 
 
-def show_behind(item: bpy.types.Object, picture: bpy.types.Image) -> None:
-    """Show a picture behind a camera object in place of what is there, which is kept but off."""
-    for background in item.data.background_images:
-        background.show_background_image = False
-    _add_background(item.data, picture, True)
-    item.data.show_background_images = True
+def keep_behind(data: bpy.types.Camera, picture: bpy.types.Image) -> None:
+    """Add a picture to those behind a camera, which is off."""
+    _add_background(data, picture, False)
+
+
+def show_behind(data: bpy.types.Camera, picture: bpy.types.Image) -> None:
+    """Of the pictures behind a camera, show one; the others are kept but off."""
+    for background in data.background_images:
+        background.show_background_image = background.image == picture
+    data.show_background_images = True
+
+
+def copy_behind(data: bpy.types.Camera) -> bpy.types.Image | None:
+    """The undistorted copy among the pictures behind a camera."""
+    images = (background.image for background in data.background_images)
+    return next((image for image in images if image and image.get(UNDISTORTED)), None)
 
 
 def _add_background(data: bpy.types.Camera, picture: bpy.types.Image, is_shown: bool) -> None:

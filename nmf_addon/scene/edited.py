@@ -93,7 +93,7 @@ def _of_nodes(block: bpy.types.Material | bpy.types.World) -> Iterator[str]:
 
 def _settings_of(node: bpy.types.Node) -> list[str]:
     """What a node has besides sockets, and not all nodes have; of a picture of the person's, its name."""
-    common = set(bpy.types.Node.bl_rna.properties.keys())
+    common = {*bpy.types.Node.bl_rna.properties.keys(), "is_active_output"}
     own = [p for p in node.bl_rna.properties if p.identifier not in common and p.type in _SETTINGS]
     told = [f"{p.identifier} {_plain(getattr(node, p.identifier))}" for p in own]
     image = getattr(node, "image", None)

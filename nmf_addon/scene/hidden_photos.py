@@ -5,8 +5,8 @@ from pathlib import Path
 import bpy
 
 from ...solver.capture.image_header import blender_shows
-from .background import undistorted_copy
-from .cameras import UNDISTORTED, photo_of, photo_path, show_behind, to_solver
+from .background import empty_copy, fill_copy
+from .cameras import copy_behind, keep_behind, photo_of, photo_path, show_behind, to_solver
 from .capture_collection import to_capture_space
 from .images import load_picture
 from .panoramic_camera import PANORAMIC_TYPE
@@ -36,8 +36,11 @@ def show_pictures(collection: bpy.types.Collection, pictures: dict[str, str]) ->
             continue
         picture = load_picture(Path(file))
         try:
-            # The solver has turned the copy already.
-            show_behind(item, undistorted_copy(to_solver(item, matrix), picture, turn=1))
+            copy = empty_copy(item.name)
+            # The solver has turned the picture already.
+            fill_copy(copy, to_solver(item, matrix), picture, turn=1)
+            keep_behind(item.data, copy)
+            show_behind(item.data, copy)
         finally:
             bpy.data.images.remove(picture)
         shown += 1
@@ -50,5 +53,4 @@ def _is_hidden(item: bpy.types.Object) -> bool:
         return False  # no photo is shown behind one
     if photo is None or blender_shows(Path(photo.filepath)):
         return False
-    images = (background.image for background in item.data.background_images)
-    return not any(image is not None and image.get(UNDISTORTED) for image in images)
+    return copy_behind(item.data) is None

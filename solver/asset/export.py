@@ -38,18 +38,23 @@ def new_folder(out: Path) -> Iterator[Path]:
         raise JobError(f"{out}: it already exists; give a new folder.")
     # An empty one stays what it is: a link, another disk, where somebody is.
     beside = out if out.exists() else out.absolute().parent
-    holder = None
+    holder, moves = None, []
     try:
         beside.mkdir(parents=True, exist_ok=True)
         holder = Path(tempfile.mkdtemp(prefix=".export-", dir=beside))
         part = holder / "part"
         yield part
         if beside == out:
-            for path in sorted(part.iterdir(), key=lambda path: path.name == MANIFEST):
-                replace_file(path, out / path.name)
+            moves = [(path, out / path.name) for path in part.iterdir()]
+            moves.sort(key=lambda move: move[0].name == MANIFEST)
+            for path, place in moves:
+                replace_file(path, place)
         else:
             replace_file(part, out)
     except OSError as error:
+        for path, place in moves:
+            if place.exists() and not path.exists():
+                replace_file(place, path)
         raise _first_of(error, out) from error
     finally:
         if holder is not None:

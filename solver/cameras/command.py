@@ -218,7 +218,7 @@ def _with_photos(folder: SolveFolder, request: SolveRequest, run: Session) -> So
     run.progress.stage("video", "extracting photos from the video")
     names = take_photos(
         Path(request.photos), folder.video_photos_dir, request.video_photos, run.told
-    )  # fmt: skip
+    )
     matcher = "sequential" if request.matcher == "auto" else request.matcher
     return replace(request, photos=str(folder.video_photos_dir), names=names, matcher=matcher)
 

@@ -120,9 +120,10 @@ def _decode(path: Path) -> Decoded:
             image_orientation(path) if is_webp else spec.get_int_attribute("Orientation", 1)
         )
         profile = spec.getattribute("ICCProfile")
-        profile = None if profile is None else profile_unless_srgb(bytes(profile))
-        if spec.get_int_attribute("Exif:ColorSpace") == _UNCALIBRATED and _is_adobe_rgb(path):
-            profile = profile or ADOBE_RGB
+        if profile is not None:
+            profile = profile_unless_srgb(bytes(profile))
+        elif spec.get_int_attribute("Exif:ColorSpace") == _UNCALIBRATED and _is_adobe_rgb(path):
+            profile = ADOBE_RGB
         decoded = Decoded(
             pixels, alpha, associated=not straight,
             linear=str(spec.getattribute("oiio:ColorSpace") or "").startswith("lin"),

@@ -34,7 +34,7 @@ def photos_of(folder: Path) -> tuple[str, ...] | None:
 
 def has_masks(folder: Path) -> bool:
     """True for a folder of masks, or of smaller copies beside it, such as `masks_2` beside `masks`."""
-    whole = folder.with_name(re.sub(r"_\d{1,2}$", "", folder.name))
+    whole = folder.with_name(re.sub(r"(?<=.)_\d{1,2}$", "", folder.name))
     return any(photos_of(f) is not None for f in {folder, whole} if f == folder or f.is_dir())
 
 

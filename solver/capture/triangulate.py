@@ -152,7 +152,7 @@ def compare(
     with _temporary_folder("nmf-pairs-") as folder:
         return run_apart(
             _within, Path(folder), compare_with_colmap, cameras, pictures, pairs, progress=progress
-        )  # fmt: skip
+        )
 
 
 def compare_with_colmap(

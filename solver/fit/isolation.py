@@ -114,7 +114,7 @@ def isolated(
     if standing and backdrop is None:
         return _on_support(
             job, capture, photos, region, settings.light.floor, progress, finding_support
-        )  # fmt: skip
+        )
     return Isolated(capture, photos)
 
 
@@ -188,7 +188,7 @@ def _on_support(
 
 def _isolated_by(
     capture: Capture, photos: list[Photo], outlines: list[Outline], floor: Floor | None
-) -> Isolated:  # fmt: skip
+) -> Isolated:
     """Photos cut out along outlines, and what they show of the light around those."""
     around = panorama_of(
         capture.cameras, (levels_of(photo) for photo in photos), [o.shown for o in outlines],

@@ -87,7 +87,7 @@ class OpenDetail:
 @torch.no_grad()
 def open_detail(
     scene: Scene, loss: ChunkLoss, steps: list[Step], sigmas: Sequence[float]
-) -> Tensor:  # fmt: skip
+) -> Tensor:
     """Shares [len(sigmas), H, 2H], from 0 to 1, of detail finer than Gaussians of so many texels that
     pixels of steps leave open, per texel of a scene's light.
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from ..capture.camera import Camera
@@ -10,7 +11,8 @@ from ..capture.capture import Capture
 from ..capture.errors import CaptureError
 from ..capture.photos import Photo, read_exr
 from ..job.folder import JobFolder
-from ..job.inputs import region_of
+from ..job.inputs import capture_of, region_of
+from ..job.request import JobError
 from ..light.environment import EnvironmentMap
 from ..render.image import RenderedView, render_view
 from ..render.probing import refresh_probes
@@ -19,6 +21,7 @@ from . import checkpoint
 from .cut_out import photos_as_fitted
 from .devices import device_at_hand
 from .panorama_file import read_panorama
+from .same_photos import COLOURS, POSES, check_poses
 from .schedule import picture_settings
 from .settings import Settings
 from .standing_file import read_standing
@@ -36,6 +39,25 @@ def load_job(job: JobFolder, device: torch.device | None = None) -> tuple[Scene,
     chosen = device_at_hand(job.request.device) if device is None else str(device)
     scene, state, _ = checkpoint.load_scene(job.checkpoint_dir, chosen)
     return scene, checkpoint.settings_of(state)
+
+
+def check_capture(job: JobFolder) -> None:
+    """Make sure that a job's capture, which may lie elsewhere now, has the cameras of its checkpoint.
+
+    Raises:
+        CaptureError: it cannot be read. JobError: it has others, or the checkpoint is damaged.
+    """
+    cameras, state = capture_of(job).cameras, checkpoint.read_state(job.checkpoint_dir)
+    if state is None:
+        return
+    colours, poses = (checkpoint.read_tensor(job.checkpoint_dir, n) for n in (COLOURS, POSES))
+    if colours is not None and len(colours) != len(cameras):
+        raise JobError(
+            f"{job.capture_path} has {len(cameras)} photos, and the job began with {len(colours)}; give "
+            "the capture that it began with, or start a new job."
+        )
+    origin = np.array(state.get("origin") or (0.0, 0.0, 0.0))
+    check_poses(poses, [camera.seen_from(origin) for camera in cameras])
 
 
 def background_of_job(job: JobFolder) -> str:

@@ -1,6 +1,7 @@
 """Taking up a job that was begun: it has to be the one that is asked for now."""
 
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,16 @@ from .request import JobError
 _PATHS = ("capture", "photos", "masks", "ignored")
 
 
-def take_up(job: JobFolder, asked: dict[str, Any], time_limit: float | None) -> None:
+def take_up(
+    job: JobFolder, asked: dict[str, Any], time_limit: float | None,
+    check_moved: Callable[[JobFolder], None] = lambda job: None,
+) -> None:  # fmt: skip
     """Make sure that a job was begun with what is asked now; another time limit is taken over, and where
     photos and cameras lie now, if they are no longer where they were.
 
     Args:
         asked: fields of `JobRequest`; None where a person did not say.
+        check_moved: called if photos or cameras are elsewhere; if it raises, nothing was taken over.
 
     Raises:
         JobError: it was begun otherwise, or the limit cannot be.
@@ -39,6 +44,12 @@ def take_up(job: JobFolder, asked: dict[str, Any], time_limit: float | None) -> 
     if changed != begun:
         changed.check()
         job.ask(changed)
+        try:
+            if not changes.keys().isdisjoint(_PATHS):
+                check_moved(job)
+        except Exception:
+            job.ask(begun)
+            raise
 
 
 def _same_place(one: str | None, other: str) -> bool:

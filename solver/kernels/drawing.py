@@ -61,7 +61,7 @@ def draw_depths(
 
 def plan_rays(
     keys: Tensor, mass: Tensor, rays: int, points: Tensor, streams: tuple[Stream, Stream]
-) -> Plan:  # fmt: skip
+) -> Plan:
     """Share out a primary ray's `rays` among the samples along it.
 
     Args:

@@ -134,7 +134,7 @@ def share_out(keys, mass, rays, seed, sample_bits, counts, share) -> None:
 
 def leave(
     keys, offsets, seed, points, sample_bits, keys_per_sample, sample, ray_keys, u, together
-) -> None:  # fmt: skip
+) -> None:
     launch(
         _leave, len(keys), keys, offsets, seed, points, sample_bits, keys_per_sample, sample, ray_keys,
         u, together,

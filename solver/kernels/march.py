@@ -77,7 +77,7 @@ def grid_transmittance(
     out = origins.new_empty(len(origins))
     kernels("march", origins.device).grid_transmittance(
         origins.contiguous(), directions.contiguous(), start.contiguous(), step, blocking, out
-    )  # fmt: skip
+    )
     return out
 
 

@@ -212,7 +212,7 @@ def march(
 
 def compact(
     origins, directions, distance, raw, offsets, flat_distance, flat_raw, points, ray
-) -> None:  # fmt: skip
+) -> None:
     launch(
         _compact, len(origins), origins, directions, distance, raw, offsets, flat_distance, flat_raw,
         points, ray,

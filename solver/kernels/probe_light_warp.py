@@ -114,7 +114,7 @@ def _to_normals(
 
 def irradiance_between(
     points, row, clear, per_spacing, table, normals, form, out, rows, shares, blended
-) -> None:  # fmt: skip
+) -> None:
     samples = len(points)
     launch(_around, samples, points, row, clear, per_spacing, rows, shares)
     launch(_blend, (samples, 27), rows, shares, table, blended)
@@ -123,7 +123,7 @@ def irradiance_between(
 
 def irradiance_between_backward(
     normals, form, out, rows, shares, blended, cotangent, g_table, g_normals
-) -> None:  # fmt: skip
+) -> None:
     samples = len(normals)
     launch(_to_table, (samples, 27), normals, form, out, rows, shares, cotangent, g_table)
     launch(_to_normals, (samples, 3), normals, form, out, blended, cotangent, g_normals)

@@ -249,7 +249,7 @@ def specular(
     owners = _owners(first, rays)
     launch(
         _leave, rays, normals, views, alphas, f0s, shares, u, owners, masking, directions, weights
-    )  # fmt: skip
+    )
     launch(
         _look, rays, normals, views, alphas, together, u, owners, averaged, widening, spread, shifts,
         wp.vec3(*up), points, reach, box_low, box_axes, box_scale, cell, blocking,

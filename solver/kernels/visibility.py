@@ -22,5 +22,5 @@ def look_around(
     passing, distance = points.new_empty(2, len(points), len(directions)).unbind()
     kernels("visibility", points.device).look_around(
         points.contiguous(), directions.contiguous(), start, step, blocking, passing, distance
-    )  # fmt: skip
+    )
     return passing, distance

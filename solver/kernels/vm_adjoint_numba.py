@@ -153,9 +153,9 @@ def _gradient_backward(points, planes, lines, cotangent, order, firsts, grad_pla
                 for ch in range(0, whole, LANES):
                     spread_differences(
                         planes, lines, grad_planes, part, k, a, b, c, ga, gb, gc, ch, many
-                    )  # fmt: skip
+                    )
                 for ch in range(whole, channels):
                     spread_differences(
                         planes, lines, grad_planes, part, k, a, b, c, ga, gb, gc, ch, ZERO
-                    )  # fmt: skip
+                    )
     add_up(parts, grad_lines)

@@ -221,7 +221,7 @@ def vm_sum_backward(points, planes, lines, cotangent, least, grad_planes, grad_l
     dim = len(points), planes.shape[3]
     launch(
         _sum_backward, dim, points, planes, lines, cotangent, least.view(1), grad_planes, grad_lines
-    )  # fmt: skip
+    )
 
 
 def vm_products(points, planes, lines, out) -> None:

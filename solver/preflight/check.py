@@ -82,7 +82,7 @@ def check(
     )
     needed = estimate(
         asked, preset, masked, turned=turned, standing=stands, settings=settings, card=card
-    )  # fmt: skip
+    )
     found = [note(text) for text in (*capture.warnings, idle) if text]
     found += (
         photos.blur(looks)

@@ -142,7 +142,7 @@ def secondary_origins(
         inputs = normals, samples.points, reach, sample, direction
         return rowwise(
             "lifted", inputs, (SELF_SHADOW_COSINE, FARTHEST_START), ((3,), ()), len(sample)
-        )  # fmt: skip
+        )
     normal, reach = normals[sample], reach[sample]
     origins = samples.points[sample] + reach[:, None] * normal
     cosine = (normal * direction).sum(-1).clamp(min=SELF_SHADOW_COSINE)

@@ -234,7 +234,7 @@ class Scene(nn.Module):
         axes = field.centre.new_empty(0, 3) if field.axes is None else field.axes
         return Blockers(
             corner, axes, 2 * field.half_size, self.cell, self.occupancy.blocking, reach
-        )  # fmt: skip
+        )
 
     @property
     def cell(self) -> float:

@@ -63,6 +63,27 @@ def test_one_undo_takes_the_import_back_and_a_redo_awaits_the_copies_again(copie
     assert shown_marks() == [[True]] * len(bpy.data.cameras)
 
 
+def test_undo_in_between_leaves_no_camera_without_its_copy(copies, distorted):
+    """A fixed bug: cameras showed images that Undo had freed."""
+    bpy.ops.ed.undo_push(message="before")
+    bpy.ops.nmf.import_capture("EXEC_DEFAULT", True, filepath=str(distorted))
+    copies._tick()
+    bpy.data.cameras[0].passepartout_alpha = 0.25
+    bpy.ops.ed.undo_push(message="mine")
+    while copies._tick():
+        pass
+    for step in (bpy.ops.ed.undo, bpy.ops.ed.redo, bpy.ops.ed.undo):
+        step()
+        there = set(bpy.data.images)
+        shown = [b.image for data in bpy.data.cameras for b in data.background_images]
+        assert len(shown) == 2 * len(bpy.data.cameras) and set(shown) == there
+        while copies._tick():
+            pass
+        assert shown_marks() == [[True]] * len(bpy.data.cameras)
+        for copy in there - {image for image in there if not image.get("nmf_undistorted")}:
+            assert copy.packed_file is not None and max(copy.pixels[:]) > 0.5
+
+
 def test_a_file_that_was_saved_too_early_gets_its_copies_when_it_is_opened(
     copies, distorted, tmp_path
 ):
@@ -83,8 +104,9 @@ def test_a_photo_that_has_gone_is_left_out_and_the_others_get_their_copies(copie
     first.data.background_images[0].image.filepath = str(distorted.parent / "gone.png")
     while copies._tick():
         pass
-    marks = [bool(b.image.get("nmf_undistorted")) for b in first.data.background_images]
-    assert marks == [False] and shown_marks().count([True]) == len(bpy.data.cameras) - 1
+    photo, copy = first.data.background_images
+    assert photo.show_background_image and not copy.show_background_image
+    assert shown_marks().count([True]) == len(bpy.data.cameras) - 1
 
 
 def test_the_panel_says_how_many_are_left(copies, draw, distorted):

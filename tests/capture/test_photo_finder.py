@@ -54,8 +54,9 @@ def test_smaller_copies_of_masks_are_no_photos_and_no_masks(masks, tmp_path):
 
 
 def test_a_folder_that_is_called_like_a_second_one_of_a_mask_may_hold_photos(tmp_path):
-    photo = save(tmp_path / "mask_2" / "a.png")
-    assert PhotoFinder(tmp_path).find("a.png") == photo
+    for name in ("mask_2", "_1"):
+        photo = save(tmp_path / name / f"{name}.png")
+        assert PhotoFinder(tmp_path).find(f"{name}.png") == photo
 
 
 def test_masks_that_could_both_be_meant_are_refused(tmp_path):

@@ -215,6 +215,36 @@ def test_cameras_that_changed_since_are_refused_for_a_bake_and_where_a_job_goes_
     assert not (tmp_path / "wrong").exists()
 
 
+def test_a_capture_that_was_moved_is_taken_up_once_it_is_the_jobs_own(job, duck, tmp_path):
+    before, now = tmp_path / "before", tmp_path / "now"
+    copy = shutil.copytree(job, tmp_path / "job")
+    request = json.loads((copy / "job.json").read_text()) | {"capture": str(before)}
+    (copy / "job.json").write_text(json.dumps(request))
+    shutil.copytree(duck, now)
+    resumed = ("--out", copy, "--resume")
+    few, turned = (
+        shutil.copytree(duck, tmp_path / "few"),
+        shutil.copytree(duck, tmp_path / "turned"),
+    )
+    content = json.loads((duck / "transforms_train.json").read_text())
+    for frame in content["frames"]:
+        frame["transform_matrix"][0][3] += 0.1
+    (turned / "transforms_train.json").write_text(json.dumps(content))
+    content["frames"] = content["frames"][:-2]
+    (few / "transforms_train.json").write_text(json.dumps(content))
+    for folder, problem in (
+        (few, "18 photos, and the job began with 20"),
+        (turned, "stand elsewhere"),
+    ):
+        refused = solver("reconstruct", folder, *resumed)
+        assert refused.returncode == 2 and problem in refused.stderr
+        assert json.loads((copy / "job.json").read_text()) == request
+    assert solver("reconstruct", now, *resumed).returncode == 0
+    assert json.loads((copy / "job.json").read_text())["capture"] == str(now)
+    bake = ("export", copy, "--set", "asset.texture_size=64", "--out", tmp_path / "asset")
+    assert solver(*bake).returncode == 0
+
+
 def test_export_bakes_anew_what_a_setting_changes_and_nothing_else(job, tmp_path):
     before = {path: path.read_bytes() for path in job.rglob("*") if path.is_file()}
     few, same = tmp_path / "few", tmp_path / "same"

@@ -6,7 +6,8 @@ A reader is a module with
     EXTENSIONS  of its camera files, in lower case, for file dialogs
     PATTERNS    where its camera file usually lies in a capture's folder (globs, likeliest first)
     recognises(file) -> bool          by content; never raises
-    read(file, photos) -> Capture     raises CaptureError; `photos` finds what the file names
+    read(file, photos) -> Capture     raises CaptureError for anything that cannot be used; `photos`
+                                      finds what the file names
 
 It states what the file says as `Found` cameras and leaves to `intake.assemble` what all share:
 missing photos, sizes, names, the region. Poses leave it as OpenGL camera-to-world.

@@ -48,11 +48,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the block with the most photos; those without a pose are left out with a warning.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read the block with the most photos; those without a pose are left out with a warning."""
     root = read_xml(path)
     blocks = root.findall("Block")
     if not blocks:

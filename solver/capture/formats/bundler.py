@@ -42,11 +42,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read a `.out` file with the list of photos beside it.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read a `.out` file with the list of photos beside it."""
     lines = ((where, line) for where, line in read_lines(path) if line)
     version = next((line for _, line in lines), "")
     if not version.startswith(_HEADER.decode() + "0.3"):

@@ -69,11 +69,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the projections of all places that there are photos of.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read the projections of all places that there are photos of."""
     kind = _NUMBERED.fullmatch(path.stem)[1]
     files = {}
     for file in files_in(path.parent, path.suffix):

@@ -36,11 +36,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read all cameras, and the sparse points beside the file.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read all cameras, and the sparse points beside the file."""
     content = read_json(path)
     if not isinstance(content, list) or len(content) > _MOST_CAMERAS:
         raise CaptureError(

@@ -33,11 +33,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the poses of all photos.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read the poses of all photos."""
     table = read_npy(path)
     if table.ndim != 2 or table.shape[1] != 17:
         raise CaptureError(

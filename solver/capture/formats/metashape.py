@@ -56,9 +56,6 @@ def recognises(file: Path) -> bool:
 def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read exported cameras; those that are disabled, not aligned or panoramas of another kind than all
     directions are left out with a warning.
-
-    Raises:
-        CaptureError: anything that cannot be used.
     """
     chunks = [
         chunk for chunk in read_xml(path).iter("chunk") if chunk.find(".//camera") is not None

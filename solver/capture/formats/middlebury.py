@@ -47,11 +47,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the cameras of all lines.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read the cameras of all lines."""
     lines = ((number, line) for number, line in read_lines(path) if line)
     found = [_camera(path, f"line {number}", line, photos) for number, line in _after_count(lines)]
     return assemble(path, NAME, found, photos)

@@ -47,11 +47,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read all cameras of the folder that a camera's file lies in.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read all cameras of the folder that a camera's file lies in."""
     files = [
         file
         for file in files_in(path.parent, path.suffix)

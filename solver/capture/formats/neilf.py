@@ -38,11 +38,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read all cameras that are known; the box becomes the region.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read all cameras that are known; the box becomes the region."""
     content = mapping(path, "", read_json(path))
     names = _inside(path, content, "image_path", "file_paths")
     cameras = _inside(path, content, "camera_track_map", "images")

@@ -36,11 +36,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the cameras of all views whose folders are called as that of a camera's file.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read the cameras of all views whose folders are called as that of a camera's file."""
     files = _views(path)
     return assemble(path, NAME, [_camera(file, photos) for file in files], photos)
 

@@ -42,11 +42,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read all cameras for training of the folder that a camera's JSON file lies in.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read all cameras for training of the folder that a camera's JSON file lies in."""
     place = path.absolute().parent.parent
     scales = sorted((place / _PHOTOS).glob("*x"), key=lambda folder: numbered(folder.name))
     folder = next(filter(pictures_in, scales), place / _PHOTOS / "1x")

@@ -39,11 +39,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the projections of all photos; the sphere becomes the region.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read the projections of all photos; the sphere becomes the region."""
     projections = _numbered(path, "world_mat_")
     if not projections:
         raise CaptureError(

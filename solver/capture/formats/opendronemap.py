@@ -40,11 +40,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read all shots, with the lenses of `cameras.json`.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read all shots, with the lenses of `cameras.json`."""
     features = entries(path, "features", mapping(path, "", read_json(path)).get("features"))
     lenses_file, lenses = _lenses(path)
     read_lenses: dict[str, Intrinsics] = {}

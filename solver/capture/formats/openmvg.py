@@ -53,11 +53,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read a scene; views without a pose are left out with a warning.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read a scene; views without a pose are left out with a warning."""
     content = mapping(path, "", read_json(path))
     root = content.get("root_path")
     root = root if isinstance(root, str) else ""

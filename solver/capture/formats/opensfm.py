@@ -77,11 +77,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the reconstruction with the most shots.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read the reconstruction with the most shots."""
     content = read_json(path)
     if not isinstance(content, list) or not content:
         raise CaptureError(

@@ -55,11 +55,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the calibrated cameras of a project; others are left out with a warning.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read the calibrated cameras of a project; others are left out with a warning."""
     items = entries(path, "items", mapping(path, "", read_json(path)).get("items"))
     calibrations = list(_resources(path, items, _CALIBRATION))
     if len(calibrations) != 1:

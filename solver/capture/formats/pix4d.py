@@ -63,11 +63,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read all photos of a file of calibrated cameras.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read all photos of a file of calibrated cameras."""
     lines = ((where, line) for where, line in read_lines(path) if line)
     titles = [" ".join(line.lower().split()) for _, line in islice(lines, len(_TITLES))]
     unknown = next((t for t, known in zip(titles, _TITLES, strict=False) if t != known), None)

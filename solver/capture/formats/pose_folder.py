@@ -59,11 +59,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read lenses and all poses that are not of photos held out; the box becomes the region.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read lenses and all poses that are not of photos held out; the box becomes the region."""
     lens_file = _lens_file(path)
     place = next(folder for folder in lens_file.parents if _pose_folder(folder) is not None)
     has_each, is_scannet = lens_file.parent.name == _OF_EACH, lens_file.parent.name == "intrinsic"

@@ -39,11 +39,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read a table of cameras, or all sidecars beside the one given and beside photos.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read a table of cameras, or all sidecars beside the one given and beside photos."""
     if _NAMESPACE.encode() in text_head(path, _HEAD):
         return _read_sidecars(path, photos)
     return read_table(path, NAME, photos)

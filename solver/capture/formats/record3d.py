@@ -39,11 +39,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the metadata of a recording.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read the metadata of a recording."""
     content = read_json(path)
     poses = content.get("poses") if isinstance(content, dict) else None
     if not isinstance(poses, list) or not 0 < len(poses) <= _MOST_POSES:

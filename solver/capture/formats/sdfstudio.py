@@ -33,11 +33,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read all frames; the scene's box becomes the region.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read all frames; the scene's box becomes the region."""
     content = mapping(path, "", read_json(path))
     found = []
     for index, frame in enumerate(entries(path, "frames", content.get("frames"))):

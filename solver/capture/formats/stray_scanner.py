@@ -52,11 +52,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the poses of all frames of which there are pictures.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read the poses of all frames of which there are pictures."""
     rows = _rows(path)
     pictures = _pictures(path, list(rows), photos)
     found = []

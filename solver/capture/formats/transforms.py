@@ -60,11 +60,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read a transforms file; frames without a pose are left out with a warning.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read a transforms file; frames without a pose are left out with a warning."""
     content = read_json(path)
     if not is_transforms(content):
         raise CaptureError(path, "frames", "there is no list of frames", "give a transforms.json")
@@ -227,7 +223,7 @@ def _without_lens_masks(path: Path, found: list[Found]) -> tuple[list[Found], tu
     return [_ignoring_its_mask(item) for item in found], (
         f"{path.name}: {which}; what hides the same corners of each photo "
         "does not show the object, so what is black in it is ignored",
-    )  # fmt: skip
+    )
 
 
 def _ignoring_its_mask(item: Found) -> Found:

@@ -35,11 +35,7 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the first model of an `.nvm` file, which is the largest.
-
-    Raises:
-        CaptureError: anything that cannot be used.
-    """
+    """Read the first model of an `.nvm` file, which is the largest."""
     lines = ((f"line {where}", line) for where, line in read_lines(path) if line)
     version = next((line for _, line in lines), "")
     head = version.split()
