@@ -1,7 +1,7 @@
 """Upright, undistorted copies of photos, filled after an import, one at a time: nobody waits for them.
 
-Until its turn comes, a photo stands behind its camera as it is. All data-blocks are the import's, for undo
-knows of no others: later they are filled and shown alone, and what is awaited is told by themselves.
+Until its turn comes, a photo stands behind its camera as it is. All data-blocks are the import's, for Undo
+knows of no others; later they are but filled and shown.
 """
 
 import logging
@@ -29,8 +29,7 @@ _log = logging.getLogger(BASE_PACKAGE)
 
 
 def await_copies(items: Iterable[bpy.types.Object]) -> None:
-    """Give camera objects copies of their photos, which are not as the cameras saw them, and begin to fill
-    these."""
+    """Give camera objects copies of photos that are not as cameras saw them, and begin to fill these."""
     for item in items:
         keep_behind(item.data, empty_copy(item.name))
         item.data[AWAITS] = True
@@ -79,7 +78,7 @@ def _tick() -> float | None:
 
 @persistent
 def _go_on(*_) -> None:
-    """Make what is awaited: by an import, a file that was opened, or a state that undo has come back to."""
+    """Make what is awaited by an import, a file that was opened, or a state that Undo came back to."""
     if not bpy.app.timers.is_registered(_tick) and awaiting(bpy.data.objects):
         bpy.app.timers.register(_tick, first_interval=PAUSE, persistent=True)
 

@@ -14,6 +14,7 @@ from ...solver.capture.camera import Camera
 from ...solver.capture.image_header import image_orientation, image_size
 from ...solver.capture.orientation import oriented, turn_for
 from .cameras import UNDISTORTED
+from .colour import set_colour_space
 
 WIDEST = 800  # pixels
 
@@ -45,26 +46,32 @@ def fill_copy(
 
     Args:
         turn: the orientation by which `photo` becomes what the camera saw; None: it is the photo's file.
+
+    Raises:
+        RuntimeError: Blender cannot read the photo.
     """
     width, height = photo.size
-    shrink = max(width, height, 1) / WIDEST
+    if not width or not height:
+        raise RuntimeError(f"{photo.name}: Blender cannot read it")
+    shrink = max(width, height) / WIDEST
     size = tuple(max(1, round(side / max(shrink, 1.0))) for side in (camera.width, camera.height))
     copy.use_generated_float = photo.is_float
     copy.generated_width, copy.generated_height = size
-    if width and height:
-        if not photo.is_float:
-            # Of others, such as PNG of 16 bits, Blender gives linear light whatever their file holds.
-            copy.colorspace_settings.name = photo.colorspace_settings.name
-        was_loaded = photo.has_data
-        source = np.empty(width * height * photo.channels, dtype=np.float32)
-        photo.pixels.foreach_get(source)
-        source = source.reshape(height, width, photo.channels)[::-1]
-        turned = oriented(source, turn_of(camera) if turn is None else turn)
-        pixels = undistorted(camera, turned, size)
-        copy.pixels.foreach_set(np.ascontiguousarray(pixels[::-1]).ravel())
-        copy.update()
-        if not was_loaded:
-            photo.buffers_free()
+    if photo.is_float:
+        # Of those, such as PNG of 16 bits, Blender gives linear light whatever their file holds.
+        set_colour_space(copy, "Linear Rec.709")
+    else:
+        copy.colorspace_settings.name = photo.colorspace_settings.name
+    was_loaded = photo.has_data
+    source = np.empty(width * height * photo.channels, dtype=np.float32)
+    photo.pixels.foreach_get(source)
+    source = source.reshape(height, width, photo.channels)[::-1]
+    turned = oriented(source, turn_of(camera) if turn is None else turn)
+    pixels = undistorted(camera, turned, size)
+    copy.pixels.foreach_set(np.ascontiguousarray(pixels[::-1]).ravel())
+    copy.update()
+    if not was_loaded:
+        photo.buffers_free()
     copy.pack()
 
 

@@ -1,6 +1,7 @@
 """Undistorted copies of photos are made after an import, one at a time, while Blender goes on."""
 
 import json
+from pathlib import Path
 
 import bpy
 import fake_capture
@@ -98,10 +99,14 @@ def test_a_file_that_was_saved_too_early_gets_its_copies_when_it_is_opened(
     assert shown_marks() == [[True]] * len(bpy.data.cameras)
 
 
-def test_a_photo_that_has_gone_is_left_out_and_the_others_get_their_copies(copies, distorted):
+@pytest.mark.parametrize("is_there", [True, False], ids=["damaged", "gone"])
+def test_a_photo_without_a_copy_is_left_out_and_the_others_get_theirs(copies, distorted, is_there):
     bpy.ops.nmf.import_capture(filepath=str(distorted))
     first = copies.awaiting(bpy.data.objects)[0]
-    first.data.background_images[0].image.filepath = str(distorted.parent / "gone.png")
+    image = first.data.background_images[0].image
+    path = Path(bpy.path.abspath(image.filepath))
+    path.write_bytes(path.read_bytes()[:60]) if is_there else path.unlink()
+    image.buffers_free()
     while copies._tick():
         pass
     photo, copy = first.data.background_images
