@@ -20,7 +20,7 @@ from .job.events import EventStream
 from .job.exit_codes import BAD_INPUT, CANCELLED, DONE, FAILED, OUT_OF_MEMORY
 from .job.request import JobError
 from .job.status import Heartbeat
-from .streams import take_stdout_for_events
+from .streams import say, take_stdout_for_events
 
 if TYPE_CHECKING:
     from .job.begun import Begun
@@ -118,7 +118,7 @@ def session(
 
 @contextmanager
 def passing_session(stage: str, text: str, to_stdout: bool) -> Iterator[Session]:
-    """A session of one stage that keeps no files of its own.
+    """A session of one stage that keeps no files of its own, and tells itself that it was cancelled.
 
     Args:
         text: what is being done.
@@ -130,6 +130,8 @@ def passing_session(stage: str, text: str, to_stdout: bool) -> Iterator[Session]
         with session(*paths, to_stdout, has_parent=to_stdout, shares={stage: 1.0}) as run:
             run.progress.stage(stage, text)
             yield run
+        if run.code == CANCELLED:
+            say("Cancelled.")
 
 
 def explain(error: Exception) -> tuple[int, str]:

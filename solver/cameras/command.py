@@ -11,7 +11,7 @@ from ..capture.errors import CaptureError
 from ..capture.ignored import check_ignored
 from ..capture.photo_finder import PhotoFinder
 from ..job.begun import Begun
-from ..job.exit_codes import CANCELLED
+from ..job.exit_codes import CANCELLED, DONE
 from ..job.status import process_is_alive, read_status
 from ..session import Session, passing_session, session
 from ..streams import say
@@ -102,9 +102,7 @@ def run_frames(options: argparse.Namespace) -> int:
     with passing_session("video", "extracting photos from the video", options.events) as run:
         names = take_photos(video, folder, options.photos, run.told, span)
         run.events.emit("result", photos=list(names))
-    if run.code == CANCELLED:
-        say("Cancelled.")
-    elif not options.events:
+    if run.code == DONE and not options.events:
         print(f"{len(names)} photos in {folder}")
     return run.code
 

@@ -44,6 +44,8 @@ BEFORE = {
 }  # fmt: skip
 """settings as they were, in effect, before there was such a setting"""
 TENSORS, STATE = "scene.safetensors", "state.json"
+_LEAST = {"field", "settings", "step"}
+"""what no state lacks"""
 
 
 def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) -> None:
@@ -131,10 +133,10 @@ def read_state(folder: Path) -> dict | None:
     path = folder / STATE
     try:
         state = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
-        if state is not None:
-            state["field"]["size"], state["settings"]["fit"], state["step"]
+        if state is not None and not (isinstance(state, dict) and _LEAST <= state.keys()):
+            raise ValueError("it is not whole")
         return state
-    except (ValueError, TypeError, KeyError) as error:
+    except ValueError as error:
         raise _damaged(path, error) from error
 
 

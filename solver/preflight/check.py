@@ -99,13 +99,11 @@ def check(
     )
     # Where alpha has taken away what is around the object, only that is left to compare, maybe a mirror.
     if not turned and (not masked or all(camera.mask_path for camera in capture.cameras)):
-        share = 1 - LOOKING
-        found = (
-            poses(
-                capture, reduced, settings, lambda d: told(LOOKING + share * d, "comparing photos")
-            )
-            + found
-        )
+
+        def compared(done: float) -> None:
+            told(LOOKING + (1 - LOOKING) * done, "comparing photos")
+
+        found = poses(capture, reduced, settings, compared) + found
     margin = settings.field.box_margin
     box = object_box(asked, looks, margin)
     found += nothing_in_common(looks, box)

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..arguments import add_capture, add_command
-from ..job.exit_codes import CANCELLED
+from ..job.exit_codes import DONE
 from ..job.folder import JobFolder
 from ..job.request import DEVICES
 from ..session import passing_session
-from ..streams import naming_stdout, say
+from ..streams import naming_stdout
 
 if TYPE_CHECKING:
     import numpy as np
@@ -66,9 +66,7 @@ def run_check(options: argparse.Namespace) -> int:
     with passing_session("check", "looking at photos", options.events) as run:
         report = check(capture, preset, run.told, region, overrides, device)
         run.events.emit("result", report=report.as_json())
-    if run.code == CANCELLED:
-        say("Cancelled.")
-    elif not options.events:
+    if run.code == DONE and not options.events:
         with naming_stdout():
             if options.json:
                 print(json.dumps(report.as_json(), allow_nan=False))
@@ -103,9 +101,7 @@ def run_pictures(options: argparse.Namespace) -> int:
 
         pictures = write_pictures(capture, options.out, tell)
         run.events.emit("result", pictures=pictures)
-    if run.code == CANCELLED:
-        say("Cancelled.")
-    elif not options.events:
+    if run.code == DONE and not options.events:
         print(f"{len(pictures)} pictures in {options.out}")
     return run.code
 

@@ -189,7 +189,6 @@ def mark_seams(item):
 def own_picture(block, kind):
     node = next(node for node in block.node_tree.nodes if node.type == kind)
     node.image = bpy.data.images.new("mine", 8, 8)
-    node.image.use_fake_user = False
     return block
 
 

@@ -190,10 +190,8 @@ def test_export_touches_nothing_beside_its_folder(job, tmp_path):
 def test_cameras_that_changed_since_are_refused_for_a_bake_and_where_a_job_goes_on(
     job, duck, tmp_path
 ):
-    photos, copy = (
-        shutil.copytree(duck, tmp_path / "photos"),
-        shutil.copytree(job, tmp_path / "job"),
-    )
+    photos = shutil.copytree(duck, tmp_path / "photos")
+    copy = shutil.copytree(job, tmp_path / "job")
     request = json.loads((copy / "job.json").read_text()) | {"capture": str(photos)}
     (copy / "job.json").write_text(json.dumps(request))
     bake = ["export", copy, "--set", "asset.texture_size=64", "--out"]
@@ -201,9 +199,8 @@ def test_cameras_that_changed_since_are_refused_for_a_bake_and_where_a_job_goes_
     file = photos / "transforms_train.json"
     content = json.loads(file.read_text())
     for frame in content["frames"]:
-        matrix = np.array(frame["transform_matrix"])
-        frame["transform_matrix"] = [*matrix[[1, 0, 2]].tolist(), matrix[3].tolist()]
-        frame["transform_matrix"][0] = (-matrix[1]).tolist()
+        x, y, *others = frame["transform_matrix"]
+        frame["transform_matrix"] = [[-number for number in y], x, *others]
     file.write_text(json.dumps(content))
     (copy / "result" / "manifest.json").rename(copy / "manifest.json")
     results = [solver("run", copy)]
@@ -222,19 +219,17 @@ def test_a_capture_that_was_moved_is_taken_up_once_it_is_the_jobs_own(job, duck,
     (copy / "job.json").write_text(json.dumps(request))
     shutil.copytree(duck, now)
     resumed = ("--out", copy, "--resume")
-    few, turned = (
-        shutil.copytree(duck, tmp_path / "few"),
-        shutil.copytree(duck, tmp_path / "turned"),
-    )
+    few = shutil.copytree(duck, tmp_path / "few")
+    moved = shutil.copytree(duck, tmp_path / "moved")
     content = json.loads((duck / "transforms_train.json").read_text())
     for frame in content["frames"]:
         frame["transform_matrix"][0][3] += 0.1
-    (turned / "transforms_train.json").write_text(json.dumps(content))
+    (moved / "transforms_train.json").write_text(json.dumps(content))
     content["frames"] = content["frames"][:-2]
     (few / "transforms_train.json").write_text(json.dumps(content))
     for folder, problem in (
         (few, "18 photos, and the job began with 20"),
-        (turned, "stand elsewhere"),
+        (moved, "stand elsewhere"),
     ):
         refused = solver("reconstruct", folder, *resumed)
         assert refused.returncode == 2 and problem in refused.stderr

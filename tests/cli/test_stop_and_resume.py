@@ -156,7 +156,7 @@ def test_cancel_is_heard_while_photos_are_read(tmp_path, duck):
 @pytest.mark.parametrize(
     ("name", "damage"),
     [("state.json", lambda f: os.truncate(f, 1000)), ("scene.safetensors", lambda f: os.truncate(f, 1000)),
-     ("scene.safetensors", os.remove)],
+     ("scene.safetensors", os.remove), ("state.json", lambda f: f.write_text('{"step": 1}'))],
 )  # fmt: skip
 def test_a_damaged_checkpoint_is_named_with_the_way_out(tmp_path, job, name, damage):
     broken = tmp_path / "job"

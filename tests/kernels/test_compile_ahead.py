@@ -4,10 +4,12 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from solver.kernels.compile_ahead import shared_out
+from solver.kernels import kept
+from solver.kernels.compile_ahead import compile_ahead, shared_out
 from solver.kernels.warm_up import GROUPS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -62,6 +64,20 @@ def test_kernels_are_compiled_side_by_side_once_and_anew_when_they_have_changed(
     )
     assert result.returncode == 0, result.stderr
     assert result.stdout.strip() == "all is well"
+
+
+def test_on_one_core_it_is_told_what_is_compiled_too(monkeypatch):
+    """A fixed bug: for minutes nothing was told."""
+    monkeypatch.setattr("numba.get_num_threads", lambda: 1)
+    monkeypatch.setattr(kept, "is_complete", lambda: False)
+    for name in ("mark", "forget_outdated"):
+        monkeypatch.setattr(kept, name, lambda *_: None)
+    for name in GROUPS:
+        monkeypatch.setitem(GROUPS, name, SimpleNamespace(run=lambda: None))
+    monkeypatch.setattr("solver.kernels.compile_ahead.compile_kernels", lambda device: None)
+    told = []
+    compile_ahead("cpu", told.append)
+    assert len(told) == len(GROUPS) and told == sorted(told) and told[-1] == 1
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 20])
