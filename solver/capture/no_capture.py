@@ -10,15 +10,15 @@ from .files import json_head
 from .formats.realitycapture_table import is_table_without_lenses
 from .picture_names import VIDEOS
 
-_LENSES_ALONE = (
-    "OpenDroneMap's lenses, without poses",
-    "give the folder with its odm_report/shots.geojson or opensfm/reconstruction.json",
-)
-"""what a cameras.json that is no capture is, and what is to be given instead"""
-_PLACES_ALONE = (
-    "a table of places without lenses",
-    "export 'Internal/External camera parameters' from RealityCapture or RealityScan",
-)
+_TABLE = "export 'Internal/External camera parameters' from RealityCapture or RealityScan"
+_METASHAPE = ("Metashape", "choose File > Export > Export Cameras there")
+_PIX4D = ("Pix4D", "export it as OPF, or give its folder 1_initial/params")
+PROJECTS = {
+    ".psx": _METASHAPE, ".psz": _METASHAPE, ".rcproj": ("RealityCapture", _TABLE),
+    ".rsproj": ("RealityScan", _TABLE), ".p4d": _PIX4D,
+    ".mg": ("Meshroom", "give its MeshroomCache, or the cameras.sfm in it"),
+}  # fmt: skip
+"""programs by their projects' extensions, and how one gets the cameras"""
 
 
 def no_camera_file(file: Path, known: Sequence[str]) -> CaptureError:
@@ -27,12 +27,10 @@ def no_camera_file(file: Path, known: Sequence[str]) -> CaptureError:
     Args:
         known: names of the formats that are.
     """
+    if (told := _without_cameras(file)) is not None:
+        return CaptureError(file, "", f"this is {told[0]}", told[1])
     if zipfile.is_zipfile(file):
         return CaptureError(file, "", "this is an archive", "unpack it and give the folder")
-    if _has_lenses_alone(file):
-        return CaptureError(file, "", f"these are {_LENSES_ALONE[0]}", _LENSES_ALONE[1])
-    if is_table_without_lenses(file):
-        return CaptureError(file, "", f"this is {_PLACES_ALONE[0]}", _PLACES_ALONE[1])
     if file.suffix.lower() in VIDEOS:
         return CaptureError(
             file, "", "a video has no cameras yet", "solve its cameras first, and give their folder"
@@ -59,8 +57,9 @@ def nothing_in(folder: Path, usual: Sequence[str]) -> CaptureError:
     remedy = "give the camera file itself, or solve the cameras from the photos"
     problem = "there is no camera file in this folder"
     above = next((file for name in usual if (file := folder.parent / name).is_file()), None)
-    files = (file for file in sorted(folder.glob("*")) if file.suffix.lower() in ARCHIVES)
-    archive = next(filter(zipfile.is_zipfile, files), None)
+    files = sorted(folder.glob("*"))
+    archives = (file for file in files if file.suffix.lower() in ARCHIVES)
+    archive = next(filter(zipfile.is_zipfile, archives), None)
     # DTU's photos lie in Rectified/scan1, their cameras in Calibration/cal18; those for training in
     # Rectified/scan1_train, theirs in Cameras/train.
     cameras = (
@@ -69,7 +68,8 @@ def nothing_in(folder: Path, usual: Sequence[str]) -> CaptureError:
         for cameras in ("Cameras/train", "Calibration/cal18")
     )
     dtu = next(filter(Path.is_dir, cameras), None)
-    table = next(filter(is_table_without_lenses, sorted(folder.glob("*.csv"))), None)
+    half = ((file, told) for file in files if (told := _without_cameras(file)) is not None)
+    file, told = next(half, (None, None))
     if archive is not None:
         remedy = f"give {archive.name} itself"
     elif dtu is not None:
@@ -79,14 +79,21 @@ def nothing_in(folder: Path, usual: Sequence[str]) -> CaptureError:
     elif (folder / "database.db").is_file():
         remedy = "give its model (sparse/0)"
         problem += ", since database.db is COLMAP's list of matches"
-    elif _has_lenses_alone(folder / "cameras.json"):
-        problem += f", since cameras.json is {_LENSES_ALONE[0]}"
-        remedy = _LENSES_ALONE[1]
-    elif table is not None:
-        problem += f", since {table.name} is {_PLACES_ALONE[0]}"
-        remedy = _PLACES_ALONE[1]
+    elif told is not None:
+        problem += f", since {file.name} is {told[0]}"
+        remedy = told[1]
     return CaptureError(folder, "", problem, remedy)
 
 
-def _has_lenses_alone(file: Path) -> bool:
-    return b'"projection_type"' in json_head(file)
+def _without_cameras(file: Path) -> tuple[str, str] | None:
+    """What a file is that others may take for one of cameras, and what is to be given instead."""
+    extension = file.suffix.lower()
+    if extension in PROJECTS:
+        program, remedy = PROJECTS[extension]
+        return f"a project of {program}", remedy
+    if extension == ".json" and b'"projection_type"' in json_head(file):
+        give = "give the folder with its odm_report/shots.geojson or opensfm/reconstruction.json"
+        return "OpenDroneMap's list of lenses, without poses", give
+    if extension in (".csv", ".txt") and is_table_without_lenses(file):
+        return "a table of places without lenses", _TABLE
+    return None

@@ -43,7 +43,7 @@ from .formats import (
 )
 from .ignored import check_ignored
 from .image_header import EXTENSIONS as PICTURES
-from .no_capture import no_camera_file, nothing_in, several_in
+from .no_capture import PROJECTS, no_camera_file, nothing_in, several_in
 from .photo_finder import MIN_PHOTOS, MODEL_FOLDERS, PhotoFinder, capture_folder, folder_with_photos
 from .picture_names import JOBS_FOLDER, pictures_below
 
@@ -54,8 +54,8 @@ FORMATS: tuple[ModuleType, ...] = (
     kapture,
 )  # fmt: skip
 """readers, the likeliest first"""
-CAMERA_FILES = tuple(sorted({extension for reader in FORMATS for extension in reader.EXTENSIONS}))
-"""extensions of camera files, for file dialogs and drops"""
+CAMERA_FILES = tuple(sorted({e for reader in FORMATS for e in reader.EXTENSIONS} | set(PROJECTS)))
+"""extensions of camera files, for file dialogs and drops; and of projects, to tell what to export"""
 
 _FILES_OF_SPLIT = {
     "train": ("transforms_train.json", "transforms.json"),
