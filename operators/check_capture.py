@@ -7,15 +7,12 @@ import bpy
 
 from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import create_job
-from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
+from ..nmf_addon.jobs.side_task import SideTask, side_task
 from ..nmf_addon.properties import chosen_overrides
-from ..nmf_addon.runtime import RuntimeMissing
 from ..nmf_addon.scene.capture_collection import active_capture, capture_of_number
 from ..nmf_addon.scene.findings import check_report, keep_report
 from ..nmf_addon.scene.region import is_as_placed, region_box
-from ..nmf_addon.words import words_of
-from ..solver.capture.errors import CaptureError
-from ..solver.job.request import JobError
+from .polls import reporting
 
 
 class NMF_OT_check_capture(bpy.types.Operator):
@@ -32,7 +29,8 @@ class NMF_OT_check_capture(bpy.types.Operator):
         )
         return not side_task.running and active_capture(context) is not None
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    @reporting()
+    def execute(self, context: bpy.types.Context) -> set[str] | None:
         """Start the check."""
         collection, settings = active_capture(context), context.scene.nmf
         folder = Path(tempfile.mkdtemp(prefix="nmf-check-", dir=bpy.app.tempdir))
@@ -56,18 +54,13 @@ class NMF_OT_check_capture(bpy.types.Operator):
             task.model.text = f"Check: {count or 'no'} warning{plural}"
             task.holds_for = lambda c: c.session_uid == number and check_report(c) == report
 
-        try:
-            python = preferences.solver_python()
-            job = create_job(
-                collection, folder / "job", preset=settings.preset, device=settings.device,
-                overrides=chosen_overrides(settings),
-            )  # fmt: skip
-            words = ["check", str(job.root), "--preset", settings.preset, "--events"]
-            side_task.start("Check Capture", python, words, folder, done)
-        except (CaptureError, JobError, TaskError, RuntimeMissing, OSError) as error:
-            self.report({"ERROR"}, words_of(error))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+        python = preferences.solver_python()
+        job = create_job(
+            collection, folder / "job", preset=settings.preset, device=settings.device,
+            overrides=chosen_overrides(settings),
+        )  # fmt: skip
+        words = ["check", str(job.root), "--preset", settings.preset, "--events"]
+        side_task.start("Check Capture", python, words, folder, done)
 
 
 classes = (NMF_OT_check_capture,)

@@ -9,8 +9,8 @@ from bpy_extras.io_utils import ImportHelper
 from ..nmf_addon.scene.archives import unpack_all
 from ..nmf_addon.scene.capture_collection import import_captures, warnings_of
 from ..solver.capture.archives import ARCHIVES
-from ..solver.capture.errors import CaptureError
 from ..solver.capture.read import CAMERA_FILES
+from .polls import reporting
 
 FILTER = ";".join(f"*{extension}" for extension in CAMERA_FILES + ARCHIVES)
 INSTALLED = ".zip"
@@ -48,20 +48,17 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
         options={"SKIP_SAVE"},
     )
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    @reporting()
+    def execute(self, context: bpy.types.Context) -> set[str] | None:
         """Import all that was picked, or nothing."""
         paths = self._paths()
         if not paths:  # of a script; the file browser has a folder at least
             self.report({"ERROR"}, "There is no path; give a camera file or a folder as filepath.")
             return {"CANCELLED"}
-        try:
-            paths = unpack_all(context, paths)
-            others = [_folder(text) for text in (self.photos, self.masks, self.ignored)]
-            photos, masks, ignored = unpack_all(context, others)
-            made = import_captures(context, paths, photos, masks, ignored=ignored)
-        except CaptureError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        paths = unpack_all(context, paths)
+        others = [_folder(text) for text in (self.photos, self.masks, self.ignored)]
+        photos, masks, ignored = unpack_all(context, others)
+        made = import_captures(context, paths, photos, masks, ignored=ignored)
         context.scene.nmf.capture = made[-1]
         for collection in made:
             for text in warnings_of(collection):
@@ -70,7 +67,6 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
         if self.options.is_invoke and bpy.ops.nmf.show_photos.poll():
             with suppress(RuntimeError):  # it reports why it cannot, and its button stays
                 bpy.ops.nmf.show_photos()
-        return {"FINISHED"}
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Import what was dropped, else ask for a file."""

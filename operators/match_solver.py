@@ -3,6 +3,7 @@
 import bpy
 
 from ..nmf_addon.scene.match_solver import match_photo, match_solver
+from .polls import reporting
 
 
 class NMF_OT_match_solver(bpy.types.Operator):
@@ -17,17 +18,13 @@ class NMF_OT_match_solver(bpy.types.Operator):
         min=1,
     )  # fmt: skip
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    @reporting(RuntimeError)
+    def execute(self, context: bpy.types.Context) -> set[str] | None:
         """Change the scene's settings."""
-        try:
-            left = match_solver(context.scene, self.bounces)
-        except RuntimeError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        left = match_solver(context.scene, self.bounces)
         match_photo(context.scene)
         if left:
             self.report({"WARNING"}, left)
-        return {"FINISHED"}
 
 
 classes = (NMF_OT_match_solver,)

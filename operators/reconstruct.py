@@ -1,20 +1,18 @@
 """Start, resume and cancel a reconstruction."""
 
-import bpy
+from bpy.types import Context, Operator
 
 from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import create_job, new_job_root
 from ..nmf_addon.jobs.model import model_of_folder
 from ..nmf_addon.jobs.monitor import WAITS, monitor
 from ..nmf_addon.properties import chosen_overrides
-from ..nmf_addon.runtime import RuntimeMissing
 from ..nmf_addon.scene.capture_collection import active_capture, remember_job, to_capture_space
 from ..nmf_addon.scene.images import stored_path
 from ..nmf_addon.scene.region import region_problem
-from ..nmf_addon.words import words_of
-from ..solver.capture.errors import CaptureError
 from ..solver.job.folder import JobFolder
 from ..solver.job.request import JobError
+from .polls import reporting
 
 
 def _busy() -> str:
@@ -24,7 +22,7 @@ def _busy() -> str:
     return f"Last job: {WAITS}" if monitor.waits_to_install else ""
 
 
-class NMF_OT_reconstruct(bpy.types.Operator):
+class NMF_OT_reconstruct(Operator):
     """Find mesh, materials and light from the photos; you can keep working meanwhile"""
 
     bl_idname = "nmf.reconstruct"
@@ -32,26 +30,23 @@ class NMF_OT_reconstruct(bpy.types.Operator):
     bl_options = {"UNDO"}  # else the next Undo forgets the job
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def poll(cls, context: Context) -> bool:
         """With a capture and no job running."""
         cls.poll_message_set(_busy() or "Import a capture first")
         return not _busy() and active_capture(context) is not None
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    @reporting()
+    def execute(self, context: Context) -> set[str] | None:
         """Write the job and start it."""
         settings, collection = context.scene.nmf, active_capture(context)
-        try:
-            python = preferences.solver_python()
-            job = create_job(
-                collection, new_job_root(collection.name), preset=settings.preset,
-                device=settings.device, seed=settings.seed,
-                time_limit=60 * settings.time_limit if settings.use_time_limit else None,
-                overrides=chosen_overrides(settings),
-            )  # fmt: skip
-            monitor.start(python, job)
-        except (CaptureError, JobError, RuntimeMissing, OSError) as error:
-            self.report({"ERROR"}, words_of(error))
-            return {"CANCELLED"}
+        python = preferences.solver_python()
+        job = create_job(
+            collection, new_job_root(collection.name), preset=settings.preset,
+            device=settings.device, seed=settings.seed,
+            time_limit=60 * settings.time_limit if settings.use_time_limit else None,
+            overrides=chosen_overrides(settings),
+        )  # fmt: skip
+        monitor.start(python, job)
         problem = region_problem(collection, to_capture_space(collection))
         if problem:
             self.report({"WARNING"}, problem)
@@ -59,10 +54,9 @@ class NMF_OT_reconstruct(bpy.types.Operator):
         if collection != context.scene.collection:
             settings.capture = collection
         remember_job(collection, job.root.name)
-        return {"FINISHED"}
 
 
-class NMF_OT_resume(bpy.types.Operator):
+class NMF_OT_resume(Operator):
     """Continue the last job from where it stopped"""
 
     bl_idname = "nmf.resume"
@@ -70,43 +64,36 @@ class NMF_OT_resume(bpy.types.Operator):
     bl_options = {"UNDO"}
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def poll(cls, context: Context) -> bool:
         """With a job that does not run."""
         cls.poll_message_set(_busy() or "There is no job to resume")
         return not _busy() and monitor.job is not None
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    @reporting()
+    def execute(self, context: Context) -> set[str] | None:
         """Start the job again."""
         job = monitor.job
         if model_of_folder(job).state == "elsewhere":  # begun since the panel has looked
             monitor.look_at(str(job.root))
-            self.report(
-                {"ERROR"}, f"{job.root}: another process is working on this job; cancel it first."
-            )
-            return {"CANCELLED"}
-        try:
-            python = preferences.solver_python()
-            monitor.start(python, JobFolder.open(job.root))
-        except (JobError, RuntimeMissing, OSError) as error:
-            self.report({"ERROR"}, words_of(error))
-            return {"CANCELLED"}
+            raise JobError(f"{job.root}: another process is working on this job; cancel it first.")
+        python = preferences.solver_python()
+        monitor.start(python, JobFolder.open(job.root))
         context.scene.nmf.job = stored_path(monitor.job.root)
-        return {"FINISHED"}
 
 
-class NMF_OT_cancel(bpy.types.Operator):
+class NMF_OT_cancel(Operator):
     """Stop the job; what is done so far is kept, and Resume continues from there"""
 
     bl_idname = "nmf.cancel"
     bl_label = "Cancel"
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def poll(cls, context: Context) -> bool:
         """With a job running."""
         cls.poll_message_set("No job is running")
         return monitor.running and not monitor.model.cancelling
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def execute(self, context: Context) -> set[str]:
         """Ask the job to stop."""
         monitor.cancel()
         return {"FINISHED"}

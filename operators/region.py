@@ -1,6 +1,7 @@
 """The region box: add one, select it, fit it to what masks show."""
 
 import bpy
+from bpy.types import Context, Operator
 
 from ..nmf_addon.scene.capture_collection import (
     active_capture,
@@ -10,30 +11,25 @@ from ..nmf_addon.scene.capture_collection import (
 )
 from ..nmf_addon.scene.region import region_box
 from ..nmf_addon.scene.selection import make_active
-from ..solver.capture.errors import CaptureError
-from .polls import WithCapture
+from .polls import WithCapture, reporting
 
 
-class NMF_OT_add_region_box(WithCapture, bpy.types.Operator):
+class NMF_OT_add_region_box(WithCapture, Operator):
     """Add a box to mark where the object is; move and scale it"""
 
     bl_idname = "nmf.add_region_box"
     bl_label = "Add Region Box"
     bl_options = {"REGISTER", "UNDO"}
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    @reporting()
+    def execute(self, context: Context) -> set[str] | None:
         """Add the box."""
-        try:
-            box = add_region_box(context, active_capture(context))
-        except CaptureError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        box = add_region_box(context, active_capture(context))
         if context.mode == "OBJECT":
             make_active(box, context.view_layer)
-        return {"FINISHED"}
 
 
-class NMF_OT_select_region_box(bpy.types.Operator):
+class NMF_OT_select_region_box(Operator):
     """Select the region box; move and scale it until it holds the object and little else"""
 
     bl_idname = "nmf.select_region_box"
@@ -41,14 +37,14 @@ class NMF_OT_select_region_box(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def poll(cls, context: Context) -> bool:
         """With a box, in Object Mode."""
         collection = active_capture(context)
         there = collection is not None and region_box(collection) is not None
         cls.poll_message_set("Switch to Object Mode first" if there else "Add a region box first")
         return there and context.mode == "OBJECT"
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def execute(self, context: Context) -> set[str]:
         """Select it, also where it is hidden."""
         box = region_box(active_capture(context))
         if box.name in context.view_layer.objects:
@@ -59,7 +55,7 @@ class NMF_OT_select_region_box(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class NMF_OT_fit_region_box(WithCapture, bpy.types.Operator):
+class NMF_OT_fit_region_box(WithCapture, Operator):
     """Fit the region box to the object, as the masks of all photos show it"""
 
     bl_idname = "nmf.fit_region_box"
@@ -70,18 +66,14 @@ class NMF_OT_fit_region_box(WithCapture, bpy.types.Operator):
         description="Its session_uid; 0 for the one in the tab", options={"HIDDEN", "SKIP_SAVE"}
     )
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    @reporting()
+    def execute(self, context: Context) -> set[str] | None:
         """Move the box."""
         collection = capture_of_number(self.collection) or active_capture(context)
-        try:
-            box = fit_region_box(collection)
-        except CaptureError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        box = fit_region_box(collection)
         if box is None:
             self.report({"ERROR"}, "Press Check Capture first, with photos that have masks.")
             return {"CANCELLED"}
-        return {"FINISHED"}
 
 
 classes = (NMF_OT_add_region_box, NMF_OT_select_region_box, NMF_OT_fit_region_box)

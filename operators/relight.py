@@ -6,6 +6,7 @@ import bpy
 from bpy_extras.io_utils import ImportHelper
 
 from ..nmf_addon.scene.world import relight
+from .polls import reporting
 
 
 class NMF_OT_relight_hdri(ImportHelper, bpy.types.Operator):
@@ -17,14 +18,10 @@ class NMF_OT_relight_hdri(ImportHelper, bpy.types.Operator):
 
     filter_glob: bpy.props.StringProperty(default="*.exr;*.hdr", options={"HIDDEN"})
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    @reporting(RuntimeError)
+    def execute(self, context: bpy.types.Context) -> set[str] | None:
         """Relight."""
-        try:
-            relight(context.scene, Path(bpy.path.abspath(self.filepath)))
-        except RuntimeError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+        relight(context.scene, Path(bpy.path.abspath(self.filepath)))
 
 
 classes = (NMF_OT_relight_hdri,)

@@ -3,7 +3,7 @@
 import bpy
 
 from ..nmf_addon.scene.measure import LEAST, MeasureError, picked_capture, picked_points, scale_to
-from .polls import WithCapture
+from .polls import WithCapture, reporting
 
 
 class NMF_OT_set_scale(WithCapture, bpy.types.Operator):
@@ -28,19 +28,15 @@ class NMF_OT_set_scale(WithCapture, bpy.types.Operator):
         self.distance = (first - second).length
         return context.window_manager.invoke_props_dialog(self)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    @reporting()
+    def execute(self, context: bpy.types.Context) -> set[str] | None:
         """Scale the capture."""
         collection = picked_capture(context)
-        try:
-            factor = scale_to(collection, picked_points(context), self.distance)
-        except MeasureError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        factor = scale_to(collection, picked_points(context), self.distance)
         if context.mode == "EDIT_MESH":
             # Undo steps of Edit Mode know the mesh alone.
             bpy.ops.object.mode_set(mode="OBJECT")
         self.report({"INFO"}, f"{collection.name} was scaled by {factor:.4g}")
-        return {"FINISHED"}
 
 
 classes = (NMF_OT_set_scale,)

@@ -7,13 +7,10 @@ import bpy
 
 from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import create_job
-from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
-from ..nmf_addon.runtime import RuntimeMissing
+from ..nmf_addon.jobs.side_task import SideTask, side_task
 from ..nmf_addon.scene.capture_collection import active_capture, capture_of_number
 from ..nmf_addon.scene.hidden_photos import hidden_cameras, show_pictures
-from ..nmf_addon.words import words_of
-from ..solver.capture.errors import CaptureError
-from ..solver.job.request import JobError
+from .polls import reporting
 
 
 class NMF_OT_show_photos(bpy.types.Operator):
@@ -36,7 +33,8 @@ class NMF_OT_show_photos(bpy.types.Operator):
         collection = active_capture(context)
         return collection is not None and bool(hidden_cameras(collection))
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    @reporting()
+    def execute(self, context: bpy.types.Context) -> set[str] | None:
         """Let the solver make the copies."""
         collection = active_capture(context)
         folder = Path(tempfile.mkdtemp(prefix="nmf-pictures-", dir=bpy.app.tempdir))
@@ -53,15 +51,10 @@ class NMF_OT_show_photos(bpy.types.Operator):
             )
             bpy.ops.ed.undo_push(message=NMF_OT_show_photos.bl_label)
 
-        try:
-            python = preferences.solver_python()
-            job = create_job(collection, folder / "job")
-            words = ["pictures", str(job.root), "--out", str(folder / "pictures"), "--events"]
-            side_task.start(self.bl_label, python, words, folder, done)
-        except (CaptureError, JobError, TaskError, RuntimeMissing, OSError) as error:
-            self.report({"ERROR"}, words_of(error))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+        python = preferences.solver_python()
+        job = create_job(collection, folder / "job")
+        words = ["pictures", str(job.root), "--out", str(folder / "pictures"), "--events"]
+        side_task.start(self.bl_label, python, words, folder, done)
 
 
 classes = (NMF_OT_show_photos,)

@@ -5,13 +5,12 @@ from contextlib import suppress
 from pathlib import Path
 
 import bpy
+from bpy.types import Context, Event, Operator
 
 from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import jobs_folder, new_job_root
-from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
-from ..nmf_addon.runtime import RuntimeMissing
+from ..nmf_addon.jobs.side_task import SideTask, side_task
 from ..nmf_addon.scene.archives import unpack_all
-from ..nmf_addon.words import words_of
 from ..solver.cameras.folder import (
     FEWEST_PHOTOS,
     MOST_VIDEO_PHOTOS,
@@ -25,6 +24,7 @@ from ..solver.capture.errors import CaptureError
 from ..solver.capture.ignored import check_ignored
 from ..solver.capture.image_header import EXTENSIONS
 from ..solver.capture.picture_names import VIDEOS
+from .polls import reporting
 
 LENSES = (
     ("OPENCV", "Standard", "Distortion that most lenses have"),
@@ -34,7 +34,7 @@ LENSES = (
 )
 
 
-class NMF_OT_solve_cameras(bpy.types.Operator):
+class NMF_OT_solve_cameras(Operator):
     """Find where photos were taken from, and import them with their cameras: pick their folder, an archive
     or a video. Takes minutes for a hundred photos"""
 
@@ -80,17 +80,17 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
     )
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def poll(cls, context: Context) -> bool:
         """While no other task runs."""
         cls.poll_message_set(f"{side_task.title} is running")
         return not side_task.running
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    def invoke(self, context: Context, event: Event) -> set[str]:
         """Ask for the folder or the video."""
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    def draw(self, context: bpy.types.Context) -> None:
+    def draw(self, context: Context) -> None:
         """The file browser's sidebar."""
         column = self.layout.column()
         column.use_property_split, column.use_property_decorate = True, False
@@ -100,7 +100,8 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
             column.prop(self, name)
         column.label(text="Pick the photos' folder, their archive or a video", icon="INFO")
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    @reporting()
+    def execute(self, context: Context) -> set[str] | None:
         """Start the solver."""
         picked = Path(bpy.path.abspath(self.filepath))
         of_video, of_archive = is_video(picked), is_archive(picked)
@@ -108,18 +109,11 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
         source = picked if of_video or of_archive else Path(bpy.path.abspath(self.directory))
         if not (of_video or of_archive) and not (self.directory and source.is_dir()):
             missing = source if self.directory else picked
-            self.report(
-                {"ERROR"}, f"{missing}: there is no such folder; choose the photos' folder."
-            )
-            return {"CANCELLED"}
-        try:
-            (source,) = unpack_all(context, [source])
-            stated = [_stated(source, text.strip()) for text in (self.masks, self.ignored)]
-            masks, ignored = unpack_all(context, stated)
-            _check_stated(source, masks, ignored)
-        except CaptureError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+            raise CaptureError(missing, "", "there is no such folder", "choose the photos' folder")
+        (source,) = unpack_all(context, [source])
+        stated = [_stated(source, text.strip()) for text in (self.masks, self.ignored)]
+        masks, ignored = unpack_all(context, stated)
+        _check_stated(source, masks, ignored)
         name = source.stem if of_video else source.name
         out = _unfinished(source) or new_job_root(f"{name} cameras", jobs_folder())
         words = ["solve", str(source), "--out", str(out), "--events"]
@@ -147,23 +141,18 @@ class NMF_OT_solve_cameras(bpy.types.Operator):
                     bpy.ops.nmf.show_photos(said=said)
                     task.model.warnings += warnings
 
-        try:
-            python = preferences.solver_python()
-            # The log lies beside the folder, which has to be new.
-            given = (("Photos", photos), ("Masks", masks), ("Ignore", ignored))
-            kept = ", ".join(
-                [f"Import Capture from {out}", *(f"{name}: {path}" for name, path in given if path)]
-            )
-            side_task.start("Solve Cameras", python, words, jobs_folder() / "logs", done, kept)
-        except (TaskError, RuntimeMissing, OSError) as error:
-            self.report({"ERROR"}, words_of(error))
-            return {"CANCELLED"}
+        python = preferences.solver_python()
+        # The log lies beside the folder, which has to be new.
+        given = (("Photos", photos), ("Masks", masks), ("Ignore", ignored))
+        kept = ", ".join(
+            [f"Import Capture from {out}", *(f"{name}: {path}" for name, path in given if path)]
+        )
+        side_task.start("Solve Cameras", python, words, jobs_folder() / "logs", done, kept)
         # The fields keep what was typed for the photos before.
         if masks:
             self.report({"INFO"}, f"Only what the masks in {masks} show is used")
         if ignored:
             self.report({"INFO"}, f"What is white in {ignored} is ignored in the photos")
-        return {"FINISHED"}
 
 
 def _stated(source: Path, text: str) -> Path | None:
@@ -200,18 +189,18 @@ def _unfinished(photos: Path) -> Path | None:
     )
 
 
-class NMF_OT_cancel_task(bpy.types.Operator):
+class NMF_OT_cancel_task(Operator):
     """Stop solving or checking"""
 
     bl_idname = "nmf.cancel_task"
     bl_label = "Cancel"
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def poll(cls, context: Context) -> bool:
         """While one runs."""
         return side_task.running and not side_task.model.cancelling
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def execute(self, context: Context) -> set[str]:
         """Ask it to stop."""
         side_task.cancel()
         return {"FINISHED"}

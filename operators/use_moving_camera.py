@@ -4,13 +4,12 @@ import bpy
 
 from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import jobs_folder, new_job_root
-from ..nmf_addon.jobs.side_task import SideTask, TaskError, side_task
-from ..nmf_addon.runtime import RuntimeMissing
+from ..nmf_addon.jobs.side_task import SideTask, side_task
 from ..nmf_addon.scene.shot import Shot, shot_camera, shot_of
 from ..nmf_addon.scene.shot_capture import capture_shot, photos_in, pictures_of
-from ..nmf_addon.words import words_of
 from ..solver.cameras.folder import FEWEST_PHOTOS, MOST_VIDEO_PHOTOS, VIDEO_PHOTOS
 from ..solver.capture.errors import CaptureError
+from .polls import reporting
 
 
 class NMF_OT_use_moving_camera(bpy.types.Operator):
@@ -57,7 +56,8 @@ class NMF_OT_use_moving_camera(bpy.types.Operator):
         for name in ("first", "last", "count"):
             column.prop(self, name)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    @reporting()
+    def execute(self, context: bpy.types.Context) -> set[str] | None:
         """Make the capture, or take photos from the video first."""
         item = shot_camera(context)
         shot, name, number = shot_of(item, context.scene), item.name, item.session_uid
@@ -86,27 +86,22 @@ class NMF_OT_use_moving_camera(bpy.types.Operator):
             task.model.text = f"{len(pictures)} photos extracted"
             bpy.ops.ed.undo_push(message=NMF_OT_use_moving_camera.bl_label)
 
-        try:
-            if len(frames) < FEWEST_PHOTOS:
-                raise CaptureError(
-                    shot.file, "frames", f"too few: {len(frames)} between the first and the last one",
-                    "choose others",
-                )  # fmt: skip
-            if not shot.is_video:
-                pictures = pictures_of(shot, frames, self.count)
-                context.scene.nmf.capture = capture_shot(context, item, shot, pictures, cameras)
-                return {"FINISHED"}
-            numbers = frames[0] + shot.offset, frames[-1] + shot.offset
-            words = ["frames", str(shot.file), "--out", str(photos), "--photos", str(self.count)]
-            words += ["--span", *map(str, numbers), "--events"]
-            side_task.start(
-                self.bl_label, preferences.solver_python(), words, jobs_folder() / "logs", done,
-                f"Its photos are in {photos}",
+        if len(frames) < FEWEST_PHOTOS:
+            raise CaptureError(
+                shot.file, "frames", f"too few: {len(frames)} between the first and the last one",
+                "choose others",
             )  # fmt: skip
-        except (CaptureError, TaskError, RuntimeMissing, OSError) as error:
-            self.report({"ERROR"}, words_of(error))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+        if not shot.is_video:
+            pictures = pictures_of(shot, frames, self.count)
+            context.scene.nmf.capture = capture_shot(context, item, shot, pictures, cameras)
+            return {"FINISHED"}
+        numbers = frames[0] + shot.offset, frames[-1] + shot.offset
+        words = ["frames", str(shot.file), "--out", str(photos), "--photos", str(self.count)]
+        words += ["--span", *map(str, numbers), "--events"]
+        side_task.start(
+            self.bl_label, preferences.solver_python(), words, jobs_folder() / "logs", done,
+            f"Its photos are in {photos}",
+        )  # fmt: skip
 
     def _frames(self, shot: Shot) -> list[int]:
         """What was asked for, as far as it is there; by default all."""

@@ -17,6 +17,8 @@ from .model import JobModel
 TERMINATE_AFTER, KILL_AFTER = 5.0, 10.0  # seconds after Cancel
 DRAIN_SECONDS = 2.0  # a grandchild may hold the pipe open after the solver's end
 LOG_LINES = 20
+MOST_AT_ONCE = 200
+POLL = 0.1  # seconds
 LOG_BYTES = 10 * 2**20  # an older log is set aside beyond this
 
 
@@ -57,10 +59,10 @@ class JobProcess:
             self.said_bye |= event.kind == "bye"
             self._events.put(event)
 
-    def messages(self, most: int = 200) -> list[Event]:
-        """Events that arrived since the last call, at most `most`."""
+    def messages(self) -> list[Event]:
+        """Events that arrived since the last call, not all if they are many."""
         events = []
-        while len(events) < most:
+        while len(events) < MOST_AT_ONCE:
             try:
                 events.append(self._events.get_nowait())
             except queue.Empty:
@@ -199,22 +201,22 @@ def take_in(process: JobProcess, model: JobModel) -> tuple[list[Event], bool, in
     return events, changed, code
 
 
-def run_blocking(process: JobProcess, on_event: Callable[[Event], None], poll: float = 0.1) -> int:
+def run_blocking(process: JobProcess, on_event: Callable[[Event], None]) -> int:
     """Hand every event of a process to `on_event` until it ends; returns its exit code."""
-    for event in job_messages(process, poll):
+    for event in job_messages(process):
         on_event(event)
     process.close()
     return int(process.popen.returncode)
 
 
-def job_messages(process: JobProcess, poll: float = 0.1) -> Iterator[Event]:
+def job_messages(process: JobProcess) -> Iterator[Event]:
     """All events of a process, in order, until it ends."""
     while process.exit_code is None:
         events = process.messages()
         yield from events
         if not events:
             process.escalate()
-            time.sleep(poll)
+            time.sleep(POLL)
 
 
 def _open_log(path: Path):

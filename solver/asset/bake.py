@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.ndimage
 
+from ..capture.told import filled
 from .settings import AssetSettings
 from .surface import SurfaceField
 
@@ -72,10 +72,7 @@ def fill_texture(size: int, row: np.ndarray, column: np.ndarray, values: np.ndar
     Without that dilation, filtering at chart borders would mix in whatever lies between charts.
     """
     texture = np.zeros((size, size, values.shape[1]), dtype=np.float32)
-    empty = np.ones((size, size), dtype=bool)
+    covered = np.zeros((size, size), dtype=bool)
     texture[row, column] = values
-    empty[row, column] = False
-    nearest = scipy.ndimage.distance_transform_edt(
-        empty, return_distances=False, return_indices=True
-    )
-    return texture[nearest[0], nearest[1]]
+    covered[row, column] = True
+    return filled(texture, covered)

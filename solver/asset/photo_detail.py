@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-import scipy.ndimage
+from scipy import ndimage
 
 from ..capture.camera import Camera
 from ..capture.capture import evenly_taken
@@ -235,14 +235,14 @@ class _Bins:
         """The least of values [K] in each place's bin and those around."""
         least = np.full(self.shape[0] * self.shape[1], np.inf)
         np.minimum.at(least, self.flat, values)
-        return scipy.ndimage.minimum_filter(least.reshape(self.shape), 3).ravel()[self.flat]
+        return ndimage.minimum_filter(least.reshape(self.shape), 3).ravel()[self.flat]
 
     def blurred(self, values: np.ndarray, sigma: float) -> np.ndarray:
         """Means of values [K, C] over a Gaussian of `sigma` pixels around each place."""
 
         def spread(weights):
             sums = np.bincount(self.flat, weights, self.shape[0] * self.shape[1])
-            return scipy.ndimage.gaussian_filter(sums.reshape(self.shape), sigma / self.edge)
+            return ndimage.gaussian_filter(sums.reshape(self.shape), sigma / self.edge)
 
         count = np.maximum(spread(None), 1e-6)
         at = self.at.T[::-1] - 0.5
@@ -255,11 +255,11 @@ def _sampled(view: View, places: np.ndarray, spacing: float) -> tuple[np.ndarray
     colours, alpha = view.pixels[..., :3], view.pixels[..., 3]
     if spacing > 1.5:
         sigma = 0.4 * spacing
-        cover = np.maximum(scipy.ndimage.gaussian_filter(alpha, sigma), 1e-6)
-        colours = scipy.ndimage.gaussian_filter(colours, (sigma, sigma, 0)) / cover[..., None]
-    bad = scipy.ndimage.minimum_filter(alpha, 5) < LEAST_ALPHA
+        cover = np.maximum(ndimage.gaussian_filter(alpha, sigma), 1e-6)
+        colours = ndimage.gaussian_filter(colours, (sigma, sigma, 0)) / cover[..., None]
+    bad = ndimage.minimum_filter(alpha, 5) < LEAST_ALPHA
     if not view.is_hdr:
-        bad |= scipy.ndimage.maximum_filter(view.pixels[..., :3].max(-1), 3) > SATURATED
+        bad |= ndimage.maximum_filter(view.pixels[..., :3].max(-1), 3) > SATURATED
     at = places.T[::-1] - 0.5
     values = np.stack([_looked_up(colours[..., c], at) for c in range(3)], axis=1) / view.gain
     row, column = (
@@ -270,7 +270,7 @@ def _sampled(view: View, places: np.ndarray, spacing: float) -> tuple[np.ndarray
 
 def _looked_up(picture: np.ndarray, at: np.ndarray) -> np.ndarray:
     """A picture [H, W] at rows and columns [2, K], bilinearly."""
-    return scipy.ndimage.map_coordinates(picture, at, order=1, mode="nearest")
+    return ndimage.map_coordinates(picture, at, order=1, mode="nearest")
 
 
 def _share_of_signal(surface: Surface, mean: np.ndarray, noise: np.ndarray) -> np.ndarray:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import scipy.ndimage
 from PIL import Image
+from scipy import ndimage
 
 from ..capture.camera import Camera
 from ..capture.image_header import image_orientation, image_size
@@ -124,7 +124,7 @@ def write_prepared(photo: Prepared, pictures: Path, masks: Path) -> None:
         shown = np.uint8(255) * told if shown is None else shown * told
     grey = _resized(np.asarray(Image.fromarray(np.ascontiguousarray(colour)).convert("L")), size)
     if shown is not None:
-        inside = scipy.ndimage.minimum_filter(shown > 127, 2 * _BORDER + 1)
+        inside = ndimage.minimum_filter(shown > 127, 2 * _BORDER + 1)
         _save(inside.astype(np.uint8) * 255, masks / f"{photo.file}.png")
     _save(grey, pictures / photo.file)
 

@@ -4,7 +4,7 @@ Only what is connected with the edge of a photo counts as backdrop: a highlight 
 """
 
 import numpy as np
-import scipy.ndimage
+from scipy import ndimage
 
 LEVELS = {"white": 1.0, "black": 0.0}
 """sRGB level of each backdrop"""
@@ -44,14 +44,14 @@ def backdrop_of(borders: list[np.ndarray]) -> str | None:
 def object_before(colour: np.ndarray, backdrop: str) -> np.ndarray:
     """[H, W] bool: where a photo, [H, W, 3] sRGB, shows something before a backdrop."""
     plain = _is_plain(colour, LEVELS[backdrop])
-    parts, _ = scipy.ndimage.label(plain)
+    parts, _ = ndimage.label(plain)
     edge = np.unique(border_of(parts[..., None]))
     return without_dust(~np.isin(parts, edge[edge > 0]))
 
 
 def without_dust(shown: np.ndarray) -> np.ndarray:
     """What is `shown` [H, W] but for its smallest parts."""
-    parts, count = scipy.ndimage.label(shown, np.ones((3, 3)))
+    parts, count = ndimage.label(shown, np.ones((3, 3)))
     if count > 1:
         sizes = np.bincount(parts.ravel())
         sizes[0] = 0
@@ -70,12 +70,12 @@ def coverage_before(
         colour: [H, W, 3] sRGB. shown: [H, W] bool, as `object_before` has it.
         behind: the backdrop's sRGB level, or its colours [H, W, 3].
     """
-    edge = shown & scipy.ndimage.binary_dilation(~shown, np.ones((3, 3)))
+    edge = shown & ndimage.binary_dilation(~shown, np.ones((3, 3)))
     inner = shown & ~edge
     coverage = shown.astype(np.float32)
     if not inner.any() or not edge.any():
         return coverage
-    at = scipy.ndimage.distance_transform_edt(~inner, return_distances=False, return_indices=True)
+    at = ndimage.distance_transform_edt(~inner, return_distances=False, return_indices=True)
     plain = np.broadcast_to(np.asarray(behind, dtype=colour.dtype), colour.shape)[edge]
     mixed = colour[edge] - plain
     whole = colour[at[0][edge], at[1][edge]] - plain

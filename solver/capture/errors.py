@@ -10,7 +10,7 @@ _NAMED = 6
 class CaptureError(ValueError):
     """Input that cannot be used. `str()` is one sentence with file, field and the way out."""
 
-    def __init__(self, file: Path | str, field: str, problem: str, remedy: str):
+    def __init__(self, file: Path | str, field: str, problem: str, remedy: str = "export it again"):
         self.file, self.field, self.problem, self.remedy = Path(file), field, problem, remedy
         where = f"{file}" + (f", {field}" if field else "")
         text = f"{where}: {problem}; {remedy}."

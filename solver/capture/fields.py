@@ -54,7 +54,7 @@ def numbers(path: Path, field: str, values: Any, count: int | None = None) -> np
         wanted = "numbers" if count is None else f"{count} numbers"
         words = isinstance(values, list) and all(isinstance(value, str) for value in values)
         text = shown(" ".join(values) if words else values)
-        raise CaptureError(path, field, f"'{text}' is not {wanted}", "export it again")
+        raise CaptureError(path, field, f"'{text}' is not {wanted}")
     return np.array([number(path, field, value) for value in values], dtype=np.float64)
 
 
@@ -65,7 +65,7 @@ def mapping(path: Path, field: str, value: Any) -> dict:
         CaptureError: anything else.
     """
     if not isinstance(value, dict):
-        raise CaptureError(path, field, f"'{shown(value)}' is not an object", "export it again")
+        raise CaptureError(path, field, f"'{shown(value)}' is not an object")
     return value
 
 
@@ -78,7 +78,7 @@ def entries(path: Path, field: str, value: Any) -> list:
     if value in (None, "", {}):
         return []
     if not isinstance(value, list):
-        raise CaptureError(path, field, f"'{shown(value)}' is not a list", "export it again")
+        raise CaptureError(path, field, f"'{shown(value)}' is not a list")
     return value
 
 

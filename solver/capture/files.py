@@ -190,7 +190,7 @@ def read_json(path: Path) -> Any:
         ) from error  # fmt: skip
     except (RecursionError, ValueError) as error:
         problem = "its JSON is nested too deeply or holds a number of absurd length"
-        raise CaptureError(path, "", problem, "export it again") from error
+        raise CaptureError(path, "", problem) from error
 
 
 def read_xml(path: Path) -> ElementTree.Element:
@@ -205,7 +205,7 @@ def read_xml(path: Path) -> ElementTree.Element:
         content = _ENCODING.sub(b"", content, count=1)
     plain = content.replace(b"\0", b"")  # also of UTF-16 without a mark
     if b"<!DOCTYPE" in plain or b"<!ENTITY" in plain:
-        raise CaptureError(path, "DOCTYPE", "no camera file has one", "export it again")
+        raise CaptureError(path, "DOCTYPE", "no camera file has one")
     _check_inside(path, plain.count(b"</") + plain.count(b"/>"), MOST_IN_XML, "elements")
     try:
         return ElementTree.fromstring(content)
@@ -216,7 +216,7 @@ def read_xml(path: Path) -> ElementTree.Element:
             "the file seems cut off or edited; export it again",
         ) from error  # fmt: skip
     except RecursionError as error:
-        raise CaptureError(path, "", "its XML is nested too deeply", "export it again") from error
+        raise CaptureError(path, "", "its XML is nested too deeply") from error
 
 
 def _check_inside(path: Path, count: int, most: int, what: str) -> None:

@@ -218,7 +218,7 @@ def _for_photo(source: Path, item: Found) -> tuple[Intrinsics, bool]:
         min(intrinsics.width, intrinsics.height) < 1
         or max(intrinsics.width, intrinsics.height) > 1e6
     ):
-        raise CaptureError(source, item.where, "the photo has no size", "export it again")
+        raise CaptureError(source, item.where, "the photo has no size")
     if item.photo is None:
         return intrinsics, False
     try:

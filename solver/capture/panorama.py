@@ -12,11 +12,12 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import scipy.ndimage
+from scipy import ndimage
 
 from .backdrop import border_of
 from .camera import Camera
 from .frames import equirect_from_direction, texel_directions
+from .told import filled
 
 SAME = 8 / 255
 """levels, sRGB, by which two photos of one thing differ: traces of JPEG"""
@@ -73,10 +74,7 @@ class Panorama:
         inside = wanted(_texels(self.height)).reshape(self.known.shape)
         if not (self.known & inside).any():
             return Panorama(np.zeros_like(self.colour), np.zeros_like(self.known))
-        nearest = scipy.ndimage.distance_transform_edt(
-            ~(self.known & inside), return_distances=False, return_indices=True
-        )
-        return Panorama(self.colour[tuple(nearest)] * inside[..., None], inside)
+        return Panorama(filled(self.colour, self.known & inside) * inside[..., None], inside)
 
     def behind(self, camera: Camera, shape: tuple[int, int]) -> Behind:
         """What is behind the pixels of a camera's photo of `shape` rows and columns."""
@@ -96,8 +94,8 @@ class Panorama:
         high = np.where(known, self.colour, np.float32(-np.inf))
         modes = ["nearest", "wrap", "nearest"]
         return (
-            scipy.ndimage.minimum_filter(low, (3, 3, 1), mode=modes),
-            scipy.ndimage.maximum_filter(high, (3, 3, 1), mode=modes),
+            ndimage.minimum_filter(low, (3, 3, 1), mode=modes),
+            ndimage.maximum_filter(high, (3, 3, 1), mode=modes),
         )
 
 
@@ -178,8 +176,8 @@ class Comparison:
         # What lies between two pixels counts as well, also between a panorama's last and its first column.
         modes = [["reflect", "wrap" if c.is_panoramic else "reflect", "reflect"] for c in cameras]
         around = list(zip(colours, modes, strict=True))
-        self._low = [scipy.ndimage.minimum_filter(c, (3, 3, 1), mode=m) - SAME for c, m in around]
-        self._high = [scipy.ndimage.maximum_filter(c, (3, 3, 1), mode=m) + SAME for c, m in around]
+        self._low = [ndimage.minimum_filter(c, (3, 3, 1), mode=m) - SAME for c, m in around]
+        self._high = [ndimage.maximum_filter(c, (3, 3, 1), mode=m) + SAME for c, m in around]
         self._axes = np.stack([camera.view_direction for camera in cameras])
         self._cones = np.arccos([_cosine_of_cone(camera) for camera in cameras])
 
@@ -223,7 +221,7 @@ def _rim_of(values: np.ndarray, told: np.ndarray | None) -> np.ndarray:
     there = border_of(told[..., None])[:, 0]
     if there.mean() >= HALF:
         return border[there]
-    return values[told & ~scipy.ndimage.binary_erosion(told)]
+    return values[told & ~ndimage.binary_erosion(told)]
 
 
 def _texels(height: int) -> np.ndarray:

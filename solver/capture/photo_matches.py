@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.ndimage
 from PIL import Image
+from scipy import ndimage
 
 from ..threads import usable_cores
 from .camera import Camera, positions_of
@@ -103,7 +103,7 @@ def picture_of(photo: Photo) -> Picture:
 
 def hidden_around(hidden: np.ndarray) -> np.ndarray:
     """What is hidden [H, W] bool of a picture, and what is so close to it that its edge shows there."""
-    return scipy.ndimage.maximum_filter(hidden, 2 * round(BORDER * max(hidden.shape)) + 1)
+    return ndimage.maximum_filter(hidden, 2 * round(BORDER * max(hidden.shape)) + 1)
 
 
 def picture_from(colour: np.ndarray, hidden: np.ndarray | None = None) -> Picture:

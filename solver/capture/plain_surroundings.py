@@ -7,9 +7,10 @@ with the photo's edge by what is even, is backdrop, whatever its colour and howe
 from typing import NamedTuple
 
 import numpy as np
-import scipy.ndimage
+from scipy import ndimage
 
 from .backdrop import border_of, without_dust
+from .told import filled
 
 SLOPE = 3 / 255
 """change of colour from pixel to pixel, sRGB, up to which a picture is even"""
@@ -49,26 +50,23 @@ def surroundings_of(colour: np.ndarray) -> Surroundings | None:
     even = _slope(colour) <= SLOPE
     if border_of(even[..., None]).mean() < LEAST_AROUND:
         return None
-    even = scipy.ndimage.binary_erosion(even, iterations=NARROW, border_value=1)
-    parts, _ = scipy.ndimage.label(even)
+    even = ndimage.binary_erosion(even, iterations=NARROW, border_value=1)
+    parts, _ = ndimage.label(even)
     border = border_of(parts[..., None])[:, 0]
     along = np.bincount(border, minlength=parts.max() + 1)
     plain = (along >= LEAST_BORDER * len(border))[parts] & even
     if not plain.any():
         return None
-    nearest = scipy.ndimage.distance_transform_edt(
-        ~plain, return_distances=False, return_indices=True
-    )
-    behind = colour[tuple(nearest)]
+    behind = filled(colour, plain)
     alike = (np.abs(colour - behind) <= SAME).all(-1)
-    plain = scipy.ndimage.binary_dilation(plain, iterations=WIDENED, mask=plain | alike)
+    plain = ndimage.binary_dilation(plain, iterations=WIDENED, mask=plain | alike)
     return Surroundings(without_dust(~plain), behind)
 
 
 def _slope(colour: np.ndarray) -> np.ndarray:
     """[H, W] the steepest channel's change per pixel."""
     slopes = [
-        scipy.ndimage.gaussian_gradient_magnitude(channel, SOFTENED, mode="nearest")
+        ndimage.gaussian_gradient_magnitude(channel, SOFTENED, mode="nearest")
         for channel in np.moveaxis(colour, -1, 0)
     ]
     return np.max(slopes, axis=0)

@@ -2,6 +2,7 @@
 
 import re
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
@@ -9,50 +10,19 @@ from .archives import check_unpacked
 from .capture import Capture
 from .errors import CaptureError, shown
 from .files import check_readable
-from .formats import (
-    blocks_exchange,
-    bundler,
-    colmap,
-    dtu,
-    gaussians,
-    kapture,
-    llff,
-    meshroom,
-    metashape,
-    middlebury,
-    mvsnet,
-    neilf,
-    nerfactor,
-    nerfies,
-    nero,
-    neus,
-    opendronemap,
-    openmvg,
-    opensfm,
-    opf,
-    pix4d,
-    polycam,
-    pose_folder,
-    realitycapture,
-    record3d,
-    scanner_app,
-    sdfstudio,
-    stray_scanner,
-    transforms,
-    visualsfm,
-)
+from .formats import colmap, meshroom, nerfactor
 from .ignored import check_ignored
 from .image_header import EXTENSIONS as PICTURES
 from .no_capture import PROJECTS, no_camera_file, nothing_in, several_in
 from .photo_finder import MIN_PHOTOS, MODEL_FOLDERS, PhotoFinder, capture_folder, folder_with_photos
 from .picture_names import JOBS_FOLDER, pictures_below
 
-FORMATS: tuple[ModuleType, ...] = (
-    transforms, colmap, metashape, realitycapture, meshroom, openmvg, opensfm, opendronemap,
-    blocks_exchange, opf, pix4d, polycam, record3d, scanner_app, stray_scanner, bundler, visualsfm,
-    neus, sdfstudio, neilf, gaussians, llff, mvsnet, dtu, middlebury, pose_folder, nerfies, nero, nerfactor,
-    kapture,
-)  # fmt: skip
+_NAMES = (
+    "transforms colmap metashape realitycapture meshroom openmvg opensfm opendronemap blocks_exchange "
+    "opf pix4d polycam record3d scanner_app stray_scanner bundler visualsfm neus sdfstudio neilf "
+    "gaussians llff mvsnet dtu middlebury pose_folder nerfies nero nerfactor kapture"
+)
+FORMATS = tuple(import_module(f"{__package__}.formats.{name}") for name in _NAMES.split())
 """readers, the likeliest first"""
 CAMERA_FILES = tuple(sorted({e for reader in FORMATS for e in reader.EXTENSIONS} | set(PROJECTS)))
 """extensions of camera files, for file dialogs and drops; and of projects, to tell what to export"""
@@ -200,8 +170,7 @@ def _read(reader: ModuleType, file: Path, finder: PhotoFinder) -> Capture:
         # A reader must foresee what a file can hold; where one does not, nobody sees a traceback.
         why = shown(str(error)) or type(error).__name__  # a MemoryError says nothing
         raise CaptureError(
-            file, "", f"it cannot be read as {reader.NAME} ({why})", "export it again",
-        ) from error  # fmt: skip
+            file, "", f"it cannot be read as {reader.NAME} ({why})") from error  # fmt: skip
 
 
 def reader_of(file: Path) -> ModuleType | None:

@@ -1,7 +1,7 @@
 """How sharp a photo is, as a number that photos of one object can be compared by."""
 
 import numpy as np
-import scipy.ndimage
+from scipy import ndimage
 
 FEWEST_PIXELS = 200
 """from which something can be said"""
@@ -28,14 +28,14 @@ def sharpness_of(grey: np.ndarray, inside: np.ndarray | None = None) -> float:
 
 
 def _sharpness_along(grey: np.ndarray, inside: np.ndarray, axis: int) -> float:
-    soft = scipy.ndimage.gaussian_filter1d(grey, 1.0, axis=axis)
+    soft = ndimage.gaussian_filter1d(grey, 1.0, axis=axis)
     # Second differences: the finest that pixels hold, and the first that goes with any blur.
-    fine = scipy.ndimage.convolve1d(grey, [-0.25, 0.5, -0.25], axis=axis) ** 2
-    middle = (soft - scipy.ndimage.gaussian_filter1d(soft, 3.0, axis=axis)) ** 2
+    fine = ndimage.convolve1d(grey, [-0.25, 0.5, -0.25], axis=axis) ** 2
+    middle = (soft - ndimage.gaussian_filter1d(soft, 3.0, axis=axis)) ** 2
     # Both over a neighbourhood: the steepest place of an edge is not where its detail is.
-    near = scipy.ndimage.uniform_filter(middle, 7)[inside]
+    near = ndimage.uniform_filter(middle, 7)[inside]
     strong = near >= np.percentile(near, 95)
-    around = scipy.ndimage.uniform_filter(fine, 7)[inside]
+    around = ndimage.uniform_filter(fine, 7)[inside]
     if near[strong].mean() < 1.0:
         return float("nan")
     # What is there in the flattest parts as well is noise.

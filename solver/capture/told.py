@@ -9,8 +9,8 @@ which a photo says where the object is not.
 from functools import lru_cache
 
 import numpy as np
-import scipy.ndimage
 from PIL import Image
+from scipy import ndimage
 
 from .camera import Camera
 from .errors import CaptureError
@@ -90,7 +90,7 @@ def filled(colour: np.ndarray, known: np.ndarray | None) -> np.ndarray:
     """Colours [H, W, C], those of the nearest pixel where they are not `known` [H, W]; None: all are."""
     if known is None or known.all() or not known.any():
         return colour
-    at = scipy.ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    at = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
     return np.where(known[..., None], colour, colour[tuple(at)])
 
 
@@ -126,6 +126,6 @@ def _reached(key: tuple) -> np.ndarray | None:
         told[start : start + _ROWS] = camera.lens_reaches(across.ravel(), down.ravel()).reshape(
             down.shape
         )
-    told = scipy.ndimage.binary_erosion(told, np.ones((3, 3)), border_value=1)
+    told = ndimage.binary_erosion(told, np.ones((3, 3)), border_value=1)
     told.flags.writeable = False
     return told

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import scipy.ndimage
+from scipy import ndimage
 
 from ..capture.backdrop import border_of, border_share, without_dust
 from ..capture.camera import Camera
@@ -83,9 +83,7 @@ def cut_out_before_far(
     if near is None:
         return None
     maybe = [
-        at_size(
-            scipy.ndimage.binary_dilation(mask & around, np.ones((3, 3))), photo.pixels.shape[:2]
-        )
+        at_size(ndimage.binary_dilation(mask & around, np.ones((3, 3))), photo.pixels.shape[:2])
         for mask, around, photo in zip(maybe, near, photos, strict=True)
     ]
     panorama = panorama_of(cameras, map(levels_of, photos), maybe)
@@ -107,7 +105,7 @@ def before_panorama(
         behind = _behind(camera, photo, panorama)
         plain.append(_or_untold(behind.is_seen_in(levels_of(photo)), photo.told))
         known.append(behind.known if photo.told is None else behind.known & photo.told)
-    shown = [~scipy.ndimage.binary_opening(mask, np.ones((2, 2))) for mask in plain]
+    shown = [~ndimage.binary_opening(mask, np.ones((2, 2))) for mask in plain]
     # What no other photo shows is told by where the object is.
     near = silhouettes(cameras, shown, region, FINE_CELLS, FEWER)
     if near is None:
@@ -134,7 +132,7 @@ def before_panorama(
 def _stray(sure: list[np.ndarray], near: list[np.ndarray]) -> float:
     """How much stands out for `sure` [H, W] where the object is not `near`, as a share of the object."""
     stray = sum(
-        int(scipy.ndimage.binary_opening(mask & ~around, np.ones((3, 3))).sum())
+        int(ndimage.binary_opening(mask & ~around, np.ones((3, 3))).sum())
         for mask, around in zip(sure, near, strict=True)
     )
     return stray / max(sum(int(mask.sum()) for mask in near), 1)
@@ -153,7 +151,7 @@ def few_before_panorama(
     for camera, photo in zip(cameras, photos, strict=True):
         behind = _behind(camera, photo, panorama)
         shown = without_dust(behind.known & ~behind.is_seen_in(levels_of(photo)))
-        shown = scipy.ndimage.binary_fill_holes(shown)
+        shown = ndimage.binary_fill_holes(shown)
         cut.append(_before(photo, shown, behind))
     return cut
 
@@ -165,7 +163,7 @@ def _behind(camera: Camera, photo: Photo, panorama: Panorama) -> Behind:
 def _before(photo: Photo, shown: np.ndarray, behind: Behind) -> Photo:
     """A photo of which the object is what is `shown` [H, W], before what is far behind it."""
     colour = filled(behind.colour, behind.known)
-    depth = scipy.ndimage.distance_transform_edt(shown)
+    depth = ndimage.distance_transform_edt(shown)
     unsure = shown & ~behind.known & (depth <= UNSURE * min(shown.shape))
     return replace(
         with_alpha(photo, shown, colour), behind=colour.astype(np.float16), unsure=unsure
@@ -179,8 +177,8 @@ def _or_untold(mask: np.ndarray, told: np.ndarray | None) -> np.ndarray:
 
 def _from_the_edge(plain: np.ndarray, least: int = 3) -> np.ndarray:
     """What of a mask [H, W] is connected with the photo's edge, and everywhere as many pixels wide."""
-    wide = scipy.ndimage.binary_opening(plain, np.ones((least, least)))
-    parts, _ = scipy.ndimage.label(wide)
+    wide = ndimage.binary_opening(plain, np.ones((least, least)))
+    parts, _ = ndimage.label(wide)
     edge = np.unique(border_of(parts[..., None]))
     return np.isin(parts, edge[edge > 0])
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.ndimage
+from scipy import ndimage
 
 BINS = 24
 """per axis of CIE Lab"""
@@ -28,7 +28,7 @@ class ColourCounts:
         counts = np.zeros(BINS**3)
         for pixels in photos:
             counts += np.bincount(_bins(pixels), minlength=len(counts))
-        counts = scipy.ndimage.gaussian_filter(counts.reshape((BINS,) * 3), BLUR) + 1e-3
+        counts = ndimage.gaussian_filter(counts.reshape((BINS,) * 3), BLUR) + 1e-3
         return cls(counts / counts.sum())
 
     def likelihood(self, pixels: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import scipy.ndimage
+from scipy import ndimage
 
 from ..capture.camera import Camera
 from .seen_space import cell_centres
@@ -41,15 +41,15 @@ def mended(
     if common is None:
         return None
     # A cell further in, so that outlines stay as each photo has them.
-    inner = common._replace(kept=scipy.ndimage.binary_erosion(common.kept))
+    inner = common._replace(kept=ndimage.binary_erosion(common.kept))
     found = []
     for camera, mask in zip(cameras, masks, strict=True):
         whole, shared = (
-            scipy.ndimage.grey_closing(*_centres(camera, cells.points, cells.edge, mask.shape))
+            ndimage.grey_closing(*_centres(camera, cells.points, cells.edge, mask.shape))
             for cells in (inner, common)
         )
         whole |= mask
-        parts, _ = scipy.ndimage.label(whole, np.ones((3, 3)))
+        parts, _ = ndimage.label(whole, np.ones((3, 3)))
         found.append(np.isin(parts, np.setdiff1d(parts[shared], 0)))
     return found
 
@@ -70,7 +70,7 @@ def silhouettes(
     if common is None:
         return None
     return [
-        scipy.ndimage.maximum_filter(*_centres(camera, common.points, common.edge, mask.shape))
+        ndimage.maximum_filter(*_centres(camera, common.points, common.edge, mask.shape))
         for camera, mask in zip(cameras, masks, strict=True)
     ]
 
@@ -127,7 +127,7 @@ def missing(cameras: Sequence[Camera], masks: Sequence[np.ndarray], region: np.n
         centres, width = _centres(camera, cells, edge, mask.shape)
         if not centres.any():
             return 1.0
-        covered = scipy.ndimage.maximum_filter(centres, width)
+        covered = ndimage.maximum_filter(centres, width)
         told = camera.told_at(mask.shape)
         mask = mask if told is None else mask & told
         lost += int((mask & ~covered).sum())

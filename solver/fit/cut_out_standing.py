@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import scipy.ndimage
+from scipy import ndimage
 from skimage.color import rgb2lab
 
 from ..capture.camera import Camera
@@ -98,7 +98,7 @@ def floor_below(standing: Standing) -> Floor:
 
 def before_support(photo: Photo, outline: Outline) -> Photo:
     """A photo with alpha; what is behind the object's outline is as what is beside it."""
-    beside = ~scipy.ndimage.binary_dilation(outline.shown, np.ones((3, 3)), MIXED)
+    beside = ~ndimage.binary_dilation(outline.shown, np.ones((3, 3)), MIXED)
     colour = filled(srgb_of(photo), beside)
     return replace(
         with_alpha(photo, outline.shown, colour), behind=colour.astype(np.float16),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy.ndimage
+from scipy import ndimage
 
 from ..capture.camera import Camera
 from .support import Support
@@ -191,9 +191,9 @@ class GroundColours:
         # Twice, since only without the object does the first guess say what is sheen.
         like = known & (np.linalg.norm(difference, axis=-1) < 2 * UNLIKE * least)
         for _ in range(2):
-            share = scipy.ndimage.gaussian_filter(like.astype(np.float32), width) + 1e-3
+            share = ndimage.gaussian_filter(like.astype(np.float32), width) + 1e-3
             sheen = np.stack([
-                scipy.ndimage.gaussian_filter(difference[..., c] * like, width) / share
+                ndimage.gaussian_filter(difference[..., c] * like, width) / share
                 for c in range(3)
             ], -1)  # fmt: skip
             found = np.linalg.norm(difference - sheen, axis=-1) / least
@@ -222,4 +222,4 @@ def _most_alike(found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _closed(cells: np.ndarray, by: int) -> np.ndarray:
     """Cells [K, K] bool, and gaps between them up to twice `by` wide."""
-    return scipy.ndimage.binary_closing(np.pad(cells, by), np.ones((3, 3)), by)[by:-by, by:-by]
+    return ndimage.binary_closing(np.pad(cells, by), np.ones((3, 3)), by)[by:-by, by:-by]

@@ -1,7 +1,7 @@
 """Cells of a visual hull that silhouettes hold in place; along those of lids on hollows they only pass."""
 
 import numpy as np
-import scipy.ndimage
+from scipy import ndimage
 
 from ..capture.camera import Camera
 from ..capture.photos import Photo
@@ -26,7 +26,7 @@ def held_by_silhouettes(
         # What the frame, or what a photo says nothing of, cuts off has no silhouette there.
         if photo.told is not None:
             mask = mask | ~photo.told
-        inner = scipy.ndimage.binary_erosion(mask, border_value=1)
+        inner = ndimage.binary_erosion(mask, border_value=1)
         edge_of_it = mask & ~inner
         row, column = np.nonzero(edge_of_it if photo.told is None else edge_of_it & photo.told)
         distance = np.linalg.norm(camera.position - centre)
@@ -41,5 +41,5 @@ def held_by_silhouettes(
         short = inside.sum(1) * edge / 2 <= TOUCHING * edge * cells
         votes[np.unique(flat[short][inside[short]])] += 1
     # Rays of neighbouring pixels are further apart than cells where those are small.
-    votes = scipy.ndimage.maximum_filter(votes.reshape(hull.shape), 3)
+    votes = ndimage.maximum_filter(votes.reshape(hull.shape), 3)
     return (votes >= max(2, HELD_BY * len(cameras))) & hull

@@ -13,8 +13,8 @@ import warnings
 from typing import NamedTuple
 
 import numpy as np
-import scipy.ndimage
 import skimage.measure
+from scipy import ndimage
 
 from ..capture.camera import Camera
 from ..capture.photos import Photo, linear_to_srgb
@@ -145,7 +145,7 @@ class Carving:
         self.depths.append(np.where(outside, np.inf, depth).astype(np.float32))
         self.pixels.append(place)
         # A pixel or two within the outline, where a hull of cells covers all.
-        self.masks.append(scipy.ndimage.binary_erosion(shown, iterations=2))
+        self.masks.append(ndimage.binary_erosion(shown, iterations=2))
 
     def look_at(self, kept: np.ndarray) -> _Surface:
         """What photos say of the surface of the cells `kept` [K, K, K]."""
@@ -169,7 +169,7 @@ class Carving:
         return np.any([np.zeros_like(cells), *self._parts(cells)], axis=0)
 
     def _parts(self, cells: np.ndarray) -> list[np.ndarray]:
-        labels, count = scipy.ndimage.label(cells, WHOLE)
+        labels, count = ndimage.label(cells, WHOLE)
         parts = (labels == part for part in range(1, count + 1))
         return [part for part in parts if part.sum() >= SMALLEST * self.hull.sum()]
 
@@ -188,7 +188,7 @@ class Carving:
         seen, _ = self.seen_from(self.lids.cells)
         believed = np.zeros_like(self.hull)
         for cells in self._parts(self.hull & ~floors.kept):
-            bottom = bottoms[scipy.ndimage.binary_dilation(cells, WHOLE) & floors.kept]
+            bottom = bottoms[ndimage.binary_dilation(cells, WHOLE) & floors.kept]
             if _median(bottom) > better * _median(lids[cells]):
                 continue
             lid = self._among(cells, self.lids)
@@ -202,11 +202,11 @@ class Carving:
         Carving stops at the first floor that photos agree about well enough, and about one of one colour
         they do at many depths. So it goes on, layer by layer, to where they agree best, or nearly.
         """
-        wall = scipy.ndimage.binary_dilation(self.held)
+        wall = ndimage.binary_dilation(self.held)
         surface, floors = self.look_at(kept), []
         while surface.opened <= OPENED:
-            carved = scipy.ndimage.binary_dilation(self.hull & ~surface.kept, WHOLE)
-            bare = scipy.ndimage.binary_dilation(carved, WHOLE) & ~self.held
+            carved = ndimage.binary_dilation(self.hull & ~surface.kept, WHOLE)
+            bare = ndimage.binary_dilation(carved, WHOLE) & ~self.held
             seen = ~np.isnan(surface.spread)
             floor = seen & self._among(bare, surface)
             if not floor.any():
@@ -250,7 +250,7 @@ class Carving:
             place, depth = self.pixels[i][cells], self.depths[i][cells]
             nearest = np.full(mask.size, np.inf, dtype=np.float32)
             np.minimum.at(nearest, place, depth)
-            nearest = scipy.ndimage.minimum_filter(nearest.reshape(mask.shape), 3)
+            nearest = ndimage.minimum_filter(nearest.reshape(mask.shape), 3)
             opened += np.isinf(nearest[mask]).sum()
             shown += mask.sum()
             seen[i] = np.isfinite(depth) & (depth <= nearest.ravel()[place] + 1.5 * self.edge)
@@ -289,7 +289,7 @@ def _median(values: np.ndarray) -> float:
 
 def _surface(cells: np.ndarray) -> np.ndarray:
     """Those of the cells [K, K, K] that have a neighbour which is none of them."""
-    return cells & ~scipy.ndimage.binary_erosion(cells)
+    return cells & ~ndimage.binary_erosion(cells)
 
 
 def _coarser(cells: np.ndarray, finer: int) -> np.ndarray:

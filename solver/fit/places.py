@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import scipy.ndimage
+from scipy import ndimage
 
 from ..capture.camera import Camera
 
@@ -55,7 +55,7 @@ class PlacesIn:
         blocks = np.full(self._blocks[0] * self._blocks[1], beside, np.float32)
         np.maximum.at(blocks, self._block, values[self.inside].astype(np.float32))
         pixels = blocks.reshape(self._blocks).repeat(self.size, 0).repeat(self.size, 1)
-        smooth = scipy.ndimage.gaussian_filter(pixels, self.size / 2)
+        smooth = ndimage.gaussian_filter(pixels, self.size / 2)
         return smooth[: self._shape[0], : self._shape[1]]
 
     def covered(self, share: float = 0.5, chosen: np.ndarray | None = None) -> np.ndarray:

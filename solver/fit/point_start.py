@@ -5,8 +5,8 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-import scipy.ndimage
 import torch
+from scipy import ndimage
 
 from ..apart import ApartError
 from ..capture.capture import Capture
@@ -113,4 +113,4 @@ def density_near(points: torch.Tensor, size: int) -> torch.Tensor:
     grid[tuple(node.T.numpy())] = 1.0
     # A point by itself is to reach 1, and many beside each other no more.
     alone = (2 * np.pi * REACH**2) ** 1.5
-    return torch.from_numpy(np.minimum(alone * scipy.ndimage.gaussian_filter(grid, REACH), 1.0))
+    return torch.from_numpy(np.minimum(alone * ndimage.gaussian_filter(grid, REACH), 1.0))

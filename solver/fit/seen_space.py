@@ -17,15 +17,9 @@ def cell_centres(region: np.ndarray, cells: int) -> np.ndarray:
     return np.stack(np.meshgrid(*ticks.T, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def seen_cells(
-    cameras: list[Camera], region: np.ndarray, cells: int, share: float = SHARE
-) -> np.ndarray:
-    """Boolean grid [K, K, K] of cell centres of `region` [2, 3] that can be told from photos.
-
-    Args:
-        share: of the cameras, at least three, that must have the cell in their frame.
-    """
-    nearest, fewest = nearest_distance(cameras, region.mean(0)), max(FEWEST, share * len(cameras))
+def seen_cells(cameras: list[Camera], region: np.ndarray, cells: int) -> np.ndarray:
+    """Boolean grid [K, K, K] of cell centres of `region` [2, 3] that can be told from photos."""
+    nearest, fewest = nearest_distance(cameras, region.mean(0)), max(FEWEST, SHARE * len(cameras))
     seen = seen_points(cameras, cell_centres(region, cells), nearest, fewest)
     return seen.reshape(cells, cells, cells)
 
@@ -38,11 +32,11 @@ def looked_at_most(cameras: list[Camera], region: np.ndarray, cells: int) -> np.
     return (most & _clear_of(cameras, points, nearest)).reshape(cells, cells, cells)
 
 
-def nearest_distance(cameras: list[Camera], centre: np.ndarray, share: float = 0.15) -> float:
+def nearest_distance(cameras: list[Camera], centre: np.ndarray) -> float:
     """Distance from a camera within which nothing is, world units: a share of the median distance
     from `centre` [3]. What hangs before a lens explains any photo."""
     positions = positions_of(cameras)
-    return float(share * np.median(np.linalg.norm(positions - centre, axis=1)))
+    return float(0.15 * np.median(np.linalg.norm(positions - centre, axis=1)))
 
 
 def seen_points(

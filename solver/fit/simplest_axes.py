@@ -16,8 +16,8 @@ from contextlib import closing
 from threading import Event
 
 import numpy as np
-import scipy.ndimage
 import scipy.optimize
+from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from ..threads import mapped_ahead, usable_cores
@@ -145,7 +145,7 @@ class _Shape:
         """Logarithm of the share of the shape's energy that `RANK` components miss, in the mean of the
         three axes [3, 3] that lines may lie along."""
         at = (self._nodes @ axes + self._middle).T
-        distance = scipy.ndimage.map_coordinates(
+        distance = ndimage.map_coordinates(
             self._distance, at, order=1, mode="nearest", output=np.float32
         )
         ramp = RAMP + np.clip(-distance / self._spacing, -RAMP, RAMP)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import scipy.ndimage
+from scipy import ndimage
 
 from ..capture.camera import Camera
 from .colour_counts import ColourCounts
@@ -114,8 +114,8 @@ class Standing:
         surface = PlacesIn(self.surface, picture.camera, picture.shape)
         others = surface.covered()
         edge = np.ones((3, 3)), surface.size
-        sure = scipy.ndimage.binary_erosion(others, *edge, border_value=1)
-        maybe = scipy.ndimage.binary_dilation(others, *edge) & ~sure
+        sure = ndimage.binary_erosion(others, *edge, border_value=1)
+        maybe = ndimage.binary_dilation(others, *edge) & ~sure
         return Outline(sure | (shown & maybe), np.where(maybe, shown != others, sure & ~shown))
 
 
@@ -131,9 +131,9 @@ def outline_of(
     """
     mask = cut(colour, np.where(allowed, odds + likely, NOWHERE), within)
     # A highlight leaves a hole. So does a handle, but through that photos see past the object.
-    holes, count = scipy.ndimage.label(~mask)
+    holes, count = ndimage.label(~mask)
     if count > 1:
-        filled = scipy.ndimage.mean(likely, holes, np.arange(count + 1)) > HIGHLIGHT
+        filled = ndimage.mean(likely, holes, np.arange(count + 1)) > HIGHLIGHT
         filled[np.concatenate([holes[0], holes[-1], holes[:, 0], holes[:, -1]])] = False
         filled[0] = False
         mask |= filled[holes]

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-import scipy.ndimage
+from scipy import ndimage
 
 from ..capture.capture import evenly_taken
 from ..threads import usable_cores
@@ -160,7 +160,7 @@ class _Search:
 
         def said(placed: PlacesIn, own: np.ndarray) -> np.ndarray:
             pixels = own.clip(NO_PLACE, MOST_OF_A_PLACE).astype(np.float32)
-            return placed.values(scipy.ndimage.uniform_filter(pixels, 3))
+            return placed.values(ndimage.uniform_filter(pixels, 3))
 
         return sum(self.pool.map(said, self.placed, odds)) / self.seen
 
@@ -168,7 +168,7 @@ class _Search:
         """Places [N] bool, and those around them."""
         grid = np.zeros(CELLS**3, dtype=bool)
         grid[self.possible] = places
-        grown = scipy.ndimage.binary_dilation(grid.reshape((CELLS,) * 3), iterations=AROUND)
+        grown = ndimage.binary_dilation(grid.reshape((CELLS,) * 3), iterations=AROUND)
         return grown.ravel()[self.possible]
 
     def found(self) -> Standing | None:
@@ -187,10 +187,10 @@ class _Search:
         cell, likely = np.ones((3, 3)), self._likely_by(self.unlike)
         left = 0
         for placed, far, mask in zip(self.placed, self.unlike, self.masks, strict=True):
-            around = scipy.ndimage.binary_dilation(mask, cell, BESIDE)
+            around = ndimage.binary_dilation(mask, cell, BESIDE)
             maybe = placed.highest(likely, NO_PLACE) > LIKELY
             unlike = maybe & (np.nan_to_num(far) > UNLIKE) & ~around
-            left += int(scipy.ndimage.binary_opening(unlike, cell).sum())
+            left += int(ndimage.binary_opening(unlike, cell).sum())
         return left / max(sum(int(mask.sum()) for mask in self.masks), 1)
 
     def _surface(self) -> Places:
@@ -205,5 +205,5 @@ class _Search:
         placed = self._placed(places)
         solid = np.zeros(may.shape, dtype=bool)
         solid[may] = shown_by_all_but(FEW_AT_LAST, placed, self.masks, times_seen(placed))
-        outermost = solid & ~scipy.ndimage.binary_erosion(solid)
+        outermost = solid & ~ndimage.binary_erosion(solid)
         return places.only(outermost[may])

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-import scipy.ndimage
 import torch
+from scipy import ndimage
 
 from ..brdf.neural import NeuralTerm
 from ..capture.camera import Camera
@@ -242,7 +242,7 @@ def trainer_for(
 
 def _telling(photo: Photo) -> np.ndarray:
     """[H·W] bool: pixels that show the object, or where it ends."""
-    around = scipy.ndimage.maximum_filter(photo.cover > 0.01, LIKELY_MARGIN)
+    around = ndimage.maximum_filter(photo.cover > 0.01, LIKELY_MARGIN)
     return (around if photo.unsure is None else around & ~photo.unsure).ravel()
 
 

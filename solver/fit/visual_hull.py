@@ -5,9 +5,9 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
-import scipy.ndimage
 import torch
 import torch.nn.functional as F
+from scipy import ndimage
 from torch import Tensor
 
 from ..capture.camera import Camera
@@ -27,6 +27,7 @@ FINER, MUCH_SMALLER = 4, 0.8
 """times that the hull's box is looked for within itself, while an edge gets shorter by this factor"""
 CELLS_A_THREAD = 20_000
 """at least, of those carved side by side"""
+SWEEPS = 2
 THIN_CELLS = 2
 """cells around the hull within which it is not too thin for its cells' centres, but ends"""
 BELONG_TOGETHER = (
@@ -94,10 +95,10 @@ def _and_distances(masked: tuple[np.ndarray, Camera]) -> tuple[np.ndarray, np.nd
     columns; of a panorama also around the sphere."""
     mask, camera = masked
     if not camera.is_panoramic:
-        return mask, scipy.ndimage.distance_transform_cdt(~mask, "chessboard")
+        return mask, ndimage.distance_transform_cdt(~mask, "chessboard")
     aside = mask.shape[1] // 2
     wrapped = np.pad(~mask, ((0, 0), (aside, aside)), mode="wrap")
-    distances = scipy.ndimage.distance_transform_cdt(wrapped, "chessboard")
+    distances = ndimage.distance_transform_cdt(wrapped, "chessboard")
     return mask, distances[:, aside : aside + mask.shape[1]]
 
 
@@ -113,9 +114,7 @@ def whole_hull(
         within = coarse.repeat(2, 0).repeat(2, 1).repeat(2, 2)
     reached = carve(cameras, masks(), region, cells, whole_cells=True, within=within)
     hull = carve(cameras, masks(), region, cells, within=reached)
-    near = (
-        scipy.ndimage.binary_dilation(hull, np.ones((3, 3, 3)), THIN_CELLS) if hull.any() else hull
-    )
+    near = ndimage.binary_dilation(hull, np.ones((3, 3, 3)), THIN_CELLS) if hull.any() else hull
     return hull | (reached & ~near), reached
 
 
@@ -155,10 +154,10 @@ def bounding_box(hull: np.ndarray, region: np.ndarray) -> np.ndarray:
 
 def signed_distance(hull: np.ndarray) -> np.ndarray:
     """Distance in cells to the hull's boundary, negative inside."""
-    outside = scipy.ndimage.distance_transform_edt(~hull)
-    inside = scipy.ndimage.distance_transform_edt(hull)
+    outside = ndimage.distance_transform_edt(~hull)
+    inside = ndimage.distance_transform_edt(hull)
     distance = np.where(hull, 0.5 - inside, outside - 0.5)
-    return scipy.ndimage.gaussian_filter(distance, 1.0).astype(np.float32)
+    return ndimage.gaussian_filter(distance, 1.0).astype(np.float32)
 
 
 def start_from_hull(
@@ -184,7 +183,7 @@ def start_from_hull(
         field.density_lines.copy_(lines)
 
 
-def decompose(target: Tensor, components: int, sweeps: int = 2) -> tuple[Tensor, Tensor]:
+def decompose(target: Tensor, components: int) -> tuple[Tensor, Tensor]:
     """VM factors [3, G, G, C], [3, G, C] of a volume [G, G, G], by singular values.
 
     Each of the three pairs takes a third, so that all have a share in what is learned later; then in
@@ -201,7 +200,7 @@ def decompose(target: Tensor, components: int, sweeps: int = 2) -> tuple[Tensor,
         target.new_zeros(3, size, components),
     )
     parts = [target / 3] * 3
-    for _ in range(sweeps):
+    for _ in range(SWEEPS):
         for k, order in enumerate(orders):
             left = target - sum(parts[other] for other in range(3) if other != k)
             matrix = left.permute(order).reshape(size * size, size)

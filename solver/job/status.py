@@ -87,23 +87,23 @@ def process_start_time(pid: int) -> float | None:
         return None
 
 
-def process_is_alive(status: dict[str, Any], patience: float = 10.0) -> bool:
+def process_is_alive(status: dict[str, Any]) -> bool:
     """True if the process of a status still runs.
 
     On another machine, and where processes cannot be told apart by start time, a heartbeat younger than
-    `patience` seconds counts as life, unless there is no process of that number here.
+    ten seconds counts as life, unless there is no process of that number here.
     """
     pid = status.get("pid")
     if not isinstance(pid, int) or status.get("state") in ("done", "cancelled", "failed"):
         return False
     if status.get("machine", machine()) != machine():
-        return _is_fresh(status, patience)
+        return _is_fresh(status)
     started = process_start_time(pid)
     if started is not None:
         return started == status.get("started")
     if Path("/proc/self").exists() or is_gone(pid):
         return False
-    return _is_fresh(status, patience)
+    return _is_fresh(status)
 
 
 def is_gone(pid: int) -> bool:
@@ -134,6 +134,6 @@ def _is_gone_on_windows(pid: int) -> bool:
     return ended
 
 
-def _is_fresh(status: dict[str, Any], patience: float) -> bool:
+def _is_fresh(status: dict[str, Any]) -> bool:
     when = status.get("time")
-    return isinstance(when, (int, float)) and time.time() - when < patience
+    return isinstance(when, (int, float)) and time.time() - when < 10

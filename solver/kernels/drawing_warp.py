@@ -8,7 +8,7 @@ import warp as wp
 
 from .hashing_warp import unit_number
 from .vectors_warp import Integers, Numbers, Rows, Vectors
-from .warp_device import launch
+from .warp_device import launch, launched
 
 wp.set_module_options({"enable_backward": False})
 
@@ -120,22 +120,12 @@ def _leave(
         u[k, 1] = y - wp.floor(y)
 
 
-def draw_depths(weights, offsets, opacity, u, least, index, times, counts) -> None:
-    launch(_draw_depths, len(counts), weights, offsets, opacity, u, least, index, times, counts)
-
-
-def flatten(rows, more_rows, offsets, flat, more_flat, row) -> None:
-    launch(_flatten, len(rows), rows, more_rows, offsets, flat, more_flat, row)
+draw_depths = launched(_draw_depths, "counts")
+flatten = launched(_flatten, "rows")
 
 
 def share_out(keys, mass, rays, seed, sample_bits, counts, share) -> None:
     launch(_share_out, len(keys), keys, mass, float(rays), seed, sample_bits, counts, share)
 
 
-def leave(
-    keys, offsets, seed, points, sample_bits, keys_per_sample, sample, ray_keys, u, together
-) -> None:
-    launch(
-        _leave, len(keys), keys, offsets, seed, points, sample_bits, keys_per_sample, sample, ray_keys,
-        u, together,
-    )  # fmt: skip
+leave = launched(_leave, "keys")

@@ -3,7 +3,7 @@
 import warp as wp
 
 from .vectors_warp import Integers, Vectors
-from .warp_device import launch
+from .warp_device import launched
 
 wp.set_module_options({"enable_backward": False})
 
@@ -34,6 +34,4 @@ def _uniform(keys: Integers, seed: Integers, out: Vectors):
     out[n, column] = unit_number(keys[n], wp.uint32(seed[0]) + wp.uint32(column))
 
 
-def uniform(keys, seed, out) -> None:
-    """Numbers [N, columns] of keys [N]."""
-    launch(_uniform, tuple(out.shape), keys, seed, out)
+uniform = launched(_uniform, "out", 2)

@@ -7,7 +7,7 @@ rectangle, its adjoint adds atomically.
 import warp as wp
 
 from .vectors_warp import Grid, Vectors
-from .warp_device import launch
+from .warp_device import launched
 
 wp.set_module_options({"enable_backward": False})
 
@@ -216,9 +216,5 @@ def _rectangle_mean_backward(
     scatter_over_poles(grad, at, y[0], -g, c)
 
 
-def rectangle_mean(table, rows, centre, size, out, slope) -> None:
-    launch(_rectangle_mean, len(centre), table, rows, centre, size, out, slope)
-
-
-def rectangle_mean_backward(rows, centre, size, cotangent, grad) -> None:
-    launch(_rectangle_mean_backward, (len(centre), 3), rows, centre, size, cotangent, grad)
+rectangle_mean = launched(_rectangle_mean, "centre")
+rectangle_mean_backward = launched(_rectangle_mean_backward, "cotangent", 2)

@@ -11,7 +11,7 @@ from .skipping import EMPTY as EMPTY_CODE
 from .skipping import ROOTS_PER_UNIT
 from .vectors_warp import Codes, Grid, Integers, Numbers, Planes, Vectors, vector
 from .vm_point_warp import raw_density
-from .warp_device import launch
+from .warp_device import launched
 
 # A thread walks a ray, sample after sample, and a step has few of them: they are spread over the card.
 wp.set_module_options({"enable_backward": False, "fast_math": True, "block_dim": 32})
@@ -200,35 +200,8 @@ def _composite_backward(
         passing += weights[i]
 
 
-def march(
-    origins, directions, start, jitter, step, cell, free, planes, lines, shift, scale,
-    min_transmittance, distance, raw, counts,
-) -> None:  # fmt: skip
-    launch(
-        _march, len(origins), origins, directions, start, jitter, step, cell, free, planes, lines,
-        shift, scale, min_transmittance, distance, raw, counts,
-    )  # fmt: skip
-
-
-def compact(
-    origins, directions, distance, raw, offsets, flat_distance, flat_raw, points, ray
-) -> None:
-    launch(
-        _compact, len(origins), origins, directions, distance, raw, offsets, flat_distance, flat_raw,
-        points, ray,
-    )  # fmt: skip
-
-
-def grid_transmittance(origins, directions, start, step, blocking, out) -> None:
-    launch(_grid_transmittance, len(origins), origins, directions, start, step, blocking, out)
-
-
-def composite(optical_depth, offsets, weights, transmittance) -> None:
-    launch(_composite, len(transmittance), optical_depth, offsets, weights, transmittance)
-
-
-def composite_backward(offsets, weights, transmittance, g_weights, g_transmittance, out) -> None:
-    launch(
-        _composite_backward, len(transmittance), offsets, weights, transmittance, g_weights,
-        g_transmittance, out,
-    )  # fmt: skip
+march = launched(_march, "origins")
+compact = launched(_compact, "origins")
+grid_transmittance = launched(_grid_transmittance, "origins")
+composite = launched(_composite, "transmittance")
+composite_backward = launched(_composite_backward, "transmittance")

@@ -4,7 +4,7 @@ import warp as wp
 
 from .march_warp import through_grid
 from .vectors_warp import Codes, Vectors, vector
-from .warp_device import launch
+from .warp_device import launched
 
 wp.set_module_options({"enable_backward": False, "fast_math": True})
 
@@ -20,6 +20,4 @@ def _look_around(
     distance[p, d] = found[1]
 
 
-def look_around(points, directions, start, step, blocking, passing, distance) -> None:
-    dim = len(points), len(directions)
-    launch(_look_around, dim, points, directions, start, step, blocking, passing, distance)
+look_around = launched(_look_around, "passing", 2)

@@ -10,7 +10,7 @@ import warp as wp
 
 from .vectors_warp import Grid, Numbers, Planes, Vectors, vector
 from .vm_point_warp import Cell, axis_a, axis_b, axis_c, cell_of, line_at, plane_at, raw_density
-from .warp_device import launch
+from .warp_device import launch, launched
 
 wp.set_module_options({"enable_backward": False, "fast_math": True})
 
@@ -213,8 +213,7 @@ def _smooth(planes: Planes, taps: Numbers, along_rows: bool, out: Planes):
     out[k, i, j, ch] = total
 
 
-def vm_sum(points, planes, lines, out) -> None:
-    launch(_sum, len(points), points, planes, lines, out)
+vm_sum = launched(_sum, "points")
 
 
 def vm_sum_backward(points, planes, lines, cotangent, least, grad_planes, grad_lines) -> None:
@@ -233,8 +232,7 @@ def vm_products_backward(points, planes, lines, cotangent, grad_planes, grad_lin
     launch(_products_backward, dim, points, planes, lines, cotangent, grad_planes, grad_lines)
 
 
-def vm_gradient(points, planes, lines, out) -> None:
-    launch(_gradient, len(points), points, planes, lines, out)
+vm_gradient = launched(_gradient, "points")
 
 
 def vm_gradient_backward(points, planes, lines, cotangent, grad_planes, grad_lines) -> None:

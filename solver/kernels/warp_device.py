@@ -6,7 +6,7 @@ needs a CUDA toolkit. Kernels run on torch's current stream, in order with torch
 
 import importlib
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import cache, partial
 
 import torch
@@ -28,6 +28,16 @@ _Array = type(wp.from_torch(torch.zeros(1), return_ctype=True))
 def launch(kernel: wp.Kernel, dim: int | tuple[int, ...], *arguments) -> None:
     """Run `kernel` on `dim` threads; arguments are tensors of one device, and numbers."""
     _run(kernel, dim, arguments, None)
+
+
+def launched(kernel: wp.Kernel, over: str, axes: int = 1) -> Callable[..., None]:
+    """A function of a kernel's arguments that runs it on a thread for each place of one of them."""
+    place = [argument.label for argument in kernel.adj.args].index(over)
+
+    def run(*arguments) -> None:
+        launch(kernel, tuple(arguments[place].shape[:axes]), *arguments)
+
+    return run
 
 
 def launch_adjoint(

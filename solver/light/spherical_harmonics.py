@@ -76,6 +76,6 @@ def quadratic_form(device: torch.device, dtype: torch.dtype = torch.float32) -> 
     return form.view(16, 9).to(device)
 
 
-def sh_degrees(degree: int, device: torch.device | None = None) -> Tensor:
+def sh_degrees(degree: int) -> Tensor:
     """The degree l of every coefficient of `sh_basis`, [(degree + 1)²]."""
-    return torch.cat([torch.full((2 * d + 1,), float(d), device=device) for d in range(degree + 1)])
+    return torch.cat([torch.full((2 * d + 1,), float(d)) for d in range(degree + 1)])

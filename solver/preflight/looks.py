@@ -7,8 +7,8 @@ from functools import partial
 from itertools import product
 
 import numpy as np
-import scipy.ndimage
 from PIL import Image
+from scipy import ndimage
 
 from ..capture.backdrop import backdrop_of, border_of, border_share, object_before
 from ..capture.camera import Camera
@@ -236,7 +236,7 @@ def look_at(
         coverage, cut = float(shown.mean()), _cut_share(shown, camera)
         across = _longer_side(shown, camera) * scale
         # Away from the mask's edge, whose sharpness and brightness are the mask's.
-        object_only = scipy.ndimage.binary_erosion(shown, iterations=2)
+        object_only = ndimage.binary_erosion(shown, iterations=2)
         object_only = object_only if told is None else object_only & told
         inside = object_only if object_only.sum() > FEWEST_PIXELS else inside
     linear = TO_LINEAR[colour] @ _LUMINANCE

@@ -213,12 +213,12 @@ def pixels_across(looks: list[Look], capture: Capture) -> float:
     return float(np.median(seen))
 
 
-def _nearest(looks: list[Look], index: int, count: int = 6) -> np.ndarray:
-    """The photos [count] taken from nearest by."""
+def _nearest(looks: list[Look], index: int) -> np.ndarray:
+    """The six photos taken from nearest by."""
     positions = np.stack([look.camera.position for look in looks])
     distance = np.linalg.norm(positions - positions[index], axis=1)
     distance[index] = np.inf
-    return np.argsort(distance, kind="stable")[: max(1, min(count, len(looks) - 1))]
+    return np.argsort(distance, kind="stable")[: max(1, min(6, len(looks) - 1))]
 
 
 def _turn(a: Look, b: Look) -> float:

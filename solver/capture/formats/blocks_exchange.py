@@ -52,7 +52,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     root = read_xml(path)
     blocks = root.findall("Block")
     if not blocks:
-        raise CaptureError(path, "Block", "there is no block in it", "export it again")
+        raise CaptureError(path, "Block", "there is no block in it")
     block, warnings = max(blocks, key=lambda block: len(list(block.iter("Photo")))), []
     if len(blocks) > 1:
         name = shown(block.findtext("Name") or "the largest")
@@ -89,7 +89,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         places.append(matrix[:3, 3])
         stated = _stated(photo, "ImagePath", base)
         if not stated:
-            raise CaptureError(path, f"{where}, ImagePath", "it names no photo", "export it again")
+            raise CaptureError(path, f"{where}, ImagePath", "it names no photo")
         picture = photos.find(stated, beside=path)
         if photos.serves(picture) and group not in lenses:
             lenses[group] = read_lens(path, group)

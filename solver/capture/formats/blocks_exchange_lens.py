@@ -51,7 +51,7 @@ def value_of(
     if not text:
         if default is not None:
             return default
-        raise CaptureError(path, f"{where}, {name}", "it is missing", "export it again")
+        raise CaptureError(path, f"{where}, {name}", "it is missing")
     return number(path, f"{where}, {name}", text)
 
 

@@ -54,9 +54,7 @@ def _found(path: Path, where: str, entry: object, photos: PhotoFinder) -> Found:
     camera = mapping(path, where, entry)
     name = camera.get("img_name")
     if not isinstance(name, str) or not name:
-        raise CaptureError(
-            path, f"{where}.img_name", "the camera names no photo", "export it again"
-        )
+        raise CaptureError(path, f"{where}.img_name", "the camera names no photo")
     width, height, fx, fy = (
         number(path, f"{where}.{key}", camera.get(key)) for key in ("width", "height", "fx", "fy")
     )

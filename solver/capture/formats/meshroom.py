@@ -121,7 +121,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         view = mapping(path, where, view)
         stated = view.get("path")
         if not isinstance(stated, str) or not stated:
-            raise CaptureError(path, f"{where}.path", "the view names no photo", "export it again")
+            raise CaptureError(path, f"{where}.path", "the view names no photo")
         pose = poses.get(_identity(view.get("poseId")))
         if _word(view.get("isPoseIndependant", "true")) in ("0", "false"):
             inner = rigs.get((_identity(view.get("rigId")), _identity(view.get("subPoseId"))))
@@ -160,7 +160,7 @@ def _version(path: Path, stated: Any) -> tuple[int, ...]:
         return (1, 0, 0)
     values = numbers(path, "version", stated)
     if not (np.abs(values) < 1e6).all():
-        raise CaptureError(path, "version", "this is not a version", "export it again")
+        raise CaptureError(path, "version", "this is not a version")
     return tuple(int(value) for value in values)
 
 

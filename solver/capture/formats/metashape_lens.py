@@ -114,7 +114,7 @@ def read_lens(path: Path, sensor: Element) -> Intrinsics:
     width, height = _size(path, where, size)
     old = calibration.find("fx") is not None
     if not old and calibration.find("f") is None:
-        raise CaptureError(path, f"{where}, f", "the focal length is missing", "export it again")
+        raise CaptureError(path, f"{where}, f", "the focal length is missing")
     if old:
         fx, fy, skew = value("fx"), value("fy", value("fx")), value("skew")
         cx, cy = value("cx", 0.5 * width), value("cy", 0.5 * height)

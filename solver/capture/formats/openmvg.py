@@ -70,9 +70,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         view = _data(path, where, mapping(path, where, entry).get("value"))
         name = view.get("filename")
         if not isinstance(name, str) or not name:
-            raise CaptureError(
-                path, f"{where}.filename", "the view names no photo", "export it again"
-            )
+            raise CaptureError(path, f"{where}.filename", "the view names no photo")
         folder = view.get("local_path")
         parts = [part for part in (root, folder, name) if isinstance(part, str) and part]
         stated = "/".join(parts)
@@ -98,7 +96,7 @@ def _identity(value: Any) -> int | None:
 def _key(path: Path, where: str, entry: dict) -> int:
     key = _identity(entry.get("key"))
     if key is None:
-        raise CaptureError(path, f"{where}.key", "the key is not a number", "export it again")
+        raise CaptureError(path, f"{where}.key", "the key is not a number")
     return key
 
 
@@ -117,7 +115,7 @@ def _data(path: Path, where: str, value: Any) -> dict:
 def _camera_to_world(path: Path, where: str, value: dict) -> np.ndarray:
     rows = entries(path, f"{where}.rotation", value.get("rotation"))
     if len(rows) != 3:
-        raise CaptureError(path, f"{where}.rotation", "it does not have 3 rows", "export it again")
+        raise CaptureError(path, f"{where}.rotation", "it does not have 3 rows")
     pose = np.eye(4)
     pose[:3, :3] = np.stack([numbers(path, f"{where}.rotation", row, 3) for row in rows]).T
     pose[:3, 3] = numbers(path, f"{where}.center", value.get("center"), 3)
@@ -138,9 +136,7 @@ def _intrinsics_by_id(path: Path, stated: Any) -> dict[int, Intrinsics]:
         where = f"intrinsics[{index}]"
         name = value.get("polymorphic_name", names.get(_type_of(value)))
         if not isinstance(name, str):
-            raise CaptureError(
-                path, f"{where}.polymorphic_name", "the lens has no name", "export it again"
-            )
+            raise CaptureError(path, f"{where}.polymorphic_name", "the lens has no name")
         found[_key(path, where, entry)] = _intrinsics(path, where, name, _data(path, where, value))
     return found
 

@@ -102,7 +102,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             continue
         key = shot.get("camera")
         if not isinstance(key, str) or key not in cameras:
-            raise CaptureError(path, f"{where}.camera", "its camera is missing", "export it again")
+            raise CaptureError(path, f"{where}.camera", "its camera is missing")
         stated = f"images/{name}"  # where OpenSfM and OpenDroneMap have their photos
         photo = photos.find(stated, beside=path)
         if photos.serves(photo) and key not in lenses:

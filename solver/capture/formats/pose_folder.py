@@ -124,9 +124,7 @@ def _lens(path: Path) -> tuple[float, float, float, float]:
         f, cx, cy = rows[0][:3]
         words = [f, "0", cx, "0", f, cy, "0", "0", "1"]
     else:
-        raise CaptureError(
-            path, "", "this is neither a lens's matrix nor a line f cx cy", "export it again"
-        )
+        raise CaptureError(path, "", "this is neither a lens's matrix nor a line f cx cy")
     return pinhole_of(path, "", matrix_of(path, "", words, 3, 3))
 
 

@@ -121,9 +121,7 @@ def _from_sidecar(file: Path, values: dict[str, str], photo: Path | None) -> Fou
 
         focal = value("FocalLength35mm", math.nan)
         if math.isnan(focal):
-            raise CaptureError(
-                file, "xcr:FocalLength35mm", "the focal length is missing", "export it again"
-            )
+            raise CaptureError(file, "xcr:FocalLength35mm", "the focal length is missing")
         coefficients = np.zeros(6)
         if "DistortionCoeficients" in values:  # RealityCapture's spelling
             given = numbers(file, "xcr:DistortionCoeficients", values["DistortionCoeficients"])

@@ -111,7 +111,7 @@ def read_table(path: Path, name: str, photos: PhotoFinder) -> Capture:
     try:
         rows = list(enumerate(csv.reader(text.splitlines(), delimiter=separator), 1))
     except csv.Error as error:
-        raise CaptureError(path, "", f"this is not a table ({error})", "export it again") from error
+        raise CaptureError(path, "", f"this is not a table ({error})") from error
     for line, row in rows:
         if not row or not row[0].strip() or row[0].lstrip().startswith("#"):
             continue
