@@ -10,7 +10,7 @@ from .scene.capture_collection import is_capture
 
 # Blender evaluates the annotations below where lambdas would not find this module's names.
 def _may_be_chosen(settings: NMF_scene, collection: bpy.types.Collection) -> bool:
-    return is_capture(collection)
+    return collection in settings.id_data.collection.children_recursive and is_capture(collection)
 
 
 def _choice(name: str, description: str, *items: tuple[str, str, str], default: str | None = None):

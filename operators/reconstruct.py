@@ -7,7 +7,12 @@ from ..nmf_addon.jobs.create import create_job, new_job_root
 from ..nmf_addon.jobs.model import model_of_folder
 from ..nmf_addon.jobs.monitor import WAITS, monitor
 from ..nmf_addon.properties import chosen_overrides
-from ..nmf_addon.scene.capture_collection import active_capture, remember_job, to_capture_space
+from ..nmf_addon.scene.capture_collection import (
+    active_capture,
+    remember_job,
+    shown_twice,
+    to_capture_space,
+)
 from ..nmf_addon.scene.images import stored_path
 from ..nmf_addon.scene.region import region_problem
 from ..solver.job.folder import JobFolder
@@ -48,8 +53,8 @@ class NMF_OT_reconstruct(Operator):
         )  # fmt: skip
         monitor.start(python, job)
         problem = region_problem(collection, to_capture_space(collection))
-        if problem:
-            self.report({"WARNING"}, problem)
+        for text in filter(None, (problem, shown_twice(collection))):
+            self.report({"WARNING"}, text)
         settings.job = stored_path(job.root)
         if collection != context.scene.collection:
             settings.capture = collection

@@ -55,6 +55,8 @@ def add_camera(
         data[IGNORED_IS_BLACK] = camera.ignored_is_black
     item = bpy.data.objects.new(camera.name, data)
     item.matrix_world = Matrix(camera.camera_to_world.tolist())
+    # A view locked to the camera would take it along, and its photo would be of somewhere else.
+    item.lock_location = item.lock_rotation = item.lock_scale = (True, True, True)
     return item
 
 

@@ -168,7 +168,14 @@ def _add_points(
 
 def capture_collections(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
     """Collections of the scene that hold at least one camera with a photo."""
-    return [c for c in scene.collection.children_recursive if is_capture(c)]
+    # The panel asks in every draw: objects are looked at once, not once for each collection around them.
+    cameras = [item for item in scene.collection.all_objects if _has_photo(item)]
+    direct = {collection for item in cameras for collection in item.users_collection}
+    return [
+        c
+        for c in (scene.collection.children_recursive if direct else ())
+        if not direct.isdisjoint((c, *c.children_recursive))
+    ]
 
 
 def is_capture(collection: bpy.types.Collection) -> bool:
@@ -182,6 +189,8 @@ def active_capture(context: bpy.types.Context) -> bpy.types.Collection | None:
     The scene's own collection only counts where cameras lie in no other.
     """
     whole = context.scene.collection
+    if not any(camera.background_images for camera in bpy.data.cameras):
+        return None
     for collection in (context.scene.nmf.capture, context.collection):
         if collection in whole.children_recursive and is_capture(collection):
             return collection
@@ -322,13 +331,26 @@ def fit_region_box(collection: bpy.types.Collection) -> bpy.types.Object | None:
         raise CaptureError(
             box.name, "", "the capture is in another file", "fit the region box there"
         )
-    place_box(box, region)
+    place_box(box, region, root_of(collection))
     return box
 
 
 def photo_cameras(collection: bpy.types.Collection) -> list[bpy.types.Object]:
     """The collection's camera objects that have a photo behind them."""
     return [item for item in collection.all_objects if _has_photo(item)]
+
+
+def shown_twice(collection: bpy.types.Collection) -> str:
+    """Which cameras have one photo, as a sentence: one was duplicated; empty if none have."""
+    seen: dict[Path, str] = {}
+    for item in photo_cameras(collection):
+        other = seen.setdefault(photo_path(photo_of(item)), item.name)
+        if other != item.name:
+            return (
+                f"{other} and {item.name} have the same photo; delete the copy, or move it out of "
+                f"{collection.name}."
+            )
+    return ""
 
 
 def _has_photo(item: bpy.types.Object) -> bool:

@@ -2,6 +2,7 @@
 
 import bpy
 
+from ...solver.capture.errors import listed
 from .cameras import ASPECT, fit_photos, photo_of, size_of
 from .colour import foreign_working_space, set_plain_view
 
@@ -26,14 +27,16 @@ def match_solver(scene: bpy.types.Scene, bounces: int = 2) -> str:
     cycles.caustics_reflective = True
     cycles.pixel_filter_type = "BLACKMAN_HARRIS"
     cycles.filter_width = BLACKMAN_HARRIS_WIDTH
-    scene.render.film_transparent = True
+    render = scene.render
+    render.film_transparent = True
+    render.use_simplify = render.use_border = render.use_motion_blur = False
     view = scene.view_settings
     view.look = "None"
     view.exposure, view.gamma, cycles.film_exposure = 0.0, 1.0, 1.0
     view.use_curve_mapping = view.use_white_balance = False
-    scene.render.dither_intensity = 0.0
-    scene.render.image_settings.color_management = "FOLLOW_SCENE"
-    return " ".join(filter(None, (_view_left(scene), _working_space_left())))
+    render.dither_intensity = 0.0
+    render.image_settings.color_management = "FOLLOW_SCENE"
+    return " ".join(filter(None, (_view_left(scene), _working_space_left(), _lamps_left(scene))))
 
 
 def _view_left(scene: bpy.types.Scene) -> str:
@@ -55,6 +58,14 @@ def _working_space_left() -> str:
         f"The working space stays '{space}', which reflects saturated colors differently from the solver; "
         "to match the photos, set it to Linear Rec.709 in the render properties, under Color Management."
     )
+
+
+def _lamps_left(scene: bpy.types.Scene) -> str:
+    """What is to be said of lights that shine besides the World."""
+    lamps = [item.name for item in scene.objects if item.type == "LIGHT" and not item.hide_render]
+    if not lamps:
+        return ""
+    return f"Photos had no light but the World's: hide {listed(lamps)} in renders to compare them."
 
 
 def check_cycles(scene: bpy.types.Scene) -> None:

@@ -85,5 +85,6 @@ def scale_to(
     root.matrix_world = about @ root.matrix_world
     for data in {item.data for item in collection.all_objects if item.type == "CAMERA"}:
         if not data.library:
-            data.clip_start, data.clip_end = factor * data.clip_start, factor * data.clip_end
+            for name in ("clip_start", "clip_end", "display_size"):
+                setattr(data, name, factor * getattr(data, name))
     return factor

@@ -4,6 +4,8 @@ In every result the albedo is called albedo.png. Blender copies pictures by thei
 it unpacks them or exports USD, OBJ or FBX, and of two objects both would show one's.
 """
 
+import hashlib
+import json
 import os
 import shutil
 from itertools import count
@@ -12,6 +14,7 @@ from pathlib import Path
 import bpy
 
 from ...solver.job.folder import JobFolder
+from ...solver.replacing import write_json_atomic
 from .edited import is_painted
 from .result import textures_of
 
@@ -25,27 +28,47 @@ def named_pictures(job: JobFolder, manifest: dict) -> dict[str, Path]:
     entries = {key: manifest["textures"][key] for key in textures_of(manifest)}
     entries["environment"] = manifest["environment"]
     files = {key: job.result_dir / entry["file"] for key, entry in entries.items()}
-    folder = job.root / "textures"
-    stem = _free_stem(job.root.name, [file.name for file in files.values()], folder)
+    folder, record = job.root / "textures", job.root / "textures.json"
     try:
+        made = _made(record)
+        stem = _free_stem(job.root.name, list(files.values()), folder, made)
         folder.mkdir(exist_ok=True)
         named = {key: folder / f"{stem}_{file.name}" for key, file in files.items()}
         for key, file in files.items():
             # It was a link to the result's once, which is not to be written to.
             named[key].unlink(missing_ok=True)
             shutil.copyfile(file, named[key])
+            made[named[key].name] = _digest(file)
+        write_json_atomic(record, made)
         return named
     except OSError:
         return files
 
 
-def _free_stem(name: str, files: list[str], folder: Path) -> str:
+def _made(record: Path) -> dict[str, str]:
+    """What each copy of a job's pictures was when it was made, by its name."""
+    try:
+        return dict(json.loads(record.read_bytes()))
+    except (OSError, ValueError, TypeError):
+        return {}
+
+
+def _digest(file: Path) -> str:
+    return hashlib.sha1(file.read_bytes()).hexdigest()
+
+
+def _free_stem(name: str, files: list[Path], folder: Path, made: dict[str, str]) -> str:
     """A job's name, with a number where pictures of another job of this name are in the open file, or where
-    a person has painted on its own."""
-    taken = set()
+    a person has painted on its own, in this file or in another."""
+    taken = {
+        copy.name
+        for file in files
+        for copy in folder.glob(f"*_{file.name}")
+        if _digest(copy) not in (made.get(copy.name), _digest(file))
+    }
     for image in bpy.data.images:
         path = Path(os.path.normpath(bpy.path.abspath(image.filepath, library=image.library)))
         if path.parent != folder or is_painted(image):
             taken.add(path.name)
     stems = (name if number == 1 else f"{name}_{number}" for number in count(1))
-    return next(stem for stem in stems if taken.isdisjoint(f"{stem}_{file}" for file in files))
+    return next(stem for stem in stems if taken.isdisjoint(f"{stem}_{f.name}" for f in files))

@@ -27,14 +27,19 @@ def new_region_box(
     # A region has the capture's axes; a turned box would show another one.
     box.lock_rotation = (True, True, True)
     box.empty_display_type, box.empty_display_size = "CUBE", 1.0
-    box.parent = root
     collection.objects.link(box)
-    place_box(box, region)
+    place_box(box, region, root)
     return box
 
 
-def place_box(box: bpy.types.Object, region: np.ndarray) -> None:
-    """Move a box to a region of capture space [2, 3], and remember that nobody has moved it since."""
+def place_box(box: bpy.types.Object, region: np.ndarray, root: bpy.types.Object | None) -> None:
+    """Move a box to a region of capture space [2, 3], and remember that nobody has moved it since.
+
+    Args:
+        root: the capture's empty, of which the box may have been cleared.
+    """
+    box.parent = root
+    box.matrix_parent_inverse.identity()
     low, high = np.asarray(region, dtype=np.float64)
     box.rotation_euler = (0.0, 0.0, 0.0)
     box.location, box.scale = (low + high) / 2, (high - low) / 2 / box.empty_display_size

@@ -65,12 +65,15 @@ def turns_with(world: bpy.types.World) -> bpy.types.Object | None:
 
 def _relit_before(path: Path) -> bpy.types.World | None:
     """The World that `relight` made of an HDRI, showing what the file holds now."""
-    for world in bpy.data.worlds:
-        if world.get(HDRI) != str(path.resolve()) or world.library:
+    file = path.resolve()
+    for world in bpy.data.worlds if file.is_file() else ():
+        if world.get(HDRI) != str(file) or world.library:
             continue
         for node in world.node_tree.nodes:
-            if node.type == "TEX_ENVIRONMENT" and node.image and path.is_file():
-                node.image.reload()
+            image = node.image if node.type == "TEX_ENVIRONMENT" else None
+            # A person may have opened another picture in its place.
+            if image is not None and Path(bpy.path.abspath(image.filepath)).resolve() == file:
+                image.reload()
                 return world
     return None
 

@@ -30,10 +30,13 @@ from .picture_names import (
 MIN_PHOTOS = 3
 """of a reconstruction"""
 MODEL_FOLDERS = re.compile(
-    r"sparse|dense|distorted|bundle|models?|colmap|text|bin|(corrected_)?cameras?|cams(_\d+)?|poses?|intrinsics?|extrinsic|(open)?sfm|matches|params|1_initial|reconstruction(_\w+)?|calibration|cal\d+|\d+",
+    r"sparse|dense|distorted|bundle|models?|colmap|text|bin|(corrected_)?cameras?|cams(_\w+)?|poses?|intrinsics?|extrinsic|(open)?sfm|matches|params|1_initial|reconstruction(_\w+)?|calibration|cal\d+|\d+",
     re.I,
 )
 """folders that hold a solved model beside its photos, never photos alone"""
+_SPLIT = re.compile(r"(?<![a-z])(train|test|val)(?:ing|idation)?(?![a-z])")
+_MAPS = re.compile(r"(.+_)?(depths?|normals?|confidence)(_?maps?)?(_\d{1,2})?")
+"""folders of pictures that are no photos, though they are called as these"""
 
 CODE_PAGES = (
     "cp1252", "cp1250", "cp1251", "cp1253", "cp1254", "cp932", "cp936", "cp949", "cp950",
@@ -109,7 +112,13 @@ class PhotoFinder:
         parts = parts_of(stated)
         if not parts:
             return None
-        candidates = self._pictures().get(stem_of(parts[-1]), [])
+        candidates = [
+            path
+            for path in self._pictures().get(stem_of(parts[-1]), [])
+            if not _is_of_other_use(
+                folders_of(path.relative_to(self.folder).parts), folders_of(parts)
+            )
+        ]
         best = sorted(((self._fit(path, parts), path) for path in candidates), reverse=True)
         if not best:
             # Some programs write names as addresses of the web have them.
@@ -254,6 +263,15 @@ class PhotoFinder:
         own = path.relative_to(self.folder).parts
         same_name = plain(own[-1]) == plain(parts[-1])
         return agreement(folders_of(own), folders_of(parts)), int(same_name), developed(path)
+
+
+def _is_of_other_use(own: list[str], told: list[str]) -> bool:
+    """True if a picture's last folder is of another split than a file tells, or of maps beside photos."""
+    own_last, told_last = (folders[-1] if folders else "" for folders in (own, told))
+    if own_last == told_last:
+        return False
+    splits = {found[1] for found in map(_SPLIT.search, (own_last, told_last)) if found}
+    return len(splits) == 2 or (told_last != "" and _MAPS.fullmatch(own_last) is not None)
 
 
 def _missing_in(folder: Path, stated: str) -> Path:

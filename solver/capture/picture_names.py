@@ -9,7 +9,7 @@ from pathlib import Path
 from .errors import CaptureError
 from .image_header import EXTENSIONS, image_size
 
-UNREADABLE = (".bmp", ".gif", ".jxl", ".x3f")
+UNREADABLE = (".bmp", ".gif", ".jxl", ".x3f", ".tga", ".ppm", ".jp2", ".psd")
 """extensions of photos that cannot be read here, but may have been converted since"""
 VIDEOS = (
     ".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".3gp", ".mts", ".m2ts", ".mpg", ".mpeg", ".wmv",

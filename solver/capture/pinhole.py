@@ -80,4 +80,8 @@ def size_meant(size: tuple[int, int], cx: float, cy: float) -> tuple[int, int]:
     another of the same shape."""
     if not is_for_another_size(size, cx, cy):
         return size
-    return round(2 * cx), round(2 * cx * size[1] / size[0])
+    times = cx / size[0] + cy / size[1]
+    # A centre tells the size but roughly, and most photos were made smaller by a whole number.
+    whole = round(times) if times > 1 else 1 / round(1 / times)
+    times = whole if abs(times / whole - 1) < 0.5 * OFF_CENTRE else times
+    return round(times * size[0]), round(times * size[1])

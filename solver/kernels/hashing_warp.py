@@ -21,7 +21,6 @@ def mix(x: wp.uint32):
 
 @wp.func
 def unit_number(key: wp.int64, seed: wp.uint32):
-    """The number of one key; column c of `uniform` is that of seed + c."""
     state = mix(seed)
     state = mix(state ^ wp.uint32(key >> wp.int64(32)))
     state = mix(state ^ wp.uint32(key))

@@ -20,8 +20,6 @@ TWO = wp.constant(wp.float64(2.0))
 
 @wp.struct
 class Column:
-    """Whole turns, texel and fraction of a continuous column; columns wrap around."""
-
     turns: wp.float64
     texel: int
     fraction: wp.float64
@@ -83,7 +81,6 @@ def slab(table: Table, c: int, x0: Column, x1: Column, y: wp.float64):
 
 @wp.func
 def slab_over_poles(table: Table, c: int, at: Sides, y: wp.float64):
-    """`slab` for y in [−H, 2H]: past a pole the map goes on half a turn away (`far`), mirrored."""
     height = wp.float64(table.shape[0] - 1)
     found = Slab()
     if y < ZERO:
@@ -107,7 +104,6 @@ def slab_over_poles(table: Table, c: int, at: Sides, y: wp.float64):
 
 @wp.func
 def row_integral_over_poles(rows: wp.array(dtype=wp.float64), y: wp.float64):
-    """Solid angle of one texel column between row 0 and continuous row y; its slope by y."""
     count = rows.shape[0] - 1
     height = wp.float64(count)
     folded = y

@@ -16,7 +16,6 @@ ABOVE = wp.constant(1.0e-4)
 
 @wp.func
 def frame(n: wp.vec3):
-    """Tangent and bitangent of a unit normal (Duff et al. 2017)."""
     sign = wp.where(n[2] >= 0.0, 1.0, -1.0)
     a = -1.0 / (sign + n[2])
     c = n[0] * n[1] * a
@@ -71,7 +70,6 @@ def reflected(n: wp.vec3, v: wp.vec3, alpha: float, u0: float, u1: float):
 
 @wp.func
 def smith(cosine: float, alpha: float):
-    """Smith's Λ."""
     c2 = wp.clamp(cosine * cosine, 1.0e-8, 1.0)
     return 0.5 * (wp.sqrt(1.0 + alpha * alpha * (1.0 - c2) / c2) - 1.0)
 

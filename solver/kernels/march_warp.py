@@ -24,7 +24,6 @@ NEVER = wp.constant(wp.inf)
 
 @wp.func
 def box_span(origin: wp.vec3, direction: wp.vec3):
-    """Entry and exit distance of a ray through [0, 1]^3 (slab test); entry > exit if it misses."""
     near = float(-1.0e30)
     far = float(1.0e30)
     missed = bool(False)

@@ -58,7 +58,6 @@ def from_centre(d: wp.vec3, shifts: Vectors, up: wp.vec3, s: int):
 
 @wp.func
 def along_ray(axis: wp.vec3, d: wp.vec3, seen: Seen, up: wp.vec3):
-    """See `SeenFromCentre.along_rays`."""
     moved = axis - wp.dot(axis, seen.shift) * up
     return (moved - wp.dot(moved, d) * d) / seen.length
 

@@ -59,7 +59,6 @@ def line_at(lines: Grid, k: int, c: Cell, ch: int):
 
 @wp.func
 def raw_density(point: wp.vec3, planes: Planes, lines: Grid):
-    """The VM sum at one point in grid units."""
     size = planes.shape[1]
     total = float(0.0)
     for k in range(3):

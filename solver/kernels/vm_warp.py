@@ -248,7 +248,6 @@ def smooth_planes(planes, taps, out) -> None:
 
 
 def smooth_lines(lines, taps, out) -> None:
-    """Odd, symmetric taps along lines [3, G, C], borders mirrored."""
     size, channels = lines.shape[1:]
     one_wide = lines.view(3, size, 1, channels), out.view(3, size, 1, channels)
     launch(_smooth, (3 * size, 1, channels), one_wide[0], taps, True, one_wide[1])

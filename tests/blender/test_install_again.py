@@ -256,6 +256,25 @@ def test_what_was_painted_and_saved_stays_and_the_result_is_as_it_was(install, r
         assert Path(bpy.path.abspath(shown.filepath)).read_bytes() == before
 
 
+def test_what_was_painted_in_another_file_stays(install, result_job):
+    """A fixed bug: the same result installed in a second .blend wrote over the first one's paint."""
+    image = image_of(install(), "Albedo")
+    image.pixels[0] = 1 - image.pixels[0]
+    image.save()
+    file = Path(bpy.path.abspath(image.filepath))
+    painted, made = file.read_bytes(), (result_job / "result" / "albedo.png").read_bytes()
+    for _ in range(2):
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        shown = image_of(install(), "Albedo")
+        assert file.read_bytes() == painted
+        assert Path(bpy.path.abspath(shown.filepath)).read_bytes() == made
+    (result_job / "textures.json").write_text("{")  # as if nothing were known of what was made
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    install()
+    assert file.read_bytes() == painted
+    assert len(list((result_job / "textures").glob("*albedo.png"))) == 2
+
+
 def test_a_result_that_is_made_anew_counts_as_nothing_painted(install, result_job):
     install()
     fake_result.write_result(result_job)

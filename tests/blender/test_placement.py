@@ -242,6 +242,7 @@ def test_two_points_of_known_distance_scale_the_capture_about_the_first(extensio
     bpy.context.view_layer.update()
     expected = 4 * (np.array(before) - (1, 0, 0)) + (1, 0, 0)
     np.testing.assert_allclose(camera.matrix_world.translation, expected, atol=1e-4)
+    assert camera.data.display_size == pytest.approx(0.8)
     # The solver works in capture space, which does not notice.
     np.testing.assert_allclose(scene.region_of(capture)["max"], region["max"], atol=1e-4)
 

@@ -128,6 +128,18 @@ def test_a_render_that_matches_has_the_size_of_the_photo_behind_the_camera(exten
     assert (scene.render.resolution_x, scene.render.resolution_y) == (200, 200)
 
 
+def test_what_else_would_change_a_render_is_switched_off_or_told(extension):
+    scene = bpy.context.scene
+    render, match_solver = scene.render, extension("scene.match_solver").match_solver
+    render.use_simplify = render.use_border = render.use_motion_blur = True
+    lamp = bpy.data.objects.new("Key", bpy.data.lights.new("Key", "POINT"))
+    scene.collection.objects.link(lamp)
+    assert "hide Key in renders" in match_solver(scene)
+    assert not (render.use_simplify or render.use_border or render.use_motion_blur)
+    lamp.hide_render = True
+    assert match_solver(scene) == ""
+
+
 def test_a_broken_capture_changes_nothing(extension, tmp_path):
     scene = extension("scene.capture_collection")
     from neural_microfacet_fields.solver.capture.errors import CaptureError
@@ -158,6 +170,43 @@ def test_a_turned_region_box_is_told_when_the_reconstruction_begins(
     extension("scene.region").region_box(capture).rotation_euler.z = 0.3
     assert bpy.ops.nmf.reconstruct() == {"FINISHED"}
     assert "is rotated, so the region is the unrotated box" in capfd.readouterr().out
+
+
+def test_a_duplicated_camera_is_told_when_the_reconstruction_begins(
+    extension, capture, fake_solver, capfd
+):
+    first = extension("scene.capture_collection").photo_cameras(capture)[0]
+    copy = first.copy()
+    capture.objects.link(copy)
+    assert bpy.ops.nmf.reconstruct() == {"FINISHED"}
+    assert f"{first.name} and {copy.name} have the same photo" in capfd.readouterr().out
+
+
+def test_imported_cameras_are_locked_where_their_photos_were_taken(extension, capture):
+    for item in extension("scene.capture_collection").photo_cameras(capture):
+        assert all((*item.lock_location, *item.lock_rotation, *item.lock_scale))
+
+
+def test_captures_are_those_around_cameras_with_photos(extension, capture, add_capture):
+    scene, module = bpy.context.scene, extension("scene.capture_collection")
+    other = add_capture("another")
+    around, empty = bpy.data.collections.new("around"), bpy.data.collections.new("empty")
+    for collection in (around, empty):
+        scene.collection.children.link(collection)
+    around.children.link(other)
+    empty.objects.link(bpy.data.objects.new("lone", bpy.data.cameras.new("lone")))
+    found = module.capture_collections(scene)
+    assert set(found) == {capture, other, around}
+    assert all(module.is_capture(c) == (c in found) for c in scene.collection.children_recursive)
+
+
+def test_only_captures_of_the_scene_can_be_chosen_in_its_tab(extension, capture):
+    may_be_chosen = extension("properties")._may_be_chosen
+    second = bpy.data.scenes.new("Second")
+    assert may_be_chosen(bpy.context.scene.nmf, capture)
+    assert not may_be_chosen(second.nmf, capture)
+    second.collection.children.link(capture)
+    assert may_be_chosen(second.nmf, capture)
 
 
 def test_photos_lie_over_the_scene_again_once_the_render_has_their_shape(extension, tmp_path):
@@ -366,6 +415,17 @@ def test_relighting_by_the_same_hdri_uses_its_world_again(extension, result_job,
     assert relight(scene, duck / "relight_studio.exr") == studio == scene.world
     assert set(bpy.data.worlds) == {recovered, studio, light}
     assert studio.node_tree.nodes["Background"].inputs["Strength"].default_value == 2
+
+
+def test_relighting_brings_the_hdri_that_was_picked_though_its_world_shows_another(extension, duck):
+    relight, scene = extension("scene.world").relight, bpy.context.scene
+    studio, sunset = (duck / f"relight_{name}.exr" for name in ("studio", "sunset"))
+    before = relight(scene, studio)
+    texture = next(node for node in before.node_tree.nodes if node.type == "TEX_ENVIRONMENT")
+    texture.image = bpy.data.images.load(str(sunset))
+    after = relight(scene, studio)
+    texture = next(node for node in after.node_tree.nodes if node.type == "TEX_ENVIRONMENT")
+    assert after != before and texture.image.filepath.endswith(studio.name)
 
 
 def test_gltf_export_keeps_f0_and_metalness(extension, result_job, tmp_path):

@@ -332,6 +332,15 @@ def test_a_check_fits_the_region_box_to_the_masks_unless_somebody_has_moved_it(
     assert list(box.location) == moved
     assert bpy.ops.nmf.fit_region_box() == {"FINISHED"}
     np.testing.assert_allclose(box.location, np.mean(shown, 0), atol=1e-6)
+    root = box.parent
+    root.location, root.scale = (5, 0, 0), (0.5, 0.5, 0.5)
+    bpy.context.view_layer.update()
+    stood = box.matrix_world.copy()
+    box.parent = None  # Clear Parent and Keep Transform
+    box.matrix_world = stood
+    bpy.ops.nmf.fit_region_box()
+    found = extension("scene.capture_collection").region_of(capture)
+    np.testing.assert_allclose([found["min"], found["max"]], shown, atol=1e-5)
     bpy.data.objects.remove(box)
     bpy.ops.nmf.fit_region_box()
     found = extension("scene.capture_collection").region_of(capture)

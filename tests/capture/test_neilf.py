@@ -56,6 +56,20 @@ def project(index, point):
     return FX * x / z + CX, FY * y / z + CY
 
 
+@pytest.mark.parametrize("stated", ["{}.png", "/data/vase/{}.png", "inputs\\images\\{}.png"])
+def test_of_a_photos_path_its_name_alone_counts(tmp_path, stated):
+    """NeILF's own loader looks in inputs/images, beside which maps have the same names."""
+    content = scene()
+    paths = content["image_path"]["file_paths"]
+    paths |= {str(i): stated.format(name) for i, name in enumerate(names())}
+    folder = write(tmp_path, content)
+    for maps in ("position_maps", "normal_maps"):
+        save_photos(folder / "inputs" / maps)
+    capture = read_capture(folder)
+    assert len(capture.cameras) == len(names())
+    assert all(camera.image_path.parent.name == "images" for camera in capture.cameras)
+
+
 @pytest.mark.parametrize("given_as", ["", "vase", "vase/inputs", "vase/inputs/sfm_scene.json"])
 def test_points_project_with_opencvs_axes_and_the_box_is_the_region(tmp_path, given_as):
     write(tmp_path / "vase", scene())

@@ -421,3 +421,36 @@ def test_photos_and_links_to_them_are_the_same_photos(tmp_path):
     write_cameras(tmp_path, [f"D:/elsewhere/{i}.png" for i in range(3)])
     cameras = read_capture(tmp_path).cameras
     assert {camera.image_path.parent.name for camera in cameras} == {"originals"}
+
+
+@pytest.mark.parametrize(
+    "told, there", [("train", "test"), ("test", "train"), ("./val", "train"), ("test_imgs", "train_imgs")]
+)  # fmt: skip
+def test_a_photo_of_another_split_is_none_though_it_is_the_only_one_of_its_name(
+    tmp_path, told, there
+):
+    """As of BlenderNeRF, which lists test cameras whose photos it does not render."""
+    for i in range(3):
+        save(tmp_path / there / f"r_{i}.png")
+    assert PhotoFinder(tmp_path).find(f"{told}/r_1") is None
+    write_cameras(tmp_path, [f"{told}/r_{i}" for i in range(3)])
+    with pytest.raises(CaptureError, match="3 of 3 photos are missing"):
+        read_capture(tmp_path)
+
+
+@pytest.mark.parametrize("told", ["pictures/r_1.png", "training_photos/r_1.png", "r_1.png"])
+def test_a_photo_in_a_folder_of_a_split_is_found_where_a_file_tells_no_other(tmp_path, told):
+    photo = save(tmp_path / "train" / "r_1.png")
+    assert PhotoFinder(tmp_path).find(told) == photo
+
+
+@pytest.mark.parametrize(
+    "folder", ["depth", "depths_2", "depth_maps", "normals", "mono_normal", "confidence"]
+)
+def test_maps_of_the_photos_names_are_not_taken_for_photos_that_are_missing(tmp_path, folder):
+    picture = save(tmp_path / folder / "frame_1.png")
+    assert PhotoFinder(tmp_path).find("images/frame_1.png") is None
+    assert (
+        PhotoFinder(tmp_path).find("frame_1.png") == picture
+    )  # a file that tells no folder means this
+    assert PhotoFinder(tmp_path).find(f"{folder}/frame_1.png") == picture

@@ -290,3 +290,13 @@ def test_hostile_splat_cameras_end_in_a_capture_or_an_error(tmp_path, value, key
     file = make_splat(tmp_path, cameras) / "cameras.json"
     file.write_text(text[: data.draw(st.integers(0, len(text)) | st.just(len(text)))])
     outcome(file)
+
+
+@pytest.mark.parametrize("times", [0.5, 2])
+def test_neus_photos_that_were_resized_have_a_lens_of_their_size(tmp_path, times):
+    folder = make_neus(tmp_path, projections(cx=49.5))
+    for photo in (folder / "image").iterdir():
+        Image.new("RGB", (int(times * WIDTH), int(times * HEIGHT)), "gray").save(photo)
+    for camera in read_capture(folder).cameras:
+        lens = camera.fx, camera.fy, camera.cx, camera.cy
+        assert lens == pytest.approx([times * value for value in (FX, FY, 49.5, CY)])

@@ -579,3 +579,24 @@ def test_poses_of_a_file_that_names_photos_elsewhere_find_nothing(tmp_path):
     (folder / "transforms_train.json").write_text(json.dumps(content))
     with pytest.raises(CaptureError, match="3 of 4 photos are missing"):
         read_capture(folder)
+
+
+def test_of_nerfstudios_lists_only_what_is_for_training_is_read(tmp_path):
+    capture = capture_with(
+        tmp_path, train_filenames=["./r_0", "./r_1", "./r_3"], test_filenames=["./r_2"]
+    )
+    assert [camera.name for camera in capture.cameras] == ["r_0", "r_1", "r_3"]
+    (told,) = (text for text in capture.warnings if "train_filenames" in text)
+    assert "1 photo for validation or tests left out" in told
+
+
+def test_photos_of_synthetic4relight_are_read_from_their_layers(tmp_path):
+    folder = make_capture(tmp_path)
+    for i in range(4):
+        photo = folder / f"r_{i}.png"
+        Image.open(photo).getchannel("A").save(folder / f"r_{i}_mask.png")
+        Image.open(photo).convert("RGB").save(folder / f"r_{i}_rgb.png")
+        photo.unlink()
+    for i, camera in enumerate(read_capture(folder).cameras):
+        assert camera.image_path == folder / f"r_{i}_rgb.png"
+        assert camera.mask_path == folder / f"r_{i}_mask.png"

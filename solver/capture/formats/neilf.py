@@ -22,6 +22,7 @@ from ..files import json_head, read_json
 from ..frames import invert_pose, pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
+from ..picture_names import parts_of
 
 NAME = "NeILF sfm_scene.json"
 EXTENSIONS = (".json",)
@@ -72,7 +73,10 @@ def _camera(path: Path, where: str, camera: dict, stated: str, photos: PhotoFind
     field = f"{where}.camera.extrinsic"
     extrinsic = _matrix(path, field, inner.get("extrinsic"))
     pose = pose_opengl_from_opencv(invert_pose(rigid_pose(path, field, extrinsic)))
-    photo, intrinsics = photos.find(stated, beside=path), None
+    # Only the name counts: the photos lie in this folder, and maps of the same names in others.
+    name = parts_of(stated)[-1:]
+    photo = photos.find_in(path.parent / "images", *name) if name else None
+    photo, intrinsics = photo or photos.find(stated, beside=path), None
     if photos.serves(photo):
         lens = mapping(path, f"{where}.camera.intrinsic", inner.get("intrinsic"))
         size, focal, centre = (

@@ -23,7 +23,7 @@ from ..intake import Found, Intrinsics, assemble
 from ..npy_files import read_npz
 from ..photo_finder import PhotoFinder
 from ..picture_names import folder_called, pictures_in
-from ..pinhole import of_projection
+from ..pinhole import of_projection, size_meant
 
 NAME = "NeuS"
 EXTENSIONS = (".npz",)
@@ -84,7 +84,8 @@ def _found(
     if photo is None:
         return Found(where, where, None, None, None)
     (fx, fy, cx, cy), to_world = of_projection(path, where, projection[:3])
-    intrinsics = Intrinsics(*image_size(photo), fx, fy, cx + 0.5, cy + 0.5)
+    centre = cx + 0.5, cy + 0.5
+    intrinsics = Intrinsics(*size_meant(image_size(photo), *centre), fx, fy, *centre)
     mask = masks.get(int(photo.stem)) if _is_number(photo.stem) else None
     return Found(where, photo.name, photo, pose_opengl_from_opencv(to_world), intrinsics, mask)
 

@@ -65,11 +65,15 @@ def _camera(file: Path, content: dict[str, Any], photos: PhotoFinder) -> Found:
         return number(file, key, content[key])
 
     pose = [[value(f"t_{row}{column}") for column in range(4)] for row in range(3)]
+    width, height = value("width"), value("height")
+    if not (1 <= width <= 1e6 and 1 <= height <= 1e6):
+        raise CaptureError(file, "width", "the photo has no size", "export the raw data again")
     folder = _PHOTO_FOLDERS.get(file.parent.name.lower(), "images")
     stated = f"{folder}/{file.stem}.jpg"
     photo = photos.find_in(file.parent.parent / folder, f"{file.stem}.jpg")
-    size = int(value("width")), int(value("height"))
-    intrinsics = Intrinsics(*size, *(value(key) for key in ("fx", "fy", "cx", "cy")))
+    intrinsics = Intrinsics(
+        int(width), int(height), value("fx"), value("fy"), value("cx"), value("cy")
+    )
     return Found(f"{file.name}, t_00", stated, photo, pose, intrinsics)
 
 

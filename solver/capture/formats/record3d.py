@@ -50,7 +50,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             path, "poses", "all poses are the same",
             "record with the LiDAR camera: Record3D does not follow the front camera",
         )  # fmt: skip
-    size = tuple(int(number(path, key, content.get(key))) for key in ("w", "h"))
+    size = _size(path, content)
     folder = next((name for name in _PHOTO_FOLDERS if (path.parent / name).is_dir()), "rgb")
     found = []
     for index, pose in enumerate(values):
@@ -61,6 +61,14 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         where = f"poses[{index}]"
         found.append(Found(where, stated, photo, _matrix(path, where, pose), intrinsics))
     return assemble(path, NAME, found, photos, up=(0, 1, 0), metric=True)
+
+
+def _size(path: Path, content: dict[str, Any]) -> tuple[int, int]:
+    """Width and height in pixels of the pictures that the intrinsics are for."""
+    width, height = (number(path, key, content.get(key)) for key in ("w", "h"))
+    if not (1 <= width <= 1e6 and 1 <= height <= 1e6):
+        raise CaptureError(path, "w", "the pictures have no size", "export the recording again")
+    return int(width), int(height)
 
 
 def _intrinsics(

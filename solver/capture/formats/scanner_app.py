@@ -16,7 +16,7 @@ from ..files import json_head, read_json
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
-from ..pinhole import pinhole_of
+from ..pinhole import pinhole_of, size_meant
 
 NAME = "3D Scanner App"
 EXTENSIONS = (".json",)
@@ -50,5 +50,6 @@ def _camera(file: Path, photo: Path) -> Found:
         raise CaptureError(file, "", "this is not a frame", "export the scan again")
     pose = numbers(file, "cameraPoseARFrame", content.get("cameraPoseARFrame"), 16).reshape(4, 4)
     k = numbers(file, "intrinsics", content.get("intrinsics"), 9).reshape(3, 3)
-    intrinsics = Intrinsics(*image_size(photo), *pinhole_of(file, "intrinsics", k))
+    lens = pinhole_of(file, "intrinsics", k)
+    intrinsics = Intrinsics(*size_meant(image_size(photo), *lens[2:]), *lens)
     return Found(f"{file.name}, cameraPoseARFrame", photo.name, photo, pose, intrinsics)

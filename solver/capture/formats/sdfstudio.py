@@ -19,7 +19,7 @@ from ..frames import pose_opengl_from_opencv
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
-from ..pinhole import pinhole_of
+from ..pinhole import pinhole_of, size_meant
 
 NAME = "SDFStudio meta_data.json"
 EXTENSIONS = (".json",)
@@ -61,14 +61,15 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 def _intrinsics(
     path: Path, where: str, content: dict, frame: dict, photo: Path | None
 ) -> Intrinsics:
-    k = _matrix(path, f"{where}.intrinsics", frame.get("intrinsics"), (3, 3))
+    field = f"{where}.intrinsics"
+    lens = pinhole_of(path, field, _matrix(path, field, frame.get("intrinsics"), (3, 3)))
     if content.get("width") is not None and content.get("height") is not None:
         width, height = (int(number(path, side, content[side])) for side in ("width", "height"))
     elif photo is not None:
-        width, height = image_size(photo)
+        width, height = size_meant(image_size(photo), *lens[2:])
     else:
         raise CaptureError(path, "width", "the photos' size is missing", "add width and height")
-    return Intrinsics(width, height, *pinhole_of(path, f"{where}.intrinsics", k))
+    return Intrinsics(width, height, *lens)
 
 
 def _matrix(path: Path, where: str, stated: Any, shape: tuple[int, int]) -> np.ndarray:

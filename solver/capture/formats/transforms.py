@@ -3,7 +3,9 @@
 All three give camera-to-world matrices with OpenGL camera axes. Intrinsics come as `fl_x` (pixels),
 `camera_angle_x` or instant-ngp's `x_fov`, for all frames or for each, and so does the lens's distortion.
 nerfstudio's `applied_transform` says how the poses were moved before writing; the world is taken as
-written, and so are the sparse points of `ply_file_path`, which were moved with it.
+written, and so are the sparse points of `ply_file_path`, which were moved with it. Of its lists of frames
+by their use that for training counts, `train_filenames`. Synthetic4Relight's photos are in layers, NAME_rgb
+and NAME_mask of a frame NAME.
 """
 
 import json
@@ -17,7 +19,7 @@ import numpy as np
 
 from ..camera import Camera
 from ..capture import Capture
-from ..errors import CaptureError, shown
+from ..errors import CaptureError, counted, shown
 from ..fields import is_no_pose
 from ..files import json_head, read_json
 from ..image_header import image_size
@@ -38,6 +40,7 @@ SURE = math.cos(math.radians(20))
 POSSIBLE = math.cos(math.radians(60))
 """… and up to which +Z is believed to be up where a file says nothing of it: cameras that look down from
 one side leave their slope open, but hardly lie on their sides"""
+_LAYERS = ("_rgb", "_rgba")
 
 
 def is_transforms(content: Any) -> bool:
@@ -70,6 +73,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             path, "frames", "the list of frames is empty", "export the cameras again"
         )
     found, lost = [], []
+    kept = content.get("train_filenames") if photos.wanted else None
+    kept = {name for name in kept if isinstance(name, str)} if isinstance(kept, list) else None
     for index, frame in enumerate(frames):
         where = f"frames[{index}]"
         if not isinstance(frame, dict):
@@ -79,17 +84,23 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             raise CaptureError(
                 path, f"{where}.file_path", "the frame names no photo", "add the photo's path"
             )
+        if kept and stated not in kept:
+            continue
         if is_no_pose(frame.get("transform_matrix")):
             lost.append(stated)
             continue
         photo = photos.find(stated, beside=path)
+        stated_mask = frame.get("mask_path") or frame.get("fg_mask_path")
+        if photo is None:  # Synthetic4Relight's are in layers
+            photo = next(filter(None, (photos.find(stated + end, path) for end in _LAYERS)), None)
+            stated_mask = stated_mask or photos.find(f"{stated}_mask", path) and f"{stated}_mask"
         intrinsics = mask = None
         if photos.serves(photo):
             model = frame.get("camera_model") or content.get("camera_model")
             values = {**content, **frame, "camera_model": model}
             intrinsics = _intrinsics(path, where, values, photo)
         if photo is not None:
-            mask = photos.mask_of(photo, frame.get("mask_path") or frame.get("fg_mask_path"), path)
+            mask = photos.mask_of(photo, stated_mask, path)
         found.append(
             Found(f"{where}.transform_matrix", stated, photo, frame.get("transform_matrix"),
                   intrinsics, mask, photos.picture_at(frame.get("ignored_path"), path),
@@ -98,6 +109,10 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     warnings = without_pose(
         path, "transform_matrix", lost, len(frames), "solve or export the cameras again"
     )
+    others = len(frames) - len(found) - len(lost)
+    if others:
+        left = counted(f"{others} photo|photos")
+        warnings += (f"{path.name}: {left} for validation or tests left out (train_filenames)",)
     points, problems = _points(path, content.get("ply_file_path"), photos)
     found, of_all = _without_lens_masks(path, found)
     applied = content.get("applied_transform")
