@@ -168,14 +168,17 @@ def _add_points(
 
 def capture_collections(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
     """Collections of the scene that hold at least one camera with a photo."""
-    # The panel asks in every draw: objects are looked at once, not once for each collection around them.
-    cameras = [item for item in scene.collection.all_objects if _has_photo(item)]
-    direct = {collection for item in cameras for collection in item.users_collection}
-    return [
-        c
-        for c in (scene.collection.children_recursive if direct else ())
-        if not direct.isdisjoint((c, *c.children_recursive))
-    ]
+    holding: set[bpy.types.Collection] = set()
+
+    def look_into(collection: bpy.types.Collection) -> bool:
+        # The panel asks in every draw: objects are looked at once, not for each collection around them.
+        below = [look_into(child) for child in collection.children]
+        if any(below) or any(map(_has_photo, collection.objects)):
+            holding.add(collection)
+        return collection in holding
+
+    look_into(scene.collection)
+    return [c for c in scene.collection.children_recursive if c in holding]
 
 
 def is_capture(collection: bpy.types.Collection) -> bool:
@@ -194,7 +197,8 @@ def active_capture(context: bpy.types.Context) -> bpy.types.Collection | None:
     for collection in (context.scene.nmf.capture, context.collection):
         if collection in whole.children_recursive and is_capture(collection):
             return collection
-    return next(iter(capture_collections(context.scene)), whole if is_capture(whole) else None)
+    captures = capture_collections(context.scene)
+    return captures[0] if captures else whole if is_capture(whole) else None
 
 
 def capture_of_number(number: int) -> bpy.types.Collection | None:
