@@ -49,19 +49,23 @@ clean-demo:
 	rm -rf demo
 
 # Blender's and the solver's are apart: bpy and torch bring threading libraries of their own. All run; any may
-# fail the target.
+# fail the target. Windows share a screen and wait for it, so that Blender's others run beside them.
 test: $(STAMP)
-	@status=0; for part in test-solver test-blender test-window; do \
-		$(MAKE) --no-print-directory $$part || status=1; done; exit $$status
+	@status=0; $(MAKE) --no-print-directory test-solver || status=1; \
+	told=$$(mktemp); $(MAKE) --no-print-directory test-window >"$$told" 2>&1 & window=$$!; \
+	$(MAKE) --no-print-directory test-blender || status=1; \
+	wait $$window || status=1; cat "$$told"; rm "$$told"; exit $$status
 
-# A process that crashed is not replaced: pytest-xdist would wait for the tests of its file for ever.
+# A process that crashed is not replaced: pytest-xdist would wait for the tests of its file for ever. Which
+# files come first is said in tests/conftest.py.
+SIDE_BY_SIDE = -n $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0
+
 test-solver: $(STAMP)
 	$(BIN)/python -m solver compile
-	$(BIN)/python -m pytest -q tests --ignore=tests/blender --ignore=tests/gui \
-		-n $(WORKERS) --dist loadfile --max-worker-restart 0
+	$(BIN)/python -m pytest -q tests --ignore=tests/blender --ignore=tests/gui $(SIDE_BY_SIDE)
 
 test-blender: $(STAMP)
-	$(BIN)/python -m pytest -q tests/blender -n $(WORKERS) --dist loadfile --max-worker-restart 0
+	$(BIN)/python -m pytest -q tests/blender $(SIDE_BY_SIDE)
 
 test-window: $(STAMP)
 	@if [ -z "$(NMF_REAL_BLENDER)" ]; then \

@@ -3,6 +3,7 @@
 import os
 import socket
 import sys
+from collections import Counter
 
 import pytest
 from hypothesis import settings
@@ -28,6 +29,13 @@ def _connect_here(self, address):
     ):
         raise OSError(f"A test tried to reach {address}; tests do not use the network.")
     return _connect(self, address)
+
+
+def pytest_collection_modifyitems(items):
+    """Files of few tests come first, for most of these are of whole jobs: one of them begun last would leave
+    the other processes with nothing to do."""
+    tests = Counter(item.path for item in items)
+    items.sort(key=lambda item: tests[item.path])
 
 
 @pytest.fixture(autouse=True)
