@@ -167,7 +167,8 @@ def run(job, stop_after=None):
     run_job(job, progress, control)
 
 
-@pytest.mark.parametrize("device, with_warp", WAYS)
+# What is CUDA's own the first has, what plain torch does the other.
+@pytest.mark.parametrize("device, with_warp", [WAYS[0], WAYS[2]])
 def test_a_job_on_a_card_is_stopped_resumed_baked_rendered_and_composed_with_the_processors(
     device, with_warp, ball_folder, tmp_path
 ):
