@@ -39,11 +39,9 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
     bl_label = "Capture"
 
     def draw_header(self, context: bpy.types.Context) -> None:
-        """An icon for the first step."""
         self.layout.label(icon="CAMERA_DATA")
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the panel."""
         layout = self.layout
         collection = active_capture(context)
         if collection is None:
@@ -98,11 +96,9 @@ class NMF_PT_reconstruct(Sidebar, bpy.types.Panel):
     bl_label = "Reconstruct"
 
     def draw_header(self, context: bpy.types.Context) -> None:
-        """An icon for the second step."""
         self.layout.label(icon="SHADERFX")
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the panel."""
         layout = self.layout
         if monitor.running:
             _draw_progress(layout, context)
@@ -128,11 +124,9 @@ class NMF_PT_result(Sidebar, bpy.types.Panel):
     bl_label = "Result"
 
     def draw_header(self, context: bpy.types.Context) -> None:
-        """An icon for the third step."""
         self.layout.label(icon="MATERIAL")
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the panel."""
         layout = self.layout
         column = layout.column(align=True)
         column.operator("nmf.relight_hdri", icon="WORLD")

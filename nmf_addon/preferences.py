@@ -59,7 +59,6 @@ class NMF_preferences(bpy.types.AddonPreferences):
     )
 
     def draw(self, context: bpy.types.Context) -> None:
-        """The preferences page."""
         layout = self.layout
         python, problem = runtime.solver_state(chosen_python(), chosen_runtime())
         box = layout.box()

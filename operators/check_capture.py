@@ -31,7 +31,6 @@ class NMF_OT_check_capture(bpy.types.Operator):
 
     @reporting()
     def execute(self, context: bpy.types.Context) -> set[str] | None:
-        """Start the check."""
         collection, settings = active_capture(context), context.scene.nmf
         folder = Path(tempfile.mkdtemp(prefix="nmf-check-", dir=bpy.app.tempdir))
         number = collection.session_uid

@@ -75,7 +75,6 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
         return ImportHelper.invoke(self, context, event)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """The file browser's sidebar."""
         column = self.layout.column()
         column.use_property_split, column.use_property_decorate = True, False
         column.prop(self, "photos")

@@ -28,7 +28,6 @@ class NMF_OT_open_job_folder(bpy.types.Operator):
         return bool(_installed_from(context)) or monitor.job is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Open it."""
         return _open(self, _job_meant(context).root)
 
 
@@ -47,7 +46,6 @@ class NMF_OT_open_report(bpy.types.Operator):
         return bool(_installed_from(context)) or is_done
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Open it."""
         return _open(self, _job_meant(context).result_dir / "report.html")
 
 
@@ -64,7 +62,6 @@ class NMF_OT_copy_report(bpy.types.Operator):
         return monitor.job is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Copy to the clipboard."""
         context.window_manager.clipboard = error_report()
         self.report({"INFO"}, "Copied the report to the clipboard")
         return {"FINISHED"}

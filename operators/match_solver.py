@@ -20,7 +20,6 @@ class NMF_OT_match_solver(bpy.types.Operator):
 
     @reporting(RuntimeError)
     def execute(self, context: bpy.types.Context) -> set[str] | None:
-        """Change the scene's settings."""
         left = match_solver(context.scene, self.bounces)
         match_photo(context.scene)
         if left:

@@ -42,7 +42,6 @@ class NMF_OT_reconstruct(Operator):
 
     @reporting()
     def execute(self, context: Context) -> set[str] | None:
-        """Write the job and start it."""
         settings, collection = context.scene.nmf, active_capture(context)
         python = preferences.solver_python()
         job = create_job(
@@ -76,7 +75,6 @@ class NMF_OT_resume(Operator):
 
     @reporting()
     def execute(self, context: Context) -> set[str] | None:
-        """Start the job again."""
         job = monitor.job
         if model_of_folder(job).state == "elsewhere":  # begun since the panel has looked
             monitor.look_at(str(job.root))
@@ -99,7 +97,6 @@ class NMF_OT_cancel(Operator):
         return monitor.running and not monitor.model.cancelling
 
     def execute(self, context: Context) -> set[str]:
-        """Ask the job to stop."""
         monitor.cancel()
         return {"FINISHED"}
 

@@ -23,7 +23,6 @@ class NMF_OT_add_region_box(WithCapture, Operator):
 
     @reporting()
     def execute(self, context: Context) -> set[str] | None:
-        """Add the box."""
         box = add_region_box(context, active_capture(context))
         if context.mode == "OBJECT":
             make_active(box, context.view_layer)
@@ -68,7 +67,6 @@ class NMF_OT_fit_region_box(WithCapture, Operator):
 
     @reporting()
     def execute(self, context: Context) -> set[str] | None:
-        """Move the box."""
         collection = capture_of_number(self.collection) or active_capture(context)
         box = fit_region_box(collection)
         if box is None:

@@ -20,7 +20,6 @@ class NMF_OT_relight_hdri(ImportHelper, bpy.types.Operator):
 
     @reporting(RuntimeError)
     def execute(self, context: bpy.types.Context) -> set[str] | None:
-        """Relight."""
         relight(context.scene, Path(bpy.path.abspath(self.filepath)))
 
 

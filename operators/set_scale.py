@@ -30,7 +30,6 @@ class NMF_OT_set_scale(WithCapture, bpy.types.Operator):
 
     @reporting()
     def execute(self, context: bpy.types.Context) -> set[str] | None:
-        """Scale the capture."""
         collection = picked_capture(context)
         factor = scale_to(collection, picked_points(context), self.distance)
         if context.mode == "EDIT_MESH":

@@ -25,7 +25,6 @@ class NMF_OT_setup_solver(Operator):
 
     @reporting()
     def execute(self, context: Context) -> set[str] | None:
-        """Start the set-up."""
         wheelhouse = preferences.chosen("wheelhouse")
         if not wheelhouse and not bpy.app.online_access:
             why = " (it was switched off at start-up)" if bpy.app.online_access_override else ""
@@ -47,7 +46,6 @@ class NMF_OT_cancel_setup(Operator):
     bl_options = {"INTERNAL"}
 
     def execute(self, context: Context) -> set[str]:
-        """Stop it."""
         setup_monitor.cancel_setup()
         return {"FINISHED"}
 
@@ -60,7 +58,6 @@ class NMF_OT_copy_setup_log(Operator):
     bl_options = {"INTERNAL"}
 
     def execute(self, context: Context) -> set[str]:
-        """Copy to the clipboard."""
         context.window_manager.clipboard = "\n".join(setup_monitor.setup_state().log)
         self.report({"INFO"}, "Copied the log to the clipboard")
         return {"FINISHED"}
@@ -79,7 +76,6 @@ class NMF_OT_check_solver(Operator):
 
     @reporting()
     def execute(self, context: Context) -> set[str] | None:
-        """Ask the solver's own `doctor`."""
         setup_monitor.start_check(preferences.solver_python())
 
 

@@ -35,7 +35,6 @@ class NMF_OT_show_photos(bpy.types.Operator):
 
     @reporting()
     def execute(self, context: bpy.types.Context) -> set[str] | None:
-        """Let the solver make the copies."""
         collection = active_capture(context)
         folder = Path(tempfile.mkdtemp(prefix="nmf-pictures-", dir=bpy.app.tempdir))
         number, said = collection.session_uid, self.said

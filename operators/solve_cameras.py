@@ -86,12 +86,10 @@ class NMF_OT_solve_cameras(Operator):
         return not side_task.running
 
     def invoke(self, context: Context, event: Event) -> set[str]:
-        """Ask for the folder or the video."""
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
     def draw(self, context: Context) -> None:
-        """The file browser's sidebar."""
         column = self.layout.column()
         column.use_property_split, column.use_property_decorate = True, False
         for name in (
@@ -102,7 +100,6 @@ class NMF_OT_solve_cameras(Operator):
 
     @reporting()
     def execute(self, context: Context) -> set[str] | None:
-        """Start the solver."""
         picked = Path(bpy.path.abspath(self.filepath))
         of_video, of_archive = is_video(picked), is_archive(picked)
         # A photo that was picked stands for its folder.
@@ -201,7 +198,6 @@ class NMF_OT_cancel_task(Operator):
         return side_task.running and not side_task.model.cancelling
 
     def execute(self, context: Context) -> set[str]:
-        """Ask it to stop."""
         side_task.cancel()
         return {"FINISHED"}
 

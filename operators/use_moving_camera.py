@@ -43,14 +43,12 @@ class NMF_OT_use_moving_camera(bpy.types.Operator):
         return shot_camera(context) is not None
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the frames."""
         frames = shot_of(shot_camera(context), context.scene).frames
         if frames:
             self.first, self.last = frames[0], frames[-1]
         return context.window_manager.invoke_props_dialog(self)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """The dialog."""
         column = self.layout.column()
         column.use_property_split, column.use_property_decorate = True, False
         for name in ("first", "last", "count"):

@@ -62,10 +62,15 @@ def _working_space_left() -> str:
 
 def _lamps_left(scene: bpy.types.Scene) -> str:
     """What is to be said of lights that shine besides the World."""
-    lamps = [item.name for item in scene.objects if item.type == "LIGHT" and not item.hide_render]
+    lights = {i for layer in scene.view_layers for i in layer.objects if i.type == "LIGHT"}
+    lamps = [
+        item.name
+        for item in lights
+        if not (item.hide_render or all(c.hide_render for c in item.users_collection))
+    ]
     if not lamps:
         return ""
-    return f"Photos had no light but the World's: hide {listed(lamps)} in renders to compare them."
+    return f"Photos had no light but the World's: hide {listed(sorted(lamps))} in renders to compare them."
 
 
 def check_cycles(scene: bpy.types.Scene) -> None:

@@ -68,7 +68,9 @@ def nothing_in(folder: Path, usual: Sequence[str]) -> CaptureError:
         for cameras in ("Cameras/train", "Calibration/cal18")
     )
     dtu = next(filter(Path.is_dir, cameras), None)
-    half = ((file, told) for file in files if (told := _without_cameras(file)) is not None)
+    # A table of points may lie beside photos as text.
+    told_of = ((f, _without_cameras(f)) for f in files if f.suffix.lower() != ".txt")
+    half = ((file, told) for file, told in told_of if told is not None and file.is_file())
     file, told = next(half, (None, None))
     if archive is not None:
         remedy = f"give {archive.name} itself"

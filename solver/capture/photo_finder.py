@@ -34,9 +34,10 @@ MODEL_FOLDERS = re.compile(
     re.I,
 )
 """folders that hold a solved model beside its photos, never photos alone"""
-_SPLIT = re.compile(r"(?<![a-z])(train|test|val)(?:ing|idation)?(?![a-z])")
-_MAPS = re.compile(r"(.+_)?(depths?|normals?|confidence)(_?maps?)?(_\d{1,2})?")
-"""folders of pictures that are no photos, though they are called as these"""
+_SPLIT = re.compile(r"(train|test|val)(ing|idation)?(_?(images?|imgs?|photos?|rgb|\d+))?")
+_PHOTOS = re.compile(r"(corrected_)?(images?|imgs?|photos?|frames?|rgb|colou?r)(_\d{1,2})?")
+_MAPS = re.compile(r"((mono|omnidata|gt)_)?(depths?|normals?|confidence)(_?maps?)?(_\d{1,2})?")
+"""folders of photos by their use, of photos, and of maps beside them, which are called as they are"""
 
 CODE_PAGES = (
     "cp1252", "cp1250", "cp1251", "cp1253", "cp1254", "cp932", "cp936", "cp949", "cp950",
@@ -267,11 +268,11 @@ class PhotoFinder:
 
 def _is_of_other_use(own: list[str], told: list[str]) -> bool:
     """True if a picture's last folder is of another split than a file tells, or of maps beside photos."""
-    own_last, told_last = (folders[-1] if folders else "" for folders in (own, told))
-    if own_last == told_last:
-        return False
-    splits = {found[1] for found in map(_SPLIT.search, (own_last, told_last)) if found}
-    return len(splits) == 2 or (told_last != "" and _MAPS.fullmatch(own_last) is not None)
+    same = agreement(own, told)
+    own_last, told_last = ([*folders[: len(folders) - same]] or [""] for folders in (own, told))
+    own_last, told_last = own_last[-1], told_last[-1]
+    splits = {found[1] for found in map(_SPLIT.fullmatch, (own_last, told_last)) if found}
+    return len(splits) == 2 or bool(_PHOTOS.fullmatch(told_last) and _MAPS.fullmatch(own_last))
 
 
 def _missing_in(folder: Path, stated: str) -> Path:

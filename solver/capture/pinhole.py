@@ -9,6 +9,8 @@ from .errors import CaptureError
 
 OFF_CENTRE = 0.2
 """how far from the middle no lens's centre is, as a share of half the photo"""
+_NEAR = 0.04
+"""how far from a whole number times its size a photo was resized by that number"""
 _MOST_SKEW = 0.02
 """of the focal length"""
 _ZERO = 1e-6
@@ -80,8 +82,10 @@ def size_meant(size: tuple[int, int], cx: float, cy: float) -> tuple[int, int]:
     another of the same shape."""
     if not is_for_another_size(size, cx, cy):
         return size
-    times = cx / size[0] + cy / size[1]
-    # A centre tells the size but roughly, and most photos were made smaller by a whole number.
-    whole = round(times) if times > 1 else 1 / round(1 / times)
-    times = whole if abs(times / whole - 1) < 0.5 * OFF_CENTRE else times
-    return round(times * size[0]), round(times * size[1])
+    wide, tall = 2 * cx, 2 * cy
+    if not np.allclose((wide, tall), np.round((wide, tall)), rtol=0, atol=1e-3):
+        # It was measured, so it tells the size but roughly; and most photos are resized by whole numbers.
+        times = wide / size[0]
+        whole = round(times) if times > 1 else 1 / round(1 / times)
+        wide = whole * size[0] if abs(times / whole - 1) < _NEAR else wide
+    return round(wide), round(wide * size[1] / size[0])

@@ -138,6 +138,16 @@ def test_what_else_would_change_a_render_is_switched_off_or_told(extension):
     assert not (render.use_simplify or render.use_border or render.use_motion_blur)
     lamp.hide_render = True
     assert match_solver(scene) == ""
+    lamp.hide_render, studio = False, bpy.data.collections.new("Studio")
+    scene.collection.children.link(studio)
+    studio.objects.link(lamp)
+    scene.collection.objects.unlink(lamp)
+    assert match_solver(scene) != ""
+    studio.hide_render = True
+    assert match_solver(scene) == ""
+    studio.hide_render = False
+    bpy.context.view_layer.layer_collection.children["Studio"].exclude = True
+    assert match_solver(scene) == ""
 
 
 def test_a_broken_capture_changes_nothing(extension, tmp_path):

@@ -70,6 +70,16 @@ def test_of_a_photos_path_its_name_alone_counts(tmp_path, stated):
     assert all(camera.image_path.parent.name == "images" for camera in capture.cameras)
 
 
+def test_photos_in_another_folder_are_those_that_the_path_tells(tmp_path):
+    content = scene()
+    paths = content["image_path"]["file_paths"]
+    paths |= {str(i): f"rgb/{name}.png" for i, name in enumerate(names())}
+    folder = write(tmp_path, content)
+    (folder / "inputs" / "images").rename(folder / "inputs" / "rgb")
+    save_photos(folder / "inputs" / "position_maps")
+    assert all(c.image_path.parent.name == "rgb" for c in read_capture(folder).cameras)
+
+
 @pytest.mark.parametrize("given_as", ["", "vase", "vase/inputs", "vase/inputs/sfm_scene.json"])
 def test_points_project_with_opencvs_axes_and_the_box_is_the_region(tmp_path, given_as):
     write(tmp_path / "vase", scene())

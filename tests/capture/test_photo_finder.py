@@ -424,7 +424,11 @@ def test_photos_and_links_to_them_are_the_same_photos(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "told, there", [("train", "test"), ("test", "train"), ("./val", "train"), ("test_imgs", "train_imgs")]
+    "told, there",
+    [
+        ("train", "test"), ("test", "train"), ("./val", "train"), ("test_imgs", "train_imgs"),
+        ("train/rgb", "test/rgb"), ("validation/images", "training/images"),
+    ],
 )  # fmt: skip
 def test_a_photo_of_another_split_is_none_though_it_is_the_only_one_of_its_name(
     tmp_path, told, there
@@ -438,10 +442,18 @@ def test_a_photo_of_another_split_is_none_though_it_is_the_only_one_of_its_name(
         read_capture(tmp_path)
 
 
-@pytest.mark.parametrize("told", ["pictures/r_1.png", "training_photos/r_1.png", "r_1.png"])
-def test_a_photo_in_a_folder_of_a_split_is_found_where_a_file_tells_no_other(tmp_path, told):
-    photo = save(tmp_path / "train" / "r_1.png")
-    assert PhotoFinder(tmp_path).find(told) == photo
+@pytest.mark.parametrize(
+    "told, there",
+    [
+        ("pictures", "train"), ("training_photos", "train"), ("", "train"), ("D:/test", "train engine"),
+        ("D:/scans/mug", "normal"), ("D:/scans/mug", "exposure_normal"), ("images", "great_depths"),
+    ],
+)  # fmt: skip
+def test_a_photo_in_a_folder_of_any_name_is_found_where_a_file_tells_no_other_use(
+    tmp_path, told, there
+):
+    photo = save(tmp_path / there / "r_1.png")
+    assert PhotoFinder(tmp_path).find(f"{told}/r_1.png".lstrip("/")) == photo
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from solver.capture.photos import Photo, at_sizes_of, load_photos, resized
+from solver.capture.pinhole import size_meant
 from solver.capture.read import read_capture
 from solver.fit.presets import settings_for
 from tests.capture.test_capture import camera
@@ -58,3 +59,28 @@ def test_a_camera_keeps_its_shape_and_has_a_pixel_at_least():
     assert small.width * small.height == pytest.approx(640_000, rel=0.01)
     assert small.width / small.height == pytest.approx(4 / 3, rel=0.01)
     assert min(camera(width=10000, height=1).no_larger(100).width, 1) == 1
+
+
+@pytest.mark.parametrize(
+    "photo, lens",
+    [
+        ((1920, 1440), (4000, 3000)), ((1024, 768), (1920, 1440)), ((800, 600), (3000, 2250)),
+        ((1600, 1067), (6000, 4000)), ((960, 720), (4032, 3024)), ((48, 32), (96, 64)),
+    ],
+)  # fmt: skip
+def test_a_lens_whose_centre_is_the_very_middle_tells_its_photos_size(photo, lens):
+    assert size_meant(photo, lens[0] / 2, lens[1] / 2) == pytest.approx(lens, abs=2)
+
+
+@pytest.mark.parametrize("times", [0.25, 0.5, 2, 3])
+def test_a_lens_with_a_measured_centre_is_for_a_size_that_is_a_whole_number_of_times_its_photos(
+    times,
+):
+    """DTU's, in the photo as it was taken, 1600 × 1200."""
+    photo = round(1600 / times), round(1200 / times)
+    assert size_meant(photo, 823.2, 619.1) == pytest.approx((1600, 1200), abs=2)
+
+
+def test_a_lens_that_was_measured_is_for_its_photo_where_its_centre_is_near_the_middle():
+    assert size_meant((1600, 1200), 823.2, 619.1) == (1600, 1200)
+    assert size_meant((1000, 750), 823.2, 619.1) == (1646, 1235)

@@ -34,5 +34,13 @@ def test_one_is_told_what_to_export_from_a_project_and_from_a_folder_that_has_on
         read_capture(tmp_path)
 
 
+def test_a_table_of_points_beside_photos_is_no_table_of_their_places(tmp_path):
+    file = save_photos(tmp_path / "photos").parent / "gcp.txt"
+    file.write_text("Name,X,Y,Z\nA,1,2,3\n")
+    (tmp_path / "folder.psx").mkdir()
+    with pytest.raises(CaptureError, match="in this folder; give the camera file itself, or solve"):
+        read_capture(tmp_path)
+
+
 def test_file_dialogs_and_drops_take_projects_for_one_to_be_told():
     assert {f".{name.partition('.')[2]}" for name in PROJECTS} <= set(CAMERA_FILES)

@@ -590,8 +590,21 @@ def test_of_nerfstudios_lists_only_what_is_for_training_is_read(tmp_path):
     assert "1 photo for validation or tests left out" in told
 
 
-def test_photos_of_synthetic4relight_are_read_from_their_layers(tmp_path):
-    folder = make_capture(tmp_path)
+@pytest.mark.parametrize(
+    "stated", [["r_0", r".\r_1", "./r_3"], ["./r_0"], ["x"] * 4, [], 5, {}, [1, None]]
+)
+def test_a_list_for_training_counts_however_its_paths_are_spelt_unless_it_is_none(tmp_path, stated):
+    cameras = capture_with(tmp_path, train_filenames=stated).cameras
+    assert len(cameras) == (3 if len(stated if isinstance(stated, list) else []) == 3 else 4)
+
+
+@pytest.mark.parametrize("folder_told", ["./", "", "/data/hotdog/train/"])
+def test_photos_of_synthetic4relight_are_read_from_their_layers(tmp_path, folder_told):
+    def change(content):
+        for i, frame in enumerate(content["frames"]):
+            frame["file_path"] = f"{folder_told}r_{i}"
+
+    folder = make_capture(tmp_path, edit=change)
     for i in range(4):
         photo = folder / f"r_{i}.png"
         Image.open(photo).getchannel("A").save(folder / f"r_{i}_mask.png")

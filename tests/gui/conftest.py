@@ -57,7 +57,7 @@ def blender(tmp_path_factory, screenshots):
     def environment(**variables):
         return {
             **os.environ, "RB_BIND": f"{ROOT}:{screenshots}:{folder}", "NMF_GUI_OUT": str(screenshots),
-            "NMF_SOLVER_PYTHON": "/usr/bin/python3",
+            "NMF_SOLVER_PYTHON": "/usr/bin/python3", "RB_TIMEOUT": "300",
             "NMF_SOLVER_BOOTSTRAP": str(ROOT / "tests" / "blender" / "fake_solver.py"), **variables,
         }  # fmt: skip
 
@@ -91,6 +91,6 @@ def in_window(blender, screenshots):
 
     def window(script, last_shot, **variables):
         steps = Path(__file__).with_name(script)
-        blender("gui", str(steps), str(screenshots / last_shot), seconds=240, **variables)
+        blender("gui", str(steps), str(screenshots / last_shot), seconds=360, **variables)
 
     return window

@@ -74,8 +74,8 @@ def _camera(path: Path, where: str, camera: dict, stated: str, photos: PhotoFind
     extrinsic = _matrix(path, field, inner.get("extrinsic"))
     pose = pose_opengl_from_opencv(invert_pose(rigid_pose(path, field, extrinsic)))
     # Only the name counts: the photos lie in this folder, and maps of the same names in others.
-    name = parts_of(stated)[-1:]
-    photo = photos.find_in(path.parent / "images", *name) if name else None
+    folder, name = path.parent / "images", parts_of(stated)[-1:]
+    photo = photos.find_in(folder, *name) if name and folder.is_dir() else None
     photo, intrinsics = photo or photos.find(stated, beside=path), None
     if photos.serves(photo):
         lens = mapping(path, f"{where}.camera.intrinsic", inner.get("intrinsic"))

@@ -26,6 +26,7 @@ from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..panoramic_lens import EQUIRECTANGULAR
 from ..photo_finder import PhotoFinder
+from ..picture_names import parts_of
 from ..pinhole import size_meant
 from ..ply_points import read_ply_points
 from ..upright import estimate_up
@@ -73,8 +74,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             path, "frames", "the list of frames is empty", "export the cameras again"
         )
     found, lost = [], []
-    kept = content.get("train_filenames") if photos.wanted else None
-    kept = {name for name in kept if isinstance(name, str)} if isinstance(kept, list) else None
+    kept = _for_training(content, photos)
     for index, frame in enumerate(frames):
         where = f"frames[{index}]"
         if not isinstance(frame, dict):
@@ -84,23 +84,22 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             raise CaptureError(
                 path, f"{where}.file_path", "the frame names no photo", "add the photo's path"
             )
-        if kept and stated not in kept:
+        if kept and tuple(parts_of(stated)) not in kept:
             continue
         if is_no_pose(frame.get("transform_matrix")):
             lost.append(stated)
             continue
         photo = photos.find(stated, beside=path)
-        stated_mask = frame.get("mask_path") or frame.get("fg_mask_path")
+        intrinsics = mask = None
         if photo is None:  # Synthetic4Relight's are in layers
             photo = next(filter(None, (photos.find(stated + end, path) for end in _LAYERS)), None)
-            stated_mask = stated_mask or photos.find(f"{stated}_mask", path) and f"{stated}_mask"
-        intrinsics = mask = None
+            mask = photo and photos.find(f"{stated}_mask", path)
         if photos.serves(photo):
             model = frame.get("camera_model") or content.get("camera_model")
             values = {**content, **frame, "camera_model": model}
             intrinsics = _intrinsics(path, where, values, photo)
-        if photo is not None:
-            mask = photos.mask_of(photo, stated_mask, path)
+        if photo is not None and mask is None:
+            mask = photos.mask_of(photo, frame.get("mask_path") or frame.get("fg_mask_path"), path)
         found.append(
             Found(f"{where}.transform_matrix", stated, photo, frame.get("transform_matrix"),
                   intrinsics, mask, photos.picture_at(frame.get("ignored_path"), path),
@@ -128,6 +127,18 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     told = (f"{path.name}: its cameras look away from one another; if transform_matrix has OpenCV's "
             "axes, negate its second and third columns")  # fmt: skip
     return replace(capture, warnings=(*capture.warnings, told))
+
+
+def _for_training(content: dict, photos: PhotoFinder) -> set[tuple[str, ...]]:
+    """Parts of the paths of frames that nerfstudio lists for training; none if it lists too few."""
+
+    def parts(names: list) -> set[tuple[str, ...]]:
+        return {tuple(parts_of(name)) for name in names if isinstance(name, str)}
+
+    stated = content.get("train_filenames")
+    frames = [frame.get("file_path") for frame in content["frames"] if isinstance(frame, dict)]
+    kept = parts(frames) & parts(stated if isinstance(stated, list) else [])
+    return kept if photos.wanted and len(kept) >= photos.fewest else set()
 
 
 def write_transforms(
