@@ -63,11 +63,10 @@ def _working_space_left() -> str:
 def _lamps_left(scene: bpy.types.Scene) -> str:
     """What is to be said of lights that shine besides the World."""
     lights = {i for layer in scene.view_layers for i in layer.objects if i.type == "LIGHT"}
-    lamps = [
-        item.name
-        for item in lights
-        if not (item.hide_render or all(c.hide_render for c in item.users_collection))
-    ]
+    shown = {*scene.collection.objects} | {
+        item for c in scene.collection.children_recursive if not c.hide_render for item in c.objects
+    }
+    lamps = [item.name for item in lights & shown if not item.hide_render]
     if not lamps:
         return ""
     return f"Photos had no light but the World's: hide {listed(sorted(lamps))} in renders to compare them."

@@ -130,7 +130,12 @@ def test_a_render_that_matches_has_the_size_of_the_photo_behind_the_camera(exten
 
 def test_what_else_would_change_a_render_is_switched_off_or_told(extension):
     scene = bpy.context.scene
-    render, match_solver = scene.render, extension("scene.match_solver").match_solver
+    render = scene.render
+
+    def match_solver(scene):
+        bpy.context.view_layer.update()
+        return extension("scene.match_solver").match_solver(scene)
+
     render.use_simplify = render.use_border = render.use_motion_blur = True
     lamp = bpy.data.objects.new("Key", bpy.data.lights.new("Key", "POINT"))
     scene.collection.objects.link(lamp)
