@@ -30,15 +30,15 @@ def named_pictures(job: JobFolder, manifest: dict) -> dict[str, Path]:
     files = {key: job.result_dir / entry["file"] for key, entry in entries.items()}
     folder, record = job.root / "textures", job.root / "textures.json"
     try:
-        made = _made(record)
-        stem = _free_stem(job.root.name, list(files.values()), folder, made)
+        made, now = _made(record), {file.name: _digest(file) for file in files.values()}
+        stem = _free_stem(job.root.name, now, folder, made)
         folder.mkdir(exist_ok=True)
         named = {key: folder / f"{stem}_{file.name}" for key, file in files.items()}
         for key, file in files.items():
             # It was a link to the result's once, which is not to be written to.
             named[key].unlink(missing_ok=True)
             shutil.copyfile(file, named[key])
-            made[named[key].name] = _digest(file)
+            made[named[key].name] = now[file.name]
         write_json_atomic(record, made)
         return named
     except OSError:
@@ -57,18 +57,18 @@ def _digest(file: Path) -> str:
     return hashlib.sha1(file.read_bytes()).hexdigest()
 
 
-def _free_stem(name: str, files: list[Path], folder: Path, made: dict[str, str]) -> str:
+def _free_stem(name: str, now: dict[str, str], folder: Path, made: dict[str, str]) -> str:
     """A job's name, with a number where pictures of another job of this name are in the open file, or where
-    a person has painted on its own, in this file or in another."""
+    a person has painted on its own, in this or another file: not as `made`, nor as the result is `now`."""
     taken = {
         copy.name
-        for file in files
-        for copy in folder.glob(f"*_{file.name}")
-        if _digest(copy) not in (made.get(copy.name), _digest(file))
+        for file, digest in now.items()
+        for copy in folder.glob(f"*_{file}")
+        if _digest(copy) not in (made.get(copy.name), digest)
     }
     for image in bpy.data.images:
         path = Path(os.path.normpath(bpy.path.abspath(image.filepath, library=image.library)))
         if path.parent != folder or is_painted(image):
             taken.add(path.name)
     stems = (name if number == 1 else f"{name}_{number}" for number in count(1))
-    return next(stem for stem in stems if taken.isdisjoint(f"{stem}_{f.name}" for f in files))
+    return next(stem for stem in stems if taken.isdisjoint(f"{stem}_{file}" for file in now))

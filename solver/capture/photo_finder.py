@@ -269,8 +269,7 @@ class PhotoFinder:
 def _is_of_other_use(own: list[str], told: list[str]) -> bool:
     """True if a picture's last folder is of another split than a file tells, or of maps beside photos."""
     same = agreement(own, told)
-    own_last, told_last = ([*folders[: len(folders) - same]] or [""] for folders in (own, told))
-    own_last, told_last = own_last[-1], told_last[-1]
+    own_last, told_last = (["", *folders[: len(folders) - same]][-1] for folders in (own, told))
     splits = {found[1] for found in map(_SPLIT.fullmatch, (own_last, told_last)) if found}
     return len(splits) == 2 or bool(_PHOTOS.fullmatch(told_last) and _MAPS.fullmatch(own_last))
 

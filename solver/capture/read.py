@@ -169,8 +169,7 @@ def _read(reader: ModuleType, file: Path, finder: PhotoFinder) -> Capture:
             raise
         # A reader must foresee what a file can hold; where one does not, nobody sees a traceback.
         why = shown(str(error)) or type(error).__name__  # a MemoryError says nothing
-        raise CaptureError(
-            file, "", f"it cannot be read as {reader.NAME} ({why})") from error  # fmt: skip
+        raise CaptureError(file, "", f"it cannot be read as {reader.NAME} ({why})") from error
 
 
 def reader_of(file: Path) -> ModuleType | None:
