@@ -7,6 +7,7 @@ understood, and nothing is imported, called or made by name.
 import pickletools
 import re
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,8 @@ _TUPLES = {"EMPTY_TUPLE": 0, "TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
 _ARRAYS = {"numpy.core.multiarray _reconstruct", "numpy._core.multiarray _reconstruct"}
 """by what numpy makes an array, before its version 2 and since"""
 _NUMBERS = re.compile(r"[<>|=][fiu][248]")
+_MOST_STEPS = 1000
+"""of a pickle; two matrices have a hundred"""
 
 
 @dataclass(eq=False)
@@ -72,7 +75,7 @@ def _held(content: bytes) -> object:
         del stack[start:]
         return items
 
-    for step, value, _ in pickletools.genops(content):
+    for step, value, _ in islice(pickletools.genops(content), _MOST_STEPS):
         match step.name:
             case "PROTO" | "FRAME" | "STOP":
                 pass
@@ -108,6 +111,8 @@ def _held(content: bytes) -> object:
                 stack.append(made)
             case name:
                 raise ValueError(f"{name} is not a step of a list of arrays")
+    if step.name != "STOP":
+        raise ValueError("it has more steps than a list of a few arrays")
     return stack[-1]
 
 
