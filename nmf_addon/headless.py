@@ -28,7 +28,8 @@ from .jobs.process import run_blocking, start_job
 from .reports import reason_of
 from .runtime import RuntimeMissing, bootstrap_script, clean_environment
 from .scene.archives import unpack_all
-from .scene.capture_collection import import_capture, photo_paths
+from .scene.capture_collection import photo_paths
+from .scene.import_captures import import_capture
 from .scene.install import InstalledAsset, install_result
 from .scene.match_solver import check_cycles, match_photo, match_solver
 

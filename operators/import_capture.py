@@ -7,7 +7,8 @@ import bpy
 from bpy_extras.io_utils import ImportHelper
 
 from ..nmf_addon.scene.archives import unpack_all
-from ..nmf_addon.scene.capture_collection import import_captures, warnings_of
+from ..nmf_addon.scene.capture_collection import warnings_of
+from ..nmf_addon.scene.import_captures import import_captures
 from ..solver.capture.archives import ARCHIVES
 from ..solver.capture.read import CAMERA_FILES
 from .polls import reporting

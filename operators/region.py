@@ -3,13 +3,8 @@
 import bpy
 from bpy.types import Context, Operator
 
-from ..nmf_addon.scene.capture_collection import (
-    active_capture,
-    add_region_box,
-    capture_of_number,
-    fit_region_box,
-)
-from ..nmf_addon.scene.region import region_box
+from ..nmf_addon.scene.capture_collection import active_capture, capture_of_number
+from ..nmf_addon.scene.region import add_region_box, fit_region_box, region_box
 from ..nmf_addon.scene.selection import make_active
 from .polls import WithCapture, reporting
 

@@ -13,8 +13,9 @@ from ...solver.capture.picture_names import JOBS_FOLDER
 from ...solver.job.folder import CAPTURE, JobFolder
 from ...solver.job.request import JobRequest
 from ..names import JOBS_OF_UNSAVED, user_folder
-from ..scene.capture_collection import placement_of, region_of, write_capture
+from ..scene.capture_collection import placement_of, write_capture
 from ..scene.evaluated import evaluated
+from ..scene.region import region_of
 
 RESERVED = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9¹²³]", re.I)
 """names of devices on Windows, with whatever extension; no file can be called so there"""

@@ -4,7 +4,12 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ...solver.capture.capture import region_seen_by
 from ...solver.capture.errors import CaptureError
+from .cameras import to_solver
+from .capture_collection import photo_cameras, root_of, to_capture_space
+from .evaluated import settle
+from .findings import check_report, masked_box
 
 REGION, PLACED = "nmf_region", "nmf_placed"
 STRAIGHT = 1e-4  # one minus the cosine of what counts as not turned
@@ -77,6 +82,63 @@ def region_problem(collection: bpy.types.Collection, to_capture: Matrix) -> str:
         f"{boxes[0].name} is rotated, so the region is the unrotated box around it; set its rotation to 0 "
         "in the sidebar's Item tab."
     )
+
+
+def add_region_box(
+    context: bpy.types.Context, collection: bpy.types.Collection
+) -> bpy.types.Object:
+    """A box empty around what the cameras look at, for the person to move and scale.
+
+    Raises:
+        CaptureError: a camera cannot be used, or the capture is in another file.
+    """
+    existing = region_box(collection)
+    if existing is not None:
+        return existing
+    settle(collection)
+    matrix = to_capture_space(collection)
+    cameras = [to_solver(item, matrix) for item in photo_cameras(collection)]
+    return new_region_box(collection, region_seen_by(cameras), root_of(collection))
+
+
+def region_of(collection: bpy.types.Collection) -> dict[str, list[float]] | None:
+    """The region box in capture space as {"min": …, "max": …}; None if there is none.
+
+    Raises:
+        CaptureError: the box is flat.
+    """
+    box = region_box(collection)
+    if box is None:
+        return None
+    settle(collection)
+    matrix = np.array(to_capture_space(collection) @ box.matrix_world)
+    size = box.empty_display_size
+    corners = np.array(np.meshgrid(*[(-size, size)] * 3)).reshape(3, -1)
+    points = matrix[:3, :3] @ corners + matrix[:3, 3:]
+    if (np.ptp(points, axis=1) <= 0).any():
+        raise CaptureError(
+            box.name, "scale", "the region box is flat", "scale it until the object fits into it"
+        )
+    return {"min": points.min(1).tolist(), "max": points.max(1).tolist()}
+
+
+def fit_region_box(collection: bpy.types.Collection) -> bpy.types.Object | None:
+    """Move the region box to where masks show the object, or make one there; None if none do.
+
+    Raises:
+        CaptureError: the capture is in another file, where a change would not last.
+    """
+    region, box = masked_box(check_report(collection)), region_box(collection)
+    if region is None:
+        return None
+    if box is None:
+        return new_region_box(collection, region, root_of(collection))
+    if box.library:
+        raise CaptureError(
+            box.name, "", "the capture is in another file", "fit the region box there"
+        )
+    place_box(box, region, root_of(collection))
+    return box
 
 
 def _region_boxes(collection: bpy.types.Collection) -> list[bpy.types.Object]:

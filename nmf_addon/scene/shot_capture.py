@@ -13,9 +13,9 @@ from ...solver.capture.errors import CaptureError, counted
 from ...solver.capture.formats.transforms import write_transforms
 from ...solver.capture.image_header import image_size
 from .cameras import camera_of
-from .capture_collection import import_captures
 from .clip_lens import lens_of
 from .evaluated import evaluated
+from .import_captures import import_captures
 from .shot import Shot
 
 STANDS_STILL = 1e-6

@@ -27,7 +27,7 @@ def capture(extension, tmp_path, request):
     content = json.loads(file.read_text())
     content.update(getattr(request, "param", {}))
     file.write_text(json.dumps(content))
-    return extension("scene.capture_collection").import_capture(bpy.context, file)
+    return extension("scene.import_captures").import_capture(bpy.context, file)
 
 
 def cameras_of(collection):
@@ -137,7 +137,7 @@ def test_solved_photos_of_a_phone_are_shown_and_what_the_solve_said_stays(
 
 def test_photos_that_blender_shows_need_no_copies(extension, tmp_path):
     file = fake_capture.write_capture(tmp_path)
-    capture = extension("scene.capture_collection").import_capture(bpy.context, file)
+    capture = extension("scene.import_captures").import_capture(bpy.context, file)
     assert not extension("scene.hidden_photos").hidden_cameras(capture)
     with pytest.raises(RuntimeError, match="poll"):
         bpy.ops.nmf.show_photos()
@@ -151,7 +151,7 @@ def test_a_damaged_photo_through_a_distorted_lens_is_imported_with_nothing_to_se
     photo.write_bytes(photo.read_bytes()[:60])
     content = json.loads(file.read_text())
     file.write_text(json.dumps({**content, "k1": 0.1}))
-    capture = extension("scene.capture_collection").import_capture(bpy.context, file)
+    capture = extension("scene.import_captures").import_capture(bpy.context, file)
     assert len(cameras_of(capture)) == 3
 
 
@@ -167,7 +167,7 @@ def raw_capture(extension, package, monkeypatch, tmp_path):
     file = fake_capture.write_cameras(tmp_path / "transforms_train.json", names)
     size = {"w": SIZE[0], "h": SIZE[1], "cx": SIZE[0] / 2, "cy": SIZE[1] / 2}
     file.write_text(json.dumps({**json.loads(file.read_text()), **size}))
-    return extension("scene.capture_collection").import_capture(bpy.context, file)
+    return extension("scene.import_captures").import_capture(bpy.context, file)
 
 
 def test_raw_photos_whose_size_the_solver_alone_can_read_are_imported_shown_and_handed_on(

@@ -198,7 +198,7 @@ def test_a_result_of_the_command_line_stands_among_its_cameras_whose_empty_was_a
         pose[:3, 3] += origin
         frame["transform_matrix"] = pose.tolist()
     path.write_text(json.dumps(cameras))
-    collection = scene.import_capture(bpy.context, path)
+    collection = extension("scene.import_captures").import_capture(bpy.context, path)
     root = scene.root_of(collection)
     placement = np.array(root["nmf_file_to_capture"]).reshape(4, 4)
     root.matrix_world = TURNED

@@ -96,7 +96,7 @@ def capture_of_panoramas(extension, tmp_path):
         pose[0, 3] += index
         cameras.append(panorama(64, 32, pose, path))
     write_transforms(tmp_path / "transforms.json", cameras)
-    collection = extension("scene.capture_collection").import_capture(
+    collection = extension("scene.import_captures").import_capture(
         bpy.context, tmp_path / "transforms.json"
     )
     return collection, cameras

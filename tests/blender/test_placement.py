@@ -20,10 +20,10 @@ def edit(path, change):
 
 
 def test_a_distorted_photo_is_shown_without_its_distortion_and_solved_with_it(extension, tmp_path):
-    scene, cameras = extension("scene.capture_collection"), extension("scene.cameras")
+    cameras = extension("scene.cameras")
     path = fake_capture.write_capture(tmp_path / "photos")
     edit(path, lambda c: c.update(k1=-0.2, k2=0.02, p1=0.0, p2=0.0))
-    collection = scene.import_capture(bpy.context, path)
+    collection = extension("scene.import_captures").import_capture(bpy.context, path)
     item = next(i for i in collection.objects if i.type == "CAMERA")
     kept, shown = item.data.background_images
     assert shown.show_background_image and shown.image.get("nmf_undistorted")
@@ -192,7 +192,7 @@ def test_a_result_made_from_the_captures_file_stands_where_its_cameras_do(
     scene, install = extension("scene.capture_collection"), extension("scene.install")
     origin = np.array([412345.0, 5212345.0, 120.0])
     path = fake_capture.write_capture(tmp_path / "photos")
-    collection = scene.import_capture(bpy.context, path)
+    collection = extension("scene.import_captures").import_capture(bpy.context, path)
     root = scene.root_of(collection)
     placed = np.eye(4)
     placed[:3, :3] = 0.4 * np.array(Matrix.Rotation(0.7, 3, "Y"))
@@ -233,9 +233,9 @@ def two_empties(first, second):
 
 
 def test_two_points_of_known_distance_scale_the_capture_about_the_first(extension, capture):
-    scene = extension("scene.capture_collection")
+    module = extension("scene.region")
     camera = next(item for item in capture.objects if item.type == "CAMERA")
-    region = scene.region_of(capture)
+    region = module.region_of(capture)
     before = camera.matrix_world.translation.copy()
     two_empties((1, 0, 0), (1, 0, 0.5))
     assert bpy.ops.nmf.set_scale(distance=2.0) == {"FINISHED"}
@@ -244,7 +244,7 @@ def test_two_points_of_known_distance_scale_the_capture_about_the_first(extensio
     np.testing.assert_allclose(camera.matrix_world.translation, expected, atol=1e-4)
     assert camera.data.display_size == pytest.approx(0.8)
     # The solver works in capture space, which does not notice.
-    np.testing.assert_allclose(scene.region_of(capture)["max"], region["max"], atol=1e-4)
+    np.testing.assert_allclose(module.region_of(capture)["max"], region["max"], atol=1e-4)
 
 
 def test_a_capture_that_no_viewport_shows_is_scaled_where_it_stands(extension, capture):

@@ -10,7 +10,7 @@ from mathutils import Euler, Matrix, Vector
 
 def test_an_imported_capture_is_written_back_as_it_was(extension, duck, tmp_path):
     scene = extension("scene.capture_collection")
-    collection = scene.import_capture(bpy.context, duck)
+    collection = extension("scene.import_captures").import_capture(bpy.context, duck)
     root = scene.root_of(collection)
     # The person turns, moves and scales the capture: capture space must not notice.
     root.matrix_world = Matrix.LocRotScale(
@@ -68,8 +68,7 @@ def test_principal_point_pixel_aspect_and_lens_survive(extension, tmp_path, size
 def test_blender_projects_points_as_the_solver_does(extension, duck):
     from bpy_extras.object_utils import world_to_camera_view
 
-    scene = extension("scene.capture_collection")
-    collection = scene.import_capture(bpy.context, duck)
+    collection = extension("scene.import_captures").import_capture(bpy.context, duck)
     from neural_microfacet_fields.solver.capture.read import read_capture
 
     camera = read_capture(duck).cameras[7]
@@ -118,7 +117,7 @@ def test_a_render_that_matches_has_the_size_of_the_photo_behind_the_camera(exten
     scene.render.resolution_x, scene.cycles.film_exposure = 640, 2.0
     scene.view_settings.use_curve_mapping = scene.view_settings.use_white_balance = True
     scene.camera = bpy.data.objects.new("mine", bpy.data.cameras.new("mine"))
-    collection = extension("scene.capture_collection").import_capture(bpy.context, duck)
+    collection = extension("scene.import_captures").import_capture(bpy.context, duck)
     bpy.ops.nmf.match_solver()
     assert (scene.render.resolution_x, scene.cycles.film_exposure) == (640, 1.0)
     assert not scene.view_settings.use_curve_mapping
@@ -156,25 +155,25 @@ def test_what_else_would_change_a_render_is_switched_off_or_told(extension):
 
 
 def test_a_broken_capture_changes_nothing(extension, tmp_path):
-    scene = extension("scene.capture_collection")
+    module = extension("scene.import_captures")
     from neural_microfacet_fields.solver.capture.errors import CaptureError
 
     (tmp_path / "transforms.json").write_text('{"frames": [')
     before = len(bpy.data.collections), len(bpy.data.objects)
     with pytest.raises(CaptureError):
-        scene.import_capture(bpy.context, tmp_path)
+        module.import_capture(bpy.context, tmp_path)
     assert (len(bpy.data.collections), len(bpy.data.objects)) == before
 
 
 def test_the_region_box_is_read_in_capture_space(extension, duck):
-    scene = extension("scene.capture_collection")
-    collection = scene.import_capture(bpy.context, duck)
-    bpy.data.objects.remove(extension("scene.region").region_box(collection))
-    assert scene.region_of(collection) is None
-    box = scene.add_region_box(bpy.context, collection)
+    scene, module = extension("scene.capture_collection"), extension("scene.region")
+    collection = extension("scene.import_captures").import_capture(bpy.context, duck)
+    bpy.data.objects.remove(module.region_box(collection))
+    assert module.region_of(collection) is None
+    box = module.add_region_box(bpy.context, collection)
     box.location, box.scale = (0.5, 0, 0), (1, 2, 3)
     scene.root_of(collection).location = (10, 0, 0)
-    region = scene.region_of(collection)
+    region = module.region_of(collection)
     np.testing.assert_allclose(region["min"], (-0.5, -2, -3), atol=1e-5)
     np.testing.assert_allclose(region["max"], (1.5, 2, 3), atol=1e-5)
 
@@ -248,7 +247,7 @@ def test_photos_lie_over_the_scene_again_once_the_render_has_their_shape(extensi
 
 def test_a_region_box_that_is_turned_or_there_twice_is_told(extension, duck):
     scene, region = extension("scene.capture_collection"), extension("scene.region")
-    collection = scene.import_capture(bpy.context, duck)
+    collection = extension("scene.import_captures").import_capture(bpy.context, duck)
     box, root = region.region_box(collection), scene.root_of(collection)
     assert all(box.lock_rotation)
 
@@ -479,8 +478,7 @@ def test_a_camera_is_read_as_blender_projects_it_whatever_its_fit_and_pixels(
 
 
 def test_a_camera_that_is_not_perspective_is_refused(extension, duck):
-    scene = extension("scene.capture_collection")
-    collection = scene.import_capture(bpy.context, duck)
+    collection = extension("scene.import_captures").import_capture(bpy.context, duck)
     item = next(item for item in collection.objects if item.type == "CAMERA")
     item.data.type = "ORTHO"
     with pytest.raises(Exception, match="type: cameras of the type Ortho are not supported"):

@@ -339,11 +339,11 @@ def test_a_check_fits_the_region_box_to_the_masks_unless_somebody_has_moved_it(
     box.parent = None  # Clear Parent and Keep Transform
     box.matrix_world = stood
     bpy.ops.nmf.fit_region_box()
-    found = extension("scene.capture_collection").region_of(capture)
+    found = region.region_of(capture)
     np.testing.assert_allclose([found["min"], found["max"]], shown, atol=1e-5)
     bpy.data.objects.remove(box)
     bpy.ops.nmf.fit_region_box()
-    found = extension("scene.capture_collection").region_of(capture)
+    found = region.region_of(capture)
     np.testing.assert_allclose([found["min"], found["max"]], shown, atol=1e-6)
 
 
@@ -363,14 +363,14 @@ def test_a_check_fits_the_box_of_cameras_in_the_scenes_own_collection(
 def test_what_a_check_finds_comes_to_its_capture_under_another_name(
     extension, task, capture, fake_solver, add_capture
 ):
-    scene, region = extension("scene.capture_collection"), extension("scene.region")
+    findings, region = extension("scene.findings"), extension("scene.region")
     name, box = capture.name, region.region_box(capture)
     bpy.ops.nmf.check_capture()
     capture.name = "Teapot"
     other = add_capture("another")
     other.name = name
     task.finish()
-    assert scene.check_report(capture)["findings"] and not scene.check_report(other)
+    assert findings.check_report(capture)["findings"] and not findings.check_report(other)
     np.testing.assert_allclose(box.scale, (0.5, 0.25, 0.5), atol=1e-6)
 
 
@@ -379,7 +379,7 @@ def test_a_check_ends_well_in_another_scene(extension, task, capture, fake_solve
     bpy.context.window.scene = bpy.data.scenes.new("Other")
     task.finish()
     assert task.model.state == "done" and task.model.text.startswith("Check:")
-    assert extension("scene.capture_collection").check_report(capture)["findings"]
+    assert extension("scene.findings").check_report(capture)["findings"]
 
 
 def test_without_masks_there_is_nothing_to_fit_the_box_to(extension, capture):

@@ -51,7 +51,7 @@ def test_without_blender_a_capture_is_placed_as_its_import_places_it(extension, 
         frame["transform_matrix"] = (tilted @ frame["transform_matrix"]).tolist()
     content["applied_transform"] = np.eye(4)[:3].tolist()  # nerfstudio's word for: up is unknown
     path.write_text(json.dumps(content), encoding="utf-8")
-    collection = scene.import_capture(bpy.context, path)
+    collection = extension("scene.import_captures").import_capture(bpy.context, path)
     asked = placement_of(JobRequest(capture=str(path)), read_capture(path))
     shown = np.reshape(scene.root_of(collection)[scene.FILE_TO_CAPTURE], (4, 4))
     np.testing.assert_array_equal(asked, shown)
