@@ -17,9 +17,9 @@ from pathlib import Path
 from ..capture.archives import check_unpacked
 from ..capture.errors import CaptureError
 from ..capture.files import no_access
-from ..capture.image_header import FORMATS
+from ..capture.image_header import FORMATS, developed
 from ..capture.photo_finder import PhotoFinder, capture_folder
-from ..capture.picture_names import VIDEOS, numbered
+from ..capture.picture_names import VIDEOS, numbered, stem_of
 from ..job.folder import holds_nothing
 from ..replacing import write_json_atomic
 
@@ -199,6 +199,7 @@ def photos_below(
     if besides is not None:
         besides = Path(os.path.normpath(besides.absolute()))
         found = [path for path in found if not path.is_relative_to(besides)]
+    _check_no_copies(found)
     if len(found) < FEWEST_PHOTOS:
         video = next((path for path in there if is_video(path)), None)
         remedy = f"give at least {FEWEST_PHOTOS} that overlap, better 50"
@@ -207,3 +208,15 @@ def photos_below(
             remedy if video is None else f"give the video itself, {video.name}",
         )  # fmt: skip
     return tuple(sorted((path.relative_to(root).as_posix() for path in found), key=numbered))
+
+
+def _check_no_copies(found: list[Path]) -> None:
+    """Make sure that not all raw and HEIC photos have converted copies in another folder."""
+    furthest = {stem_of(path.name): path for path in sorted(found, key=developed)}
+    early = [path for path in found if developed(path) < 2]
+    if early and all(developed(furthest[stem_of(path.name)]) == 2 for path in early):
+        copy = furthest[stem_of(early[0].name)]
+        raise CaptureError(
+            copy, "", f"like others, it seems to be a copy of {early[0].name}, which is a photo, too",
+            "give the folder of one kind",
+        )  # fmt: skip

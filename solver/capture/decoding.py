@@ -16,7 +16,7 @@ from .colour import rec709_from_chromaticities, rec709_from_primaries
 from .decoded import Decoded
 from .errors import CaptureError, shown
 from .heif import check_transfer, decode_heif
-from .icc import ADOBE_RGB, profile_unless_srgb
+from .icc import ADOBE_RGB, profile_unless_srgb, read_profile
 from .image_header import MOST_PIXELS, image_orientation, image_size, is_heif, is_raw
 from .orientation import oriented
 from .png_header import png_colours
@@ -92,10 +92,13 @@ def _decode(path: Path) -> Decoded:
         spec = file.spec()
         is_exr = file.format_name() == "openexr"
         kind = "float" if is_exr else _TYPES.get(str(spec.format))
+        ink = spec.get_int_attribute("tiff:PhotometricInterpretation", 1)
+        if ink > 7 or (ink, kind) == (0, "uint16"):
+            kind = None  # it takes Lab for RGB, and 16 bits of which 0 is white for the reverse
         if kind is None or spec.deep or spec.depth > 1 or not 1 <= spec.nchannels <= _MOST_CHANNELS:
             raise CaptureError(
                 path, "", "its pixels are of a kind that no photo has",
-                "export it with 8 or 16 bits, or in floating point",
+                "export it as RGB of 8 or 16 bits, or in floating point",
             )  # fmt: skip
         if spec.width * spec.height * spec.nchannels > _MOST_VALUES:
             raise CaptureError(
@@ -107,6 +110,9 @@ def _decode(path: Path) -> Decoded:
         if pixels is None or problem:
             raise _unreadable(path, problem)
         pixels = pixels.reshape(spec.height, spec.width, spec.nchannels)
+        exposure = spec.get_float_attribute("hdr:exposure", 1)
+        if exposure > 0 and exposure != 1:
+            pixels = pixels / np.float32(exposure)
         alpha = spec.alpha_channel if 0 <= spec.alpha_channel < spec.nchannels else None
         if is_exr:
             pixels = _in_display_window(pixels, spec)
@@ -121,7 +127,8 @@ def _decode(path: Path) -> Decoded:
         )
         profile = spec.getattribute("ICCProfile")
         if profile is not None:
-            profile = profile_unless_srgb(bytes(profile))
+            read = read_profile if kind == "float" else profile_unless_srgb
+            profile = read(bytes(profile))
         elif spec.get_int_attribute("Exif:ColorSpace") == _UNCALIBRATED and _is_adobe_rgb(path):
             profile = ADOBE_RGB
         decoded = Decoded(

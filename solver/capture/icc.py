@@ -34,9 +34,12 @@ class Profile:
         return self.matrix is None and np.abs(self.curves - own).max() < _SAME_CURVE
 
     def linear(self, channel: int, encoded: np.ndarray) -> np.ndarray:
-        """Linear light of codes in [0, 1] of one channel."""
-        codes = np.linspace(0, 1, self.curves.shape[1])
-        return np.interp(encoded, codes, self.curves[channel])
+        """Linear light of codes of one channel."""
+        curve = self.curves[channel]
+        inside = np.interp(encoded, np.linspace(0, 1, len(curve)), curve)
+        # Radiances go on as they were at 1.
+        slope = (curve[-1] - curve[-2]) * (len(curve) - 1)
+        return inside * np.maximum(encoded, 1) ** slope + np.minimum(encoded, 0)
 
 
 ADOBE_RGB = Profile(
@@ -49,9 +52,11 @@ ADOBE_RGB = Profile(
 def read_profile(data: bytes) -> Profile | None:
     """The profile, or None if it is damaged or of another kind than curves and a matrix."""
     try:
-        if data[36:40] != b"acsp" or data[16:20] != b"RGB ":
+        if data[36:40] != b"acsp" or data[16:20] not in (b"RGB ", b"GRAY"):
             return None
         tags = _tags(data)
+        if b"kTRC" in tags:
+            return Profile(np.tile(_curve(tags[b"kTRC"]), (3, 1)), None)
         colorants = np.stack([_xyz(tags[name]) for name in (b"rXYZ", b"gXYZ", b"bXYZ")], axis=1)
         curves = [_curve(tags[name]) for name in (b"rTRC", b"gTRC", b"bTRC")]
         matrix = rec709_from_colorants(colorants)

@@ -18,12 +18,12 @@ from .heif_header import has_heif_brand, read_heif_header
 from .jpeg_header import jpeg_exif, jpeg_size
 from .png_header import png_exif
 from .raw_header import RAW, is_raw_photo, raw_exif, raw_focal_35mm, raw_orientation
-from .tiff_header import HEIGHT, ORIENTATION, WIDTH, is_tiff, tiff_values
+from .tiff_header import HEIGHT, ORIENTATION, REDUCED, WIDTH, is_tiff, tiff_values
 from .webp_header import has_webp_mark, webp_exif, webp_has_alpha, webp_size
 
 HEIF = (".heic", ".heif", ".hif", ".avif")
 EXTENSIONS = (
-    ".png", ".jpg", ".jpeg", ".jfif", ".webp", *HEIF, ".tif", ".tiff", ".exr", ".hdr", *RAW,
+    ".png", ".jpg", ".jpeg", ".jfif", ".mpo", ".webp", *HEIF, ".tif", ".tiff", ".exr", ".hdr", *RAW,
 )  # fmt: skip
 """of photos and masks, in lower case"""
 FORMATS = "PNG, JPEG, WebP, HEIC, AVIF, TIFF, OpenEXR, Radiance HDR or camera raw"
@@ -221,6 +221,8 @@ def _tiff_size(file: BinaryIO) -> tuple[int, int]:
     found = tiff_values(file)
     if WIDTH not in found or HEIGHT not in found:
         raise ValueError("its TIFF states no size")
+    if found.get(REDUCED, 0) & 1:
+        raise ValueError("its first picture is a thumbnail")
     return found[WIDTH], found[HEIGHT]
 
 
@@ -263,8 +265,7 @@ def _hdr_size(file: BinaryIO) -> tuple[int, int]:
         line = file.readline(4096)
         if not line:
             break
-        found = re.fullmatch(rb"[-+][XY] +(\d{1,9}) +[-+][XY] +(\d{1,9})\s*", line)
+        found = re.fullmatch(rb"-Y +(\d{1,9}) +\+X +(\d{1,9})\s*", line)
         if found:
-            # The first number counts scanlines, whichever axis they run along.
             return int(found[2]), int(found[1])
-    raise ValueError("its Radiance header states no size")
+    raise ValueError("its Radiance header states no size, or another order of pixels than -Y +X")

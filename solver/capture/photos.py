@@ -211,12 +211,10 @@ def _linear_colour(decoded: Decoded, colour_space: str) -> _LinearColour:
     if colour_space == "linear":
         return _LinearColour(None, decoded.matrix)
     profile = decoded.profile
-    if decoded.is_float:
-        # A profile's curves end at 1, radiances do not; its primaries hold for both.
-        return _LinearColour(None, decoded.matrix if profile is None else profile.matrix)
     if profile is not None:
         return _LinearColour(tuple(partial(profile.linear, i) for i in range(3)), profile.matrix)
-    return _LinearColour(None if decoded.linear else (srgb_to_linear,) * 3, decoded.matrix)
+    linear = decoded.linear or decoded.is_float
+    return _LinearColour(None if linear else (srgb_to_linear,) * 3, decoded.matrix)
 
 
 def _cover(pixels: np.ndarray, mask: np.ndarray) -> None:

@@ -15,6 +15,7 @@ import rawpy
 from .decoded import Decoded
 from .errors import CaptureError
 from .image_header import MOST_PIXELS, image_orientation
+from .raw_header import is_floating
 
 _WHOLE = 0.5
 """share of a sensor's sides from which on the part that a camera calls the picture is taken for it"""
@@ -28,6 +29,12 @@ def raw_size(path: Path) -> tuple[int, int]:
     Raises:
         CaptureError: LibRaw does not know the camera, or the file is damaged.
     """
+    with path.open("rb") as file:
+        if is_floating(file):
+            raise CaptureError(
+                path, "", "it has floating-point numbers, as merged photos have, and no known white",
+                "export all to OpenEXR, or to TIFF of 16 bits",
+            )  # fmt: skip
     with _opened(path) as raw:
         sizes = raw.sizes
         if sizes.raw_width * sizes.raw_height > MOST_PIXELS:

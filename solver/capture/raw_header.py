@@ -29,7 +29,7 @@ RAW = (
 _FUJIFILM, _CANON, _OLD_CANON, _MINOLTA = b"FUJIFILMCCD-RAW", b"ftypcrx ", b"HEAPCCDR", b"\0MRM"
 _OF_A_SENSOR = (32803, 34892)
 """values of TIFF's PHOTOMETRIC: a mosaic of colours, a camera's own colours"""
-_DNG_VERSION = 50706
+_DNG_VERSION, _SAMPLE_FORMAT = 50706, 339
 _CANON_FIELDS = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")
 _MOST_BOXES, _MOST_EXIF = 64, 1 << 18
 
@@ -96,15 +96,24 @@ def _head(file: BinaryIO) -> bytes:
     return head
 
 
-def _holds_a_sensors_pixels(file: BinaryIO) -> bool:
+def is_floating(file: BinaryIO) -> bool:
+    """True for a DNG of floating-point numbers, as HDR merges are."""
+    return any(part.get(_SAMPLE_FORMAT, (1,))[0] == 3 for part in _parts(file))
+
+
+def _parts(file: BinaryIO) -> list[dict[int, tuple[int, ...]]]:
     try:
         first = directory(file)
-        if _DNG_VERSION in first:
-            return True
-        parts = [first, *(directory(file, at) for at in first.get(PARTS, ()))]
+        return [first, *(directory(file, at) for at in first.get(PARTS, ()))]
     except struct.error:
-        return False
-    return any(part.get(PHOTOMETRIC, (0,))[0] in _OF_A_SENSOR for part in parts)
+        return []
+
+
+def _holds_a_sensors_pixels(file: BinaryIO) -> bool:
+    parts = _parts(file)
+    return any(
+        _DNG_VERSION in part or part.get(PHOTOMETRIC, (0,))[0] in _OF_A_SENSOR for part in parts
+    )
 
 
 def _exif_of_canon(file: BinaryIO) -> BinaryIO | None:

@@ -9,7 +9,7 @@ from PIL import Image
 
 from .colour import linear_to_srgb
 from .decoded import Decoded
-from .decoding import decode
+from .decoding import decode, no_colours
 from .errors import CaptureError
 from .image_header import MOST_PIXELS, focal_of_raw, image_orientation, image_size, is_heif, is_raw
 from .mask_finder import other_shape
@@ -18,7 +18,7 @@ from .orientation import oriented, same_shape, turn_for
 from .tiff_header import CAMERA_FIELDS, FOCAL_LENGTH_35MM
 
 Image.MAX_IMAGE_PIXELS = MOST_PIXELS
-_WITHOUT_EXIF = (".exr", ".hdr", ".tif", ".tiff")
+_NOT_BY_PILLOW = (".exr", ".hdr", ".tif", ".tiff")
 
 
 @dataclass(frozen=True)
@@ -42,10 +42,8 @@ def read_header(path: Path) -> PhotoHeader:
         CaptureError: it is no picture.
     """
     width, height = image_size(path)
-    if is_raw(path):
+    if is_raw(path) or path.suffix.lower() in _NOT_BY_PILLOW:
         across = float(focal_of_raw(path))
-    elif path.suffix.lower() in _WITHOUT_EXIF:
-        return PhotoHeader(width, height, None)
     else:
         try:
             with Image.open(path) as picture:
@@ -77,14 +75,19 @@ def load_reduced(
     turn = image_orientation(path)
     if seen is not None:
         turn = turn_for(image_size(path), turn, *seen) or turn
-    colour, alpha = _as_it_lies(path, longest)
+    colour, alpha = _as_it_lies(path, longest, needs_colours=True)
     return oriented(colour, turn), None if alpha is None else oriented(alpha, turn)
 
 
-def _as_it_lies(path: Path, longest: int) -> tuple[np.ndarray, np.ndarray | None]:
+def _as_it_lies(
+    path: Path, longest: int, needs_colours: bool = False
+) -> tuple[np.ndarray, np.ndarray | None]:
     """Colour and alpha of `load_reduced`, not turned."""
-    if path.suffix.lower() in _WITHOUT_EXIF or is_heif(path) or is_raw(path):
-        return _of_decoded(decode(path, longest), longest)
+    if path.suffix.lower() in _NOT_BY_PILLOW or is_heif(path) or is_raw(path):
+        decoded = decode(path, longest)
+        if needs_colours and not decoded.has_colours:
+            raise no_colours(path, decoded)
+        return _of_decoded(decoded, longest)
     try:
         with Image.open(path) as picture:
             # A JPEG is decoded at a half, a quarter or an eighth at a fraction of the time.

@@ -6,7 +6,7 @@ TIFF and BigTIFF, in both byte orders, and the marks of makers who write TIFFs t
 import struct
 from typing import BinaryIO
 
-WIDTH, HEIGHT, PHOTOMETRIC, ORIENTATION, PARTS = 256, 257, 262, 274, 330
+REDUCED, WIDTH, HEIGHT, PHOTOMETRIC, ORIENTATION, PARTS = 254, 256, 257, 262, 274, 330
 """tags; the last has the places of further directories"""
 CAMERA_FIELDS, FOCAL_LENGTH_35MM = 0x8769, 0xA405
 """EXIF's tags: the place of its directory of the camera's, and one of those"""
@@ -35,11 +35,9 @@ def tiff_values(file: BinaryIO) -> dict[int, int]:
     found: dict[int, int] = {}
     order, big, at = _start(file)
     for tag, kind, _, value in _entries(file, order, big, at):
-        if tag in (WIDTH, HEIGHT, ORIENTATION) and kind in _CODES:
+        if tag in (REDUCED, WIDTH, HEIGHT, ORIENTATION) and kind in _CODES:
             code = order + _CODES[kind]
             found[tag] = struct.unpack(code, value[: struct.calcsize(code)])[0]
-        if len(found) == 3:
-            break
     return found
 
 

@@ -17,7 +17,7 @@ LOOKED_AT = 16
 
 
 def white_balance(capture: Capture) -> list[Finding]:
-    """A warning if raw photos of a capture are balanced differently.
+    """A warning if raw photos of a capture are balanced differently, or not all photos are raw.
 
     Raises:
         CaptureError: one cannot be read.
@@ -25,6 +25,11 @@ def white_balance(capture: Capture) -> list[Finding]:
     raw = [
         c.image_path for c in capture.cameras if c.image_path is not None and is_raw(c.image_path)
     ]
+    count = sum(camera.image_path is not None for camera in capture.cameras)
+    if 0 < len(raw) < count:
+        return [
+            warning(f"{len(raw)} of {count} photos are raw, which have other colors; give all as one kind")
+        ]  # fmt: skip
     with ThreadPoolExecutor(max_workers=min(usable_cores(), 4)) as pool:
         whites = list(pool.map(as_shot_white, raw[:: -(-len(raw) // LOOKED_AT) or 1]))
     known = np.array([white for white in whites if white is not None])
