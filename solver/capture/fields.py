@@ -59,17 +59,6 @@ def numbers(path: Path, field: str, values: Any, count: int | None = None) -> np
     return np.array([number(path, field, value) for value in values], dtype=np.float64)
 
 
-def mapping(path: Path, field: str, value: Any) -> dict:
-    """The value itself, if it is a JSON object.
-
-    Raises:
-        CaptureError: anything else.
-    """
-    if not isinstance(value, dict):
-        raise CaptureError(path, field, f"'{shown(value)}' is not an object")
-    return value
-
-
 def entries(path: Path, field: str, value: Any) -> list:
     """The value itself, if it is a list; an absent or empty value is an empty list.
 
