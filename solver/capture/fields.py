@@ -2,13 +2,14 @@
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .errors import CaptureError, shown
+from .files import read_json
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+(e[+-]?\d+)?", re.I)
 
@@ -58,17 +59,6 @@ def numbers(path: Path, field: str, values: Any, count: int | None = None) -> np
     return np.array([number(path, field, value) for value in values], dtype=np.float64)
 
 
-def mapping(path: Path, field: str, value: Any) -> dict:
-    """The value itself, if it is a JSON object.
-
-    Raises:
-        CaptureError: anything else.
-    """
-    if not isinstance(value, dict):
-        raise CaptureError(path, field, f"'{shown(value)}' is not an object")
-    return value
-
-
 def entries(path: Path, field: str, value: Any) -> list:
     """The value itself, if it is a list; an absent or empty value is an empty list.
 
@@ -80,6 +70,77 @@ def entries(path: Path, field: str, value: Any) -> list:
     if not isinstance(value, list):
         raise CaptureError(path, field, f"'{shown(value)}' is not a list")
     return value
+
+
+class Entry(dict):
+    """A JSON object of a camera file that knows its place in it, so that errors name the field.
+
+    Its methods take a key; what is not there is null to them.
+
+    Args:
+        where: its place; empty for all of the file.
+
+    Raises:
+        CaptureError: it is no object; in the methods, a value is not what is asked for.
+    """
+
+    __slots__ = ("path", "where")
+
+    def __init__(self, path: Path, where: str, value: Any):
+        if not isinstance(value, dict):
+            raise CaptureError(path, where, f"'{shown(value)}' is not an object")
+        super().__init__(value)
+        self.path, self.where = path, where
+
+    @classmethod
+    def of_file(cls, path: Path) -> "Entry":
+        """All of a JSON file."""
+        return cls(path, "", read_json(path))
+
+    def field(self, key: str) -> str:
+        """The place of a value."""
+        return f"{self.where}.{shown(key)}" if self.where else shown(key)
+
+    def error(self, key: str, problem: str, remedy: str = "export it again") -> CaptureError:
+        """An error about a value, to be raised."""
+        return CaptureError(self.path, self.field(key), problem, remedy)
+
+    def number(self, key: str) -> float:
+        """A finite number."""
+        return number(self.path, self.field(key), self.get(key))
+
+    def optional(self, key: str, default: float | None = None) -> float | None:
+        """A finite number; the default where it is null or missing."""
+        return default if self.get(key) is None else self.number(key)
+
+    def numbers(self, key: str, count: int | None = None) -> np.ndarray:
+        """Finite numbers [N]."""
+        return numbers(self.path, self.field(key), self.get(key), count)
+
+    def name(self, key: str, problem: str, remedy: str) -> str:
+        """A text that may be a file's name."""
+        value = self.get(key)
+        if not isinstance(value, str) or not value or "\0" in value:
+            raise self.error(key, problem, remedy)
+        return value
+
+    def entries(self, key: str) -> list:
+        """The values of a list, as the function of this name has them."""
+        return entries(self.path, self.field(key), self.get(key))
+
+    def objects(self, key: str) -> "Iterator[Entry]":
+        """The objects of a list, one by one."""
+        field = self.field(key)
+        for index, value in enumerate(entries(self.path, field, self.get(key))):
+            yield Entry(self.path, f"{field}[{index}]", value)
+
+    def inner(self, key: str, default: Any = None) -> "Entry":
+        """An object in this one; the default if there is none."""
+        return Entry(self.path, self.field(key), self.get(key, default))
+
+    def within(self, key: str) -> "Entry":
+        """An object in this one whose values are called as if they were this one's."""
+        return Entry(self.path, self.where, self.get(key))
 
 
 def rigid_pose(path: Path, field: str, value: Any) -> np.ndarray:

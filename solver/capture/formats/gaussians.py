@@ -14,7 +14,7 @@ import numpy as np
 
 from ..capture import Capture
 from ..errors import CaptureError
-from ..fields import mapping, number, numbers
+from ..fields import Entry, numbers
 from ..files import read_json, text_head
 from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble
@@ -42,7 +42,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         raise CaptureError(
             path, "", "this is not a list of cameras", "give the cameras.json of a splat"
         )
-    found = [_found(path, f"[{index}]", entry, photos) for index, entry in enumerate(content)]
+    found = [_found(Entry(path, f"[{i}]", entry), photos) for i, entry in enumerate(content)]
     points = None
     if (path.parent / _POINTS).is_file():
         with suppress(CaptureError):  # they only help to find the bounds
@@ -50,23 +50,18 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     return assemble(path, NAME, found, photos, points=points)
 
 
-def _found(path: Path, where: str, entry: object, photos: PhotoFinder) -> Found:
-    camera = mapping(path, where, entry)
+def _found(camera: Entry, photos: PhotoFinder) -> Found:
     name = camera.get("img_name")
     if not isinstance(name, str) or not name:
-        raise CaptureError(path, f"{where}.img_name", "the camera names no photo")
-    width, height, fx, fy = (
-        number(path, f"{where}.{key}", camera.get(key)) for key in ("width", "height", "fx", "fy")
-    )
+        raise camera.error("img_name", "the camera names no photo")
+    width, height, fx, fy = map(camera.number, ("width", "height", "fx", "fy"))
     rows = camera.get("rotation")
     if not isinstance(rows, list) or len(rows) != 3:
-        raise CaptureError(
-            path, f"{where}.rotation", "this is not a 3 × 3 matrix", "export the cameras again"
-        )
+        raise camera.error("rotation", "this is not a 3 × 3 matrix", "export the cameras again")
     pose = np.eye(4)
-    pose[:3, :3] = [numbers(path, f"{where}.rotation", row, 3) for row in rows]
-    pose[:3, 3] = numbers(path, f"{where}.position", camera.get("position"), 3)
+    pose[:3, :3] = [numbers(camera.path, camera.field("rotation"), row, 3) for row in rows]
+    pose[:3, 3] = camera.numbers("position", 3)
     return Found(
-        where, name, photos.find(name), pose_opengl_from_opencv(pose),
+        camera.where, name, photos.find(name), pose_opengl_from_opencv(pose),
         Intrinsics(int(width), int(height), fx, fy, width / 2, height / 2),
     )  # fmt: skip

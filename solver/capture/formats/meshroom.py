@@ -36,8 +36,8 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..fields import entries, mapping, number, numbers
-from ..files import head_of, json_head, read_json
+from ..fields import Entry, entries
+from ..files import head_of, json_head
 from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..panoramic_lens import EQUIRECTANGULAR
@@ -100,28 +100,20 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             path, "", "this is AliceVision's binary form, which is not supported",
             "convert it to JSON by Meshroom's node ConvertSfMFormat",
         )  # fmt: skip
-    content = mapping(path, "", read_json(path))
+    content = Entry.of_file(path)
     if "viewpoints" in content or "graph" in content:
-        raise CaptureError(
-            path, "graph", "this is a project of Meshroom", "give the cameras.sfm it has computed"
+        raise content.error(
+            "graph", "this is a project of Meshroom", "give the cameras.sfm it has computed"
         )
-    version = _version(path, content.get("version"))
-    lenses = {}
-    for index, entry in enumerate(entries(path, "intrinsics", content.get("intrinsics"))):
-        where = f"intrinsics[{index}]"
-        entry = mapping(path, where, entry)
-        lenses[_identity(entry.get("intrinsicId"))] = where, entry
-    poses = _poses(path, content)
-    rigs = _rigs(path, content.get("rigs"))
+    version = _version(content)
+    lenses = {_identity(lens.get("intrinsicId")): lens for lens in content.objects("intrinsics")}
+    poses, rigs = _poses(content), _rigs(content)
     read_lenses: dict[str | None, Intrinsics] = {}
-    views = entries(path, "views", content.get("views"))
     found, lost = [], []
-    for index, view in enumerate(views):
-        where = f"views[{index}]"
-        view = mapping(path, where, view)
+    for view in content.objects("views"):
         stated = view.get("path")
         if not isinstance(stated, str) or not stated:
-            raise CaptureError(path, f"{where}.path", "the view names no photo")
+            raise view.error("path", "the view names no photo")
         pose = poses.get(_identity(view.get("poseId")))
         if _word(view.get("isPoseIndependant", "true")) in ("0", "false"):
             inner = rigs.get((_identity(view.get("rigId")), _identity(view.get("subPoseId"))))
@@ -132,16 +124,15 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             continue
         photo = photos.find(stated, beside=path)
         if photos.serves(photo) and key not in read_lenses:
-            read_lenses[key] = _intrinsics(path, *lenses[key], version)
+            read_lenses[key] = _intrinsics(lenses[key], version)
         found.append(
-            Found(where, stated, photo, pose_opengl_from_opencv(pose), read_lenses.get(key))
+            Found(view.where, stated, photo, pose_opengl_from_opencv(pose), read_lenses.get(key))
         )
     warnings = without_pose(
-        path, "poses", lost, len(views), "give the file that the node StructureFromMotion has written"
+        path, "poses", lost, len(found) + len(lost),
+        "give the file that the node StructureFromMotion has written",
     )  # fmt: skip
-    return assemble(
-        path, NAME, found, photos, points=_points(path, content.get("structure")), warnings=warnings
-    )
+    return assemble(path, NAME, found, photos, points=_points(content), warnings=warnings)
 
 
 def _identity(value: Any) -> str | None:
@@ -154,70 +145,64 @@ def _word(value: Any) -> str:
     return shown(value).strip().lower()
 
 
-def _version(path: Path, stated: Any) -> tuple[int, ...]:
+def _version(content: Entry) -> tuple[int, ...]:
     """(major, minor, revision); files without one are of the first."""
-    if stated in (None, "", []):
+    if content.get("version") in (None, "", []):
         return (1, 0, 0)
-    values = numbers(path, "version", stated)
+    values = content.numbers("version")
     if not (np.abs(values) < 1e6).all():
-        raise CaptureError(path, "version", "this is not a version")
+        raise content.error("version", "this is not a version")
     return tuple(int(value) for value in values)
 
 
-def _poses(path: Path, content: dict) -> dict[str | None, np.ndarray]:
+def _poses(content: Entry) -> dict[str | None, np.ndarray]:
     """Camera-to-world matrices [4, 4] with OpenCV's axes by their identities."""
     found = {}
-    for index, entry in enumerate(entries(path, "poses", content.get("poses"))):
-        where = f"poses[{index}]"
-        entry = mapping(path, where, entry)
-        pose = mapping(path, f"{where}.pose", entry.get("pose"))
-        transform = mapping(path, f"{where}.pose.transform", pose.get("transform"))
-        found[_identity(entry.get("poseId"))] = _pose(path, where, transform)
+    for entry in content.objects("poses"):
+        transform = entry.inner("pose").inner("transform")
+        found[_identity(entry.get("poseId"))] = _pose(entry.where, transform)
     return found
 
 
-def _rigs(path: Path, stated: Any) -> dict[tuple[str | None, str], np.ndarray]:
+def _rigs(content: Entry) -> dict[tuple[str | None, str], np.ndarray]:
     """Camera-to-rig matrices [4, 4] by the identities of the rig and of the place in it."""
     found = {}
-    for index, rig in enumerate(entries(path, "rigs", stated)):
-        rig = mapping(path, f"rigs[{index}]", rig)
-        for place, entry in enumerate(entries(path, "subPoses", rig.get("subPoses"))):
-            where = f"rigs[{index}].subPoses[{place}]"
-            pose = mapping(path, where, mapping(path, where, entry).get("pose"))
-            found[_identity(rig.get("rigId")), str(place)] = _pose(path, where, pose)
+    for rig in content.objects("rigs"):
+        for place, entry in enumerate(entries(rig.path, "subPoses", rig.get("subPoses"))):
+            where = f"{rig.where}.subPoses[{place}]"
+            pose = Entry(rig.path, where, entry).within("pose")
+            found[_identity(rig.get("rigId")), str(place)] = _pose(where, pose)
     return found
 
 
-def _pose(path: Path, where: str, transform: dict) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, :3] = numbers(path, f"{where}.rotation", transform.get("rotation"), 9).reshape(3, 3)
-    pose[:3, 3] = numbers(path, f"{where}.center", transform.get("center"), 3)
+def _pose(where: str, transform: Entry) -> np.ndarray:
+    transform, pose = Entry(transform.path, where, transform), np.eye(4)
+    pose[:3, :3] = transform.numbers("rotation", 9).reshape(3, 3)
+    pose[:3, 3] = transform.numbers("center", 3)
     return pose
 
 
-def _intrinsics(path: Path, where: str, entry: dict, version: tuple[int, ...]) -> Intrinsics:
-    def value(name: str, default: float | None = None) -> float:
-        if entry.get(name) in (None, "") and default is not None:
-            return default
-        return number(path, f"{where}.{name}", entry.get(name))
+def _intrinsics(entry: Entry, version: tuple[int, ...]) -> Intrinsics:
+    def value(name: str, default: float) -> float:
+        return default if entry.get(name) in (None, "") else entry.number(name)
 
-    width, height = int(value("width")), int(value("height"))
+    width, height = int(entry.number("width")), int(entry.number("height"))
     if version < (1, 2, 0):
-        fx = fy = value("pxFocalLength")
+        fx = fy = entry.number("pxFocalLength")
     elif version < (1, 2, 2):
-        fx, fy = numbers(path, f"{where}.pxFocalLength", entry.get("pxFocalLength"), 2)
+        fx, fy = entry.numbers("pxFocalLength", 2)
     else:
-        fx = fy = value("focalLength") / max(value("sensorWidth", 36.0), 1e-9) * width
+        fx = fy = entry.number("focalLength") / max(value("sensorWidth", 36.0), 1e-9) * width
         ratio = value("pixelRatio", 1.0)
         if not 1e-3 < ratio < 1e3:
-            raise CaptureError(path, f"{where}.pixelRatio", "it is not positive", "correct it")
+            raise entry.error("pixelRatio", "it is not positive", "correct it")
         if version < (1, 2, 5):
             fy = fx / ratio
         elif version < (1, 2, 9):
             fy = fx * ratio
         else:
             fx = fy / ratio
-    cx, cy = numbers(path, f"{where}.principalPoint", entry.get("principalPoint"), 2)
+    cx, cy = entry.numbers("principalPoint", 2)
     if version >= (1, 2, 1):
         cx, cy = cx + 0.5 * width, cy + 0.5 * height
     if _word(entry.get("type", "")) in ("equidistant", "equidistant_r3"):
@@ -226,10 +211,10 @@ def _intrinsics(path: Path, where: str, entry: dict, version: tuple[int, ...]) -
         # Twice the focal length in terms of the shorter side: one over the angle at which the circle ends.
         shares = 2 * float(fx) * wide / max(width, height) / max(shorter, 1e-9)
         radius = value("fisheyeCircleRadius", min(width, height) / 2)
-        shrink, lens, distortion = _lens_of_angles(path, where, entry, shares)
+        shrink, lens, distortion = _lens_of_angles(entry, shares)
         fx = fy = radius * shares
     else:
-        shrink, lens, distortion = _lens(path, where, entry)
+        shrink, lens, distortion = _lens(entry)
     return Intrinsics(
         width,
         height,
@@ -242,67 +227,58 @@ def _intrinsics(path: Path, where: str, entry: dict, version: tuple[int, ...]) -
     )
 
 
-def _lens(path: Path, where: str, entry: dict) -> tuple[float, str, tuple[float, ...]]:
+def _lens(entry: Entry) -> tuple[float, str, tuple[float, ...]]:
     """What the lens does to the focal lengths, its name and its numbers."""
     if _word(entry.get("type", "")) == EQUIRECTANGULAR:
-        _distortion(path, where, entry, ("none",))
+        _distortion(entry, ("none",))
         return 1.0, EQUIRECTANGULAR, ()
-    model, k = _distortion(path, where, entry, tuple(_COUNTS))
+    model, k = _distortion(entry, tuple(_COUNTS))
     if model == "fisheye":
         return 1.0, *polynomial_lens(k, equidistant=True)
     if model == "fisheye1":
         return 1.0, "fov", k
     if model == "brown":
         return 1.0, *polynomial_lens(k[:3], k[3:])
-    return _shrunk(path, where, model, k), *polynomial_lens(k)
+    return _shrunk(entry, model, k), *polynomial_lens(k)
 
 
-def _lens_of_angles(
-    path: Path, where: str, entry: dict, shares: float
-) -> tuple[float, str, tuple[float, ...]]:
+def _lens_of_angles(entry: Entry, shares: float) -> tuple[float, str, tuple[float, ...]]:
     """The same of the type equidistant, whose distortion is of `shares` times the angle."""
-    model, k = _distortion(path, where, entry, _OF_ANGLES)
+    model, k = _distortion(entry, _OF_ANGLES)
     of_angles = [value * shares ** (2 * power) for power, value in enumerate(k, 1)]
-    return _shrunk(path, where, model, k), *polynomial_lens(of_angles, equidistant=True)
+    return _shrunk(entry, model, k), *polynomial_lens(of_angles, equidistant=True)
 
 
-def _distortion(
-    path: Path, where: str, entry: dict, known: tuple[str, ...]
-) -> tuple[str, tuple[float, ...]]:
+def _distortion(entry: Entry, known: tuple[str, ...]) -> tuple[str, tuple[float, ...]]:
     """A distortion's model, one of those `known`, and as many numbers as it has."""
     camera = _word(entry.get("type", ""))
     model = _word(entry.get("distortionType", _DISTORTION_OF_CAMERA.get(camera, camera)))
     undistortion = _word(entry.get("undistortionType", "none"))
-    k = numbers(path, f"{where}.distortionParams", entry.get("distortionParams") or [])
+    k = entry.numbers("distortionParams") if entry.get("distortionParams") else np.zeros(0)
     if not k.any():
         model = "none" if model != "fisheye" else model
     wrong = camera if camera not in _DISTORTION_OF_CAMERA else ""
     wrong = wrong or (model if model not in known else "")
     wrong = wrong or (undistortion if undistortion != "none" else "")
     if wrong:
-        raise CaptureError(
-            path, f"{where}.type", f"the lens model '{shown(wrong)}' is not supported",
+        raise entry.error(
+            "type", f"the lens model '{shown(wrong)}' is not supported",
             "choose pinhole with the distortion radialk3, brown or fisheye4, or equidistant with radialk3, "
             "in Meshroom's CameraInit and solve again",
         )  # fmt: skip
     return model, (*k.tolist(), 0.0, 0.0, 0.0, 0.0, 0.0)[: _COUNTS[model]]
 
 
-def _shrunk(path: Path, where: str, model: str, k: tuple[float, ...]) -> float:
+def _shrunk(entry: Entry, model: str, k: tuple[float, ...]) -> float:
     """What a radial distortion does to the focal lengths: one model's leaves the radius 1 where it is."""
     if model != "radialk3pt":
         return 1.0
     total = 1 + sum(k)
     if not total > 1e-6:
-        raise CaptureError(
-            path, f"{where}.distortionParams", "they turn the image over", "solve again"
-        )
+        raise entry.error("distortionParams", "they turn the image over", "solve again")
     return 1 / total
 
 
-def _points(path: Path, stated: Any) -> np.ndarray | None:
-    rows = []
-    for index, entry in enumerate(entries(path, "structure", stated)):
-        where = f"structure[{index}]"
-        rows.append(numbers(path, f"{where}.X", mapping(path, where, entry).get("X"), 3))
+def _points(content: Entry) -> np.ndarray | None:
+    rows = [point.numbers("X", 3) for point in content.objects("structure")]
     return np.array(rows) if rows else None

@@ -16,8 +16,8 @@ from pathlib import Path
 from ..camera_folder import MOST_FILES
 from ..capture import Capture
 from ..errors import CaptureError
-from ..fields import mapping, number, numbers
-from ..files import json_head, read_json
+from ..fields import Entry
+from ..files import json_head
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
 from ..picture_names import numbered
@@ -59,16 +59,13 @@ def _views(path: Path) -> list[Path]:
 
 
 def _camera(file: Path, photos: PhotoFinder) -> Found:
-    content = mapping(file, "", read_json(file))
-    pose = numbers(file, "cam_transform_mat", content.get("cam_transform_mat"), 16).reshape(4, 4)
-    width, height = (int(number(file, key, content.get(key))) for key in ("imw", "imh"))
-    angle = number(file, "cam_angle_x", content.get("cam_angle_x"))
+    content = Entry.of_file(file)
+    pose = content.numbers("cam_transform_mat", 16).reshape(4, 4)
+    width, height = int(content.number("imw")), int(content.number("imh"))
+    angle = content.number("cam_angle_x")
     if not 0 < angle < math.pi:
-        raise CaptureError(
-            file,
-            "cam_angle_x",
-            f"{angle} is not a field of view in radians",
-            "give an angle below 3.14",
+        raise content.error(
+            "cam_angle_x", f"{angle} is not a field of view in radians", "give an angle below 3.14"
         )
     photo = photos.find_in(file.parent, _PHOTO)
     focal = 0.5 * width / math.tan(0.5 * angle)

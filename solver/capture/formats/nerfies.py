@@ -11,7 +11,6 @@ https://github.com/google/nerfies#datasets and its camera.py
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,8 +18,8 @@ from ..brown_lens import polynomial_lens
 from ..camera_folder import files_in
 from ..capture import Capture
 from ..errors import CaptureError, counted
-from ..fields import entries, mapping, number, numbers, rigid_pose
-from ..files import json_head, read_json
+from ..fields import Entry, numbers, rigid_pose
+from ..files import json_head
 from ..frames import invert_pose, pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble
 from ..npy_files import read_npy
@@ -61,38 +60,36 @@ def _of_training(path: Path, files: list[Path]) -> list[Path]:
     """Those cameras that a list of the data set has for training; all, where there is no such list."""
     if not path.is_file():
         return files
-    listed = entries(path, "train_ids", mapping(path, "", read_json(path)).get("train_ids"))
+    listed = Entry.of_file(path).entries("train_ids")
     wanted = {name for name in listed if isinstance(name, str)}
     return [file for file in files if file.stem in wanted] or files
 
 
 def _camera(file: Path, folder: Path, photos: PhotoFinder) -> Found:
-    content = mapping(file, "", read_json(file))
+    content = Entry.of_file(file)
     rotation = np.zeros((3, 4))
-    for row, values in enumerate(entries(file, "orientation", content.get("orientation"))[:3]):
+    for row, values in enumerate(content.entries("orientation")[:3]):
         rotation[row, :3] = numbers(file, f"orientation[{row}]", values, 3)
     pose = invert_pose(rigid_pose(file, "orientation", rotation))
-    pose[:3, 3] = numbers(file, "position", content.get("position"), 3)
+    pose[:3, 3] = content.numbers("position", 3)
     photo = photos.find_in(folder, f"{file.stem}.png")
-    intrinsics = _intrinsics(file, content) if photos.serves(photo) else None
+    intrinsics = _intrinsics(content) if photos.serves(photo) else None
     stated = f"{_PHOTOS}/{folder.name}/{file.stem}"
     return Found(file.name, stated, photo, pose_opengl_from_opencv(pose), intrinsics)
 
 
-def _intrinsics(file: Path, content: dict[str, Any]) -> Intrinsics:
-    def value(key: str, default: float) -> float:
-        return default if content.get(key) is None else number(file, key, content[key])
-
-    focal = number(file, "focal_length", content.get("focal_length"))
+def _intrinsics(content: Entry) -> Intrinsics:
+    focal = content.number("focal_length")
     if focal <= 0:
-        raise CaptureError(file, "focal_length", "it is not positive", "export the cameras again")
-    width, height = numbers(file, "image_size", content.get("image_size"), 2)
-    cx, cy = numbers(file, "principal_point", content.get("principal_point"), 2)
-    radial = numbers(file, "radial_distortion", content.get("radial_distortion"), 3)
+        raise content.error("focal_length", "it is not positive", "export the cameras again")
+    width, height = content.numbers("image_size", 2)
+    cx, cy = content.numbers("principal_point", 2)
+    radial = content.numbers("radial_distortion", 3)
     key = "tangential" if "tangential" in content else "tangential_distortion"
-    tangential = numbers(file, key, content.get(key), 2)
-    lens, distortion = polynomial_lens(radial, tangential, value("skew", 0.0) / focal)
-    fy = focal * value("pixel_aspect_ratio", 1.0)
+    tangential = content.numbers(key, 2)
+    skew = content.optional("skew", 0.0) / focal
+    lens, distortion = polynomial_lens(radial, tangential, skew)
+    fy = focal * content.optional("pixel_aspect_ratio", 1.0)
     return Intrinsics(int(width), int(height), focal, fy, float(cx), float(cy), lens, distortion)
 
 

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from ..capture import Capture
-from ..errors import CaptureError, shown
-from ..fields import entries, mapping, numbers
-from ..files import json_head, read_json
+from ..errors import CaptureError
+from ..fields import Entry
+from ..files import json_head
 from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
@@ -41,36 +41,30 @@ def recognises(file: Path) -> bool:
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read all shots, with the lenses of `cameras.json`."""
-    features = entries(path, "features", mapping(path, "", read_json(path)).get("features"))
-    lenses_file, lenses = _lenses(path)
+    features, lenses = Entry.of_file(path).entries("features"), _lenses(path)
     read_lenses: dict[str, Intrinsics] = {}
     found = []
     for index, feature in enumerate(features):
-        where = f"features[{index}].properties"
-        shot = mapping(path, where, mapping(path, where, feature).get("properties"))
-        name = shot.get("filename")
-        if not isinstance(name, str) or not name or "\0" in name:
-            raise CaptureError(
-                path, f"{where}.filename", "the shot names no photo", "download it again"
-            )
+        shot = Entry(path, f"features[{index}].properties", feature).within("properties")
+        name = shot.name("filename", "the shot names no photo", "download it again")
         pose = np.eye(4)
-        pose[:3, :3] = rotation_of(path, f"{where}.rotation", shot.get("rotation")).T
-        pose[:3, 3] = numbers(path, f"{where}.translation", shot.get("translation"), 3)
+        pose[:3, :3] = rotation_of(shot).T
+        pose[:3, 3] = shot.numbers("translation", 3)
         photo = photos.find(f"images/{name}", beside=path)
         intrinsics = None
         if photos.serves(photo):
-            key = _lens_of(path, where, shot, lenses_file, lenses)
+            key = _lens_of(shot, lenses)
             if key not in read_lenses:
-                read_lenses[key] = intrinsics_of(lenses_file, shown(key), lenses[key])
+                read_lenses[key] = intrinsics_of(lenses.inner(key))
             intrinsics = read_lenses[key]
-        found.append(Found(where, name, photo, pose_opengl_from_opencv(pose), intrinsics))
+        found.append(Found(shot.where, name, photo, pose_opengl_from_opencv(pose), intrinsics))
     capture = assemble(path, NAME, found, photos, up=_UP)
     origin = np.round(far_origin(capture))  # whole metres, so that people can count back
     return replace(seen_from(capture, origin), metric=bool(origin.any()))
 
 
-def _lenses(path: Path) -> tuple[Path, dict[str, Any]]:
-    """The file of the lenses, and what it holds."""
+def _lenses(path: Path) -> Entry:
+    """What the file of the lenses holds."""
     beside = [folder / "cameras.json" for folder in (path.parent.parent, path.parent)]
     file = next((file for file in beside if file.is_file()), None)
     if file is None:
@@ -78,13 +72,13 @@ def _lenses(path: Path) -> tuple[Path, dict[str, Any]]:
             path, "features", "the lenses, OpenDroneMap's cameras.json, are not beside its folder",
             "unpack all of the download, or give the project's opensfm/reconstruction.json",
         )  # fmt: skip
-    lenses = mapping(file, "", read_json(file))
+    lenses = Entry.of_file(file)
     if not lenses:
         raise CaptureError(file, "", "there is no lens in it", "download it again")
-    return file, lenses
+    return lenses
 
 
-def _lens_of(path: Path, where: str, shot: dict, lenses_file: Path, lenses: dict[str, Any]) -> str:
+def _lens_of(shot: Entry, lenses: Entry) -> str:
     """The key of a shot's lens: the only one, or the only one of its size and focal length."""
     if len(lenses) == 1:
         return next(iter(lenses))
@@ -96,9 +90,9 @@ def _lens_of(path: Path, where: str, shot: dict, lenses_file: Path, lenses: dict
         and _same(entry.get("focal", entry.get("focal_x")), shot.get("focal"))
     ]
     if len(fitting) != 1:
-        raise CaptureError(
-            path, f"{where}.focal",
-            f"{'none' if not fitting else 'more than one'} of the lenses in {lenses_file.name} fits it",
+        raise shot.error(
+            "focal",
+            f"{'none' if not fitting else 'more than one'} of the lenses in {lenses.path.name} fits it",
             "give the project's opensfm/reconstruction.json",
         )  # fmt: skip
     return fitting[0]

@@ -20,9 +20,9 @@ import numpy as np
 
 from ..brown_lens import polynomial_lens
 from ..capture import Capture
-from ..errors import CaptureError, shown
-from ..fields import entries, mapping, number, numbers
-from ..files import json_head, read_json
+from ..errors import shown
+from ..fields import Entry, numbers
+from ..files import json_head
 from ..frames import pose_opengl_from_opencv
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..panoramic_lens import EQUIRECTANGULAR, in_turns
@@ -54,115 +54,100 @@ def recognises(file: Path) -> bool:
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read a scene; views without a pose are left out with a warning."""
-    content = mapping(path, "", read_json(path))
+    content = Entry.of_file(path)
     root = content.get("root_path")
-    root = root if isinstance(root, str) else ""
-    intrinsics = _intrinsics_by_id(path, content.get("intrinsics"))
-    poses = {}
-    for index, entry in enumerate(entries(path, "extrinsics", content.get("extrinsics"))):
-        where = f"extrinsics[{index}]"
-        entry = mapping(path, where, entry)
-        poses[_key(path, where, entry)] = where, mapping(path, where, entry.get("value"))
-    views = entries(path, "views", content.get("views"))
+    intrinsics = _intrinsics_by_id(content)
+    poses: dict[int | None, Entry] = {}
+    for entry in content.objects("extrinsics"):
+        poses[_key(entry)] = entry.within("value")
     found, lost = [], []
-    for index, entry in enumerate(views):
-        where = f"views[{index}]"
-        view = _data(path, where, mapping(path, where, entry).get("value"))
+    for view in map(_data, content.objects("views")):
         name = view.get("filename")
         if not isinstance(name, str) or not name:
-            raise CaptureError(path, f"{where}.filename", "the view names no photo")
-        folder = view.get("local_path")
-        parts = [part for part in (root, folder, name) if isinstance(part, str) and part]
-        stated = "/".join(parts)
+            raise view.error("filename", "the view names no photo")
+        folders = (root, view.get("local_path"))
+        stated = "/".join((*(f for f in folders if isinstance(f, str) and f), name))
         pose = poses.get(_identity(view.get("id_pose")))
         lens = intrinsics.get(_identity(view.get("id_intrinsic")))
         if pose is None or lens is None:
             lost.append(name)
             continue
         photo = photos.find(stated, beside=path)
-        found.append(Found(pose[0], stated, photo, _camera_to_world(path, *pose), lens))
+        found.append(Found(pose.where, stated, photo, _camera_to_world(pose), lens))
     warnings = without_pose(
-        path, "extrinsics", lost, len(views), "give the file that a reconstruction has written, as JSON"
+        path, "extrinsics", lost, len(found) + len(lost),
+        "give the file that a reconstruction has written, as JSON",
     )  # fmt: skip
-    return assemble(
-        path, NAME, found, photos, points=_points(path, content.get("structure")), warnings=warnings
-    )
+    return assemble(path, NAME, found, photos, points=_points(content), warnings=warnings)
 
 
 def _identity(value: Any) -> int | None:
     return value if isinstance(value, int) and not isinstance(value, bool) else None
 
 
-def _key(path: Path, where: str, entry: dict) -> int:
+def _key(entry: Entry) -> int:
     key = _identity(entry.get("key"))
     if key is None:
-        raise CaptureError(path, f"{where}.key", "the key is not a number")
+        raise entry.error("key", "the key is not a number")
     return key
 
 
-def _data(path: Path, where: str, value: Any) -> dict:
+def _data(entry: Entry) -> Entry:
     """The members of an object behind cereal's pointer, those of its base class among them."""
-    wrapper = mapping(path, where, mapping(path, where, value).get("ptr_wrapper"))
-    data = mapping(path, where, wrapper.get("data"))
+    data = entry.within("value").within("ptr_wrapper").within("data")
     for _ in range(8):
-        base = data.get("value0")
-        if not isinstance(base, dict):
+        if not isinstance(data.get("value0"), dict):
             break
-        data = {**base, **{name: item for name, item in data.items() if name != "value0"}}
+        base = data.pop("value0")
+        data = Entry(entry.path, entry.where, {**base, **data})
     return data
 
 
-def _camera_to_world(path: Path, where: str, value: dict) -> np.ndarray:
-    rows = entries(path, f"{where}.rotation", value.get("rotation"))
+def _camera_to_world(value: Entry) -> np.ndarray:
+    rows = value.entries("rotation")
     if len(rows) != 3:
-        raise CaptureError(path, f"{where}.rotation", "it does not have 3 rows")
+        raise value.error("rotation", "it does not have 3 rows")
     pose = np.eye(4)
-    pose[:3, :3] = np.stack([numbers(path, f"{where}.rotation", row, 3) for row in rows]).T
-    pose[:3, 3] = numbers(path, f"{where}.center", value.get("center"), 3)
+    pose[:3, :3] = np.transpose([numbers(value.path, value.field("rotation"), r, 3) for r in rows])
+    pose[:3, 3] = value.numbers("center", 3)
     return pose_opengl_from_opencv(pose)
 
 
-def _intrinsics_by_id(path: Path, stated: Any) -> dict[int, Intrinsics]:
-    listed = []
-    for index, entry in enumerate(entries(path, "intrinsics", stated)):
-        entry = mapping(path, f"intrinsics[{index}]", entry)
-        listed.append((entry, mapping(path, f"intrinsics[{index}].value", entry.get("value"))))
+def _intrinsics_by_id(content: Entry) -> dict[int, Intrinsics]:
+    listed = [(entry, entry.inner("value")) for entry in content.objects("intrinsics")]
     names: dict[int | None, str] = {}
     for _, value in listed:
         if isinstance(name := value.get("polymorphic_name"), str):
             names[_type_of(value)] = name
     found = {}
-    for index, (entry, value) in enumerate(listed):
-        where = f"intrinsics[{index}]"
+    for entry, value in listed:
         name = value.get("polymorphic_name", names.get(_type_of(value)))
         if not isinstance(name, str):
-            raise CaptureError(path, f"{where}.polymorphic_name", "the lens has no name")
-        found[_key(path, where, entry)] = _intrinsics(path, where, name, _data(path, where, value))
+            raise entry.error("polymorphic_name", "the lens has no name")
+        found[_key(entry)] = _intrinsics(name, _data(entry))
     return found
 
 
-def _type_of(value: dict) -> int | None:
+def _type_of(value: Entry) -> int | None:
     identity = _identity(value.get("polymorphic_id"))
     return None if identity is None else identity & (_FIRST_USE - 1)
 
 
-def _intrinsics(path: Path, where: str, name: str, data: dict) -> Intrinsics:
+def _intrinsics(name: str, data: Entry) -> Intrinsics:
     if name not in _DISTORTION and name != _PANORAMA:
-        raise CaptureError(
-            path, f"{where}.polymorphic_name", f"the lens model '{shown(name)}' is not supported",
+        raise data.error(
+            "polymorphic_name", f"the lens model '{shown(name)}' is not supported",
             "use one of " + ", ".join((*_DISTORTION, _PANORAMA)),
         )  # fmt: skip
-    width, height = (
-        int(number(path, f"{where}.{key}", data.get(key))) for key in ("width", "height")
-    )
+    width, height = int(data.number("width")), int(data.number("height"))
     if name == _PANORAMA:
         return Intrinsics(width, height, *in_turns(width, height), EQUIRECTANGULAR)
-    focal = number(path, f"{where}.focal_length", data.get("focal_length"))
-    cx, cy = numbers(path, f"{where}.principal_point", data.get("principal_point"), 2)
+    focal = data.number("focal_length")
+    cx, cy = data.numbers("principal_point", 2)
     key, count = _DISTORTION[name]
     given = data.get(key, [])
     given = [given] if isinstance(given, (int, float)) else given
-    k = numbers(path, f"{where}.{key}", given, count)
+    k = numbers(data.path, data.field(key), given, count)
     if name == "fisheye":
         lens = polynomial_lens(k, equidistant=True)
     else:
@@ -170,10 +155,6 @@ def _intrinsics(path: Path, where: str, name: str, data: dict) -> Intrinsics:
     return Intrinsics(width, height, focal, focal, float(cx), float(cy), *lens)
 
 
-def _points(path: Path, stated: Any) -> np.ndarray | None:
-    rows = []
-    for index, entry in enumerate(entries(path, "structure", stated)):
-        where = f"structure[{index}]"
-        value = mapping(path, where, mapping(path, where, entry).get("value"))
-        rows.append(numbers(path, f"{where}.X", value.get("X"), 3))
+def _points(content: Entry) -> np.ndarray | None:
+    rows = [point.within("value").numbers("X", 3) for point in content.objects("structure")]
     return np.array(rows) if rows else None

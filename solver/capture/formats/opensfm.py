@@ -24,14 +24,13 @@ the scale is anyone's, and +Z is up as well as OpenSfM could tell (doc/source/ge
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..brown_lens import polynomial_lens
 from ..capture import Capture
 from ..errors import CaptureError, counted, shown
-from ..fields import mapping, number, numbers, rigid_pose
+from ..fields import Entry, rigid_pose
 from ..files import read_json, text_head
 from ..frames import invert_pose, pose_opengl_from_opencv, rotation_from_quaternion
 from ..intake import Found, Intrinsics, assemble, without_pose
@@ -83,126 +82,119 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         raise CaptureError(
             path, "", "there is no list of reconstructions", "solve the photos again"
         )
-    scenes = [mapping(path, f"[{i}]", scene) for i, scene in enumerate(content)]
-    shots = [mapping(path, f"[{i}].shots", s.get("shots", {})) for i, s in enumerate(scenes)]
-    largest = max(range(len(scenes)), key=lambda i: len(shots[i]))
-    scene, at = scenes[largest], f"[{largest}]"
-    cameras = mapping(path, f"{at}.cameras", scene.get("cameras", {}))
+    scenes = [Entry(path, f"[{i}]", scene) for i, scene in enumerate(content)]
+    all_shots = [scene.inner("shots", {}) for scene in scenes]
+    scene, shots = max(zip(scenes, all_shots, strict=True), key=lambda pair: len(pair[1]))
+    cameras = scene.inner("cameras", {})
     # They have changed with OpenSfM's versions, and matter only where a shot does not say it all.
-    has_all = all(isinstance(s, dict) and s.get("rotation") for s in shots[largest].values())
-    rigs = {} if has_all else _rigs(path, at, scene)
+    has_all = all(isinstance(s, dict) and s.get("rotation") for s in shots.values())
+    rigs = {} if has_all else _rigs(scene)
     lenses: dict[str, Intrinsics] = {}
     found, lost = [], []
-    for name, shot in shots[largest].items():
-        where = f"{at}.shots.{shown(name)}"
-        shot = mapping(path, where, shot)
-        from_world = _pose(path, where, shot) if shot.get("rotation") else rigs.get(name)
+    for name in shots:
+        shot = shots.inner(name)
+        from_world = _pose(shot) if shot.get("rotation") else rigs.get(name)
         if from_world is None:
             lost.append(name)
             continue
         key = shot.get("camera")
         if not isinstance(key, str) or key not in cameras:
-            raise CaptureError(path, f"{where}.camera", "its camera is missing")
+            raise shot.error("camera", "its camera is missing")
         stated = f"images/{name}"  # where OpenSfM and OpenDroneMap have their photos
         photo = photos.find(stated, beside=path)
         if photos.serves(photo) and key not in lenses:
-            lenses[key] = intrinsics_of(path, f"{at}.cameras.{shown(key)}", cameras[key])
-        pose = pose_opengl_from_opencv(invert_pose(rigid_pose(path, where, from_world)))
-        found.append(Found(where, stated, photo, pose, lenses.get(key)))
+            lenses[key] = intrinsics_of(cameras.inner(key))
+        pose = pose_opengl_from_opencv(invert_pose(rigid_pose(path, shot.where, from_world)))
+        found.append(Found(shot.where, stated, photo, pose, lenses.get(key)))
     warnings = list(without_pose(
-        path, f"{at}.shots", lost, len(shots[largest]), "give the file that a reconstruction has written"
+        path, shots.where, lost, len(shots), "give the file that a reconstruction has written"
     ))  # fmt: skip
     if len(scenes) > 1:
-        others = sum(map(len, shots)) - len(shots[largest])
+        others = sum(map(len, all_shots)) - len(shots)
         warnings.append(f"{path.name}: of {len(scenes)} reconstructions only the largest is read; "
                         + counted(f"{others} photo|photos is|are in others"))  # fmt: skip
     return assemble(
-        path, NAME, found, photos, points=_points(path, at, scene), up=_UP,
-        metric=_is_placed(path, at, scene), warnings=tuple(warnings),
+        path, NAME, found, photos, points=_points(scene), up=_UP, metric=_is_placed(scene),
+        warnings=tuple(warnings),
     )  # fmt: skip
 
 
-def rotation_of(path: Path, where: str, stated: Any) -> np.ndarray:
+def rotation_of(shot: Entry) -> np.ndarray:
     """A rotation [3, 3] from an axis times an angle in radians; what is none is found by `rigid_pose`."""
-    axis = numbers(path, where, stated, 3)
+    axis = shot.numbers("rotation", 3)
     with np.errstate(all="ignore"):
         half = np.linalg.norm(axis) / 2
         quaternion = (np.cos(half), *(0.5 * np.sinc(half / np.pi) * axis))
         return rotation_from_quaternion(np.array(quaternion))
 
 
-def _pose(path: Path, where: str, entry: dict) -> np.ndarray:
+def _pose(entry: Entry) -> np.ndarray:
     """A rotation and translation [4, 4]."""
     matrix = np.eye(4)
-    matrix[:3, :3] = rotation_of(path, f"{where}.rotation", entry.get("rotation"))
-    # OpenSfM takes a missing one for none.
-    matrix[:3, 3] = numbers(path, f"{where}.translation", entry.get("translation", [0, 0, 0]), 3)
+    matrix[:3, :3] = rotation_of(entry)
+    if "translation" in entry:  # OpenSfM takes a missing one for none
+        matrix[:3, 3] = entry.numbers("translation", 3)
     return matrix
 
 
-def _rigs(path: Path, at: str, scene: dict) -> dict[str, np.ndarray]:
+def _inner(entry: Entry, key: str) -> Entry:
+    """An object in another; an empty one where there is none."""
+    return Entry(entry.path, entry.field(key), entry.get(key) or {})
+
+
+def _rigs(scene: Entry) -> dict[str, np.ndarray]:
     """World-to-camera matrices [4, 4] of the photos of rigs."""
 
-    def entries(field: str) -> list[tuple[str, str, dict]]:
-        place = f"{at}.{field}"
-        listed = mapping(path, place, scene.get(field) or {}).items()
-        return [
-            (key, f"{place}.{shown(key)}", mapping(path, f"{place}.{shown(key)}", entry))
-            for key, entry in listed
-        ]
+    def called(key: str) -> dict[str, Entry]:
+        objects = _inner(scene, key)
+        return {name: objects.inner(name) for name in objects}
 
-    inner = {key: _pose(path, where, entry) for key, where, entry in entries("rig_cameras")}
+    inner = {key: _pose(entry) for key, entry in called("rig_cameras").items()}
     found = {}
-    for _, where, entry in entries("rig_instances"):
-        members = mapping(path, f"{where}.rig_camera_ids", entry.get("rig_camera_ids") or {})
-        for name, key in members.items():
+    for entry in called("rig_instances").values():
+        for name, key in _inner(entry, "rig_camera_ids").items():
             if isinstance(key, str) and key in inner and entry.get("rotation"):
-                found[name] = inner[key] @ _pose(path, where, entry)
+                found[name] = inner[key] @ _pose(entry)
     return found
 
 
-def intrinsics_of(path: Path, where: str, entry: Any) -> Intrinsics:
+def intrinsics_of(entry: Entry) -> Intrinsics:
     """A lens as OpenSfM states it.
 
     Raises:
         CaptureError: there is none like it here, or what is no number.
     """
-    entry = mapping(path, where, entry)
     kind = entry.get("projection_type", "perspective")
     if not isinstance(kind, str) or kind not in (*_NUMBERS, *_PANORAMAS):
-        raise CaptureError(
-            path, f"{where}.projection_type", f"the lens model '{shown(kind)}' is not supported",
+        raise entry.error(
+            "projection_type", f"the lens model '{shown(kind)}' is not supported",
             "use one of " + ", ".join((*_NUMBERS, *_PANORAMAS)),
         )  # fmt: skip
 
-    def value(name: str, default: float | None = None) -> float:
-        if name not in entry and default is not None:
-            return default
-        return number(path, f"{where}.{name}", entry.get(name))
+    def value(name: str, default: float = 0.0) -> float:
+        return entry.number(name) if name in entry else default
 
-    width, height = int(value("width")), int(value("height"))
+    width, height = int(entry.number("width")), int(entry.number("height"))
     longer = max(width, height)
     if kind in _PANORAMAS:
         return Intrinsics(width, height, *in_turns(width, height), EQUIRECTANGULAR)
     if kind in _ONE_FOCAL:
-        fx = fy = value("focal") * longer
+        fx = fy = entry.number("focal") * longer
         cx, cy = width / 2, height / 2
     else:
-        fx, fy = value("focal_x") * longer, value("focal_y") * longer
-        cx, cy = (
-            side / 2 + value(name, 0.0) * longer for side, name in ((width, "c_x"), (height, "c_y"))
-        )
-    k = {name: value(name, 0.0) for name in _NUMBERS[kind]}
+        fx, fy = entry.number("focal_x") * longer, entry.number("focal_y") * longer
+        cx, cy = width / 2 + value("c_x") * longer, height / 2 + value("c_y") * longer
+    k = {name: value(name) for name in _NUMBERS[kind]}
     equidistant = kind.startswith("fisheye")
     if kind == "dual":
         share = value("transition", 0.5)
         if share not in (0.0, 1.0):
-            raise _no_lens(path, where, f"'dual' with a transition of {share:g}")
+            raise _no_lens(entry, f"'dual' with a transition of {share:g}")
         equidistant = share == 0
     lens = _lens(k, equidistant)
     if lens is None:
         raise _no_lens(
-            path, where, f"'{kind}' with k5 or k6, s1 or s3 beside tangential terms or a prism"
+            entry, f"'{kind}' with k5 or k6, s1 or s3 beside tangential terms or a prism"
         )
     return Intrinsics(width, height, fx, fy, cx, cy, *lens)
 
@@ -220,26 +212,21 @@ def _lens(k: dict[str, float], equidistant: bool) -> tuple[str, tuple[float, ...
     return None
 
 
-def _no_lens(path: Path, where: str, what: str) -> CaptureError:
-    return CaptureError(
-        path, f"{where}.projection_type", f"there is no lens here that is the same as {what}",
+def _no_lens(entry: Entry, what: str) -> CaptureError:
+    return entry.error(
+        "projection_type", f"there is no lens here that is the same as {what}",
         "solve the photos again with the lens 'brown', or 'fisheye_opencv' for a fisheye",
     )  # fmt: skip
 
 
-def _points(path: Path, at: str, scene: dict) -> np.ndarray:
-    points = SparsePoints()
-    for key, point in mapping(path, f"{at}.points", scene.get("points") or {}).items():
-        where = f"{at}.points.{shown(key)}"
-        stated = mapping(path, where, point).get("coordinates")
-        points.add(*numbers(path, f"{where}.coordinates", stated, 3))
+def _points(scene: Entry) -> np.ndarray:
+    stated, points = _inner(scene, "points"), SparsePoints()
+    for key in stated:
+        points.add(*stated.inner(key).numbers("coordinates", 3))
     return points.array()
 
 
-def _is_placed(path: Path, at: str, scene: dict) -> bool:
+def _is_placed(scene: Entry) -> bool:
     """True if photos had GPS, so that the world has metres."""
-    place = mapping(path, f"{at}.reference_lla", scene.get("reference_lla") or {})
-    return any(
-        number(path, f"{at}.reference_lla.{name}", place.get(name, 0.0))
-        for name in ("latitude", "longitude", "altitude")
-    )
+    place = _inner(scene, "reference_lla")
+    return any(place.number(k) for k in ("latitude", "longitude", "altitude") if k in place)

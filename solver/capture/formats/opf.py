@@ -19,7 +19,6 @@ import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -27,8 +26,8 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..capture import Capture
 from ..errors import CaptureError, counted, shown
-from ..fields import entries, mapping, number, numbers
-from ..files import file_below, json_head, read_json
+from ..fields import Entry, entries
+from ..files import file_below, json_head
 from ..fisheye_power import of_quarter_turns
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
@@ -56,36 +55,33 @@ def recognises(file: Path) -> bool:
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the calibrated cameras of a project; others are left out with a warning."""
-    items = entries(path, "items", mapping(path, "", read_json(path)).get("items"))
+    items = Entry.of_file(path).entries("items")
     calibrations = list(_resources(path, items, _CALIBRATION))
     if len(calibrations) != 1:
         raise CaptureError(
             path, "items", f"there are {len(calibrations) or 'no'} calibrations in it",
             "export a project with one, after its cameras are calibrated",
         )  # fmt: skip
-    file, calibration = calibrations[0]
+    calibration = calibrations[0]
     uris = _uris(path, items)
     sizes, taken = _input_cameras(path, items)
-    sensors = _by_id(file, "sensors", calibration)
-    cameras = _by_id(file, "cameras", calibration)
+    sensors, cameras = _by_id(calibration, "sensors"), _by_id(calibration, "cameras")
     lenses: dict[tuple[int, bool], Intrinsics] = {}
     found, moving = [], 0
-    for identity, (where, camera) in cameras.items():
+    for identity, camera in cameras.items():
         if identity not in uris:
-            raise CaptureError(file, f"{where}.id", "no camera list has this camera", _AGAIN)
+            raise camera.error("id", "no camera list has this camera", _AGAIN)
         photo = _photo(path, uris[identity], photos)
-        sensor = _identity(file, f"{where}.sensor_id", camera.get("sensor_id"))
+        sensor = _identity(camera, "sensor_id")
         straight = photo is not None and photo.parent.name.lower() == _UNDISTORTED
         if photos.serves(photo) and (sensor, straight) not in lenses:
             if sensor not in sensors or sensor not in sizes:
-                raise CaptureError(file, f"{where}.sensor_id", "there is no such sensor", _AGAIN)
-            lens = _lens(file, *sensors[sensor], sizes[sensor])
+                raise camera.error("sensor_id", "there is no such sensor", _AGAIN)
+            lens = _lens(sensors[sensor], sizes[sensor])
             lenses[sensor, straight] = _without_distortion(lens) if straight else lens
-        moving += "rolling_shutter" in camera and any(
-            numbers(file, f"{where}.rolling_shutter", camera["rolling_shutter"], 3)
-        )
-        pose = _pose(file, where, camera)
-        found.append(Found(where, uris[identity], photo, pose, lenses.get((sensor, straight))))
+        moving += "rolling_shutter" in camera and any(camera.numbers("rolling_shutter", 3))
+        lens = lenses.get((sensor, straight))
+        found.append(Found(camera.where, uris[identity], photo, _pose(camera), lens))
     lost = [uris.get(identity, str(identity)) for identity in taken if identity not in cameras]
     warnings = without_pose(
         path,
@@ -96,7 +92,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     )
     if moving:
         what = counted(f"{moving} camera|cameras moved while its|their photo|photos was|were")
-        warnings += (f"{file.name}: {what} read out (rolling shutter); that is not used",)
+        warnings += (
+            f"{calibration.path.name}: {what} read out (rolling shutter); that is not used",
+        )
     up = None if _is_local(path, items) else (0.0, 0.0, 1.0)
     points, problems = _points(path, items)
     return assemble(path, NAME, found, photos, points=points, up=up, warnings=warnings + problems)
@@ -105,7 +103,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 def _points(path: Path, items: list) -> tuple[np.ndarray | None, tuple[str, ...]]:
     """The calibration's sparse points [N, 3], and what is wrong with them; a fit does without."""
     for item in items:
-        resources = mapping(path, "items", item).get("resources") or ()
+        resources = Entry(path, "items", item).get("resources") or ()
         uris = {str(one.get("format")): one.get("uri") for one in resources}
         uri = uris.get(_POINTS)
         if _CALIBRATION not in uris or not isinstance(uri, str):
@@ -118,16 +116,16 @@ def _points(path: Path, items: list) -> tuple[np.ndarray | None, tuple[str, ...]
     return None, ()
 
 
-def _resources(path: Path, items: list, form: str) -> Iterator[tuple[Path, dict[str, Any]]]:
-    """Files of one format in a project, and what they hold.
+def _resources(path: Path, items: list, form: str) -> Iterator[Entry]:
+    """What the files of one format in a project hold.
 
     Raises:
         CaptureError: one is missing, outside of the project's folder, or of a version that is not known.
     """
     for index, item in enumerate(items):
         field = f"items[{index}].resources"
-        for resource in entries(path, field, mapping(path, field, item).get("resources")):
-            resource = mapping(path, field, resource)
+        for resource in entries(path, field, Entry(path, field, item).get("resources")):
+            resource = Entry(path, field, resource)
             uri = resource.get("uri")
             if resource.get("format") != form:
                 continue
@@ -139,13 +137,13 @@ def _resources(path: Path, items: list, form: str) -> Iterator[tuple[Path, dict[
                     path, field, f"'{shown(uri)}' is not in its folder",
                     "copy the whole project, or export it again",
                 )  # fmt: skip
-            content = mapping(file, "", read_json(file))
+            content = Entry.of_file(file)
             if not _KNOWN.fullmatch(version := str(content.get("version"))):
-                raise CaptureError(
-                    file, "version", f"'{shown(version)}' is not known, only 1.0",
+                raise content.error(
+                    "version", f"'{shown(version)}' is not known, only 1.0",
                     "export the project with a newer program, or convert it by opf_convert of pyopf",
                 )  # fmt: skip
-            yield file, content
+            yield content
 
 
 def _in_project(path: Path, uri: str) -> Path | None:
@@ -157,10 +155,10 @@ def _in_project(path: Path, uri: str) -> Path | None:
 def _uris(path: Path, items: list) -> dict[int, str]:
     """What camera lists call the file of each camera, by identity."""
     uris = {}
-    for file, content in _resources(path, items, "application/opf-camera-list+json"):
-        for identity, (where, camera) in _by_id(file, "cameras", content).items():
+    for content in _resources(path, items, "application/opf-camera-list+json"):
+        for identity, camera in _by_id(content, "cameras").items():
             if not isinstance(camera.get("uri"), str):
-                raise CaptureError(file, f"{where}.uri", "the camera names no photo", _AGAIN)
+                raise camera.error("uri", "the camera names no photo", _AGAIN)
             uris[identity] = camera["uri"]
     return uris
 
@@ -168,29 +166,23 @@ def _uris(path: Path, items: list) -> dict[int, str]:
 def _input_cameras(path: Path, items: list) -> tuple[dict[int, np.ndarray], list[int]]:
     """Width and height in pixels of each sensor's photos, and the identities of all cameras."""
     sizes, taken = {}, []
-    for file, content in _resources(path, items, "application/opf-input-cameras+json"):
-        for identity, (where, sensor) in _by_id(file, "sensors", content).items():
-            size = sensor.get("image_size_px")
-            sizes[identity] = numbers(file, f"{where}.image_size_px", size, 2)
-        for index, capture in enumerate(entries(file, "captures", content.get("captures"))):
-            field = f"captures[{index}]"
-            taken += _by_id(file, "cameras", mapping(file, field, capture), f"{field}.")
+    for content in _resources(path, items, "application/opf-input-cameras+json"):
+        for identity, sensor in _by_id(content, "sensors").items():
+            sizes[identity] = sensor.numbers("image_size_px", 2)
+        for capture in content.objects("captures"):
+            taken += _by_id(capture, "cameras")
     return sizes, taken
 
 
-def _by_id(file: Path, key: str, content: dict, at: str = "") -> dict[int, tuple[str, dict]]:
-    """The objects of a list by their identities, each with the field that it is."""
-    found = {}
-    for index, value in enumerate(entries(file, f"{at}{key}", content.get(key))):
-        where = f"{at}{key}[{index}]"
-        value = mapping(file, where, value)
-        found[_identity(file, f"{where}.id", value.get("id"))] = where, value
-    return found
+def _by_id(content: Entry, key: str) -> dict[int, Entry]:
+    """The objects of a list by their identities."""
+    return {_identity(entry, "id"): entry for entry in content.objects(key)}
 
 
-def _identity(file: Path, field: str, value: Any) -> int:
+def _identity(entry: Entry, key: str) -> int:
+    value = entry.get(key)
     if not isinstance(value, int) or isinstance(value, bool):
-        raise CaptureError(file, field, f"'{shown(value)}' is not an identity", _AGAIN)
+        raise entry.error(key, f"'{shown(value)}' is not an identity", _AGAIN)
     return value
 
 
@@ -210,48 +202,42 @@ def _photo(path: Path, uri: str, photos: PhotoFinder) -> Path | None:
     return photos.find(unquote(stated), beside=path) or photos.find(stated, beside=path)
 
 
-def _lens(file: Path, where: str, sensor: dict, size: np.ndarray) -> Intrinsics:
-    field = f"{where}.internals"
-    internals = mapping(file, field, sensor.get("internals"))
+def _lens(sensor: Entry, size: np.ndarray) -> Intrinsics:
+    internals = sensor.inner("internals")
     kind = internals.get("type")
     if kind == "fisheye":
-        return _fisheye(file, field, internals, size)
+        return _fisheye(internals, size)
     if kind != "perspective":
-        raise CaptureError(
-            file, f"{field}.type", f"lenses called '{shown(kind)}' are not supported",
+        raise internals.error(
+            "type", f"lenses called '{shown(kind)}' are not supported",
             "calibrate the cameras with a perspective lens, or solve them from the photos",
         )  # fmt: skip
-    focal = number(file, f"{field}.focal_length_px", internals.get("focal_length_px"))
-    cx, cy, *radial, p1, p2 = (
-        float(value)
-        for key, count in (
-            ("principal_point_px", 2), ("radial_distortion", 3), ("tangential_distortion", 2)
-        )
-        for value in numbers(file, f"{field}.{key}", internals.get(key), count)
-    )  # fmt: skip
-    lens, distortion = polynomial_lens(radial, (p1, p2))
-    return Intrinsics(*map(int, size), focal, focal, cx, cy, lens, distortion)
+    focal = internals.number("focal_length_px")
+    cx, cy = internals.numbers("principal_point_px", 2).tolist()
+    radial = internals.numbers("radial_distortion", 3).tolist()
+    lens = polynomial_lens(radial, internals.numbers("tangential_distortion", 2).tolist())
+    return Intrinsics(*map(int, size), focal, focal, cx, cy, *lens)
 
 
-def _fisheye(file: Path, field: str, internals: dict, size: np.ndarray) -> Intrinsics:
+def _fisheye(internals: Entry, size: np.ndarray) -> Intrinsics:
     """The lens of a fisheye.
 
     Raises:
         CaptureError: it has no image on its axis, or is not normalised as its programs do.
     """
-    cx, cy = numbers(file, f"{field}.principal_point_px", internals.get("principal_point_px"), 2)
-    affine = numbers(file, f"{field}.affine", internals.get("affine"), 4).reshape(2, 2).tolist()
-    powers = numbers(file, f"{field}.polynomial", internals.get("polynomial")).tolist()
+    cx, cy = internals.numbers("principal_point_px", 2).tolist()
+    affine = internals.numbers("affine", 4).reshape(2, 2).tolist()
+    powers = internals.numbers("polynomial").tolist()
     lens = None
     if powers[:2] == [0, 1] and not any(powers[5:]):
         lens = of_quarter_turns([*powers[1:5], 0, 0, 0][:4], affine)
     if lens is None:
-        raise CaptureError(
-            file, f"{field}.polynomial", "only polynomials that begin with 0, 1 and end with the 4th "
+        raise internals.error(
+            "polynomial", "only polynomials that begin with 0, 1 and end with the 4th "
             "power are supported", "export the undistorted photos, or solve the cameras from the photos",
         )  # fmt: skip
     fx, fy, (name, distortion) = lens
-    return Intrinsics(*map(int, size), fx, fy, float(cx), float(cy), name, distortion)
+    return Intrinsics(*map(int, size), fx, fy, cx, cy, name, distortion)
 
 
 def _without_distortion(lens: Intrinsics) -> Intrinsics:
@@ -259,9 +245,9 @@ def _without_distortion(lens: Intrinsics) -> Intrinsics:
     return replace(lens, lens="pinhole", distortion=())
 
 
-def _pose(file: Path, where: str, camera: dict) -> np.ndarray:
+def _pose(camera: Entry) -> np.ndarray:
     """Camera to world [4, 4] with OpenGL's axes."""
-    angles = numbers(file, f"{where}.orientation_deg", camera.get("orientation_deg"), 3)
+    angles = camera.numbers("orientation_deg", 3)
     (so, sp, sk), (co, cp, ck) = np.sin(np.radians(angles)), np.cos(np.radians(angles))
     pose = np.eye(4)
     pose[:3, :3] = (
@@ -269,13 +255,12 @@ def _pose(file: Path, where: str, camera: dict) -> np.ndarray:
         (co * sk + so * sp * ck, co * ck - so * sp * sk, -so * cp),
         (so * sk - co * sp * ck, so * ck + co * sp * sk, co * cp),
     )
-    pose[:3, 3] = numbers(file, f"{where}.position", camera.get("position"), 3)
+    pose[:3, 3] = camera.numbers("position", 3)
     return pose
 
 
 def _is_local(path: Path, items: list) -> bool:
     """True unless the project says that its world is a map's."""
-    for file, content in _resources(path, items, "application/opf-scene-reference-frame+json"):
-        crs = mapping(file, "crs", content.get("crs"))
-        return _LOCAL.search(str(crs.get("definition"))) is not None
+    for content in _resources(path, items, "application/opf-scene-reference-frame+json"):
+        return _LOCAL.search(str(content.inner("crs").get("definition"))) is not None
     return True

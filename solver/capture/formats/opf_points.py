@@ -13,8 +13,8 @@ from urllib.parse import unquote
 import numpy as np
 
 from ..errors import CaptureError, shown
-from ..fields import entries, mapping, numbers
-from ..files import file_below, read_json
+from ..fields import Entry, entries
+from ..files import file_below
 from ..sparse_points import MOST_POINTS
 
 Z_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
@@ -35,45 +35,43 @@ def read_gltf_points(file: Path, folder: Path) -> np.ndarray:
     Raises:
         CaptureError: the file or its numbers cannot be used.
     """
-    content = mapping(file, "", read_json(file))
+    content = Entry.of_file(file)
     found = [np.zeros((0, 3))]
-    for index, node in enumerate(entries(file, "nodes", content.get("nodes"))):
-        where = f"nodes[{index}]"
-        node = mapping(file, where, node)
-        mesh = _item(file, content, "meshes", node.get("mesh"))
-        primitives = entries(file, f"{where}, primitives", mesh.get("primitives"))
+    for node in content.objects("nodes"):
+        mesh = _item(content, "meshes", node.get("mesh"))
+        primitives = entries(file, f"{node.where}, primitives", mesh.get("primitives"))
         for primitive in primitives[:1]:
-            attributes = mapping(file, where, mapping(file, where, primitive).get("attributes"))
-            accessor = _item(file, content, "accessors", attributes.get("POSITION"))
-            points = _positions(file, where, content, accessor, folder)
+            attributes = Entry(file, node.where, primitive).within("attributes")
+            accessor = _item(content, "accessors", attributes.get("POSITION"))
+            points = _positions(node.where, content, accessor, folder)
             matrix = np.eye(4)
             if node.get("matrix") is not None:
-                values = numbers(file, f"{where}.matrix", node["matrix"], 16)
-                matrix = values.reshape(4, 4).T
+                matrix = node.numbers("matrix", 16).reshape(4, 4).T
             with np.errstate(all="ignore"):  # what is no number is left out where all points are
                 moved = points @ matrix[:3, :3].T + matrix[:3, 3]
                 found.append(moved @ Z_UP[:3, :3].T)
         if sum(map(len, found)) > _MOST_IN_ALL:
             raise CaptureError(
-                file, where, "it has more nodes with points than any project", _AGAIN
+                file, node.where, "it has more nodes with points than any project", _AGAIN
             )
     return np.concatenate(found)
 
 
-def _item(file: Path, content: dict, key: str, index: Any) -> dict:
+def _item(content: Entry, key: str, index: Any) -> Entry:
     """An object of a list, by its index."""
-    values = entries(file, key, content.get(key))
+    values = content.entries(key)
     if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(values):
-        raise CaptureError(file, key, f"there is no '{shown(index)}' in it", _AGAIN)
-    return mapping(file, f"{key}[{index}]", values[index])
+        raise content.error(key, f"there is no '{shown(index)}' in it", _AGAIN)
+    return Entry(content.path, f"{key}[{index}]", values[index])
 
 
-def _positions(file: Path, where: str, content: dict, accessor: dict, folder: Path) -> np.ndarray:
+def _positions(where: str, content: Entry, accessor: Entry, folder: Path) -> np.ndarray:
     """Points [N, 3] as they are stored."""
+    file = content.path
     if accessor.get("componentType") != _FLOAT or accessor.get("type") != "VEC3":
         raise CaptureError(file, where, "its points are not triples of single precision", _AGAIN)
-    view = _item(file, content, "bufferViews", accessor.get("bufferView"))
-    buffer = _item(file, content, "buffers", view.get("buffer"))
+    view = _item(content, "bufferViews", accessor.get("bufferView"))
+    buffer = _item(content, "buffers", view.get("buffer"))
     count, start = accessor.get("count"), view.get("byteOffset", 0)
     if not all(isinstance(v, int) and 0 <= v < 1 << 40 for v in (count, start)):
         raise CaptureError(file, where, "its points' count or place is not a number", _AGAIN)

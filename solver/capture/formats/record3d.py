@@ -10,13 +10,12 @@ https://github.com/marek-simonik/record3d/issues/27, /36 and /42
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..capture import Capture
 from ..errors import CaptureError
-from ..fields import number, numbers
+from ..fields import Entry, numbers
 from ..files import json_head, read_json
 from ..frames import rotation_from_quaternion
 from ..intake import Found, Intrinsics, assemble
@@ -50,31 +49,30 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             path, "poses", "all poses are the same",
             "record with the LiDAR camera: Record3D does not follow the front camera",
         )  # fmt: skip
-    size = _size(path, content)
+    content = Entry(path, "", content)
+    size = _size(content)
     folder = next((name for name in _PHOTO_FOLDERS if (path.parent / name).is_dir()), "rgb")
     found = []
     for index, pose in enumerate(values):
         stated = f"{folder}/{index}.jpg"
         photo = photos.find_in(path.parent / folder, f"{index}.jpg")
         serves = photos.serves(photo)
-        intrinsics = _intrinsics(path, content, index, size) if serves else None
+        intrinsics = _intrinsics(content, index, size) if serves else None
         where = f"poses[{index}]"
         found.append(Found(where, stated, photo, _matrix(path, where, pose), intrinsics))
     return assemble(path, NAME, found, photos, up=(0, 1, 0), metric=True)
 
 
-def _size(path: Path, content: dict[str, Any]) -> tuple[int, int]:
+def _size(content: Entry) -> tuple[int, int]:
     """Width and height in pixels of the pictures that the intrinsics are for."""
-    width, height = (number(path, key, content.get(key)) for key in ("w", "h"))
+    width, height = content.number("w"), content.number("h")
     if not (1 <= width <= 1e6 and 1 <= height <= 1e6):
-        raise CaptureError(path, "w", "the pictures have no size", "export the recording again")
+        raise content.error("w", "the pictures have no size", "export the recording again")
     return int(width), int(height)
 
 
-def _intrinsics(
-    path: Path, content: dict[str, Any], index: int, size: tuple[int, int]
-) -> Intrinsics:
-    each = content.get("perFrameIntrinsicCoeffs")
+def _intrinsics(content: Entry, index: int, size: tuple[int, int]) -> Intrinsics:
+    path, each = content.path, content.get("perFrameIntrinsicCoeffs")
     if isinstance(each, list) and index < len(each):
         fx, fy, cx, cy = numbers(path, f"perFrameIntrinsicCoeffs[{index}]", each[index], 4)
     else:

@@ -7,14 +7,12 @@ https://github.com/autonomousvision/sdfstudio (sdfstudio_dataparser.py)
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..capture import Capture
-from ..errors import CaptureError
-from ..fields import entries, mapping, number, numbers
-from ..files import json_head, read_json
+from ..fields import Entry, numbers
+from ..files import json_head
 from ..frames import pose_opengl_from_opencv
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
@@ -34,61 +32,53 @@ def recognises(file: Path) -> bool:
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read all frames; the scene's box becomes the region."""
-    content = mapping(path, "", read_json(path))
+    content = Entry.of_file(path)
     found = []
-    for index, frame in enumerate(entries(path, "frames", content.get("frames"))):
-        where = f"frames[{index}]"
-        frame = mapping(path, where, frame)
-        stated = frame.get("rgb_path")
-        if not isinstance(stated, str) or not stated or "\0" in stated:
-            raise CaptureError(
-                path, f"{where}.rgb_path", "the frame names no photo", "add its path"
-            )
-        pose = _matrix(path, f"{where}.camtoworld", frame.get("camtoworld"), (3, 4))
+    for frame in content.objects("frames"):
+        stated = frame.name("rgb_path", "the frame names no photo", "add its path")
+        pose = _matrix(frame, "camtoworld", (3, 4))
         photo = photos.find(stated, beside=path)
         intrinsics = mask = None
         if photos.serves(photo):
-            intrinsics = _intrinsics(path, where, content, frame, photo)
+            intrinsics = _intrinsics(content, frame, photo)
         if photo is not None:
             mask = photos.mask_of(photo, frame.get("foreground_mask"), beside=path)
         pose = pose_opengl_from_opencv(np.vstack([pose, (0, 0, 0, 1)]))
-        found.append(Found(f"{where}.camtoworld", stated, photo, pose, intrinsics, mask))
+        found.append(Found(frame.field("camtoworld"), stated, photo, pose, intrinsics, mask))
     capture = assemble(path, NAME, found, photos)
-    region = _region(path, content.get("scene_box"))
+    region = _region(content)
     return capture if region is None else replace(capture, region=region)
 
 
-def _intrinsics(
-    path: Path, where: str, content: dict, frame: dict, photo: Path | None
-) -> Intrinsics:
-    field = f"{where}.intrinsics"
-    lens = pinhole_of(path, field, _matrix(path, field, frame.get("intrinsics"), (3, 3)))
+def _intrinsics(content: Entry, frame: Entry, photo: Path | None) -> Intrinsics:
+    matrix = _matrix(frame, "intrinsics", (3, 3))
+    lens = pinhole_of(frame.path, frame.field("intrinsics"), matrix)
     if content.get("width") is not None and content.get("height") is not None:
-        width, height = (int(number(path, side, content[side])) for side in ("width", "height"))
+        width, height = int(content.number("width")), int(content.number("height"))
     elif photo is not None:
         width, height = size_meant(image_size(photo), *lens[2:])
     else:
-        raise CaptureError(path, "width", "the photos' size is missing", "add width and height")
+        raise content.error("width", "the photos' size is missing", "add width and height")
     return Intrinsics(width, height, *lens)
 
 
-def _matrix(path: Path, where: str, stated: Any, shape: tuple[int, int]) -> np.ndarray:
+def _matrix(entry: Entry, key: str, shape: tuple[int, int]) -> np.ndarray:
     """The upper left part [rows, columns] of a matrix that may have a row or a column more."""
-    rows, columns = shape
+    stated, (rows, columns) = entry.get(key), shape
     if isinstance(stated, list) and rows <= len(stated) <= 4:
-        values = [numbers(path, where, row) for row in stated[:rows]]
+        values = [numbers(entry.path, entry.field(key), row) for row in stated[:rows]]
         if all(columns <= len(row) <= 4 for row in values):
             return np.stack([row[:columns] for row in values])
-    raise CaptureError(path, where, "this is not a matrix", "export the cameras again")
+    raise entry.error(key, "this is not a matrix", "export the cameras again")
 
 
-def _region(path: Path, stated: Any) -> np.ndarray | None:
+def _region(content: Entry) -> np.ndarray | None:
     """The world box [2, 3] that the file states; None if it states none."""
+    stated = content.get("scene_box")
     if not isinstance(stated, dict) or stated.get("aabb") is None:
         return None
-    box = _matrix(path, "scene_box.aabb", stated["aabb"], (2, 3))
+    stated = content.inner("scene_box")
+    box = _matrix(stated, "aabb", (2, 3))
     if not (box[1] - box[0] > 1e-9).all():
-        raise CaptureError(
-            path, "scene_box.aabb", "the box has no size", "give its lowest and highest corner"
-        )
+        raise stated.error("aabb", "the box has no size", "give its lowest and highest corner")
     return box

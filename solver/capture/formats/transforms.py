@@ -20,7 +20,7 @@ import numpy as np
 from ..camera import Camera
 from ..capture import Capture
 from ..errors import CaptureError, counted, shown
-from ..fields import is_no_pose
+from ..fields import Entry, is_no_pose
 from ..files import json_head, read_json
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble, without_pose
@@ -30,7 +30,7 @@ from ..picture_names import parts_of
 from ..pinhole import size_meant
 from ..ply_points import read_ply_points
 from ..upright import estimate_up
-from .transforms_lens import focal_lengths_of_panorama, lens_entries, number_of, read_lens
+from .transforms_lens import focal_lengths_of_panorama, lens_entries, read_lens
 
 NAME = "transforms.json"
 EXTENSIONS = (".json",)
@@ -79,11 +79,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         where = f"frames[{index}]"
         if not isinstance(frame, dict):
             raise CaptureError(path, where, "a frame must be an object", "export the file again")
-        stated = frame.get("file_path")
-        if not isinstance(stated, str) or not stated or "\0" in stated:
-            raise CaptureError(
-                path, f"{where}.file_path", "the frame names no photo", "add the photo's path"
-            )
+        frame = Entry(path, where, frame)
+        stated = frame.name("file_path", "the frame names no photo", "add the photo's path")
         if kept and tuple(parts_of(stated)) not in kept:
             continue
         if is_no_pose(frame.get("transform_matrix")):
@@ -96,8 +93,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             mask = photo and photos.find(f"{stated}_mask", path)
         if photos.serves(photo):
             model = frame.get("camera_model") or content.get("camera_model")
-            values = {**content, **frame, "camera_model": model}
-            intrinsics = _intrinsics(path, where, values, photo)
+            values = Entry(path, where, {**content, **frame, "camera_model": model})
+            intrinsics = _intrinsics(values, photo)
         if photo is not None and mask is None:
             mask = photos.mask_of(photo, frame.get("mask_path") or frame.get("fg_mask_path"), path)
         found.append(
@@ -258,18 +255,13 @@ def _ignoring_its_mask(item: Found) -> Found:
     return replace(item, mask=None, ignored=item.mask, ignored_is_black=True)
 
 
-def _intrinsics(path: Path, where: str, values: dict, image: Path | None) -> Intrinsics:
+def _intrinsics(values: Entry, image: Path | None) -> Intrinsics:
     """Size, focal lengths, principal point and lens of a frame, its own values first."""
-
-    def number(key: str) -> float | None:
-        return number_of(path, where, values, key)
-
-    width, height = number("w"), number("h")
-    cx, cy = number("cx"), number("cy")
+    width, height, cx, cy = map(values.optional, ("w", "h", "cx", "cy"))
     if width is None or height is None:
         if image is None:
-            raise CaptureError(
-                path, f"{where}.w", "neither the picture's size nor a photo of that size is there",
+            raise values.error(
+                "w", "neither the picture's size nor a photo of that size is there",
                 "add w and h, in pixels",
             )  # fmt: skip
         width, height = image_size(image)
@@ -277,44 +269,46 @@ def _intrinsics(path: Path, where: str, values: dict, image: Path | None) -> Int
             width, height = size_meant((width, height), cx, cy)
     width, height = int(width), int(height)
     if width < 1 or height < 1:
-        raise CaptureError(path, f"{where}.w", "the photo has no size", "correct w and h")
-    lens, distortion = read_lens(path, where, values)
-    fx, fy = number("fl_x"), number("fl_y")
+        raise values.error("w", "the photo has no size", "correct w and h")
+    lens, distortion = read_lens(values)
+    fx, fy = values.optional("fl_x"), values.optional("fl_y")
     if lens == EQUIRECTANGULAR:
-        fx, fy = focal_lengths_of_panorama(path, where, values, width, height)
+        fx, fy = focal_lengths_of_panorama(values, width, height)
     elif fx is None:
-        fx = _from_angle(path, where, values, "x", width)
-        fy = _from_angle(path, where, values, "y", height) if fy is None else fy
+        fx = _from_angle(values, "x", width)
+        fy = _from_angle(values, "y", height) if fy is None else fy
     if fx is None and fy is None:
-        raise CaptureError(
-            path, f"{where}.camera_angle_x",
+        raise values.error(
+            "camera_angle_x",
             "neither the frame nor the file gives camera_angle_x or fl_x",
             "add the horizontal field of view in radians as camera_angle_x",
         )  # fmt: skip
     fx, fy = (fy if fx is None else fx), (fx if fy is None else fy)
     if fx <= 0 or fy <= 0:
-        raise CaptureError(path, f"{where}.fl_x", "a focal length must be positive", "correct it")
+        raise values.error("fl_x", "a focal length must be positive", "correct it")
     return Intrinsics(
         width, height, fx, fy, width / 2 if cx is None else cx, height / 2 if cy is None else cy,
         lens, distortion,
     )  # fmt: skip
 
 
-def _from_angle(path: Path, where: str, values: dict, axis: str, pixels: int) -> float | None:
+def _from_angle(values: Entry, axis: str, pixels: int) -> float | None:
     """The focal length along an axis, in pixels, of the field of view over so many pixels; None if none is
     stated. `x_fov` is in degrees, `camera_angle_x` in radians (instant-ngp, nerf_loader.cu)."""
     key = f"{axis}_fov"
-    degrees = number_of(path, where, values, key)
+    degrees = values.optional(key)
     if degrees is not None:
         if not 0 < degrees < 180:
             raise CaptureError(
-                path, key, f"{degrees} is not a field of view", "give 0 to 180 degrees"
+                values.path, key, f"{degrees} is not a field of view", "give 0 to 180 degrees"
             )
         return 0.5 * pixels / math.tan(math.radians(0.5 * degrees))
     key = f"camera_angle_{axis}"
-    angle = number_of(path, where, values, key)
+    angle = values.optional(key)
     if angle is None:
         return None
     if not 0 < angle < math.pi:
-        raise CaptureError(path, key, f"{angle} is not a field of view", "give 0 to 3.14 radians")
+        raise CaptureError(
+            values.path, key, f"{angle} is not a field of view", "give 0 to 3.14 radians"
+        )
     return 0.5 * pixels / math.tan(0.5 * angle)

@@ -7,15 +7,13 @@ EQUIRECTANGULAR has focal lengths of half a turn (width / 2, height). instant-ng
 panorama of all directions, too; its `equirectangular` is another, of equal areas (`common_device.cuh`).
 """
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..brown_lens import polynomial_lens
 from ..camera import Camera
-from ..errors import CaptureError
-from ..fields import number, numbers
+from ..fields import Entry
 from ..panoramic_lens import EQUIRECTANGULAR, of_whole_sphere
 
 _CUT = "cut the panoramas into perspective photos and solve or export their cameras"
@@ -74,15 +72,7 @@ _KEYS = {
 }  # fmt: skip
 
 
-def number_of(path: Path, where: str, values: dict, key: str) -> float | None:
-    """A frame's number by its key; None if it is not stated."""
-    value = values.get(key)
-    if value is None:
-        return None
-    return number(path, f"{where}.{key}", value)
-
-
-def read_lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, ...]]:
+def read_lens(values: Entry) -> tuple[str, tuple[float, ...]]:
     """A frame's lens and its numbers, as a `Camera` has them.
 
     Raises:
@@ -90,7 +80,7 @@ def read_lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, .
     """
     for key, (kind, remedy) in _KINDS.items():
         if _is_set(values, key):
-            raise CaptureError(path, f"{where}.{key}", f"{kind} are not read", remedy)
+            raise values.error(key, f"{kind} are not read", remedy)
     model = values.get("camera_model") or None
     if _is_set(values, _WHOLE_SPHERE) or str(model).upper() == "EQUIRECTANGULAR":
         return EQUIRECTANGULAR, ()
@@ -98,43 +88,45 @@ def read_lens(path: Path, where: str, values: dict) -> tuple[str, tuple[float, .
         model = "OPENCV_FISHEYE"
     lens = "opencv" if model is None else _LENS_OF_MODEL.get(str(model).upper())
     if lens is None:
-        raise CaptureError(
-            path, f"{where}.camera_model", f"the lens model '{model}' is not supported",
+        raise values.error(
+            "camera_model", f"the lens model '{model}' is not supported",
             f"use one of {', '.join(_LENS_OF_MODEL)}",
         )  # fmt: skip
     keys = _KEYS[lens]
     listed = values.get("distortion_params")
     order = keys if lens == "rad_tan_thin_prism_fisheye" else _LISTED_KEYS
     if listed not in (None, []) and all(values.get(key) is None for key in order):
-        given = numbers(path, f"{where}.distortion_params", listed, len(order))
-        values = {**values, **dict(zip(order, given.tolist(), strict=True))}
+        given = values.numbers("distortion_params", len(order)).tolist()
+        given = dict(zip(order, given, strict=True))
+        values = Entry(values.path, values.where, {**values, **given})
     if str(model).upper() == "FULL_OPENCV":
         keys = _RATIONAL_KEYS  # elsewhere k4 is a power of the radius
     elif lens in ("pinhole", "opencv"):
         _refuse_rational(
-            path, where, values, "only the lens FULL_OPENCV has this coefficient",
+            values, "only the lens FULL_OPENCV has this coefficient",
             "call its camera_model so if it is that, or export the cameras again",
         )  # fmt: skip
         # Programs that read these files go by the numbers, whatever the model is called.
-        k1, k2, p1, p2, k3, k4 = (
-            number_of(path, where, values, key) or 0.0 for key in _RATIONAL_KEYS[:6]
-        )
+        k1, k2, p1, p2, k3, k4 = _numbers(values, _RATIONAL_KEYS[:6])
         return polynomial_lens((k1, k2, k3, k4), (p1, p2))
     elif lens == "opencv_fisheye":
-        return _fisheye(path, where, values)
-    own = tuple(number_of(path, where, values, key) or 0.0 for key in keys)
+        return _fisheye(values)
+    own = _numbers(values, keys)
     if lens == "brown" and not any(own[8:]):
         own = own[:8]
     return ("pinhole", ()) if lens == "opencv" and not any(own) else (lens, own)
+
+
+def _numbers(values: Entry, keys: tuple[str, ...]) -> tuple[float, ...]:
+    """Numbers, 0 where they are not stated."""
+    return tuple(values.optional(key) or 0.0 for key in keys)
 
 
 def _is_set(values: dict, key: str) -> bool:
     return values.get(key) is not None and values[key] is not False
 
 
-def focal_lengths_of_panorama(
-    path: Path, where: str, values: dict, width: int, height: int
-) -> tuple[float, float]:
+def focal_lengths_of_panorama(values: Entry, width: int, height: int) -> tuple[float, float]:
     """fx and fy, pixels per radian, of a panorama of so many pixels: of all directions, if none are stated.
 
     Raises:
@@ -145,11 +137,11 @@ def focal_lengths_of_panorama(
         return whole
     focal_lengths = []
     for key, least in zip(("fl_x", "fl_y"), whole, strict=True):
-        stated = number_of(path, where, values, key)
+        stated = values.optional(key)
         focal = least if stated is None else stated / np.pi
         if focal * _TOO_WIDE < least:
-            raise CaptureError(
-                path, f"{where}.{key}", "a panorama's picture cannot show more than all directions",
+            raise values.error(
+                key, "a panorama's picture cannot show more than all directions",
                 "give half of the width as fl_x and the height as fl_y, or leave both out",
             )  # fmt: skip
         # What this program has written comes back to the last digit.
@@ -157,28 +149,28 @@ def focal_lengths_of_panorama(
     return focal_lengths[0], focal_lengths[1]
 
 
-def _refuse_rational(path: Path, where: str, values: dict, problem: str, remedy: str) -> None:
+def _refuse_rational(values: Entry, problem: str, remedy: str) -> None:
     """Make sure that k5 and k6, of which only OpenCV's rational lens is made, are 0 or left out.
 
     Raises:
         CaptureError: one is not.
     """
     for key in _RATIONAL_KEYS[6:]:
-        if number_of(path, where, values, key):
-            raise CaptureError(path, f"{where}.{key}", problem, remedy)
+        if values.optional(key):
+            raise values.error(key, problem, remedy)
 
 
-def _fisheye(path: Path, where: str, values: dict) -> tuple[str, tuple[float, ...]]:
+def _fisheye(values: Entry) -> tuple[str, tuple[float, ...]]:
     """An equidistant lens with k1 … k4, and p1 and p2 if they are not 0.
 
     Raises:
         CaptureError: it has other numbers, which no such lens has.
     """
     _refuse_rational(
-        path, where, values, "no fisheye has this coefficient, only k1 … k4, p1 and p2",
+        values, "no fisheye has this coefficient, only k1 … k4, p1 and p2",
         "remove it, or export the cameras again",
     )  # fmt: skip
-    k1, k2, k3, k4, p1, p2 = (number_of(path, where, values, key) or 0.0 for key in _LISTED_KEYS)
+    k1, k2, k3, k4, p1, p2 = _numbers(values, _LISTED_KEYS)
     return polynomial_lens((k1, k2, k3, k4), (p1, p2), equidistant=True)
 
 
