@@ -123,6 +123,7 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
         take_up_job(job, collection, options)
     else:
         root = options.job.absolute() if options.job else new_job_root(name, out.parent)
+        was_there = root.exists()
         job = create_job(
             collection, root, preset=options.preset or "draft", device=options.device or "auto",
             seed=options.seed or 0, time_limit=options.time_limit,
@@ -135,6 +136,8 @@ def reconstruct_to_file(options: argparse.Namespace) -> InstalledAsset:
             if error.code == BAD_INPUT and not resumed and not job.has_checkpoint():
                 # Nothing came of it, and a corrected command may use the same folder.
                 shutil.rmtree(job.root, ignore_errors=True)
+                if was_there:
+                    job.root.mkdir(exist_ok=True)
             raise
     asset = install_result(bpy.context, job.root, collection)
     left = match_solver(bpy.context.scene, asset.manifest.get("bounces", 2))

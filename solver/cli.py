@@ -6,7 +6,6 @@ Exit codes: 0 done, 2 bad input, 3 cancelled, 4 out of memory, 1 anything else.
 import argparse
 import importlib
 import math
-import os
 import time
 from pathlib import Path
 
@@ -28,7 +27,7 @@ from .interrupts import work_is_done
 from .job.begun import Begun
 from .job.exit_codes import CANCELLED, DONE, FAILED
 from .job.folder import JobFolder
-from .job.request import DEVICES, MOST_SEED, JobError, JobRequest, overrides_of
+from .job.request import DECODER, DEVICES, MOST_SEED, JobError, JobRequest, overrides_of
 from .job.resume import take_up
 from .job.status import process_is_alive, read_status
 from .preflight.command import add_check, add_pictures
@@ -45,8 +44,6 @@ from .threads import prepare_runtimes
 
 MOST_RAYS = 1 << 16
 """secondary rays a pixel"""
-DECODER = "fit.decoder"
-"""the setting that is a path, of another job"""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -206,10 +203,9 @@ def _reconstruct(options: argparse.Namespace) -> int:
 
 
 def _overrides(sets: list[str]) -> dict[str, str]:
-    """As `overrides_of`; a path holds from wherever the job is run later."""
+    """As `overrides_of`; another job that they name is there."""
     overrides = overrides_of(sets)
     if overrides.get(DECODER):
-        overrides[DECODER] = os.path.abspath(overrides[DECODER])
         JobFolder.open(Path(overrides[DECODER]))
     return overrides
 

@@ -144,6 +144,8 @@ def explain(error: Exception) -> tuple[int, str]:
             OUT_OF_MEMORY,
             "Out of memory: close other programs, use smaller photos, or choose draft.",
         )
+    if isinstance(error, (NotADirectoryError, FileExistsError)) and error.filename:
+        return BAD_INPUT, f"{error.filename}: a file is in the way of a folder; give another path."
     if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
         return (
             BAD_INPUT,

@@ -48,6 +48,15 @@ def test_a_place_that_is_not_to_be_written_to_is_told_so(number):
     assert message.startswith("/there/file: ") and "make it writable" in message
 
 
+@pytest.mark.parametrize("inside", ["", "deeper"])
+def test_a_file_in_the_way_of_a_folder_is_told_so(tmp_path, inside):
+    (tmp_path / "file").touch()
+    with pytest.raises(OSError) as told:
+        (tmp_path / "file" / inside).mkdir()
+    code, message = explain(told.value)
+    assert code == 2 and "file" in message and "a file is in the way" in message
+
+
 @pytest.mark.skipif(os.name == "nt", reason="there the heartbeat has to do")
 def test_of_two_processes_that_begin_at_once_one_is_refused_and_harms_nothing(tmp_path):
     names = ("events.jsonl", "status.json", "cancel")

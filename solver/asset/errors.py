@@ -6,6 +6,6 @@ class EmptySurfaceError(RuntimeError):
 
     def __init__(self):
         super().__init__(
-            "The fit found no opaque surface; check the masks, the region box and the cameras, and raise "
-            "the time limit if it was short."
+            "The fit found no opaque surface; check the masks, the region box and the cameras, and start "
+            "anew with a longer time limit if it was short."
         )

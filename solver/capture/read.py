@@ -64,9 +64,7 @@ def camera_file(path: Path | str, split: str = "train") -> Path:
     if path.is_file():
         return path
     if not path.exists():
-        raise CaptureError(
-            path, "", "there is no such file or folder", "check the path of the capture"
-        )
+        raise CaptureError(path, "", "there is no such file or folder", "check the path")
     wanted = _FILES_OF_SPLIT.get(split, (f"transforms_{split}.json",))
     for name in wanted:
         if (path / name).is_file():

@@ -141,10 +141,10 @@ def _run(job: JobFolder, progress: Progress, control: Control, began: float) -> 
         request.time_limit, scene, settings, capture.cameras if trainer.fog else (),
         len(cameras) if finer else 0,
     )  # fmt: skip
-    limit = None
-    if left is not None:
-        limit = limit_of_fit(request.time_limit, left, finish, trainer, progress)
     if not (state and state["done"]):
+        limit = None
+        if left is not None:
+            limit = limit_of_fit(request.time_limit, left, finish, trainer, progress)
         fit(trainer, job, progress, control, limit, began)
     short_of = too_few_steps(trainer.step, settings.fit.steps, trainer.fog)
     if short_of is not None:

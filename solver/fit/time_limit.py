@@ -164,9 +164,10 @@ def too_few_steps(done: int, planned: int, fog: bool) -> str | None:
     Args:
         fog: it started as one (see `Trainer`).
     """
-    told = f"there was time for {done} of {planned} steps"
-    if fog and done < FEW_STEPS_FROM_FOG * planned:
-        return f"{told}, too few for an object to form without masks; raise the time limit, or add masks"
-    return (
-        f"{told}; for a better result, raise the time limit" if done < FEW_STEPS * planned else None
+    told, anew = (
+        f"there was time for {done} of {planned} steps",
+        "start anew with a longer time limit",
     )
+    if fog and done < FEW_STEPS_FROM_FOG * planned:
+        return f"{told}, too few for an object to form without masks; {anew}, or add masks"
+    return f"{told}; for a better result, {anew}" if done < FEW_STEPS * planned else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +14,8 @@ SCHEMA_VERSION = 1
 MOST_SEED = (1 << 63) - 1
 DEVICES = ("auto", "cpu", "cuda", "mps")
 """that a job may ask for"""
+DECODER = "fit.decoder"
+"""the setting that is a path, of another job; it holds from wherever the job is run later"""
 EVEN = 1e-3
 """how far the axes of a similarity may be from square and even, as a share of their length"""
 
@@ -146,5 +149,5 @@ def overrides_of(texts: Iterable[str]) -> dict[str, str]:
         key, separator, value = text.partition("=")
         if not separator:
             raise JobError(f"--set {text}: write it as section.field=value.")
-        overrides[key] = value
+        overrides[key] = os.path.abspath(value) if key == DECODER and value else value
     return overrides

@@ -87,7 +87,7 @@ def test_a_fog_without_any_surface_is_an_error_with_a_way_out():
         scene.field.density_planes[0] = 0.55
     fill_everywhere(scene)
     narrow = [replace(camera, fx=800.0, fy=800.0) for camera in cameras()]
-    with pytest.raises(EmptySurfaceError, match="raise the time limit"):
+    with pytest.raises(EmptySurfaceError, match="start anew with a longer time limit"):
         surface_level(scene, RenderSettings(), narrow)
 
 

@@ -266,6 +266,10 @@ def test_headless_leaves_nothing_of_a_job_that_could_not_begin(
     fake_solver("fail")
     assert extension("headless").main(command) == 2
     assert list(tmp_path.glob("x_job*")) == []
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    assert extension("headless").main([*command, "--job", str(mine)]) == 2
+    assert list(mine.iterdir()) == []
     deeper = [str(tmp_path / "nothing"), str(tmp_path / "new" / "deeper" / "x.blend")]
     assert extension("headless").main(["reconstruct", *deeper]) == 2
     assert not (tmp_path / "new").exists()

@@ -70,6 +70,22 @@ def test_the_zip_holds_what_runs_and_nothing_else(archive):
     assert archive.stat().st_size < 1e6
 
 
+def test_what_else_lies_in_the_checkout_stays_out_of_the_zip(archive, tmp_path):
+    source, strange = (
+        tmp_path / "source",
+        ["job", "nmf_jobs", "out", "scan", "photos", "build", "sales", "sofa"],
+    )
+    with zipfile.ZipFile(archive) as file:
+        file.extractall(source)
+        names = file.namelist()
+    for name in [*strange, "Lamp", "benchmarks", "notes", "tests"]:
+        (source / name / "deeper").mkdir(parents=True)
+        (source / name / "deeper" / "photo.jpg").touch()
+    run([sys.executable, TOOL, "build", "--source-dir", source, "--output-dir", tmp_path])
+    with zipfile.ZipFile(next(tmp_path.glob("*.zip"))) as file:
+        assert sorted(file.namelist()) == sorted(names)
+
+
 def test_the_manifest_says_what_the_extension_needs():
     manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
     assert manifest["id"] == "neural_microfacet_fields"

@@ -119,6 +119,20 @@ def test_cancel_is_heard_while_the_asset_is_made_and_a_result_from_before_is_com
     }
 
 
+def test_a_fit_that_is_over_has_time_enough(tmp_path, job):
+    again = tmp_path / "job"
+    shutil.copytree(job, again)
+    request = json.loads((again / "job.json").read_text())
+    (again / "job.json").write_text(json.dumps({**request, "time_limit": 1.0}))
+    progress, control = Mock(), SimpleNamespace(should_stop=False)
+    progress.stage.side_effect = lambda stage, *_: setattr(control, "should_stop", stage == "asset")
+    with pytest.raises(Cancelled):
+        run_job(JobFolder.open(again), progress, control)
+    assert not [
+        told for told in progress.warning.call_args_list if "too short for a fit" in told.args[0]
+    ]
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -10,9 +10,16 @@ from PIL import Image
 from solver.capture.errors import CaptureError
 from solver.job.folder import JobFolder
 from solver.job.inputs import capture_of, held_out_of
-from solver.job.request import JobRequest
+from solver.job.request import JobRequest, overrides_of
 
 DUCK = Path(__file__).parents[2] / "samples" / "duck"
+
+
+def test_another_job_whose_decoder_is_taken_over_is_found_from_anywhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    found = overrides_of(["fit.decoder=first", "fit.steps=2"])
+    assert found == {"fit.decoder": str(tmp_path / "first"), "fit.steps": "2"}
+    assert overrides_of(["fit.decoder="]) == {"fit.decoder": ""}
 
 
 def job_of(capture, folder):
