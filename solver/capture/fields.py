@@ -117,6 +117,15 @@ class Entry(dict):
         """Finite numbers [N]."""
         return numbers(self.path, self.field(key), self.get(key), count)
 
+    def matrix(self, key: str, shape: tuple[int, int]) -> np.ndarray:
+        """The upper left part [rows, columns] of a matrix that may have a row or a column more."""
+        stated, (rows, columns) = self.get(key), shape
+        if isinstance(stated, list) and rows <= len(stated) <= 4:
+            values = [numbers(self.path, self.field(key), row) for row in stated[:rows]]
+            if all(columns <= len(row) <= 4 for row in values):
+                return np.stack([row[:columns] for row in values])
+        raise self.error(key, "this is not a matrix", "export the cameras again")
+
     def name(self, key: str, problem: str, remedy: str) -> str:
         """A text that may be a file's name."""
         value = self.get(key)

@@ -48,6 +48,62 @@ def test_each_frame_may_have_a_lens_and_a_mask_of_its_own(tmp_path):
     assert first.mask_path is None
 
 
+def test_a_frames_own_field_of_view_goes_before_the_files_focal_length_and_null_before_nothing(
+    tmp_path,
+):
+    """As instant-ngp reads a frame after the file (`nerf_loader.cu`)."""
+
+    def change(content):
+        content.update(fl_x=20.0, fl_y=21.0, w=8, h=8, k1=0.1)
+        content["frames"][0].update(camera_angle_x=math.radians(90))
+        content["frames"][1].update(x_fov=90.0, k1=None)
+        content["frames"][2].update(fl_x=None, k1=None, w=None)
+
+    first, second, third, fourth = read_capture(make_capture(tmp_path, edit=change)).cameras
+    assert first.fx == pytest.approx(4) and first.fy == pytest.approx(4)
+    assert second.fx == pytest.approx(4) and second.distortion == first.distortion
+    assert (third.fx, third.fy, third.width, third.distortion) == (20, 21, 8, fourth.distortion)
+
+
+def test_neus2s_own_files_have_matrices_of_lenses_and_opencvs_axes(tmp_path):
+    """Its README, "Data Convention": `from_na`."""
+    plain = read_capture(make_capture(tmp_path / "plain"))
+
+    def change(content):
+        content.pop("camera_angle_x")
+        content.update(from_na=True, w=8, h=8, scale=0.5, offset=[0.5, 0.5, 0.5])
+        for frame in content["frames"]:
+            pose = np.array(frame["transform_matrix"]) @ np.diag([1, -1, -1, 1])
+            frame["transform_matrix"] = pose.tolist()
+            frame["intrinsic_matrix"] = [
+                [9, 0, 3.5, 0],
+                [0, 10, 4.5, 0],
+                [0, 0, 1, 0],
+                [0, 0, 0, 1],
+            ]
+
+    capture = read_capture(make_capture(tmp_path / "neus2", edit=change))
+    for camera, other in zip(capture.cameras, plain.cameras, strict=True):
+        assert np.allclose(camera.camera_to_world, other.camera_to_world)
+        assert (camera.fx, camera.fy, camera.cx, camera.cy) == (9, 10, 3.5, 4.5)
+    assert not capture.warnings
+
+
+@pytest.mark.parametrize("matrix", [[[1, 2], [3]], "1 0 0", [[9, 0, 4], [0, 9, 4], [0, 0, None]]])
+def test_a_lens_matrix_that_is_none_is_named(tmp_path, matrix):
+    with pytest.raises(CaptureError, match=r"frames\[0\].intrinsic_matrix: "):
+        capture_with(
+            tmp_path,
+            frames=[
+                {
+                    "file_path": "./r_0",
+                    "transform_matrix": pose(0).tolist(),
+                    "intrinsic_matrix": matrix,
+                }
+            ],
+        )
+
+
 def test_the_foreground_masks_of_head_avatars_show_the_object(tmp_path):
     """As VHAP writes them and GaussianAvatars reads them, beside `file_path`."""
 

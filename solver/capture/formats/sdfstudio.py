@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..capture import Capture
-from ..fields import Entry, numbers
+from ..fields import Entry
 from ..files import json_head
 from ..frames import pose_opengl_from_opencv
 from ..image_header import image_size
@@ -36,7 +36,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     found = []
     for frame in content.objects("frames"):
         stated = frame.name("rgb_path", "the frame names no photo", "add its path")
-        pose = _matrix(frame, "camtoworld", (3, 4))
+        pose = frame.matrix("camtoworld", (3, 4))
         photo = photos.find(stated, beside=path)
         intrinsics = mask = None
         if photos.serves(photo):
@@ -51,7 +51,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 
 
 def _intrinsics(content: Entry, frame: Entry, photo: Path | None) -> Intrinsics:
-    matrix = _matrix(frame, "intrinsics", (3, 3))
+    matrix = frame.matrix("intrinsics", (3, 3))
     lens = pinhole_of(frame.path, frame.field("intrinsics"), matrix)
     if content.get("width") is not None and content.get("height") is not None:
         width, height = int(content.number("width")), int(content.number("height"))
@@ -62,23 +62,13 @@ def _intrinsics(content: Entry, frame: Entry, photo: Path | None) -> Intrinsics:
     return Intrinsics(width, height, *lens)
 
 
-def _matrix(entry: Entry, key: str, shape: tuple[int, int]) -> np.ndarray:
-    """The upper left part [rows, columns] of a matrix that may have a row or a column more."""
-    stated, (rows, columns) = entry.get(key), shape
-    if isinstance(stated, list) and rows <= len(stated) <= 4:
-        values = [numbers(entry.path, entry.field(key), row) for row in stated[:rows]]
-        if all(columns <= len(row) <= 4 for row in values):
-            return np.stack([row[:columns] for row in values])
-    raise entry.error(key, "this is not a matrix", "export the cameras again")
-
-
 def _region(content: Entry) -> np.ndarray | None:
     """The world box [2, 3] that the file states; None if it states none."""
     stated = content.get("scene_box")
     if not isinstance(stated, dict) or stated.get("aabb") is None:
         return None
     stated = content.inner("scene_box")
-    box = _matrix(stated, "aabb", (2, 3))
+    box = stated.matrix("aabb", (2, 3))
     if not (box[1] - box[0] > 1e-9).all():
         raise stated.error("aabb", "the box has no size", "give its lowest and highest corner")
     return box

@@ -20,14 +20,15 @@ import numpy as np
 from ..camera import Camera
 from ..capture import Capture
 from ..errors import CaptureError, counted, shown
-from ..fields import Entry, is_no_pose
+from ..fields import Entry, is_no_pose, rigid_pose
 from ..files import json_head, read_json
+from ..frames import pose_opengl_from_opencv
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..panoramic_lens import EQUIRECTANGULAR
 from ..photo_finder import PhotoFinder
 from ..picture_names import parts_of
-from ..pinhole import size_meant
+from ..pinhole import pinhole_of, size_meant
 from ..ply_points import read_ply_points
 from ..upright import estimate_up
 from .transforms_lens import focal_lengths_of_panorama, lens_entries, read_lens
@@ -83,23 +84,24 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         stated = frame.name("file_path", "the frame names no photo", "add the photo's path")
         if kept and tuple(parts_of(stated)) not in kept:
             continue
-        if is_no_pose(frame.get("transform_matrix")):
+        pose = frame.get("transform_matrix")
+        if is_no_pose(pose):
             lost.append(stated)
             continue
+        if content.get("from_na") is True:  # NeuS2's own, with OpenCV's axes
+            pose = pose_opengl_from_opencv(rigid_pose(path, f"{where}.transform_matrix", pose))
         photo = photos.find(stated, beside=path)
         intrinsics = mask = None
         if photo is None:  # Synthetic4Relight's are in layers
             photo = next(filter(None, (photos.find(stated + end, path) for end in _LAYERS)), None)
             mask = photo and photos.find(f"{stated}_mask", path)
         if photos.serves(photo):
-            model = frame.get("camera_model") or content.get("camera_model")
-            values = Entry(path, where, {**content, **frame, "camera_model": model})
-            intrinsics = _intrinsics(values, photo)
+            intrinsics = _intrinsics(_values(content, frame), photo)
         if photo is not None and mask is None:
             mask = photos.mask_of(photo, frame.get("mask_path") or frame.get("fg_mask_path"), path)
         found.append(
-            Found(f"{where}.transform_matrix", stated, photo, frame.get("transform_matrix"),
-                  intrinsics, mask, photos.picture_at(frame.get("ignored_path"), path),
+            Found(f"{where}.transform_matrix", stated, photo, pose, intrinsics, mask,
+                  photos.picture_at(frame.get("ignored_path"), path),
                   frame.get("ignored_is_black") is True)
         )  # fmt: skip
     warnings = without_pose(
@@ -253,6 +255,18 @@ def _ignoring_its_mask(item: Found) -> Found:
     if item.ignored is not None:
         return replace(item, mask=None)
     return replace(item, mask=None, ignored=item.mask, ignored_is_black=True)
+
+
+def _values(content: dict, frame: Entry) -> Entry:
+    """A frame's own values, then the file's. How wide its own view is goes before the file's lens."""
+    own = {key: value for key, value in frame.items() if value not in (None, "")}
+    if "intrinsic_matrix" in own:  # NeuS2's
+        lens = frame.matrix("intrinsic_matrix", (3, 3))
+        lens = pinhole_of(frame.path, frame.field("intrinsic_matrix"), lens)
+        own = {**dict(zip(("fl_x", "fl_y", "cx", "cy"), lens, strict=True)), **own}
+    hidden = ("fl_x", "fl_y") if own.keys() & {"camera_angle_x", "x_fov"} else ()
+    shared = {key: value for key, value in content.items() if key not in hidden}
+    return Entry(frame.path, frame.where, {**shared, **own})
 
 
 def _intrinsics(values: Entry, image: Path | None) -> Intrinsics:
