@@ -9,7 +9,7 @@ from PIL import Image
 
 from solver.capture.errors import CaptureError
 from solver.capture.reduced import load_reduced, load_reduced_mask, read_header
-from tests.capture.pictures import write
+from tests.capture.pictures import load, write
 
 
 @pytest.mark.parametrize("upright", [False, True])
@@ -57,6 +57,27 @@ def test_tiffs_are_reduced_by_means_as_other_photos_are(dtype, tmp_path):
     assert colour.shape == (60, 80, 3) and alpha.shape == (60, 80)
     assert np.ptp(colour) <= 2 and abs(float(colour.mean()) - 127.5) < 2
     assert np.ptp(alpha) <= 2
+
+
+def test_the_header_of_a_tiff_says_the_focal_length_and_lies_as_exif_has_it(tmp_path):
+    pixels = np.zeros((30, 40, 3), np.uint16)
+    write(tmp_path / "a.tif", pixels, Orientation=6, Exif__FocalLengthIn35mmFilm=26)
+    header = read_header(tmp_path / "a.tif")
+    assert (header.width, header.height, header.focal) == (30, 40, pytest.approx(26 / 36 * 40))
+    write(tmp_path / "b.tif", pixels)
+    header = read_header(tmp_path / "b.tif")
+    assert (header.width, header.height, header.focal) == (40, 30, None)
+
+
+def test_an_openexr_file_without_colours_is_refused_as_a_photo_and_read_as_a_mask(tmp_path):
+    depth = np.ones((8, 8), np.float32)
+    OpenEXR.File({}, {"Z": depth}).write(str(tmp_path / "a.exr"))
+    for read in (load, lambda path: load_reduced(path, 8)):
+        with pytest.raises(CaptureError, match="a.exr, channels: it has no R, G and B, only Z"):
+            read(tmp_path / "a.exr")
+    assert (load_reduced_mask(tmp_path / "a.exr", (8, 8), (8, 8)) == 255).all()
+    OpenEXR.File({}, {"Y": depth}).write(str(tmp_path / "b.exr"))
+    assert (load_reduced(tmp_path / "b.exr", 8)[0] == 255).all()
 
 
 def test_linear_photos_are_reduced_where_they_are_and_by_means(tmp_path):
