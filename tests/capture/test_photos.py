@@ -315,3 +315,11 @@ def test_a_profile_of_srgb_or_a_damaged_one_changes_nothing(tmp_path):
     for profile in (srgb, srgb[:200], icc_profile(np.zeros((3, 3)), SRGB_CURVE)):
         Image.fromarray(pixels).save(tmp_path / "b.png", icc_profile=profile)
         np.testing.assert_array_equal(load(tmp_path / "b.png").pixels, expected)
+
+
+def test_a_profile_of_greys_without_end_changes_nothing(tmp_path):
+    pixels = ramp(np.uint8, 1)
+    expected = load(write(tmp_path / "a.png", pixels)).pixels
+    profile = icc_profile(None, b"para" + bytes(8) + fixed([-1]))
+    Image.fromarray(pixels[..., 0]).save(tmp_path / "b.png", icc_profile=profile)
+    np.testing.assert_array_equal(load(tmp_path / "b.png").pixels, expected)
