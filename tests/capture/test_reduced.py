@@ -5,11 +5,14 @@ import tracemalloc
 import numpy as np
 import OpenEXR
 import pytest
+import tifffile
 from PIL import Image
 
+from solver.capture.colour import linear_to_srgb
 from solver.capture.errors import CaptureError
 from solver.capture.reduced import load_reduced, load_reduced_mask, read_header
 from tests.capture.pictures import load, write
+from tests.capture.test_photos import REC709, SRGB_CURVE, icc_profile
 
 
 @pytest.mark.parametrize("upright", [False, True])
@@ -96,6 +99,15 @@ def test_linear_photos_are_reduced_where_they_are_and_by_means(tmp_path):
     # sRGB of half of the light.
     assert np.ptp(colour[..., 1]) <= 2 and abs(float(colour[..., 1].mean()) - 188) < 2
     assert (colour[..., 2] == 0).all()
+
+
+@pytest.mark.parametrize("linear", [False, True])
+def test_floating_point_with_a_profile_is_shown_as_the_profile_has_it(linear, tmp_path):
+    codes = np.random.default_rng(0).random((6, 10, 3), np.float32)
+    profile = icc_profile(REC709, b"curv" + bytes(8) if linear else SRGB_CURVE)
+    tifffile.imwrite(tmp_path / "a.tif", codes, photometric="rgb", iccprofile=profile)
+    expected = 255 * (linear_to_srgb(codes) if linear else codes)
+    np.testing.assert_allclose(load_reduced(tmp_path / "a.tif", 10)[0], expected, atol=1)
 
 
 def test_a_photo_of_16_bits_takes_no_more_memory_than_its_pixels(tmp_path):
