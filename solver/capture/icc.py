@@ -56,10 +56,11 @@ def read_profile(data: bytes) -> Profile | None:
             return None
         tags = _tags(data)
         if b"kTRC" in tags:
-            return Profile(np.tile(_curve(tags[b"kTRC"]), (3, 1)), None)
-        colorants = np.stack([_xyz(tags[name]) for name in (b"rXYZ", b"gXYZ", b"bXYZ")], axis=1)
-        curves = [_curve(tags[name]) for name in (b"rTRC", b"gTRC", b"bTRC")]
-        matrix = rec709_from_colorants(colorants)
+            curves, matrix = [_curve(tags[b"kTRC"])] * 3, None
+        else:
+            columns = [_xyz(tags[name]) for name in (b"rXYZ", b"gXYZ", b"bXYZ")]
+            curves = [_curve(tags[name]) for name in (b"rTRC", b"gTRC", b"bTRC")]
+            matrix = rec709_from_colorants(np.stack(columns, axis=1))
     except (KeyError, ValueError, struct.error):
         return None
     curves = np.stack(curves)

@@ -151,6 +151,8 @@ def _of_decoded(decoded: Decoded, longest: int) -> tuple[np.ndarray, np.ndarray 
     colour = pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=-1)
     alpha = None if decoded.alpha is None else pixels[..., decoded.alpha]
     if decoded.is_float:
+        if (profile := decoded.profile) is not None:
+            colour = np.stack([profile.linear(i, colour[..., i]) for i in range(3)], axis=2)
         colour = linear_to_srgb(colour)
     elif decoded.linear and colour.dtype == np.uint16:
         colour = _shown()[colour]

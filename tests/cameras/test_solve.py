@@ -403,6 +403,29 @@ def test_a_folder_that_may_not_be_read_is_told_as_that(tmp_path, monkeypatch):
         photos_below(tmp_path)
 
 
+def test_raw_and_heic_photos_with_copies_in_another_folder_are_not_taken_twice(tmp_path):
+    originals = ("IMG_0.HEIC", "IMG_1.DNG", "IMG_2.heic")
+    for name in (*originals, "JPEG/IMG_0.jpg", "JPEG/img_1.JPG", "JPEG/IMG_2.png"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    with pytest.raises(
+        CaptureError, match="IMG_0.jpg: .*copy of IMG_0.HEIC.*; give the folder of one kind"
+    ):
+        photos_below(tmp_path)
+    assert len(photos_below(tmp_path / "JPEG")) == 3
+    assert photos_below(tmp_path, tmp_path / "JPEG") == originals
+    (tmp_path / "JPEG/img_1.JPG").unlink()
+    assert len(photos_below(tmp_path)) == 5, "a raw photo without a copy: others may not be copies"
+
+
+def test_photos_of_the_same_names_in_two_folders_are_not_copies_if_all_are_developed(tmp_path):
+    names = tuple(f"{day}/IMG_{number}.jpg" for day in ("day 1", "day 2") for number in range(2))
+    for name in names:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert photos_below(tmp_path) == names
+
+
 def test_few_photos_are_all_compared_and_many_in_number_proportional_to_them():
     assert len(pairs_of(40, "auto")) == 40 * 39 / 2
     for count in (2, 3, 130, 1000):

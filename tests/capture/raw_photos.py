@@ -36,7 +36,7 @@ def mosaic(codes):
 
 def write_dng(
     path, linear, *, neutral=NEUTRAL, orientation=1, crop=None, active=None, brighter=None,
-    demosaiced=False,
+    demosaiced=False, floating=False,
 ):  # fmt: skip
     """Write a DNG of linear Rec. 709 [H, W, 3].
 
@@ -44,6 +44,7 @@ def write_dng(
         crop: left, top, width and height of the picture. active: top, left, bottom, right within the border.
         brighter: BaselineExposure, stops.
         demosaiced: it holds colours, as phones write them, not a mosaic.
+        floating: its codes are floating-point numbers, as merges have them.
     """
 
     def rationals(values):
@@ -68,6 +69,8 @@ def write_dng(
     if brighter is not None:
         tags.append((_BRIGHTER, "2i", 1, rationals([brighter])))
     codes = sensor_codes(linear, neutral or NEUTRAL)
+    if floating:
+        codes = codes.astype(np.float16)
     tifffile.imwrite(
         path, codes if demosaiced else mosaic(codes), photometric=_COLOURS if demosaiced else _MOSAIC,
         planarconfig=1 if demosaiced else None, extratags=[(*tag, True) for tag in tags], metadata=None,

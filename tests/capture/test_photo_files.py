@@ -7,6 +7,7 @@ import zlib
 
 import numpy as np
 import pytest
+import tifffile
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -19,7 +20,7 @@ from solver.capture.photos import (
     load_photo,
 )
 from solver.capture.reduced import read_header
-from tests.capture.pictures import camera_for, load, ramp, write, write_exr
+from tests.capture.pictures import camera_for, load, ramp, write, write_exr, write_hdr
 
 
 def test_a_whole_photo_needs_little_more_memory_than_its_pixels(tmp_path):
@@ -107,6 +108,30 @@ def test_sizes_in_headers_are_those_of_the_pixels(tmp_path, name):
     kind = np.float32 if name in ("a.exr", "a.hdr") else np.uint8
     write(tmp_path / name, ramp(kind, 3, (5, 11)))
     assert image_size(tmp_path / name) == (11, 5)
+
+
+@pytest.mark.parametrize("order", ["+Y 6 +X 10", "-Y 6 -X 10", "+X 10 -Y 6", "-X 10 +Y 6"])
+def test_radiance_files_whose_pixels_lie_in_another_order_are_refused(tmp_path, order):
+    assert image_size(write_hdr(tmp_path / "a.hdr")) == (10, 6)
+    write_hdr(tmp_path / "a.hdr", order=order)
+    for read in (image_size, decode, read_header):
+        with pytest.raises(CaptureError, match="a.hdr: .*another order of pixels"):
+            read(tmp_path / "a.hdr")
+
+
+@pytest.mark.parametrize("big", [False, True])
+def test_a_tiff_that_begins_with_a_thumbnail_is_refused_and_one_that_ends_with_it_is_not(
+    tmp_path, big
+):
+    whole, small = ramp(np.uint8, 3, (24, 40)), ramp(np.uint8, 3, (6, 10))
+    for name, pages in (("a.tif", ((small, 1), (whole, 0))), ("b.tif", ((whole, 0), (small, 1)))):
+        with tifffile.TiffWriter(tmp_path / name, bigtiff=big) as file:
+            for pixels, kind in pages:
+                file.write(pixels, photometric="rgb", subfiletype=kind)
+    for read in (image_size, decode, read_header):
+        with pytest.raises(CaptureError, match="a.tif: .*first picture is a thumbnail"):
+            read(tmp_path / "a.tif")
+    np.testing.assert_array_equal(decode(tmp_path / "b.tif").pixels, whole)
 
 
 @pytest.mark.parametrize(

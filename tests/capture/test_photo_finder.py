@@ -307,6 +307,18 @@ def test_jpegs_may_be_called_jfif_as_on_windows(tmp_path, stated):
     assert load_reduced(cameras[0].image_path, 4, (8, 8))[0].shape[:2] == (4, 4)
 
 
+def test_photos_of_which_a_file_holds_more_than_one_are_the_first(tmp_path):
+    frames = [Image.new("RGB", (8, 8), colour) for colour in ("red", "blue")]
+    for i in range(3):
+        (tmp_path / "images").mkdir(exist_ok=True)
+        frames[0].save(tmp_path / f"images/{i}.MPO", save_all=True, append_images=frames[1:])
+    cameras = read_capture(write_cameras(tmp_path, [f"images/{i}" for i in range(3)])).cameras
+    path = cameras[2].image_path
+    assert path.name == "2.MPO"
+    np.testing.assert_allclose(load_photo(cameras[2]).pixels[4, 4], (1, 0, 0, 1), atol=0.01)
+    np.testing.assert_allclose(load_reduced(path, 4, (8, 8))[0][2, 2], (255, 0, 0), atol=2)
+
+
 def test_masks_of_which_none_has_a_photos_name_are_told(tmp_path):
     for i in range(3):
         save(tmp_path / "images" / f"{i}.jpg")

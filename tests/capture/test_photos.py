@@ -6,6 +6,7 @@ import struct
 import numpy as np
 import OpenEXR
 import pytest
+import tifffile
 from PIL import Image, ImageCms
 
 from solver.capture.errors import CaptureError
@@ -18,7 +19,8 @@ from solver.capture.photos import (
 )
 from solver.fit.errors import SettingsError
 from solver.fit.presets import settings_for
-from tests.capture.pictures import UPRIGHT, camera_for, load, ramp, write, write_exr
+from tests.capture.pictures import UPRIGHT, camera_for, load, ramp, write, write_exr, write_hdr
+from tests.capture.test_phone_formats import P3_TO_REC709
 
 
 @pytest.mark.parametrize(
@@ -53,6 +55,14 @@ def test_floating_point_is_linear_and_not_clipped(tmp_path, name, dtype, toleran
     peak = pixels.max(axis=-1, keepdims=True)  # an HDR file has one exponent a pixel
     assert (np.abs(photo.pixels[..., :3] - pixels) <= tolerance * peak).all()
     assert photo.is_hdr and not photo.has_alpha
+
+
+def test_what_a_radiance_file_was_made_brighter_by_is_taken_back(tmp_path):
+    plain = load(write_hdr(tmp_path / "a.hdr")).pixels[..., :3]
+    brighter = load(write_hdr(tmp_path / "b.hdr", "EXPOSURE=4\n")).pixels[..., :3]
+    np.testing.assert_array_equal(brighter, plain / 4)
+    impossible = load(write_hdr(tmp_path / "c.hdr", "EXPOSURE=0\n")).pixels[..., :3]
+    np.testing.assert_array_equal(impossible, plain)
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.tif"])
@@ -159,13 +169,15 @@ def fixed(values):
 
 
 def icc_profile(colorants, curve):
-    """An RGB profile of three XYZ columns (D50) and one curve for all channels."""
+    """A profile of three XYZ columns (D50) and one curve for all channels; without columns, of greys."""
     tags = {b"wtpt": b"XYZ \0\0\0\0" + fixed((0.9642, 1, 0.8249))}
     tags[b"cprt"] = b"text\0\0\0\0none\0"
     tags[b"desc"] = b"desc\0\0\0\0" + struct.pack(">I", 2) + b"x\0" + bytes(79)
-    for i, name in enumerate((b"r", b"g", b"b")):
+    for i, name in enumerate((b"r", b"g", b"b") if colorants is not None else ()):
         tags[name + b"XYZ"] = b"XYZ \0\0\0\0" + fixed(np.array(colorants)[:, i])
         tags[name + b"TRC"] = curve
+    if colorants is None:
+        tags[b"kTRC"] = curve
     table, body = b"", b""
     start = 128 + 4 + 12 * len(tags)
     for name, data in tags.items():
@@ -173,9 +185,9 @@ def icc_profile(colorants, curve):
         table += struct.pack(">4sII", name, start + len(body), len(data))
         body += data
     rest = struct.pack(">I", len(tags)) + table + body
-    head = (
-        struct.pack(">I", 128 + len(rest)) + b"lcms\x02\x40\0\0mntrRGB XYZ " + bytes(12) + b"acsp"
-    )
+    space = b"GRAY" if colorants is None else b"RGB "
+    head = struct.pack(">I", 128 + len(rest)) + b"lcms\x02\x40\0\0mntr" + space + b"XYZ "
+    head += bytes(12) + b"acsp"
     return head.ljust(68, b"\0") + fixed((0.9642, 1, 0.8249)) + bytes(48) + rest
 
 
@@ -184,6 +196,7 @@ DISPLAY_P3 = [
     [0.24120, 0.69225, 0.06657],
     [-0.00105, 0.04189, 0.78407],
 ]
+REC709 = [[0.43607, 0.38515, 0.14307], [0.22249, 0.71687, 0.06061], [0.01392, 0.09708, 0.71410]]
 ADOBE_RGB = [[0.60974, 0.20528, 0.14919], [0.31111, 0.62567, 0.06322], [0.01947, 0.06087, 0.74457]]
 SRGB_CURVE = b"para\0\0\0\0\0\3\0\0" + fixed((2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045))
 GAMMA_CURVE = b"curv\0\0\0\0\0\0\0\1" + struct.pack(">H", round(563 / 256 * 256))
@@ -211,6 +224,61 @@ def test_an_icc_profile_is_followed_as_littlecms_follows_it(tmp_path, colorants,
     lost = 0.016 if name == "a.avif" else 0.0  # two codes, to YCbCr and back
     np.testing.assert_allclose(load(tmp_path / name).pixels[..., :3], expected, atol=0.004 + lost)
     assert np.abs(srgb_to_linear(pixels / 255) - expected).max() > 0.01 + lost
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+@pytest.mark.parametrize("gamma", [1, 563 / 256])
+def test_a_profiles_curve_holds_for_floating_point_and_goes_on_above_1(tmp_path, gamma, dtype):
+    pixels = np.concatenate([ramp(dtype), 4 * ramp(dtype)])
+    curve = GAMMA_CURVE[:-2] + struct.pack(">H", round(gamma * 256))
+    profile = icc_profile(DISPLAY_P3, curve)
+    tifffile.imwrite(tmp_path / "a.tif", pixels, photometric="rgb", iccprofile=profile)
+    found = load(tmp_path / "a.tif")
+    expected = (pixels.astype(float) ** gamma) @ np.transpose(P3_TO_REC709)
+    assert found.is_hdr
+    np.testing.assert_allclose(found.pixels[..., :3], expected, rtol=2e-3, atol=4e-3)
+
+
+def test_a_linear_profile_leaves_floating_point_as_it_is(tmp_path):
+    pixels = 9 * ramp(np.float32) - 1  # with some below 0
+    profile = icc_profile(REC709, GAMMA_CURVE[:-2] + b"\1\0")
+    tifffile.imwrite(tmp_path / "a.tif", pixels, photometric="rgb", iccprofile=profile)
+    np.testing.assert_allclose(load(tmp_path / "a.tif").pixels[..., :3], pixels, rtol=1e-6)
+
+
+def test_floating_point_with_a_profile_of_srgb_is_srgb(tmp_path):
+    pixels = ramp(np.float32)
+    srgb = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    tifffile.imwrite(tmp_path / "a.tif", pixels, photometric="rgb", iccprofile=srgb)
+    expected = srgb_to_linear(pixels)
+    np.testing.assert_allclose(load(tmp_path / "a.tif").pixels[..., :3], expected, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.tif"])
+def test_a_profile_of_greys_is_followed(tmp_path, name):
+    pixels = ramp(np.uint8, 1)[..., 0]
+    profile = icc_profile(None, TABLE_CURVE)
+    Image.fromarray(pixels).save(tmp_path / name, icc_profile=profile, quality=100)
+    expected = np.repeat((pixels[..., None] / 255) ** 1.8, 3, axis=-1)
+    lost = 0.02 if name == "a.jpg" else 1e-3
+    np.testing.assert_allclose(load(tmp_path / name).pixels[..., :3], expected, atol=lost)
+
+
+@pytest.mark.parametrize("kind", ["Lab", "16 bits of which 0 is white"])
+def test_tiffs_of_colours_that_would_be_taken_for_others_are_refused(tmp_path, kind):
+    if kind == "Lab":
+        Image.fromarray(ramp(np.uint8)).convert("LAB").save(tmp_path / "a.tif")
+    else:
+        tifffile.imwrite(tmp_path / "a.tif", ramp(np.uint16, 1)[..., 0], photometric="miniswhite")
+    with pytest.raises(CaptureError, match="a.tif: .*no photo has; export it as RGB"):
+        load(tmp_path / "a.tif")
+
+
+def test_a_tiff_of_8_bits_of_which_0_is_white_is_what_it_shows(tmp_path):
+    pixels = ramp(np.uint8, 1)[..., 0]
+    tifffile.imwrite(tmp_path / "a.tif", pixels, photometric="miniswhite")
+    expected = srgb_to_linear(1 - pixels / 255)
+    np.testing.assert_allclose(load(tmp_path / "a.tif").pixels[..., 0], expected, atol=1e-6)
 
 
 def exif_of(interoperability, colour_space=0xFFFF):
@@ -247,3 +315,11 @@ def test_a_profile_of_srgb_or_a_damaged_one_changes_nothing(tmp_path):
     for profile in (srgb, srgb[:200], icc_profile(np.zeros((3, 3)), SRGB_CURVE)):
         Image.fromarray(pixels).save(tmp_path / "b.png", icc_profile=profile)
         np.testing.assert_array_equal(load(tmp_path / "b.png").pixels, expected)
+
+
+def test_a_profile_of_greys_without_end_changes_nothing(tmp_path):
+    pixels = ramp(np.uint8, 1)
+    expected = load(write(tmp_path / "a.png", pixels)).pixels
+    profile = icc_profile(None, b"para" + bytes(8) + fixed([-1]))
+    Image.fromarray(pixels[..., 0]).save(tmp_path / "b.png", icc_profile=profile)
+    np.testing.assert_array_equal(load(tmp_path / "b.png").pixels, expected)

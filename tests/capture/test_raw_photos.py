@@ -8,6 +8,7 @@ import tracemalloc
 import numpy as np
 import pytest
 import rawpy
+import tifffile
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -166,6 +167,27 @@ def test_a_compression_that_libraw_lacks_is_told_with_the_way_out(tmp_path):
         CaptureError, match="a.dng: .*cannot be read; develop all to TIFF of 16 bits"
     ):
         decode(path)
+
+
+@pytest.mark.parametrize("demosaiced", [False, True], ids=["mosaic", "colours"])
+def test_a_merged_raw_photo_of_floating_point_is_refused_with_the_way_out(demosaiced, tmp_path):
+    path = write_dng(tmp_path / "a.dng", patches(COLOURS), demosaiced=demosaiced, floating=True)
+    for read in (image_size, decode, read_header):
+        with pytest.raises(
+            CaptureError, match="a.dng: .*floating-point.*; export all to OpenEXR, or to TIFF"
+        ):
+            read(path)
+
+
+def test_a_merged_raw_photo_is_told_by_the_part_that_is_no_preview(tmp_path):
+    path = tmp_path / "a.dng"
+    version = (50706, "B", 4, bytes([1, 4, 0, 0]), True)
+    with tifffile.TiffWriter(path) as file:
+        small = np.zeros((4, 8, 3), np.uint8)
+        file.write(small, photometric="rgb", subfiletype=1, subifds=1, extratags=[version])
+        file.write(patches(COLOURS).astype(np.float32), photometric=34892, planarconfig=1)
+    with pytest.raises(CaptureError, match="a.dng: .*floating-point"):
+        image_size(path)
 
 
 def test_of_a_raw_photo_and_its_copies_in_one_folder_the_furthest_developed_counts(tmp_path):

@@ -5,11 +5,14 @@ import tracemalloc
 import numpy as np
 import OpenEXR
 import pytest
+import tifffile
 from PIL import Image
 
+from solver.capture.colour import linear_to_srgb
 from solver.capture.errors import CaptureError
 from solver.capture.reduced import load_reduced, load_reduced_mask, read_header
-from tests.capture.pictures import write
+from tests.capture.pictures import load, write
+from tests.capture.test_photos import REC709, SRGB_CURVE, icc_profile
 
 
 @pytest.mark.parametrize("upright", [False, True])
@@ -59,6 +62,27 @@ def test_tiffs_are_reduced_by_means_as_other_photos_are(dtype, tmp_path):
     assert np.ptp(alpha) <= 2
 
 
+def test_the_header_of_a_tiff_says_the_focal_length_and_lies_as_exif_has_it(tmp_path):
+    pixels = np.zeros((30, 40, 3), np.uint16)
+    write(tmp_path / "a.tif", pixels, Orientation=6, Exif__FocalLengthIn35mmFilm=26)
+    header = read_header(tmp_path / "a.tif")
+    assert (header.width, header.height, header.focal) == (30, 40, pytest.approx(26 / 36 * 40))
+    write(tmp_path / "b.tif", pixels)
+    header = read_header(tmp_path / "b.tif")
+    assert (header.width, header.height, header.focal) == (40, 30, None)
+
+
+def test_an_openexr_file_without_colours_is_refused_as_a_photo_and_read_as_a_mask(tmp_path):
+    depth = np.ones((8, 8), np.float32)
+    OpenEXR.File({}, {"Z": depth}).write(str(tmp_path / "a.exr"))
+    for read in (load, lambda path: load_reduced(path, 8)):
+        with pytest.raises(CaptureError, match="a.exr, channels: it has no R, G and B, only Z"):
+            read(tmp_path / "a.exr")
+    assert (load_reduced_mask(tmp_path / "a.exr", (8, 8), (8, 8)) == 255).all()
+    OpenEXR.File({}, {"Y": depth}).write(str(tmp_path / "b.exr"))
+    assert (load_reduced(tmp_path / "b.exr", 8)[0] == 255).all()
+
+
 def test_linear_photos_are_reduced_where_they_are_and_by_means(tmp_path):
     """A fixed bug: of blocks of pixels the first was taken, so that all were moved by half a block."""
     rows, columns = np.mgrid[:360, :640] + 0.5
@@ -75,6 +99,15 @@ def test_linear_photos_are_reduced_where_they_are_and_by_means(tmp_path):
     # sRGB of half of the light.
     assert np.ptp(colour[..., 1]) <= 2 and abs(float(colour[..., 1].mean()) - 188) < 2
     assert (colour[..., 2] == 0).all()
+
+
+@pytest.mark.parametrize("linear", [False, True])
+def test_floating_point_with_a_profile_is_shown_as_the_profile_has_it(linear, tmp_path):
+    codes = np.random.default_rng(0).random((6, 10, 3), np.float32)
+    profile = icc_profile(REC709, b"curv" + bytes(8) if linear else SRGB_CURVE)
+    tifffile.imwrite(tmp_path / "a.tif", codes, photometric="rgb", iccprofile=profile)
+    expected = 255 * (linear_to_srgb(codes) if linear else codes)
+    np.testing.assert_allclose(load_reduced(tmp_path / "a.tif", 10)[0], expected, atol=1)
 
 
 def test_a_photo_of_16_bits_takes_no_more_memory_than_its_pixels(tmp_path):

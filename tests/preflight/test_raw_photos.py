@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from solver.cameras.prepare import look_at, write_prepared
 from solver.capture.colour import linear_to_srgb
@@ -54,6 +55,20 @@ def test_one_white_balance_and_none_are_nothing_to_tell(tmp_path, pictures):
     (tmp_path / "b").mkdir()
     assert white_balance(write_raw(tmp_path / "b", [None] * 3)) == []
     assert white_balance(capture_at(around(4))) == []
+
+
+def test_a_capture_of_which_only_some_photos_are_raw_is_told(tmp_path):
+    capture = write_raw(tmp_path, [SUNNY] * 6)
+    for number in (1, 4):
+        Image.new("RGB", (128, 64)).save(tmp_path / f"{number}.png")
+    cameras = [
+        replace(camera, image_path=tmp_path / f"{number}.png") if number in (1, 4) else camera
+        for number, camera in enumerate(capture.cameras)
+    ]
+    (found,) = white_balance(replace(capture, cameras=tuple(cameras)))
+    assert found.level == "warning" and found.text.startswith("4 of 6 photos are raw")
+    unnamed = tuple(replace(camera, image_path=None) for camera in cameras[:2])
+    assert white_balance(replace(capture, cameras=(*unnamed, *capture.cameras[2:]))) == []
 
 
 def test_a_cut_raw_photo_ends_a_check_by_name(tmp_path):
