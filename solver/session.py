@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -144,8 +145,9 @@ def explain(error: Exception) -> tuple[int, str]:
             OUT_OF_MEMORY,
             "Out of memory: close other programs, use smaller photos, or choose draft.",
         )
-    if isinstance(error, (NotADirectoryError, FileExistsError)) and error.filename:
-        return BAD_INPUT, f"{error.filename}: a file is in the way of a folder; give another path."
+    in_the_way = isinstance(error, (NotADirectoryError, FileExistsError)) and error.filename
+    if in_the_way and not os.path.isdir(in_the_way):
+        return BAD_INPUT, f"{in_the_way}: a file is in the way of a folder; give another path."
     if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
         return (
             BAD_INPUT,

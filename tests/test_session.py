@@ -55,6 +55,7 @@ def test_a_file_in_the_way_of_a_folder_is_told_so(tmp_path, inside):
         (tmp_path / "file" / inside).mkdir()
     code, message = explain(told.value)
     assert code == 2 and "file" in message and "a file is in the way" in message
+    assert "in the way" not in explain(FileExistsError(17, "File exists", str(tmp_path)))[1]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="there the heartbeat has to do")

@@ -199,7 +199,7 @@ def photos_below(
     if besides is not None:
         besides = Path(os.path.normpath(besides.absolute()))
         found = [path for path in found if not path.is_relative_to(besides)]
-    _check_no_copies(found)
+    _check_no_copies(folder, found)
     if len(found) < FEWEST_PHOTOS:
         video = next((path for path in there if is_video(path)), None)
         remedy = f"give at least {FEWEST_PHOTOS} that overlap, better 50"
@@ -210,13 +210,14 @@ def photos_below(
     return tuple(sorted((path.relative_to(root).as_posix() for path in found), key=numbered))
 
 
-def _check_no_copies(found: list[Path]) -> None:
-    """Make sure that not all raw and HEIC photos have converted copies in another folder."""
+def _check_no_copies(folder: Path, found: list[Path]) -> None:
+    """Make sure that the most of raw and HEIC photos have no converted copies in another folder."""
     furthest = {stem_of(path.name): path for path in sorted(found, key=developed)}
     early = [path for path in found if developed(path) < 2]
-    if early and all(developed(furthest[stem_of(path.name)]) == 2 for path in early):
-        copy = furthest[stem_of(early[0].name)]
+    twice = [path for path in early if developed(furthest[stem_of(path.name)]) == 2]
+    if 1 < len(twice) and len(early) <= 2 * len(twice):
+        first, copy = twice[0].name, furthest[stem_of(twice[0].name)].name
         raise CaptureError(
-            copy, "", f"like others, it seems to be a copy of {early[0].name}, which is a photo, too",
+            folder, "photos", f"{len(twice)} photos seem to be there twice, such as {first} and {copy}",
             "give the folder of one kind",
         )  # fmt: skip

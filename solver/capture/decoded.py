@@ -20,6 +20,7 @@ class Decoded:
         profile: the ICC profile, if it is one that `icc` reads and not sRGB.
         matrix: [3, 3] from the file's primaries to Rec. 709; None if they are that.
         channels: what the file calls its channels, all of them.
+        exposure: times its light, it is as the file has it for looking at.
     """
 
     pixels: np.ndarray
@@ -30,6 +31,7 @@ class Decoded:
     profile: Profile | None = None
     matrix: np.ndarray | None = None
     channels: tuple[str, ...] = ()
+    exposure: float = 1.0
 
     @property
     def has_colours(self) -> bool:

@@ -111,7 +111,8 @@ def _decode(path: Path) -> Decoded:
             raise _unreadable(path, problem)
         pixels = pixels.reshape(spec.height, spec.width, spec.nchannels)
         exposure = spec.get_float_attribute("hdr:exposure", 1)
-        if exposure > 0 and exposure != 1:
+        exposure = exposure if exposure > 0 else 1.0
+        if exposure != 1:
             pixels = pixels / np.float32(exposure)
         alpha = spec.alpha_channel if 0 <= spec.alpha_channel < spec.nchannels else None
         if is_exr:
@@ -135,8 +136,7 @@ def _decode(path: Path) -> Decoded:
             pixels, alpha, associated=not straight,
             linear=str(spec.getattribute("oiio:ColorSpace") or "").startswith("lin"),
             orientation=orientation if 1 <= orientation <= 8 else 1,
-            profile=profile,
-            channels=tuple(spec.channelnames),
+            profile=profile, channels=tuple(spec.channelnames), exposure=exposure,
         )  # fmt: skip
         stated = png_colours(path) if file.format_name() == "png" else None
         return decoded if stated is None else _in_colours(path, decoded, *stated)

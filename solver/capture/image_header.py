@@ -150,10 +150,10 @@ def blender_shows(path: Path) -> bool:
 
 
 def developed(path: Path) -> int:
-    """How far a photo is on its way to one that every program reads, by its name: 0 is raw, 1 HEIC or AVIF,
-    2 any other. Of photos of one name in one folder the furthest counts."""
+    """How far a photo is on its way to one that every program reads, by its name: 0 is raw, 1 HEIC, AVIF
+    or MPO, 2 any other. Of photos of one name in one folder the furthest counts."""
     extension = path.suffix.lower()
-    return 0 if extension in RAW else 1 if extension in HEIF else 2
+    return 0 if extension in RAW else 1 if extension in (*HEIF, ".mpo") else 2
 
 
 def is_heif(path: Path) -> bool:
@@ -221,8 +221,8 @@ def _tiff_size(file: BinaryIO) -> tuple[int, int]:
     found = tiff_values(file)
     if WIDTH not in found or HEIGHT not in found:
         raise ValueError("its TIFF states no size")
-    if found.get(REDUCED, 0) & 1:
-        raise ValueError("its first picture is a thumbnail")
+    if found.get(REDUCED, 0) & 1 and any(file.read(4)):  # where another one begins
+        raise ValueError("its first picture is a thumbnail; export it with one picture, or")
     return found[WIDTH], found[HEIGHT]
 
 

@@ -73,7 +73,22 @@ def test_the_zip_holds_what_runs_and_nothing_else(archive):
 def test_what_else_lies_in_the_checkout_stays_out_of_the_zip(archive, tmp_path):
     source, strange = (
         tmp_path / "source",
-        ["job", "nmf_jobs", "out", "scan", "photos", "build", "sales", "sofa"],
+        [
+            "job",
+            "nmf_jobs",
+            "out",
+            "scan",
+            "photos",
+            "build",
+            "sales",
+            "sofa",
+            "black_vase",
+            "opal_ring",
+            "sample_photos",
+            "samsung",
+            "soldering",
+            "_old",
+        ],
     )
     with zipfile.ZipFile(archive) as file:
         file.extractall(source)

@@ -132,6 +132,8 @@ def test_a_tiff_that_begins_with_a_thumbnail_is_refused_and_one_that_ends_with_i
         with pytest.raises(CaptureError, match="a.tif: .*first picture is a thumbnail"):
             read(tmp_path / "a.tif")
     np.testing.assert_array_equal(decode(tmp_path / "b.tif").pixels, whole)
+    tifffile.imwrite(tmp_path / "c.tif", small, photometric="rgb", subfiletype=1, bigtiff=big)
+    np.testing.assert_array_equal(decode(tmp_path / "c.tif").pixels, small)
 
 
 @pytest.mark.parametrize(

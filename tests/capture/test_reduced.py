@@ -11,7 +11,7 @@ from PIL import Image
 from solver.capture.colour import linear_to_srgb
 from solver.capture.errors import CaptureError
 from solver.capture.reduced import load_reduced, load_reduced_mask, read_header
-from tests.capture.pictures import load, write
+from tests.capture.pictures import load, write, write_hdr
 from tests.capture.test_photos import REC709, SRGB_CURVE, icc_profile
 
 
@@ -127,3 +127,10 @@ def test_a_phones_200_megapixels_are_no_bomb(tmp_path):
     header = read_header(tmp_path / "a.png")
     assert (header.width, header.height) == (16320, 12240)
     assert load_reduced(tmp_path / "a.png", 100)[0].shape == (75, 100, 3)
+
+
+def test_a_radiance_file_is_looked_at_as_it_is_stored_however_bright_its_light(tmp_path):
+    plain, _ = load_reduced(write_hdr(tmp_path / "a.hdr"), 10)
+    for exposure in ("0.02", "50"):
+        stored, _ = load_reduced(write_hdr(tmp_path / "b.hdr", f"EXPOSURE={exposure}\n"), 10)
+        assert np.abs(stored.astype(int) - plain).max() <= 1

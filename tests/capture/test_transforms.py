@@ -54,7 +54,7 @@ def test_a_frames_own_field_of_view_goes_before_the_files_focal_length_and_null_
     """As instant-ngp reads a frame after the file (`nerf_loader.cu`)."""
 
     def change(content):
-        content.update(fl_x=20.0, fl_y=21.0, w=8, h=8, k1=0.1)
+        content.update(fl_x=20.0, fl_y=21.0, w=8, h=8, k1=0.1, camera_angle_y=0.3)
         content["frames"][0].update(camera_angle_x=math.radians(90))
         content["frames"][1].update(x_fov=90.0, k1=None)
         content["frames"][2].update(fl_x=None, k1=None, w=None)

@@ -43,6 +43,7 @@ POSSIBLE = math.cos(math.radians(60))
 """… and up to which +Z is believed to be up where a file says nothing of it: cameras that look down from
 one side leave their slope open, but hardly lie on their sides"""
 _LAYERS = ("_rgb", "_rgba")
+_ANGLES = {"camera_angle_x", "camera_angle_y", "x_fov", "y_fov"}
 
 
 def is_transforms(content: Any) -> bool:
@@ -264,7 +265,7 @@ def _values(content: dict, frame: Entry) -> Entry:
         lens = frame.matrix("intrinsic_matrix", (3, 3))
         lens = pinhole_of(frame.path, frame.field("intrinsic_matrix"), lens)
         own = {**dict(zip(("fl_x", "fl_y", "cx", "cy"), lens, strict=True)), **own}
-    hidden = ("fl_x", "fl_y") if own.keys() & {"camera_angle_x", "x_fov"} else ()
+    hidden = {"fl_x", "fl_y", *_ANGLES} if own.keys() & _ANGLES else ()
     shared = {key: value for key, value in content.items() if key not in hidden}
     return Entry(frame.path, frame.where, {**shared, **own})
 
