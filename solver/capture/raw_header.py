@@ -5,6 +5,8 @@ Its size is not among that: each maker states it elsewhere, and only LibRaw (`ra
 
 import os
 import struct
+from collections.abc import Iterator
+from contextlib import suppress
 from io import BytesIO
 from typing import BinaryIO
 
@@ -98,22 +100,25 @@ def _head(file: BinaryIO) -> bytes:
 
 def is_floating(file: BinaryIO) -> bool:
     """True for a DNG of floating-point numbers, as HDR merges are."""
-    return any(part.get(_SAMPLE_FORMAT, (1,))[0] == 3 for part in _parts(file))
+    return any(
+        _is_of_a_sensor(part) and part.get(_SAMPLE_FORMAT, ())[:1] == (3,) for part in _parts(file)
+    )
 
 
-def _parts(file: BinaryIO) -> list[dict[int, tuple[int, ...]]]:
-    try:
-        first = directory(file)
-        return [first, *(directory(file, at) for at in first.get(PARTS, ()))]
-    except struct.error:
-        return []
+def _parts(file: BinaryIO) -> Iterator[dict[int, tuple[int, ...]]]:
+    """The directories of a TIFF's first picture and its parts, as far as they are whole."""
+    with suppress(struct.error):
+        yield (first := directory(file))
+        for at in first.get(PARTS, ()):
+            yield directory(file, at)
+
+
+def _is_of_a_sensor(part: dict[int, tuple[int, ...]]) -> bool:
+    return part.get(PHOTOMETRIC, (0,))[0] in _OF_A_SENSOR
 
 
 def _holds_a_sensors_pixels(file: BinaryIO) -> bool:
-    parts = _parts(file)
-    return any(
-        _DNG_VERSION in part or part.get(PHOTOMETRIC, (0,))[0] in _OF_A_SENSOR for part in parts
-    )
+    return any(_DNG_VERSION in part or _is_of_a_sensor(part) for part in _parts(file))
 
 
 def _exif_of_canon(file: BinaryIO) -> BinaryIO | None:

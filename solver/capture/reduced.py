@@ -146,8 +146,8 @@ def _of_decoded(decoded: Decoded, longest: int) -> tuple[np.ndarray, np.ndarray 
     pixels = decoded.pixels
     if decoded.is_float:
         # Clipped, for radiances do not average well.
-        shown = pixels * np.float32(decoded.exposure)
-        channels = (np.nan_to_num(channel).clip(0, 1) for channel in np.moveaxis(shown, 2, 0))
+        exposure = np.float32(decoded.exposure)
+        channels = (np.nan_to_num(c * exposure).clip(0, 1) for c in np.moveaxis(pixels, 2, 0))
         pixels = np.stack([smaller(c.astype(np.float32), longest) for c in channels], axis=2)
     colour = pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=-1)
     alpha = None if decoded.alpha is None else pixels[..., decoded.alpha]
