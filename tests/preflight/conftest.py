@@ -12,3 +12,9 @@ def pictures():
     scene = BoxScene()
     cameras = [box_camera(pose, f"IMG_{i:03d}", None, 0.6) for i, pose in enumerate(around())]
     return cameras, [scene.photo(camera) for camera in cameras]
+
+
+@pytest.fixture
+def uncompared(monkeypatch):
+    """A check does not compare photos with one another, which takes most of its time (see `test_poses`)."""
+    monkeypatch.setattr("solver.preflight.check.poses", lambda *_: [])

@@ -1,6 +1,5 @@
 """Findings about masks, plain backdrops that stand in for them, and the box that they show."""
 
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -54,7 +53,7 @@ def test_what_stands_before_a_plain_backdrop_has_masks(name, level, pictures, tm
     assert warnings(report.findings) == []
 
 
-def test_a_backdrop_that_swallows_part_of_the_object_is_none(pictures, tmp_path):
+def test_a_backdrop_that_swallows_part_of_the_object_is_none(pictures, tmp_path, uncompared):
     def before(index, colour, mask):
         colour = np.where(mask[..., None], np.clip(colour, 20, 235), 255).astype(np.uint8)
         colour[:, : colour.shape[1] // 2] = 255
@@ -107,10 +106,8 @@ def test_masks_with_nothing_in_common_are_told_before_the_fit_fails(pictures, tm
 
 
 def test_without_masks_a_check_tells_of_what_the_object_may_stand_on(
-    pictures, tmp_path, monkeypatch
+    pictures, tmp_path, uncompared
 ):
-    # Comparing photos takes most of a check's time, and says nothing of this.
-    monkeypatch.setattr(sys.modules[check.__module__], "poses", lambda *_: [])
     capture = write(tmp_path, pictures, masked=False)
     low, high = capture.region
     plane = np.random.default_rng(0).uniform(low, high, (300, 3))

@@ -48,7 +48,7 @@ def test_photos_are_decoded_once_as_far_as_memory_for_them_goes(
 
 
 @pytest.mark.parametrize("masked", [True, False])
-def test_blurred_photos_are_named_and_only_they(masked, pictures, tmp_path):
+def test_blurred_photos_are_named_and_only_they(masked, pictures, tmp_path, uncompared):
     capture = write(tmp_path, pictures, only(at5=blurred(2.0), at11=blurred(4.0)), masked)
     found = warnings(check(capture).findings)
     assert {f.photo for f in found} == {"IMG_005", "IMG_011"}
@@ -167,7 +167,7 @@ def test_photos_that_ask_to_be_turned_are_looked_at_as_their_cameras_saw_them(pi
 
 
 def test_cut_outs_on_black_are_told_to_be_no_masks_and_many_empty_ones_are_one_finding(
-    pictures, tmp_path
+    pictures, tmp_path, uncompared
 ):
     cameras, shots = pictures
     for kind in ("cut out", "empty"):
