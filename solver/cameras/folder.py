@@ -211,7 +211,7 @@ def photos_below(
 
 
 def _check_no_copies(folder: Path, found: list[Path]) -> None:
-    """Make sure that the most of raw and HEIC photos have no converted copies in another folder."""
+    """Make sure that most raw and HEIC photos have no converted copies in other folders."""
     furthest = {stem_of(path.name): path for path in sorted(found, key=developed)}
     early = [path for path in found if developed(path) < 2]
     twice = [path for path in early if developed(furthest[stem_of(path.name)]) == 2]

@@ -54,6 +54,14 @@ def decode(path: Path, least: int = 0) -> Decoded:
         raise _unreadable(path, type(error).__name__) from error
 
 
+def decode_photo(path: Path, least: int = 0) -> Decoded:
+    """As `decode`, of a file whose channels have to be colours or grey."""
+    decoded = decode(path, least)
+    if not decoded.has_colours:
+        raise no_colours(path, decoded)
+    return decoded
+
+
 def read_exr(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     """RGB [H, W, 3] float32 and alpha [H, W] (None if there is none) of an OpenEXR file.
 

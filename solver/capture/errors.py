@@ -24,8 +24,9 @@ def shown(value: Any, limit: int = 60) -> str:
         text = value if isinstance(value, str) else repr(value)
     except (RecursionError, ValueError):
         text = f"a {type(value).__name__}"  # nested too deeply, or an integer too long to print
+    text = text[: limit + 1]
     if not text.isprintable():
-        text = "".join(c if c.isprintable() else "?" for c in text[: limit + 1])
+        text = "".join(c if c.isprintable() else "?" for c in text)
     return text if len(text) <= limit else text[: limit - 1] + "…"
 
 

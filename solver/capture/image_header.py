@@ -115,8 +115,8 @@ def image_orientation(path: Path) -> int:
     return found if 1 <= found <= 8 else 1
 
 
-def focal_of_raw(path: Path) -> int:
-    """The focal length, mm, that EXIF of a raw photo states for full-frame cameras; 0 if it does not."""
+def focal_35mm(path: Path) -> int:
+    """The focal length, mm, that EXIF of a raw or TIFF states for full-frame cameras; 0 if it does not."""
     try:
         with _opened(path) as file:
             exif = raw_exif(file)
@@ -221,7 +221,7 @@ def _tiff_size(file: BinaryIO) -> tuple[int, int]:
     found = tiff_values(file)
     if WIDTH not in found or HEIGHT not in found:
         raise ValueError("its TIFF states no size")
-    if found.get(REDUCED, 0) & 1 and any(file.read(4)):  # where another one begins
+    if found.get(REDUCED, 0) & 1 and any(file.read(4)):  # another follows
         raise ValueError("its first picture is a thumbnail; export it with one picture, or")
     return found[WIDTH], found[HEIGHT]
 

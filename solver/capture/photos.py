@@ -19,7 +19,7 @@ from .camera import Camera
 from .capture import Capture
 from .colour import linear_to_srgb, srgb_to_linear
 from .decoded import Decoded
-from .decoding import decode, no_colours, read_exr, read_exr_channels, read_image
+from .decoding import decode_photo, read_exr, read_exr_channels, read_image
 from .errors import CaptureError
 from .image_circle import Circles
 from .masks import read_mask
@@ -77,9 +77,7 @@ def load_photo(camera: Camera, settings: PhotoSettings | None = None) -> Photo:
     path = camera.image_path
     if path is None:
         raise CaptureError(camera.name, "image", "the camera has no photo", "assign its photo")
-    decoded = decode(path)
-    if not decoded.has_colours:
-        raise no_colours(path, decoded)
+    decoded = decode_photo(path)
     source = as_camera_saw(decoded.pixels, decoded.orientation, camera.width, camera.height)
     if source is None:
         height, width = decoded.pixels.shape[:2]

@@ -1,5 +1,6 @@
 """Photos at a reduced size: decoded fast, turned, in eight bits. For looking at many of them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -9,9 +10,9 @@ from PIL import Image
 
 from .colour import linear_to_srgb
 from .decoded import Decoded
-from .decoding import decode, no_colours
+from .decoding import decode, decode_photo
 from .errors import CaptureError
-from .image_header import MOST_PIXELS, focal_of_raw, image_orientation, image_size, is_heif, is_raw
+from .image_header import MOST_PIXELS, focal_35mm, image_orientation, image_size, is_heif, is_raw
 from .mask_finder import other_shape
 from .masks import coverage, no_mask
 from .orientation import oriented, same_shape, turn_for
@@ -43,7 +44,7 @@ def read_header(path: Path) -> PhotoHeader:
     """
     width, height = image_size(path)
     if is_raw(path) or path.suffix.lower() in _NOT_BY_PILLOW:
-        across = float(focal_of_raw(path))
+        across = float(focal_35mm(path))
     else:
         try:
             with Image.open(path) as picture:
@@ -75,19 +76,20 @@ def load_reduced(
     turn = image_orientation(path)
     if seen is not None:
         turn = turn_for(image_size(path), turn, *seen) or turn
-    colour, alpha = _as_it_lies(path, longest, needs_colours=True)
+    colour, alpha = _as_it_lies(path, longest, decode_photo)
     return oriented(colour, turn), None if alpha is None else oriented(alpha, turn)
 
 
 def _as_it_lies(
-    path: Path, longest: int, needs_colours: bool = False
+    path: Path, longest: int, read: Callable[[Path, int], Decoded] = decode
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Colour and alpha of `load_reduced`, not turned."""
+    """Colour and alpha of `load_reduced`, not turned.
+
+    Args:
+        read: what decodes a file that Pillow does not.
+    """
     if path.suffix.lower() in _NOT_BY_PILLOW or is_heif(path) or is_raw(path):
-        decoded = decode(path, longest)
-        if needs_colours and not decoded.has_colours:
-            raise no_colours(path, decoded)
-        return _of_decoded(decoded, longest)
+        return _of_decoded(read(path, longest), longest)
     try:
         with Image.open(path) as picture:
             # A JPEG is decoded at a half, a quarter or an eighth at a fraction of the time.

@@ -27,7 +27,8 @@ def is_makers_tiff(head: bytes) -> bool:
 
 
 def tiff_values(file: BinaryIO) -> dict[int, int]:
-    """Width, height and orientation of the first picture, as far as stated.
+    """Width, height, orientation and REDUCED of the first picture, as far as stated; the file is left where
+    it says where another one lies.
 
     Raises:
         struct.error: it is cut off.

@@ -164,10 +164,8 @@ def too_few_steps(done: int, planned: int, fog: bool) -> str | None:
     Args:
         fog: it started as one (see `Trainer`).
     """
-    told, anew = (
-        f"there was time for {done} of {planned} steps",
-        "start anew with a longer time limit",
-    )
+    told = f"there was time for {done} of {planned} steps"
+    anew = "start anew with a longer time limit"
     if fog and done < FEW_STEPS_FROM_FOG * planned:
         return f"{told}, too few for an object to form without masks; {anew}, or add masks"
     return f"{told}; for a better result, {anew}" if done < FEW_STEPS * planned else None

@@ -21,7 +21,7 @@ from solver.capture.files import (
     read_xml,
 )
 from solver.capture.image_header import (
-    focal_of_raw,
+    focal_35mm,
     image_orientation,
     image_size,
     is_heif,
@@ -52,7 +52,7 @@ def test_pipes_and_devices_are_not_read(endless):
 
 
 @pytest.mark.parametrize(
-    "read", [image_size, image_orientation, may_have_alpha, is_raw, is_heif, focal_of_raw]
+    "read", [image_size, image_orientation, may_have_alpha, is_raw, is_heif, focal_35mm]
 )
 def test_the_header_of_a_photo_that_is_a_pipe_is_not_waited_for(endless, read):
     photo = endless.with_name("a.png")

@@ -348,8 +348,8 @@ def test_the_focal_length_in_exif_is_read(tmp_path):
     fields = struct.pack("<HHHIHHI", 1, 0xA405, 3, 1, 26, 0, 0)
     path = tmp_path / "a.rw2"
     path.write_bytes(b"IIU\0" + struct.pack("<IHHHIII", 8, 1, 0x8769, 4, 1, 26, 0) + fields)
-    assert image_header.focal_of_raw(path) == 26
-    assert image_header.focal_of_raw(tmp_path / "nowhere.nef") == 0
+    assert image_header.focal_35mm(path) == 26
+    assert image_header.focal_35mm(tmp_path / "nowhere.nef") == 0
 
 
 def test_what_the_tests_write_is_a_raw_photo_to_libraw(tmp_path):
