@@ -160,11 +160,7 @@ def _stated(source: Path, text: str) -> Path | None:
 
 
 def _check_stated(source: Path, masks: Path | None, ignored: Path | None) -> None:
-    """Make sure that what is stated for photos is there.
-
-    Raises:
-        CaptureError: it is not, or is of photos that are yet to be taken from a video.
-    """
+    """Make sure that what is stated for photos is there."""
     if is_video(source):
         check_of_video(source, masks, None)
     if masks is not None and not masks.is_dir():

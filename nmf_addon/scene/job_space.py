@@ -38,9 +38,6 @@ def _moved_since_import(collection: bpy.types.Collection) -> np.ndarray:
 
     They hang on an empty of their own, which had the capture's space at first, and which Blender keeps in
     place when the transform of the capture's empty is applied.
-
-    Raises:
-        CaptureError: the capture's empty has a scale of 0.
     """
     above = {item.parent for item in photo_cameras(collection)}
     axes = above.pop() if len(above) == 1 else None
@@ -51,11 +48,7 @@ def _moved_since_import(collection: bpy.types.Collection) -> np.ndarray:
 
 
 def _moved_since(job: JobFolder, collection: bpy.types.Collection) -> np.ndarray | None:
-    """What has moved the cameras of a job in their capture's space as one; None if nothing has.
-
-    Raises:
-        CaptureError, JobError: the job's cameras cannot be read, or the empty has a scale of 0.
-    """
+    """What has moved the cameras of a job in their capture's space as one; None if nothing has."""
     settle(collection)
     to_capture = to_capture_space(collection)
     poses = {

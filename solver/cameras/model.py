@@ -72,11 +72,7 @@ def _to_full_size(model: Any, by_file: dict[str, Prepared]) -> None:
 
 
 def _camera(photo: Prepared, image: Any) -> Camera:
-    """A placed photo's camera in the model's world.
-
-    Raises:
-        CaptureError: its lens came out as nonsense.
-    """
+    """A placed photo's camera in the model's world."""
     model, numbers = image.camera.model_name, tuple(float(v) for v in image.camera.params)
     lens = intrinsics_of(photo.path, Sensor("lens", model, photo.width, photo.height, numbers))
     if not np.isfinite(numbers).all() or min(lens.fx, lens.fy) <= 0:

@@ -94,11 +94,6 @@ def _is_folder(name: str, info: zipfile.ZipInfo) -> bool:
 
 
 def _parts(path: Path, name: str, info: zipfile.ZipInfo) -> tuple[str, ...]:
-    """The parts of a member's path.
-
-    Raises:
-        CaptureError: it leads out of the archive's folder, or is a link or a device.
-    """
     parts = PurePosixPath(name).parts
     kind = stat.S_IFMT(info.external_attr >> 16)
     if kind not in (0, stat.S_IFREG):

@@ -165,11 +165,7 @@ def _is_adobe_rgb(path: Path) -> bool:
 
 
 def _in_colours(path: Path, decoded: Decoded, primaries: int, transfer: int) -> Decoded:
-    """A PNG in the colours that it states by H.273's numbers, which go before all else that it says.
-
-    Raises:
-        CaptureError: its light is coded for HDR screens.
-    """
+    """A PNG in the colours that it states by H.273's numbers, which go before all else that it says."""
     check_transfer(path, transfer)
     matrix = rec709_from_primaries(primaries)
     return replace(decoded, profile=None, linear=transfer == _LINEAR, matrix=matrix)

@@ -220,11 +220,7 @@ def read_xml(path: Path) -> ElementTree.Element:
 
 
 def _check_inside(path: Path, count: int, most: int, what: str) -> None:
-    """Make sure that a file has no more inside than memory is there for.
-
-    Raises:
-        CaptureError: it has.
-    """
+    """Make sure that a file has no more inside than memory is there for."""
     if count > most:
         raise CaptureError(
             path, "", f"it has more than {most >> 20} million {what}, which no camera file has",

@@ -83,11 +83,7 @@ def image_size(path: Path) -> tuple[int, int]:
 
 
 def _opened(path: Path) -> BinaryIO:
-    """A file to read from.
-
-    Raises:
-        OSError: it cannot be read, or is a pipe or a device, for which reading may wait for ever.
-    """
+    """A file to read from: no pipe or device, for which reading may wait for ever."""
     file_size(path)
     return path.open("rb")
 

@@ -60,12 +60,7 @@ def matrices_in(path: Path, largest: int) -> list[np.ndarray]:
 
 
 def _held(content: bytes) -> object:
-    """What a pickle of protocol 2 to 4 holds. What it names is a text, what that would make a `_Made`.
-
-    Raises:
-        ValueError, TypeError, LookupError, AttributeError: it is damaged, or has other steps than such
-            lists have.
-    """
+    """What a pickle of protocol 2 to 4 holds. What it names is a text, what that would make a `_Made`."""
     stack, marks, memo = [], [], {}
 
     def taken(start: int) -> list:
@@ -117,11 +112,7 @@ def _held(content: bytes) -> object:
 
 
 def _array(value: object) -> np.ndarray:
-    """The array, double, that a pickle would have made.
-
-    Raises:
-        ValueError, TypeError: it would have made something else.
-    """
+    """The array, double, that a pickle would have made."""
     match value:
         case _Made(by, _, (_, shape, kind, by_columns, content)) if by in _ARRAYS:
             return array_of(_bytes(content), _type(kind), shape, by_columns)

@@ -212,12 +212,7 @@ def _search(folder: Path) -> Path | None:
 
 
 def _check_alone(folder: Path, file: Path) -> None:
-    """Make sure that a file found in one of a folder's folders is not one of several captures' there.
-
-    Raises:
-        CaptureError: others have their own photos beside a file of that name, as chunks that were exported
-            together.
-    """
+    """Make sure that a file found in one of a folder's folders is not one of several captures' there."""
     inside = file.relative_to(folder).parts
     if len(inside) < 2 or file.suffix.lower() == _SIDECAR or reader_of(file) is nerfactor:
         return

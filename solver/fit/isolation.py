@@ -137,11 +137,7 @@ def _by_surroundings(
 def _with_better_cameras(
     job: JobFolder, capture: Capture, found: Triangulated, progress: Progress
 ) -> Capture:
-    """The capture with better cameras, if what its photos have in common tells of them.
-
-    Raises:
-        CaptureError: the cameras' poses have another convention.
-    """
+    """The capture with better cameras, if what its photos have in common tells of them."""
     if found.remedy is not None:
         raise CaptureError(
             capture.source, "camera poses", another_convention(found.beside), found.remedy

@@ -65,11 +65,7 @@ def compose_jobs(
 
 
 def _cameras_of(file: Path, out: Path) -> Capture:
-    """The cameras of a file whose pictures, which bear the names of their photos, are to be in `out`.
-
-    Raises:
-        CaptureError: unusable cameras. JobError: `out` is a file, or their photos lie there.
-    """
+    """The cameras of a file whose pictures, which bear the names of their photos, are to be in `out`."""
     capture = read_capture(file, trusted=True, fewest=1, wanted=False)
     if out.exists() and not out.is_dir():
         raise JobError(f"{out}: this is a file; give a folder for the pictures.")

@@ -113,11 +113,7 @@ def warnings_of(job: JobFolder) -> list[str]:
 def _held_out(
     job: JobFolder, test: Capture, settings: Settings, use_masks: bool
 ) -> tuple[list[Camera], list[Photo]]:
-    """Cameras and photos to be shown of those that are held out.
-
-    Raises:
-        CaptureError: a photo cannot be used.
-    """
+    """Cameras and photos to be shown of those that are held out."""
     panorama = read_panorama(job.surroundings_path)
     # Before what is far away, photos tell together where the object is.
     loaded = evenly_taken(len(test.cameras), VIEWS if panorama is None else CUT_OUT)

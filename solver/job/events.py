@@ -71,11 +71,7 @@ class EventStream:
 
 
 def _lock(file: TextIO) -> None:
-    """Hold a file alone until it is closed, where the system and the disk can; it can be read meanwhile.
-
-    Raises:
-        BlockingIOError: another process holds it.
-    """
+    """Hold a file alone until it is closed, where the system and the disk can; it can be read meanwhile."""
     try:
         import fcntl
     except ImportError:  # on Windows what is locked cannot be read, so the heartbeat has to do

@@ -122,9 +122,6 @@ def _names(path: Path, count: int, photos: PhotoFinder, warn: Callable[[str], No
 
     Args:
         warn: told where the order is a guess.
-
-    Raises:
-        CaptureError: there are not as many as cameras.
     """
     file = _list_file(path) or _any_list(path, count)
     if file is not None:

@@ -112,11 +112,7 @@ def _module(file: Path) -> ModuleType:
 
 
 def _model_files(path: Path) -> dict[str, Path]:
-    """The model's files by kind: `path` itself, and what lies beside it.
-
-    Raises:
-        CaptureError: there are no cameras or images.
-    """
+    """The model's files by kind: `path` itself, and what lies beside it."""
     own = _kind_of(path)
     files = {} if own is None else {own: path}
     for kind in KINDS:

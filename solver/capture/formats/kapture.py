@@ -96,9 +96,6 @@ def _rows(path: Path, fewest: int, most: int = 0) -> Iterator[tuple[str, list[st
     Args:
         fewest: columns that there must be.
         most: columns that there are, the last of which may have commas; 0: any number.
-
-    Raises:
-        CaptureError: the file cannot be read, or a row is too short.
     """
     for line, text in read_lines(path):
         if not text or text.startswith("#"):

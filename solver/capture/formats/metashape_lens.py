@@ -142,11 +142,7 @@ def _size(path: Path, where: str, resolution: Element | None) -> tuple[int, int]
 
 
 def _check_known(path: Path, where: str, calibration: Element) -> None:
-    """Refuse what would be dropped of a lens: corrections, and coefficients that are not known.
-
-    Raises:
-        CaptureError: there is such, and it is not 0.
-    """
+    """Refuse what would be dropped of a lens: corrections, and coefficients that are not known."""
     for element in calibration.iterfind("corrections"):
         text = element.findtext("coeffs") or "".join(element.itertext())
         if text.strip() and numbers(path, f"{where}, corrections", text).any():

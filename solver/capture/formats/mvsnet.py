@@ -98,9 +98,6 @@ def _size_meant(file: Path, photo: Path, cx: float, cy: float) -> tuple[int, int
 
     The centre of a lens is off the middle by some percent of the picture, so it tells one from the other,
     but of any other size only that it is another, and only if that is a fifth larger or smaller.
-
-    Raises:
-        CaptureError: it is another.
     """
     width, height = image_size(photo)
     if not is_for_another_size((width, height), cx, cy):

@@ -117,11 +117,7 @@ def _points(path: Path, items: list) -> tuple[np.ndarray | None, tuple[str, ...]
 
 
 def _resources(path: Path, items: list, form: str) -> Iterator[Entry]:
-    """What the files of one format in a project hold.
-
-    Raises:
-        CaptureError: one is missing, outside of the project's folder, or of a version that is not known.
-    """
+    """What the files of one format in a project hold."""
     for index, item in enumerate(items):
         field = f"items[{index}].resources"
         for resource in entries(path, field, Entry(path, field, item).get("resources")):
@@ -187,11 +183,7 @@ def _identity(entry: Entry, key: str) -> int:
 
 
 def _photo(path: Path, uri: str, photos: PhotoFinder) -> Path | None:
-    """The photo that a URI names, with or without %20 for a blank.
-
-    Raises:
-        CaptureError: it is not the first page of a file.
-    """
+    """The photo that a URI names, with or without %20 for a blank."""
     page = _PAGE.search(uri)
     if page is not None and page[1].strip("0"):
         raise CaptureError(
@@ -220,11 +212,7 @@ def _lens(sensor: Entry, size: np.ndarray) -> Intrinsics:
 
 
 def _fisheye(internals: Entry, size: np.ndarray) -> Intrinsics:
-    """The lens of a fisheye.
-
-    Raises:
-        CaptureError: it has no image on its axis, or is not normalised as its programs do.
-    """
+    """The lens of a fisheye."""
     cx, cy = internals.numbers("principal_point_px", 2).tolist()
     affine = internals.numbers("affine", 4).reshape(2, 2).tolist()
     powers = internals.numbers("polynomial").tolist()

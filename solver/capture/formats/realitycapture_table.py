@@ -202,11 +202,7 @@ def _rotation(heading: float, pitch: float, roll: float) -> np.ndarray:
 
 
 def _check_no_degrees(path: Path, found: list[Found]) -> None:
-    """Refuse longitudes and latitudes, which are no lengths, and beside which angles mean nothing.
-
-    Raises:
-        CaptureError: they are, as far as their size tells.
-    """
+    """Refuse longitudes and latitudes, which are no lengths, and beside which angles mean nothing."""
     if not found:
         return
     places = np.stack([one.camera_to_world[:3, 3] for one in found])

@@ -91,11 +91,7 @@ def _pose(path: Path, where: str, row: dict[str, str]) -> np.ndarray:
 
 
 def _intrinsics(path: Path, where: str, row: dict[str, str], photo: Path) -> Intrinsics:
-    """The lens of a frame, for the size of its picture: nothing states the video's.
-
-    Raises:
-        CaptureError: also if the picture was turned or made smaller when it was extracted.
-    """
+    """The lens of a frame, for the size of its picture: nothing states the video's."""
     if row.get("distortion_center_x"):
         raise CaptureError(
             path, f"{where}, distortion_center_x", "its lens has a table of distortion, which is not read",
@@ -117,11 +113,7 @@ def _intrinsics(path: Path, where: str, row: dict[str, str], photo: Path) -> Int
 
 
 def _pictures(path: Path, frames: list[int], photos: PhotoFinder) -> dict[int, Path]:
-    """Pictures of frames by the frames' numbers; none where they are not wanted and not there.
-
-    Raises:
-        CaptureError: there are none, or their numbers leave open which frames they are.
-    """
+    """Pictures of frames by the frames' numbers; none where they are not wanted and not there."""
     first, last = min(frames, default=0), max(frames, default=0)
     extract = _EXTRACT.format(first=first)
     folders = [photos.folder] + [path.absolute().parent / name for name in _PHOTO_FOLDERS]

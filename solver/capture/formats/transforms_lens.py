@@ -150,22 +150,14 @@ def focal_lengths_of_panorama(values: Entry, width: int, height: int) -> tuple[f
 
 
 def _refuse_rational(values: Entry, problem: str, remedy: str) -> None:
-    """Make sure that k5 and k6, of which only OpenCV's rational lens is made, are 0 or left out.
-
-    Raises:
-        CaptureError: one is not.
-    """
+    """Make sure that k5 and k6, of which only OpenCV's rational lens is made, are 0 or left out."""
     for key in _RATIONAL_KEYS[6:]:
         if values.optional(key):
             raise values.error(key, problem, remedy)
 
 
 def _fisheye(values: Entry) -> tuple[str, tuple[float, ...]]:
-    """An equidistant lens with k1 … k4, and p1 and p2 if they are not 0.
-
-    Raises:
-        CaptureError: it has other numbers, which no such lens has.
-    """
+    """An equidistant lens with k1 … k4, and p1 and p2 if they are not 0."""
     _refuse_rational(
         values, "no fisheye has this coefficient, only k1 … k4, p1 and p2",
         "remove it, or export the cameras again",
