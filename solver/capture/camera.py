@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .frames import opencv_from_opengl, opengl_from_opencv, scale_and_rotation
+from .frames import opencv_from_opengl, opengl_from_opencv, rigid, scale_and_rotation
 from .lenses import LENSES, distort, undistort
 from .panoramic_lens import PANORAMIC
 
@@ -78,10 +78,9 @@ class Camera:
 
     def placed(self, matrix: np.ndarray) -> Camera:
         """The camera in another world: `matrix` [4, 4] is a similarity from its own to that."""
-        pose = np.eye(4)
-        pose[:3, :3] = scale_and_rotation(matrix)[1] @ self.camera_to_world[:3, :3]
-        pose[:3, 3] = matrix[:3, :3] @ self.position + matrix[:3, 3]
-        return replace(self, camera_to_world=pose)
+        rotation = scale_and_rotation(matrix)[1] @ self.camera_to_world[:3, :3]
+        place = matrix[:3, :3] @ self.position + matrix[:3, 3]
+        return replace(self, camera_to_world=rigid(rotation, place))
 
     def resized(self, width: int, height: int) -> Camera:
         """The camera with a photo of another size, which shows the same."""

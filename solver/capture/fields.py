@@ -10,6 +10,7 @@ import numpy as np
 
 from .errors import CaptureError, shown
 from .files import read_json
+from .frames import rigid
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+(e[+-]?\d+)?", re.I)
 
@@ -126,7 +127,7 @@ class Entry(dict):
                 return np.stack([row[:columns] for row in values])
         raise self.error(key, "this is not a matrix", "export the cameras again")
 
-    def name(self, key: str, problem: str, remedy: str) -> str:
+    def name(self, key: str, problem: str, remedy: str = "export it again") -> str:
         """A text that may be a file's name."""
         value = self.get(key)
         if not isinstance(value, str) or not value or "\0" in value:
@@ -171,9 +172,7 @@ def rigid_pose(path: Path, field: str, value: Any) -> np.ndarray:
         raise CaptureError(path, field, "the pose's axes are not at right angles", remedy)
     if np.linalg.det(matrix[:3, :3]) < 0:
         raise CaptureError(path, field, "the pose mirrors the world", remedy)
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = u @ vt, matrix[:3, 3]
-    return pose
+    return rigid(u @ vt, matrix[:3, 3])
 
 
 def check_quaternion(path: Path, field: str, quaternion: Sequence[float], remedy: str) -> None:

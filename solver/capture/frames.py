@@ -38,6 +38,25 @@ def pose_opencv_from_opengl(camera_to_world: np.ndarray) -> np.ndarray:
     return np.asarray(camera_to_world) * np.append(OPENGL_FROM_OPENCV, 1.0)
 
 
+def rigid(rotation: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """The matrix [4, 4] of a rotation [3, 3] and a place [3]."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation, place
+    return matrix
+
+
+def rotation_from_omega_phi_kappa(degrees: np.ndarray) -> np.ndarray:
+    """Rx(ω) Ry(φ) Rz(κ) [3, 3] of photogrammetry's three angles."""
+    (so, sp, sk), (co, cp, ck) = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
+    return np.array(
+        [
+            [cp * ck, -cp * sk, sp],
+            [co * sk + so * sp * ck, co * ck - so * sp * sk, -so * cp],
+            [so * sk - co * sp * ck, so * ck + co * sp * sk, co * cp],
+        ]
+    )
+
+
 def invert_pose(pose: np.ndarray) -> np.ndarray:
     """Inverse of rigid motions [..., 4, 4] (camera to world ↔ world to camera)."""
     pose = np.asarray(pose, dtype=np.float64)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from .errors import CaptureError
+from .frames import rigid
 
 OFF_CENTRE = 0.2
 """how far from the middle no lens's centre is, as a share of half the photo"""
@@ -60,10 +61,8 @@ def of_projection(
     k, rotation = np.flipud(np.fliplr(r.T)), np.flipud(q.T)
     signs = np.sign(np.diag(k))
     k, rotation = k * signs, rotation * signs[:, None]
-    pose = np.eye(4)
-    pose[:3, :3] = rotation.T
-    pose[:3, 3] = -np.linalg.solve(projection[:, :3], projection[:, 3])
-    return pinhole_of(path, where, k), pose
+    place = -np.linalg.solve(projection[:, :3], projection[:, 3])
+    return pinhole_of(path, where, k), rigid(rotation.T, place)
 
 
 def is_for_another_size(size: tuple[int, int], cx: float, cy: float) -> bool:

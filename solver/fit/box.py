@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from ..capture.camera import Camera
+from ..capture.frames import rigid
 from ..field.field import MicrofacetField
 from .seen_space import cell_centres
 from .simplest_axes import simplest_axes
@@ -80,9 +81,7 @@ class Box:
 
 def cameras_along(axes: np.ndarray, cameras: list[Camera]) -> list[Camera]:
     """Cameras in a world that has other axes, unit rows [3, 3]."""
-    turn = np.eye(4)
-    turn[:3, :3] = axes
-    return [camera.placed(turn) for camera in cameras]
+    return [camera.placed(rigid(axes, np.zeros(3))) for camera in cameras]
 
 
 def box_around_hull(

@@ -21,7 +21,7 @@ import numpy as np
 from ..capture import Capture
 from ..errors import CaptureError, counted, shown
 from ..files import read_xml, text_head
-from ..frames import pose_opengl_from_opencv
+from ..frames import pose_opengl_from_opencv, rigid, rotation_from_omega_phi_kappa
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
 from ..picture_names import parts_of
@@ -148,23 +148,14 @@ def _camera_to_world(
         )  # fmt: skip
     elif "Omega" in names:
         angles = [value_of(path, where, turn, name) for name in ("Omega", "Phi", "Kappa")]
-        (so, sp, sk), (co, cp, ck) = np.sin(np.radians(angles)), np.cos(np.radians(angles))
-        matrix = np.array(
-            [
-                [cp * ck, co * sk + so * sp * ck, so * sk - co * sp * ck],
-                [-cp * sk, co * ck - so * sp * sk, so * ck + co * sp * sk],
-                [sp, -so * cp, co * cp],
-            ]
-        )
+        matrix = rotation_from_omega_phi_kappa(angles).T
     else:
         raise CaptureError(
             path, f"{where}, Rotation", f"rotations as {shown(', '.join(sorted(names)))} are not read",
             _WITH_MATRICES,
         )  # fmt: skip
-    pose = np.eye(4)
-    pose[:3, :3] = (axes @ matrix).T
-    pose[:3, 3] = [value_of(path, f"{where}, Center", place, axis) for axis in "xyz"]
-    return pose
+    centre = [value_of(path, f"{where}, Center", place, axis) for axis in "xyz"]
+    return rigid((axes @ matrix).T, centre)
 
 
 def _system(*elements: Element) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import CaptureError, shown
-from ..frames import rotation_from_quaternion
+from ..frames import rigid, rotation_from_quaternion
 from ..intake import Intrinsics
 from ..panoramic_lens import EQUIRECTANGULAR, of_whole_sphere
 
@@ -83,10 +83,7 @@ UNMOVED = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 def pose_matrix(pose: tuple[float, ...]) -> np.ndarray:
     """[4, 4] of a quaternion w x y z and a translation; NaN if the quaternion is no rotation."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotation_from_quaternion(pose[:4])
-    matrix[:3, 3] = pose[4:]
-    return matrix
+    return rigid(rotation_from_quaternion(pose[:4]), pose[4:])
 
 
 def intrinsics_of(file: Path, sensor: Sensor) -> Intrinsics:

@@ -10,13 +10,11 @@ Kerbl et al. 2023, doi:10.1145/3592433; `camera_to_JSON` of their code.
 from contextlib import suppress
 from pathlib import Path
 
-import numpy as np
-
 from ..capture import Capture
 from ..errors import CaptureError
-from ..fields import Entry, numbers
+from ..fields import Entry
 from ..files import read_json, text_head
-from ..frames import pose_opengl_from_opencv
+from ..frames import pose_opengl_from_opencv, rigid
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
 from ..ply_points import read_ply_points
@@ -51,16 +49,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 
 
 def _found(camera: Entry, photos: PhotoFinder) -> Found:
-    name = camera.get("img_name")
-    if not isinstance(name, str) or not name:
-        raise camera.error("img_name", "the camera names no photo")
+    name = camera.name("img_name", "the camera names no photo")
     width, height, fx, fy = map(camera.number, ("width", "height", "fx", "fy"))
-    rows = camera.get("rotation")
-    if not isinstance(rows, list) or len(rows) != 3:
-        raise camera.error("rotation", "this is not a 3 × 3 matrix", "export the cameras again")
-    pose = np.eye(4)
-    pose[:3, :3] = [numbers(camera.path, camera.field("rotation"), row, 3) for row in rows]
-    pose[:3, 3] = camera.numbers("position", 3)
+    pose = rigid(camera.matrix("rotation", (3, 3)), camera.numbers("position", 3))
     return Found(
         camera.where, name, photos.find(name), pose_opengl_from_opencv(pose),
         Intrinsics(int(width), int(height), fx, fy, width / 2, height / 2),

@@ -36,9 +36,9 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..capture import Capture
 from ..errors import CaptureError, shown
-from ..fields import Entry, entries
+from ..fields import Entry
 from ..files import head_of, json_head
-from ..frames import pose_opengl_from_opencv
+from ..frames import pose_opengl_from_opencv, rigid
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..panoramic_lens import EQUIRECTANGULAR
 from ..photo_finder import PhotoFinder
@@ -111,9 +111,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     read_lenses: dict[str | None, Intrinsics] = {}
     found, lost = [], []
     for view in content.objects("views"):
-        stated = view.get("path")
-        if not isinstance(stated, str) or not stated:
-            raise view.error("path", "the view names no photo")
+        stated = view.name("path", "the view names no photo")
         pose = poses.get(_identity(view.get("poseId")))
         if _word(view.get("isPoseIndependant", "true")) in ("0", "false"):
             inner = rigs.get((_identity(view.get("rigId")), _identity(view.get("subPoseId"))))
@@ -132,7 +130,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         path, "poses", lost, len(found) + len(lost),
         "give the file that the node StructureFromMotion has written",
     )  # fmt: skip
-    return assemble(path, NAME, found, photos, points=_points(content), warnings=warnings)
+    points = [point.numbers("X", 3) for point in content.objects("structure")]
+    return assemble(path, NAME, found, photos, points=np.array(points), warnings=warnings)
 
 
 def _identity(value: Any) -> str | None:
@@ -159,8 +158,7 @@ def _poses(content: Entry) -> dict[str | None, np.ndarray]:
     """Camera-to-world matrices [4, 4] with OpenCV's axes by their identities."""
     found = {}
     for entry in content.objects("poses"):
-        transform = entry.inner("pose").inner("transform")
-        found[_identity(entry.get("poseId"))] = _pose(entry.where, transform)
+        found[_identity(entry.get("poseId"))] = _pose(entry.inner("pose").inner("transform"))
     return found
 
 
@@ -168,18 +166,14 @@ def _rigs(content: Entry) -> dict[tuple[str | None, str], np.ndarray]:
     """Camera-to-rig matrices [4, 4] by the identities of the rig and of the place in it."""
     found = {}
     for rig in content.objects("rigs"):
-        for place, entry in enumerate(entries(rig.path, "subPoses", rig.get("subPoses"))):
-            where = f"{rig.where}.subPoses[{place}]"
-            pose = Entry(rig.path, where, entry).within("pose")
-            found[_identity(rig.get("rigId")), str(place)] = _pose(where, pose)
+        for place, entry in enumerate(rig.objects("subPoses")):
+            found[_identity(rig.get("rigId")), str(place)] = _pose(entry.inner("pose"))
     return found
 
 
-def _pose(where: str, transform: Entry) -> np.ndarray:
-    transform, pose = Entry(transform.path, where, transform), np.eye(4)
-    pose[:3, :3] = transform.numbers("rotation", 9).reshape(3, 3)
-    pose[:3, 3] = transform.numbers("center", 3)
-    return pose
+def _pose(transform: Entry) -> np.ndarray:
+    rotation = transform.numbers("rotation", 9).reshape(3, 3)
+    return rigid(rotation, transform.numbers("center", 3))
 
 
 def _intrinsics(entry: Entry, version: tuple[int, ...]) -> Intrinsics:
@@ -277,8 +271,3 @@ def _shrunk(entry: Entry, model: str, k: tuple[float, ...]) -> float:
     if not total > 1e-6:
         raise entry.error("distortionParams", "they turn the image over", "solve again")
     return 1 / total
-
-
-def _points(content: Entry) -> np.ndarray | None:
-    rows = [point.numbers("X", 3) for point in content.objects("structure")]
-    return np.array(rows) if rows else None

@@ -20,7 +20,7 @@ from ..capture import Capture
 from ..errors import CaptureError
 from ..fields import Entry
 from ..files import json_head
-from ..frames import pose_opengl_from_opencv
+from ..frames import pose_opengl_from_opencv, rigid
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
 from ..placement import far_origin, seen_from
@@ -47,9 +47,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     for index, feature in enumerate(features):
         shot = Entry(path, f"features[{index}].properties", feature).within("properties")
         name = shot.name("filename", "the shot names no photo", "download it again")
-        pose = np.eye(4)
-        pose[:3, :3] = rotation_of(shot).T
-        pose[:3, 3] = shot.numbers("translation", 3)
+        pose = rigid(rotation_of(shot).T, shot.numbers("translation", 3))
         photo = photos.find(f"images/{name}", beside=path)
         intrinsics = None
         if photos.serves(photo):

@@ -23,7 +23,7 @@ from ..capture import Capture
 from ..errors import shown
 from ..fields import Entry, numbers
 from ..files import json_head
-from ..frames import pose_opengl_from_opencv
+from ..frames import pose_opengl_from_opencv, rigid
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..panoramic_lens import EQUIRECTANGULAR, in_turns
 from ..photo_finder import PhotoFinder
@@ -62,9 +62,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         poses[_key(entry)] = entry.within("value")
     found, lost = [], []
     for view in map(_data, content.objects("views")):
-        name = view.get("filename")
-        if not isinstance(name, str) or not name:
-            raise view.error("filename", "the view names no photo")
+        name = view.name("filename", "the view names no photo")
         folders = (root, view.get("local_path"))
         stated = "/".join((*(f for f in folders if isinstance(f, str) and f), name))
         pose = poses.get(_identity(view.get("id_pose")))
@@ -78,7 +76,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         path, "extrinsics", lost, len(found) + len(lost),
         "give the file that a reconstruction has written, as JSON",
     )  # fmt: skip
-    return assemble(path, NAME, found, photos, points=_points(content), warnings=warnings)
+    points = [point.within("value").numbers("X", 3) for point in content.objects("structure")]
+    return assemble(path, NAME, found, photos, points=np.array(points), warnings=warnings)
 
 
 def _identity(value: Any) -> int | None:
@@ -104,13 +103,8 @@ def _data(entry: Entry) -> Entry:
 
 
 def _camera_to_world(value: Entry) -> np.ndarray:
-    rows = value.entries("rotation")
-    if len(rows) != 3:
-        raise value.error("rotation", "it does not have 3 rows")
-    pose = np.eye(4)
-    pose[:3, :3] = np.transpose([numbers(value.path, value.field("rotation"), r, 3) for r in rows])
-    pose[:3, 3] = value.numbers("center", 3)
-    return pose_opengl_from_opencv(pose)
+    rotation = value.matrix("rotation", (3, 3)).T
+    return pose_opengl_from_opencv(rigid(rotation, value.numbers("center", 3)))
 
 
 def _intrinsics_by_id(content: Entry) -> dict[int, Intrinsics]:
@@ -153,8 +147,3 @@ def _intrinsics(name: str, data: Entry) -> Intrinsics:
     else:
         lens = polynomial_lens(k[:3], k[3:] if len(k) == 5 else (0.0, 0.0))
     return Intrinsics(width, height, focal, focal, float(cx), float(cy), *lens)
-
-
-def _points(content: Entry) -> np.ndarray | None:
-    rows = [point.within("value").numbers("X", 3) for point in content.objects("structure")]
-    return np.array(rows) if rows else None

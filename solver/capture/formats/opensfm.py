@@ -32,7 +32,7 @@ from ..capture import Capture
 from ..errors import CaptureError, counted, shown
 from ..fields import Entry, rigid_pose
 from ..files import read_json, text_head
-from ..frames import invert_pose, pose_opengl_from_opencv, rotation_from_quaternion
+from ..frames import invert_pose, pose_opengl_from_opencv, rigid, rotation_from_quaternion
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..panoramic_lens import EQUIRECTANGULAR, in_turns
 from ..photo_finder import PhotoFinder
@@ -129,12 +129,9 @@ def rotation_of(shot: Entry) -> np.ndarray:
 
 
 def _pose(entry: Entry) -> np.ndarray:
-    """A rotation and translation [4, 4]."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotation_of(entry)
-    if "translation" in entry:  # OpenSfM takes a missing one for none
-        matrix[:3, 3] = entry.numbers("translation", 3)
-    return matrix
+    # OpenSfM takes a missing translation for none.
+    place = entry.numbers("translation", 3) if "translation" in entry else np.zeros(3)
+    return rigid(rotation_of(entry), place)
 
 
 def _inner(entry: Entry, key: str) -> Entry:

@@ -26,9 +26,10 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..capture import Capture
 from ..errors import CaptureError, counted, shown
-from ..fields import Entry, entries
+from ..fields import Entry
 from ..files import file_below, json_head
 from ..fisheye_power import of_quarter_turns
+from ..frames import rigid, rotation_from_omega_phi_kappa
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
 from .opf_points import read_gltf_points
@@ -55,7 +56,7 @@ def recognises(file: Path) -> bool:
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the calibrated cameras of a project; others are left out with a warning."""
-    items = Entry.of_file(path).entries("items")
+    items = list(Entry.of_file(path).objects("items"))
     calibrations = list(_resources(path, items, _CALIBRATION))
     if len(calibrations) != 1:
         raise CaptureError(
@@ -100,11 +101,10 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     return assemble(path, NAME, found, photos, points=points, up=up, warnings=warnings + problems)
 
 
-def _points(path: Path, items: list) -> tuple[np.ndarray | None, tuple[str, ...]]:
+def _points(path: Path, items: list[Entry]) -> tuple[np.ndarray | None, tuple[str, ...]]:
     """The calibration's sparse points [N, 3], and what is wrong with them; a fit does without."""
     for item in items:
-        resources = Entry(path, "items", item).get("resources") or ()
-        uris = {str(one.get("format")): one.get("uri") for one in resources}
+        uris = {str(one.get("format")): one.get("uri") for one in item.objects("resources")}
         uri = uris.get(_POINTS)
         if _CALIBRATION not in uris or not isinstance(uri, str):
             continue
@@ -116,21 +116,19 @@ def _points(path: Path, items: list) -> tuple[np.ndarray | None, tuple[str, ...]
     return None, ()
 
 
-def _resources(path: Path, items: list, form: str) -> Iterator[Entry]:
+def _resources(path: Path, items: list[Entry], form: str) -> Iterator[Entry]:
     """What the files of one format in a project hold."""
-    for index, item in enumerate(items):
-        field = f"items[{index}].resources"
-        for resource in entries(path, field, Entry(path, field, item).get("resources")):
-            resource = Entry(path, field, resource)
-            uri = resource.get("uri")
+    for item in items:
+        for resource in item.objects("resources"):
             if resource.get("format") != form:
                 continue
+            uri = resource.get("uri")
             if not isinstance(uri, str) or "\0" in uri:
-                raise CaptureError(path, field, f"'{shown(uri)}' names no file", _AGAIN)
+                raise item.error("resources", f"'{shown(uri)}' names no file", _AGAIN)
             file = _in_project(path, uri)
             if file is None:
-                raise CaptureError(
-                    path, field, f"'{shown(uri)}' is not in its folder",
+                raise item.error(
+                    "resources", f"'{shown(uri)}' is not in its folder",
                     "copy the whole project, or export it again",
                 )  # fmt: skip
             content = Entry.of_file(file)
@@ -148,18 +146,16 @@ def _in_project(path: Path, uri: str) -> Path | None:
     return file_below(folder, folder, unquote(uri))
 
 
-def _uris(path: Path, items: list) -> dict[int, str]:
+def _uris(path: Path, items: list[Entry]) -> dict[int, str]:
     """What camera lists call the file of each camera, by identity."""
     uris = {}
     for content in _resources(path, items, "application/opf-camera-list+json"):
         for identity, camera in _by_id(content, "cameras").items():
-            if not isinstance(camera.get("uri"), str):
-                raise camera.error("uri", "the camera names no photo", _AGAIN)
-            uris[identity] = camera["uri"]
+            uris[identity] = camera.name("uri", "the camera names no photo", _AGAIN)
     return uris
 
 
-def _input_cameras(path: Path, items: list) -> tuple[dict[int, np.ndarray], list[int]]:
+def _input_cameras(path: Path, items: list[Entry]) -> tuple[dict[int, np.ndarray], list[int]]:
     """Width and height in pixels of each sensor's photos, and the identities of all cameras."""
     sizes, taken = {}, []
     for content in _resources(path, items, "application/opf-input-cameras+json"):
@@ -171,7 +167,6 @@ def _input_cameras(path: Path, items: list) -> tuple[dict[int, np.ndarray], list
 
 
 def _by_id(content: Entry, key: str) -> dict[int, Entry]:
-    """The objects of a list by their identities."""
     return {_identity(entry, "id"): entry for entry in content.objects(key)}
 
 
@@ -212,7 +207,6 @@ def _lens(sensor: Entry, size: np.ndarray) -> Intrinsics:
 
 
 def _fisheye(internals: Entry, size: np.ndarray) -> Intrinsics:
-    """The lens of a fisheye."""
     cx, cy = internals.numbers("principal_point_px", 2).tolist()
     affine = internals.numbers("affine", 4).reshape(2, 2).tolist()
     powers = internals.numbers("polynomial").tolist()
@@ -235,19 +229,11 @@ def _without_distortion(lens: Intrinsics) -> Intrinsics:
 
 def _pose(camera: Entry) -> np.ndarray:
     """Camera to world [4, 4] with OpenGL's axes."""
-    angles = camera.numbers("orientation_deg", 3)
-    (so, sp, sk), (co, cp, ck) = np.sin(np.radians(angles)), np.cos(np.radians(angles))
-    pose = np.eye(4)
-    pose[:3, :3] = (
-        (cp * ck, -cp * sk, sp),
-        (co * sk + so * sp * ck, co * ck - so * sp * sk, -so * cp),
-        (so * sk - co * sp * ck, so * ck + co * sp * sk, co * cp),
-    )
-    pose[:3, 3] = camera.numbers("position", 3)
-    return pose
+    rotation = rotation_from_omega_phi_kappa(camera.numbers("orientation_deg", 3))
+    return rigid(rotation, camera.numbers("position", 3))
 
 
-def _is_local(path: Path, items: list) -> bool:
+def _is_local(path: Path, items: list[Entry]) -> bool:
     """True unless the project says that its world is a map's."""
     for content in _resources(path, items, "application/opf-scene-reference-frame+json"):
         return _LOCAL.search(str(content.inner("crs").get("definition"))) is not None

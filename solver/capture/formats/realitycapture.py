@@ -18,7 +18,7 @@ from ..capture import Capture
 from ..errors import CaptureError, counted, shown
 from ..fields import number, numbers
 from ..files import read_xml, text_head
-from ..frames import pose_opengl_from_opencv
+from ..frames import pose_opengl_from_opencv, rigid
 from ..intake import Found, assemble
 from ..photo_finder import PhotoFinder
 from .realitycapture_lens import CHOOSE_BROWN, brown_lens
@@ -110,9 +110,7 @@ def _values(file: Path) -> dict[str, str]:
 
 def _from_sidecar(file: Path, values: dict[str, str], photo: Path | None) -> Found:
     rotation = numbers(file, "xcr:Rotation", values["Rotation"], 9).reshape(3, 3)
-    pose = np.eye(4)
-    pose[:3, :3] = rotation.T
-    pose[:3, 3] = numbers(file, "xcr:Position", values["Position"], 3)
+    pose = rigid(rotation.T, numbers(file, "xcr:Position", values["Position"], 3))
     intrinsics = None
     if photo is not None:
 

@@ -22,7 +22,7 @@ from ..capture import Capture
 from ..errors import CaptureError
 from ..fields import number, rigid_pose
 from ..files import as_text, head_of, read_text
-from ..frames import invert_pose, pose_opengl_from_opencv
+from ..frames import invert_pose, pose_opengl_from_opencv, rigid
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
@@ -162,9 +162,8 @@ def _from_angles(path: Path, where: str, stated: str, photo: Path | None, value:
         intrinsics = brown_lens(
             photo, value("f"), value("px"), value("py"), radial, value("t1"), value("t2")
         )
-    pose = np.eye(4)
-    pose[:3, :3] = _rotation(value("heading"), value("pitch"), value("roll"))
-    pose[:3, 3] = value("x"), value("y"), value("alt")
+    rotation = _rotation(value("heading"), value("pitch"), value("roll"))
+    pose = rigid(rotation, (value("x"), value("y"), value("alt")))
     return Found(where, stated, photo, pose, intrinsics)
 
 

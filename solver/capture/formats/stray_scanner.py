@@ -21,7 +21,7 @@ from ..capture import Capture
 from ..errors import CaptureError, shown
 from ..fields import check_quaternion, number, numbers
 from ..files import as_text, read_bytes, read_lines, text_head
-from ..frames import pose_opengl_from_opencv, rotation_from_quaternion
+from ..frames import pose_opengl_from_opencv, rigid, rotation_from_quaternion
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
@@ -84,10 +84,9 @@ def _pose(path: Path, where: str, row: dict[str, str]) -> np.ndarray:
     """Camera to world [4, 4] with OpenGL's axes."""
     x, y, z, *quaternion = (number(path, f"{where}, {name}", row.get(name)) for name in _POSE)
     check_quaternion(path, where, quaternion, _REMEDY)
-    pose = np.eye(4)
-    pose[:3, :3] = rotation_from_quaternion(np.roll(quaternion, 1))
-    pose[:3, 3] = x, y, z
-    return pose_opengl_from_opencv(pose)
+    return pose_opengl_from_opencv(
+        rigid(rotation_from_quaternion(np.roll(quaternion, 1)), (x, y, z))
+    )
 
 
 def _intrinsics(path: Path, where: str, row: dict[str, str], photo: Path) -> Intrinsics:

@@ -310,20 +310,13 @@ def _intrinsics(values: Entry, image: Path | None) -> Intrinsics:
 def _from_angle(values: Entry, axis: str, pixels: int) -> float | None:
     """The focal length along an axis, in pixels, of the field of view over so many pixels; None if none is
     stated. `x_fov` is in degrees, `camera_angle_x` in radians (instant-ngp, nerf_loader.cu)."""
-    key = f"{axis}_fov"
-    degrees = values.optional(key)
-    if degrees is not None:
-        if not 0 < degrees < 180:
-            raise CaptureError(
-                values.path, key, f"{degrees} is not a field of view", "give 0 to 180 degrees"
-            )
-        return 0.5 * pixels / math.tan(math.radians(0.5 * degrees))
-    key = f"camera_angle_{axis}"
-    angle = values.optional(key)
-    if angle is None:
-        return None
-    if not 0 < angle < math.pi:
-        raise CaptureError(
-            values.path, key, f"{angle} is not a field of view", "give 0 to 3.14 radians"
-        )
-    return 0.5 * pixels / math.tan(0.5 * angle)
+    for key, unit, remedy in (
+        (f"{axis}_fov", math.radians(1), "give 0 to 180 degrees"),
+        (f"camera_angle_{axis}", 1.0, "give 0 to 3.14 radians"),
+    ):
+        angle = values.optional(key)
+        if angle is not None:
+            if not 0 < angle * unit < math.pi:
+                raise CaptureError(values.path, key, f"{angle} is not a field of view", remedy)
+            return 0.5 * pixels / math.tan(0.5 * angle * unit)
+    return None

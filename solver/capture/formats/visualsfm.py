@@ -16,7 +16,7 @@ from ..capture import Capture
 from ..errors import CaptureError, shown
 from ..fields import numbers, rigid_pose
 from ..files import read_lines, text_head
-from ..frames import invert_pose, pose_opengl_from_opencv, rotation_from_quaternion
+from ..frames import invert_pose, pose_opengl_from_opencv, rigid, rotation_from_quaternion
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
@@ -63,20 +63,16 @@ def _found(
     path: Path, where: str, line: str, has_matrix: bool, calibration: np.ndarray | None,
     photos: PhotoFinder,
 ) -> Found:  # fmt: skip
-    """A camera from its line."""
     rotation_size = 9 if has_matrix else 4
     name, values = _name_and_numbers(path, where, line, 1 + rotation_size + 5)
     focal, rotation, place = float(values[0]), values[1 : 1 + rotation_size], values[-5:-2]
     photo = photos.find(name, beside=path)
     if photo is None:
         return Found(where, name, None, None, None)
-    from_world = np.eye(4)
     if has_matrix:
-        from_world[:3, :3], from_world[:3, 3] = rotation.reshape(3, 3), place
-        to_world = invert_pose(rigid_pose(path, where, from_world))
+        to_world = invert_pose(rigid_pose(path, where, rigid(rotation.reshape(3, 3), place)))
     else:
-        to_world = np.eye(4)
-        to_world[:3, :3], to_world[:3, 3] = rotation_from_quaternion(rotation).T, place
+        to_world = rigid(rotation_from_quaternion(rotation).T, place)
     width, height = image_size(photo)
     aspect, cx, cy = 1.0, width / 2, height / 2
     if calibration is not None:
