@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .lens_solve import WIDEST, first_positive_root, invert_growing, refine_in_plane
+from .lens_solve import WIDEST, first_positive_root, invert_growing, refine_in_plane, scaled_to
 
 BROWN = ("brown",)
 PERSPECTIVE, EQUIDISTANT, EQUISOLID = 0.0, 1.0, 2.0
@@ -75,7 +75,7 @@ def undistort(
     straight = u - skew * v
     radius = np.hypot(straight, v)
     ideal, met = invert_growing(along, radius, limit)
-    scale = np.divide(ideal, radius, out=np.ones_like(radius), where=radius > 1e-12)
+    scale = scaled_to(ideal, radius)
     x, y = straight * scale, v * scale
     if p1 or p2:
         x, y, met = refine_in_plane(

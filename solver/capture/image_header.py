@@ -19,7 +19,7 @@ from .jpeg_header import jpeg_exif, jpeg_size
 from .png_header import png_exif
 from .raw_header import RAW, is_raw_photo, raw_exif, raw_focal_35mm, raw_orientation
 from .tiff_header import HEIGHT, ORIENTATION, REDUCED, WIDTH, is_tiff, tiff_values
-from .webp_header import has_webp_mark, webp_exif, webp_has_alpha, webp_size
+from .webp_header import has_webp_mark, webp_exif, webp_size_and_alpha
 
 HEIF = (".heic", ".heif", ".hif", ".avif")
 EXTENSIONS = (
@@ -128,7 +128,7 @@ def may_have_alpha(path: Path) -> bool:
             head = file.read(26)
             file.seek(0)
             if has_webp_mark(head):
-                return webp_has_alpha(file)
+                return webp_size_and_alpha(file)[1]
             if has_heif_brand(head):
                 return read_heif_header(file).has_alpha
             if is_raw_photo(file, path.suffix):
@@ -199,7 +199,7 @@ def _size(file: BinaryIO) -> tuple[int, int] | None:
     if head[:2] == b"#?":
         return _hdr_size(file)
     if has_webp_mark(head):
-        return webp_size(file)
+        return webp_size_and_alpha(file)[0]
     if has_heif_brand(head):
         header = read_heif_header(file)
         return header.width, header.height
@@ -207,7 +207,6 @@ def _size(file: BinaryIO) -> tuple[int, int] | None:
 
 
 def _tiff_orientation(tiff: bytes | None) -> int:
-    """The orientation that EXIF states; 1 where it does not."""
     if tiff is None or not is_tiff(tiff):
         return 1
     return tiff_values(BytesIO(tiff)).get(ORIENTATION, 1)

@@ -18,7 +18,7 @@ from . import brown_lens, closed_lenses, fisheye_power, panoramic_lens, prism_le
 from .brown_lens import BROWN, decentred
 from .closed_lenses import CLOSED
 from .fisheye_power import POWER
-from .lens_solve import WIDEST, first_positive_root, invert_growing, refine_in_plane
+from .lens_solve import WIDEST, first_positive_root, invert_growing, refine_in_plane, scaled_to
 from .panoramic_lens import PANORAMIC
 from .prism_lenses import PRISM
 
@@ -60,7 +60,7 @@ def distort(
         across = np.hypot(x, y)
         angle = np.arctan2(across, z)
         radius = np.where(angle <= fold(lens, distortion), _fisheye(distortion, angle)[0], np.nan)
-        scale = np.divide(radius, across, out=np.ones_like(radius), where=across > 1e-12)
+        scale = scaled_to(radius, across)
         # On the axis itself across is 0 and so is the image; behind it there is no image.
         scale = np.where((across <= 1e-12) & (z <= 0), np.nan, scale)
         return x * scale, y * scale
@@ -98,10 +98,10 @@ def undistort(
     radius, limit = np.hypot(x, y), fold(lens, distortion)
     if lens == "opencv_fisheye":
         angle, met = invert_growing(lambda a: _fisheye(distortion, a), radius, limit)
-        scale = np.divide(np.sin(angle), radius, out=np.ones_like(radius), where=radius > 1e-12)
+        scale = scaled_to(np.sin(angle), radius)
         return np.stack([x * scale, y * scale, np.cos(angle)], axis=-1), met
     ideal, met = invert_growing(lambda r: _brown_radius(distortion, r), radius, min(limit, WIDEST))
-    scale = np.divide(ideal, radius, out=np.ones_like(radius), where=radius > 1e-12)
+    scale = scaled_to(ideal, radius)
     u, v = x * scale, y * scale
     if any(distortion[2:4]):
         u, v, met = refine_in_plane(

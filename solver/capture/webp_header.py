@@ -16,22 +16,6 @@ def has_webp_mark(head: bytes) -> bool:
     return head[:4] == b"RIFF" and head[8:12] == b"WEBP"
 
 
-def webp_size(file: BinaryIO) -> tuple[int, int]:
-    """(width, height) of a WebP file that is at its start.
-
-    Raises:
-        struct.error: it is cut off. ValueError: it is damaged.
-    """
-    size, _ = _size_and_alpha(file)
-    return size
-
-
-def webp_has_alpha(file: BinaryIO) -> bool:
-    """True if a WebP file that is at its start says that it has coverage; errors as of `webp_size`."""
-    _, alpha = _size_and_alpha(file)
-    return alpha
-
-
 def webp_exif(file: BinaryIO) -> bytes | None:
     """EXIF, a TIFF, of a WebP file that is at its start; None if it has none."""
     for kind, length in _chunks(file):
@@ -40,7 +24,12 @@ def webp_exif(file: BinaryIO) -> bytes | None:
     return None
 
 
-def _size_and_alpha(file: BinaryIO) -> tuple[tuple[int, int], bool]:
+def webp_size_and_alpha(file: BinaryIO) -> tuple[tuple[int, int], bool]:
+    """(width, height) of a WebP file that is at its start, and whether it says that it has coverage.
+
+    Raises:
+        struct.error: it is cut off. ValueError: it is damaged.
+    """
     kind, _ = next(_chunks(file), (b"", 0))
     if kind == b"VP8X":  # a canvas, of one less than its size
         flags, low, high = struct.unpack("<B3x3s3s", file.read(10))
