@@ -88,17 +88,19 @@ class JobRequest:
         limit = self.time_limit
         good = {
             "capture": isinstance(self.capture, str) and self.capture != "",
-            "preset": isinstance(self.preset, str),
-            "device": isinstance(self.device, str),
+            **{
+                name: isinstance(getattr(self, name), str)
+                for name in ("preset", "device", "code_version")
+            },
             "seed": type(self.seed) is int and 0 <= self.seed <= MOST_SEED,
             "time_limit": limit is None or (_is_number(limit) and limit > 0),
-            "photos": self.photos is None or isinstance(self.photos, str),
-            "masks": self.masks is None or isinstance(self.masks, str),
-            "ignored": self.ignored is None or isinstance(self.ignored, str),
+            **{
+                name: getattr(self, name) is None or isinstance(getattr(self, name), str)
+                for name in ("photos", "masks", "ignored")
+            },
             "region": self.region is None or _is_box(self.region),
             "placement": self.placement is None or is_similarity(self.placement),
             "overrides": isinstance(self.overrides, dict),
-            "code_version": isinstance(self.code_version, str),
         }
         return next((name for name, fine in good.items() if not fine), None)
 

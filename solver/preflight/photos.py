@@ -12,6 +12,7 @@ BLUR = 1.8
 """how far below the capture's median `Look.sharpness` is blurred: 3.5 times less fine detail"""
 STOPS = 0.7
 CLIPPED, WHITE_BORDER = 0.1, 0.8
+EXPOSE_LESS = "expose less, since clipped highlights say nothing about the light"
 EMPTY, FULL, CUT = 0.001, 0.995, 0.02
 INVERTED = 0.9
 """share of a photo's border from which on a mask shows what is around the object"""
@@ -50,17 +51,14 @@ def exposure(looks: list[Look], fixed: bool = True) -> list[Finding]:
     if masked or not on_white:
         # A white backdrop is clipped, and is meant to be.
         if usual > CLIPPED:
-            found.append(
-                warning(f"{usual:.0%} of the object's pixels are over-exposed in most photos; "
-                        "expose less, since clipped highlights say nothing about the light")
-            )  # fmt: skip
+            what = f"{usual:.0%} of the object's pixels are over-exposed in most photos"
+            found.append(warning(f"{what}; {EXPOSE_LESS}"))
     bright = [look for look in looks if look.clipped > max(usual, 0.02) + CLIPPED]
     if len(bright) > MANY:
         most = max(look.clipped for look in bright)
         found.append(
             warning(f"{len(bright)} photos are over-exposed, by up to {most:.0%} of their pixels "
-                    f"({listed([look.name for look in bright])}); expose less, since clipped "
-                    "highlights say nothing about the light")
+                    f"({listed([look.name for look in bright])}); {EXPOSE_LESS}")
         )  # fmt: skip
     else:
         found += [
@@ -138,10 +136,10 @@ def masks(looks: list[Look], stands: bool = False) -> list[Finding]:
         found = [note(counted(f"{count} photos has|have a mask or alpha"))]
     if without:
         found.append(warning(not_all_masked(without, len(looks))))
-    sizes = [look.coverage for look in looks if look.coverage is not None]
-    usual = float(np.median(sizes))
-    empty = [look.name for look in looks if look.coverage is not None and look.coverage < EMPTY]
-    whole = [look.name for look in looks if look.coverage is not None and look.coverage > FULL]
+    masked = [look for look in looks if look.coverage is not None]
+    usual = float(np.median([look.coverage for look in masked]))
+    empty = [look.name for look in masked if look.coverage < EMPTY]
+    whole = [look.name for look in masked if look.coverage > FULL]
     found += _of_each(empty, "the mask is empty; replace it or leave the photo out", "are empty")
     if usual < 0.9:
         found += _of_each(
@@ -154,7 +152,7 @@ def masks(looks: list[Look], stands: bool = False) -> list[Finding]:
             warning("most masks show most of the object only in part, as if it were transparent; the "
                     "object must be white in them, and all else black")
         )  # fmt: skip
-    masked = [look for look in looks if look.coverage is not None and look.coverage <= FULL]
+    masked = [look for look in masked if look.coverage <= FULL]
     inverted = [look.name for look in masked if look.cut > INVERTED]
     cut = [look.name for look in masked if look.cut > CUT]
     if len(inverted) > 0.5 * len(masked):
@@ -214,7 +212,6 @@ def pixels_across(looks: list[Look], capture: Capture) -> float:
 
 
 def _nearest(looks: list[Look], index: int) -> np.ndarray:
-    """The six photos taken from nearest by."""
     positions = np.stack([look.camera.position for look in looks])
     distance = np.linalg.norm(positions - positions[index], axis=1)
     distance[index] = np.inf
