@@ -1,7 +1,6 @@
 """Whole images of a fitted scene: radiance and the maps of what the surface is made of."""
 
 import dataclasses
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,7 +56,7 @@ def image_settings(
 @torch.no_grad()
 def render_view(
     scene: Scene, tables: StepTables, settings: RenderSettings, camera: Camera, seed: int = 0,
-    progress: Callable[[float], None] | None = None, rays_per_chunk: int | None = None,
+    rays_per_chunk: int | None = None,
 ) -> RenderedView:  # fmt: skip
     """Render what a camera sees. The same picture for the same seed, however it is cut in chunks.
 
@@ -88,8 +87,6 @@ def render_view(
         parts.append(pixels_of(part, each))
         room = surroundings(scene, tables, *rays, angle)
         around.append(mean_of_rays(room.around(part.radiance, part.opacity), each))
-        if progress is not None:
-            progress(min(1.0, (first + pixels_per_chunk) / pixels))
 
     def image(name: str) -> np.ndarray:
         flat = torch.cat([getattr(part, name) for part in parts]).cpu().numpy()

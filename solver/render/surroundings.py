@@ -58,9 +58,7 @@ def surroundings(
     ticks = torch.linspace(1, 0, BEFORE + 1, device=origins.device)
     edges = enter[:, None] - _distance(first[:, None] * ticks, reach[:, None])
     before, passing = _seen(room, origins, directions, edges, u)
-    ticks = torch.linspace(0, 1 - FARTHEST, BEHIND + 1, device=origins.device)
-    edges = leave[:, None] + _distance(ticks.expand(len(u), -1), reach[:, None])
-    behind, last = _seen(room, origins, directions, edges, u)
+    behind, last = _seen_from(leave, reach, room, origins, directions, u)
     return Surroundings(before, passing, behind + last[:, None] * light)
 
 
@@ -73,10 +71,17 @@ def light_of_room(room: Room, directions: Tensor, u: Tensor) -> tuple[Tensor, Te
     origins = room.centre.expand_as(directions)
     leave = room.half_size / directions.abs().amax(-1)
     reach = torch.full_like(leave, room.half_size)
-    ticks = torch.linspace(0, 1 - FARTHEST, BEHIND + 1, device=directions.device)
-    edges = leave[:, None] + _distance(ticks.expand(len(u), -1), reach[:, None])
-    seen, passing = _seen(room, origins, directions, edges, u)
+    seen, passing = _seen_from(leave, reach, room, origins, directions, u)
     return seen, 1 - passing
+
+
+def _seen_from(
+    leave: Tensor, reach: Tensor, room: Room, origins: Tensor, directions: Tensor, u: Tensor
+) -> tuple[Tensor, Tensor]:
+    """What rays see of the room once they have left the box, and what passes on."""
+    ticks = torch.linspace(0, 1 - FARTHEST, BEHIND + 1, device=origins.device)
+    edges = leave[:, None] + _distance(ticks.expand(len(u), -1), reach[:, None])
+    return _seen(room, origins, directions, edges, u)
 
 
 def _distance(share: Tensor, reach: Tensor) -> Tensor:
