@@ -1,5 +1,6 @@
 """Several fitted scenes as one, under one light, traced together (paper Fig. 'environment swap', b)."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,9 +92,7 @@ class Composition(nn.Module):
         features = points.new_zeros(len(points), size)
         albedo, f0 = torch.zeros_like(points), torch.zeros_like(points)
         alpha, reach = points.new_ones(len(points)), points.new_zeros(len(points))
-        for index, (scene, placement) in enumerate(zip(self.parts, self.placements, strict=True)):
-            mine = (part == index).nonzero()[:, 0]
-            local, _ = self._to_local(placement, points[mine], points[mine])
+        for index, scene, placement, mine, local in self._by_part(points, part):
             found = scene.surface(local, None, normal_tables[index])
             turned = found.normals @ placement.rotation(points.device).T
             normals = normals.index_copy(0, mine, turned)
@@ -105,12 +104,22 @@ class Composition(nn.Module):
             reach[mine] = found.reach * placement.scale
         return Surface(normals, features, Materials(albedo, alpha, f0), reach)
 
+    def _by_part(self, points, part) -> Iterator[tuple[int, Scene, Placement, Tensor, Tensor]]:
+        """Each part with its number, its placement, which points are its own, and these in its world."""
+        for index, (scene, placement) in enumerate(zip(self.parts, self.placements, strict=True)):
+            mine = (part == index).nonzero()[:, 0]
+            yield (
+                index,
+                scene,
+                placement,
+                mine,
+                self._to_local(placement, points[mine], points[mine])[0],
+            )
+
     def surface_normals(self, points, part, normal_tables) -> Tensor:
         """See `Scene.surface_normals`."""
         normals = torch.zeros_like(points)
-        for index, (scene, placement) in enumerate(zip(self.parts, self.placements, strict=True)):
-            mine = (part == index).nonzero()[:, 0]
-            local, _ = self._to_local(placement, points[mine], points[mine])
+        for index, scene, placement, mine, local in self._by_part(points, part):
             found = scene.surface_normals(local, None, normal_tables[index])
             normals[mine] = found @ placement.rotation(points.device).T
         return normals
