@@ -206,12 +206,14 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
         NeuralTerm(shape["feature_size"]), shape["occupancy_cells"], _room_of(state, tensors),
         state.get("origin"), _turntable_of(state),
     ).to(device)  # fmt: skip
-    scene.load_state_dict(
-        {k.removeprefix("scene."): v for k, v in tensors.items() if k.startswith("scene.")}
-    )
+    scene.load_state_dict(_beginning_with("scene.", tensors))
     _restore_occupancy(scene, tensors)
     _restore_probes(scene, tensors)
     return scene, state, tensors
+
+
+def _beginning_with(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
+    return {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
 
 
 def _room_of(state: dict, tensors: dict[str, Tensor]) -> Room | None:
@@ -277,18 +279,12 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, Tensor]) -> None:
     # Under a time limit more of the fit is done than the steps say. Jobs of version 0.1 have only those.
     trainer.fraction = state.get("fraction", trainer.step / trainer.settings.fit.steps)
     trainer.generator.set_state(tensors["generator.pixels"].cpu())
-    prefix = "optimiser."
     # Jobs of version 0.1 have another optimiser's moments; they go on with new ones.
-    if f"{prefix}count" in tensors:
-        trainer.optimiser.restore(
-            {key.removeprefix(prefix): v for key, v in tensors.items() if key.startswith(prefix)}
-        )
+    if "optimiser.count" in tensors:
+        trainer.optimiser.restore(_beginning_with("optimiser.", tensors))
     if trainer.exposures is not None:
-        prefix = "exposures."
-        check_exposed(tensors, len(tensors[f"{prefix}log_gain"]), trainer.bank.mean_colours)
-        trainer.exposures.restore(
-            {key.removeprefix(prefix): v for key, v in tensors.items() if key.startswith(prefix)}
-        )
+        check_exposed(tensors, len(tensors["exposures.log_gain"]), trainer.bank.mean_colours)
+        trainer.exposures.restore(_beginning_with("exposures.", tensors))
     trainer.probe_turn = state.get("probe_turn", -1)  # jobs of version 0.1 have none
     if (share := tensors.get("light.open_detail")) is not None:
         # It was of detail alone, and one map, before colours had theirs.

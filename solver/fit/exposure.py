@@ -47,10 +47,6 @@ class Exposures:
         with torch.no_grad():
             self.log_gain -= self.log_gain.mean(0)
 
-    def gains(self) -> Tensor:
-        """The gains [P, C]."""
-        return self.log_gain.detach().exp()
-
     def state(self) -> dict[str, Tensor]:
         """For a checkpoint."""
         return {"log_gain": self.log_gain.detach()} | {

@@ -99,20 +99,13 @@ class RayBank:
     def mean_colours(self) -> Tensor:
         """Each photo's mean colour [P, 3] where it says something, sRGB-encoded: by it a photo is known
         again."""
-        if self.told is not None:
-            told = (self.colour[self._those_of(self.told, i)] for i in range(self.photo_count))
-            return torch.stack([photo.float().mean(0) for photo in told])
         photos = self.colour.split(np.diff(self.first_pixel).tolist())
+        if self.told is not None:
+            photos = (self.colour[self._those_of(self.told, i)] for i in range(self.photo_count))
         return torch.stack([photo.float().mean(0) for photo in photos])
 
     def __len__(self) -> int:
         return self.first_pixel[-1]
-
-    def rays(self, pixel: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Origins, unit directions [B, 3] and photo indices of global pixel indices [B]."""
-        photo = self._photo_of(pixel)
-        direction = self._through(pixel, photo, 1)[:, 0]
-        return self.position[photo], direction, photo
 
     def _photo_of(self, pixel: Tensor) -> Tensor:
         return torch.searchsorted(self.boundaries, pixel, right=True) - 1

@@ -144,12 +144,8 @@ def hull_box(
 def bounding_box(hull: np.ndarray, region: np.ndarray) -> np.ndarray:
     """World box [2, 3] around the occupied cells of a grid over `region`."""
     edge = (region[1] - region[0]) / np.array(hull.shape)
-    low, high = [], []
-    for axis in range(3):
-        filled = np.flatnonzero(hull.any(axis=tuple(a for a in range(3) if a != axis)))
-        low.append(region[0, axis] + filled[0] * edge[axis])
-        high.append(region[0, axis] + (filled[-1] + 1) * edge[axis])
-    return np.array([low, high])
+    (spans,) = ndimage.find_objects(hull.astype(np.int8))
+    return region[0] + edge * [[span.start for span in spans], [span.stop for span in spans]]
 
 
 def signed_distance(hull: np.ndarray) -> np.ndarray:
