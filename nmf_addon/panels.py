@@ -156,10 +156,7 @@ def _draw_task(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     if side_task.running:
         _draw_bar(layout, context, model, "nmf.cancel_task")
     elif model.state in OUTCOME_ICONS and not _is_undone(context):
-        paragraph(layout, context, model.text, icon=OUTCOME_ICONS[model.state])
-        for line in short_error(model.error):
-            note(layout, context, line)
-        _draw_warnings(layout, context, model)
+        _draw_end(layout, context, model)
 
 
 def _is_undone(context: bpy.types.Context) -> bool:
@@ -172,7 +169,6 @@ def _is_undone(context: bpy.types.Context) -> bool:
 def _draw_bar(
     layout: bpy.types.UILayout, context: bpy.types.Context, model: JobModel, cancel: str
 ) -> None:
-    """What is being done, how far it is, and the operator that cancels it."""
     doing = "Cancelling…" if model.cancelling else model.text
     paragraph(layout, context, doing, icon="SORTTIME")
     column = layout.column(align=True)
@@ -182,7 +178,6 @@ def _draw_bar(
 
 
 def _draw_findings(layout: bpy.types.UILayout, context: bpy.types.Context, report: dict) -> None:
-    """What Check Capture found, warnings first."""
     if not report:
         return
     findings = report.get("findings", [])
@@ -217,11 +212,8 @@ def _draw_missing_solver(
 def _draw_settings(layout: bpy.types.UILayout, settings) -> None:
     column = layout.column()
     column.use_property_split, column.use_property_decorate = True, False
-    column.prop(settings, "preset")
-    column.prop(settings, "device")
-    column.prop(settings, "exposure")
-    column.prop(settings, "turntable")
-    column.prop(settings, "texture_size")
+    for name in ("preset", "device", "exposure", "turntable", "texture_size"):
+        column.prop(settings, name)
     row = column.row(heading="Time Limit")
     row.prop(settings, "use_time_limit", text="")
     limited = row.row()
@@ -248,16 +240,20 @@ def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
     if model.state not in OUTCOME_ICONS:
         return
     box = layout.box()
-    paragraph(box, context, model.text, icon=OUTCOME_ICONS[model.state])
-    for line in short_error(model.error):
-        note(box, context, line)
-    _draw_warnings(box, context, model)
+    _draw_end(box, context, model)
     if model.state in ("cancelled", "failed", "lost"):
         row = box.row(align=True)
         if model.resumable:
             row.operator("nmf.resume", icon="PLAY")
         if model.state != "cancelled":
             row.operator("nmf.copy_report", icon="COPYDOWN")
+
+
+def _draw_end(layout: bpy.types.UILayout, context: bpy.types.Context, model: JobModel) -> None:
+    paragraph(layout, context, model.text, icon=OUTCOME_ICONS[model.state])
+    for line in short_error(model.error):
+        note(layout, context, line)
+    _draw_warnings(layout, context, model)
 
 
 def short_error(text: str) -> list[str]:

@@ -17,6 +17,11 @@ FILTER = ";".join(f"*{extension}" for extension in CAMERA_FILES + ARCHIVES)
 INSTALLED = ".zip"
 """what is dropped of it Blender takes for an extension, before it asks anybody else"""
 
+IGNORED = (
+    "Folder of pictures, named like the photos, that are white where something is to be ignored, such as a "
+    "hand or a tripod; or one picture for all photos"
+)
+
 
 class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
     """Import photos with known cameras as a capture: pick a camera file, its folder, or an app's
@@ -44,8 +49,7 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
 
     ignored: bpy.props.StringProperty(
         name="Ignore",
-        description="Folder of pictures, named like the photos, that are white where something is to be "
-        "ignored, such as a hand or a tripod; or one picture for all photos",
+        description=IGNORED,
         options={"SKIP_SAVE"},
     )
 
@@ -78,13 +82,11 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
     def draw(self, context: bpy.types.Context) -> None:
         column = self.layout.column()
         column.use_property_split, column.use_property_decorate = True, False
-        column.prop(self, "photos")
-        column.prop(self, "masks")
-        column.prop(self, "ignored")
+        for name in ("photos", "masks", "ignored"):
+            column.prop(self, name)
         column.label(text="Or pick a folder, or drop one here", icon="INFO")
 
     def _paths(self) -> list[Path]:
-        """The files that were picked, or the folder; empty if there is neither."""
         folder = Path(bpy.path.abspath(self.directory)) if self.directory else None
         names = [entry.name for entry in self.files if entry.name]
         if folder is not None and names:

@@ -24,6 +24,7 @@ from ..solver.capture.errors import CaptureError
 from ..solver.capture.ignored import check_ignored
 from ..solver.capture.image_header import EXTENSIONS
 from ..solver.capture.picture_names import VIDEOS
+from .import_capture import IGNORED
 from .polls import reporting
 
 LENSES = (
@@ -74,9 +75,7 @@ class NMF_OT_solve_cameras(Operator):
     )
     ignored: bpy.props.StringProperty(
         name="Ignore",
-        description="Folder of pictures, named like the photos, that are white where something is to be "
-        "ignored, such as a hand or a tripod; or one picture for all photos. Relative to the photos' "
-        "folder, or a full path",
+        description=f"{IGNORED}. Relative to the photos' folder, or a full path",
     )
 
     @classmethod

@@ -102,7 +102,6 @@ class NMF_OT_use_moving_camera(bpy.types.Operator):
         )  # fmt: skip
 
     def _frames(self, shot: Shot) -> list[int]:
-        """What was asked for, as far as it is there; by default all."""
         asked = self.properties.is_property_set
         return [
             frame

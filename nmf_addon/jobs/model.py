@@ -140,7 +140,6 @@ def crash_text(exit_code: int) -> str:
 
 
 def _number(data: dict[str, Any], name: str) -> float | None:
-    """A finite number among an event's data, else None."""
     value = data.get(name)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None

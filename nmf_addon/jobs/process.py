@@ -220,7 +220,6 @@ def job_messages(process: JobProcess) -> Iterator[Event]:
 
 
 def _open_log(path: Path):
-    """The log to append to; a long one is set aside first."""
     if path.is_file() and path.stat().st_size > LOG_BYTES:
         replace_file(path, path.with_name("log.old.txt"))
     return path.open("ab")

@@ -75,11 +75,7 @@ def _beside(mask: Path, photo: Path) -> str:
 
 
 def _mask_of(data: bpy.types.Camera, photo: Path, name: str, files: str) -> Path | None:
-    """The mask of a photo: beside that, or where both lay before the photo was packed and unpacked.
-
-    Args:
-        name, files: of the properties that tell.
-    """
+    """The mask of a photo: beside that, or where both lay before the photo was packed and unpacked."""
     if not data.get(name):
         return None
     beside = Path(os.path.normpath(photo.parent / data[name]))

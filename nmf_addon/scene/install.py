@@ -147,7 +147,6 @@ def _is_shown(collection: bpy.types.Collection, layer: bpy.types.LayerCollection
 
 
 def _view_layer(context: bpy.types.Context, scene: bpy.types.Scene) -> bpy.types.ViewLayer:
-    """The view layer of a scene that the person looks at, else its first."""
     return context.view_layer if scene == context.scene else scene.view_layers[0]
 
 

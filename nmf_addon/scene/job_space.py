@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 
 from ...solver.capture.errors import CaptureError
-from ...solver.capture.frames import scale_and_rotation
+from ...solver.capture.frames import rigid, scale_and_rotation
 from ...solver.job.folder import JobFolder
 from ...solver.job.inputs import cameras_of
 from ...solver.job.request import JobError
@@ -82,7 +82,6 @@ def size_of(poses: np.ndarray) -> float:
 
 
 def _most(which: np.ndarray) -> bool:
-    """True for more than a half."""
     return bool(2 * which.sum() > len(which))
 
 
@@ -99,9 +98,8 @@ def _common_motion(before: np.ndarray, now: np.ndarray, size: float) -> np.ndarr
         scale = np.median(ratios) if far.any() else 0.0
         if scale == 0:  # they stand at one place
             continue
-        motion = np.eye(4)
-        motion[:3, :3] = scale * now[one, :3, :3] @ before[one, :3, :3].T
-        motion[:3, 3] = others[one] - motion[:3, :3] @ places[one]
+        turn = scale * now[one, :3, :3] @ before[one, :3, :3].T
+        motion = rigid(turn, others[one] - turn @ places[one])
         if _most(~stands_elsewhere(_moved(motion, before), now, size)):
             return motion
     return None

@@ -86,9 +86,10 @@ def surface_group() -> bpy.types.NodeTree:
     inputs, output = nodes.new("NodeGroupInput"), nodes.new("NodeGroupOutput")
     inputs.location, output.location = (-1000, 0), (600, 0)
 
-    transmitted = _one_minus(group, inputs.outputs["F0"])
-    attenuated = _multiply(group, inputs.outputs["Albedo"], transmitted)
-    diffuse_colour = _multiply(group, attenuated, _angular_share(group, inputs.outputs["Normal"]))
+    transmitted = _vector_math(group, "SUBTRACT", (1.0, 1.0, 1.0), inputs.outputs["F0"])
+    attenuated = _vector_math(group, "MULTIPLY", inputs.outputs["Albedo"], transmitted)
+    share = _angular_share(group, inputs.outputs["Normal"])
+    diffuse_colour = _vector_math(group, "MULTIPLY", attenuated, share)
     diffuse = nodes.new("ShaderNodeBsdfDiffuse")
     links.new(diffuse_colour, diffuse.inputs["Color"])
     links.new(inputs.outputs["Normal"], diffuse.inputs["Normal"])
@@ -137,32 +138,22 @@ def _angular_share(group: bpy.types.NodeTree, normal: bpy.types.NodeSocket):
 
 def _math(tree, operation: str, *operands, clamp: bool = False):
     node = tree.nodes.new("ShaderNodeMath")
-    node.operation, node.use_clamp = operation, clamp
-    for socket, operand in zip(node.inputs, operands, strict=False):
-        if isinstance(operand, float):
-            socket.default_value = operand
-        else:
-            tree.links.new(operand, socket)
-    return node.outputs[0]
+    node.use_clamp = clamp
+    return _computed(tree, node, operation, operands)
 
 
 def _vector_math(tree, operation: str, *operands):
-    node = tree.nodes.new("ShaderNodeVectorMath")
+    return _computed(tree, tree.nodes.new("ShaderNodeVectorMath"), operation, operands)
+
+
+def _computed(tree, node: bpy.types.Node, operation: str, operands: tuple):
     node.operation = operation
     for socket, operand in zip(node.inputs, operands, strict=False):
-        if isinstance(operand, tuple):
+        if isinstance(operand, (float, tuple)):
             socket.default_value = operand
         else:
             tree.links.new(operand, socket)
     return node.outputs[0]
-
-
-def _one_minus(tree, colour):
-    return _vector_math(tree, "SUBTRACT", (1.0, 1.0, 1.0), colour)
-
-
-def _multiply(tree, a, b):
-    return _vector_math(tree, "MULTIPLY", a, b)
 
 
 def _principled(tree, images, normal, f0_scale: float):
