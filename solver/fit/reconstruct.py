@@ -197,7 +197,6 @@ def _at_start(
     request: JobRequest, settings: Settings, start: Isolated, region: np.ndarray | None,
     device: str, progress: Progress, told: Callable[[float], None],
 ) -> Trainer:  # fmt: skip
-    """A trainer at the start of a fit."""
     trainer = new_trainer(
         start.capture, start.photos, settings, request.seed, region, device,
         lambda done: told(FINDING_SHARE + (1 - FINDING_SHARE) * done), start.light,
@@ -228,6 +227,11 @@ def fit(
     timer = FitClock(settings, trainer.fraction, limit, trainer.fog, trainer.replay is not None)
     last_preview = last_checkpoint = time.monotonic()
     smooth_error, preview_took = None, 0.0
+
+    def save(now: float, done: bool = False) -> None:
+        checkpoint.save_checkpoint(trainer, job.checkpoint_dir, now - began, done=done)
+        progress.checkpoint(trainer.step)
+
     while True:
         now, done = time.monotonic(), timer.fraction(trainer.step)
         if done >= 1:
@@ -245,8 +249,7 @@ def fit(
         left = timer.seconds_left(trainer.step, trainer.renewed)
         progress.fit(trainer.step, steps, done, left, psnr)
         if control.should_stop:
-            checkpoint.save_checkpoint(trainer, job.checkpoint_dir, now - began, done=False)
-            progress.checkpoint(trainer.step)
+            save(now)
             raise Cancelled
         if now - last_preview > max(settings.fit.preview_every, PREVIEW_PAUSE * preview_took):
             _show(trainer, job, progress)
@@ -255,13 +258,10 @@ def fit(
         if now - last_checkpoint > settings.fit.checkpoint_every:
             # On Windows somebody may have the last one open, and lets go of it before another.
             with suppress(PermissionError):
-                checkpoint.save_checkpoint(trainer, job.checkpoint_dir, now - began, done=False)
-                progress.checkpoint(trainer.step)
+                save(now)
             last_checkpoint = time.monotonic()
     trainer.finish()
-    seconds = time.monotonic() - began
-    checkpoint.save_checkpoint(trainer, job.checkpoint_dir, seconds, done=True)
-    progress.checkpoint(trainer.step)
+    save(time.monotonic(), done=True)
     _show(trainer, job, progress)
     write_figure(job.root / "snapshots")
 
