@@ -5,7 +5,13 @@ from dataclasses import replace
 import numpy as np
 
 from .camera import Camera, positions_of
-from .frames import invert_pose, pose_opencv_from_opengl, pose_opengl_from_opencv, unit
+from .frames import (
+    invert_pose,
+    pose_of_opencv,
+    pose_opencv_from_opengl,
+    pose_opengl_from_opencv,
+    unit,
+)
 from .photo_matches import LONGEST, PairMatches
 
 FEWEST_MATCHES = 15
@@ -81,9 +87,7 @@ _CONVENTIONS = {
     ),
     "invert each, since they are from world to camera": invert_pose,
     "invert each and negate the second and third column of that, since they are from world to camera, of "
-    "cameras that look along +Z with +Y down": lambda pose: pose_opengl_from_opencv(
-        invert_pose(pose)
-    ),
+    "cameras that look along +Z with +Y down": pose_of_opencv,
     "rotate the photos by 180°, since they are upside down in their files (EXIF orientation is not "
     "followed here, as in most programs)": lambda pose: pose * (-1.0, -1.0, 1.0, 1.0),
 }

@@ -68,6 +68,11 @@ def invert_pose(pose: np.ndarray) -> np.ndarray:
     return inverse
 
 
+def pose_of_opencv(from_world: np.ndarray) -> np.ndarray:
+    """The camera-to-world matrix [4, 4] of an OpenGL camera of what takes the world to an OpenCV camera."""
+    return pose_opengl_from_opencv(invert_pose(from_world))
+
+
 def scale_and_rotation(matrix: np.ndarray) -> tuple[float, np.ndarray]:
     """What a similarity [4, 4] does to lengths, and its rotation [3, 3]."""
     scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from ..threads import usable_cores
 from .agreement import disagreement
 from .camera import Camera, positions_of
-from .frames import invert_pose, pose_opengl_from_opencv
+from .frames import pose_of_opencv
 from .photo_matches import DATABASE, Features, PairMatches, image_of, posed_model
 
 TOLERATED = 0.75
@@ -109,9 +109,8 @@ def _adjusted(colmap: Any, model: Any, cameras: list[Camera]) -> list[Camera] | 
     moved = list(cameras)
     indices = [index for index, enough in enumerate(told) if enough]
     for index in indices:
-        world_to_camera = np.eye(4)
-        world_to_camera[:3] = image_of(model, index).cam_from_world().matrix()
-        pose = pose_opengl_from_opencv(invert_pose(world_to_camera))
+        from_world = image_of(model, index).cam_from_world().matrix()
+        pose = pose_of_opencv(np.vstack([from_world, (0, 0, 0, 1)]))
         moved[index] = replace(cameras[index], camera_to_world=pose)
     # Photos know no world: it stays where it was, as does its scale.
     back, _, _ = trimesh.registration.procrustes(

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..capture import Capture
 from ..errors import CaptureError
-from ..frames import invert_pose, pose_opengl_from_opencv
+from ..frames import pose_of_opencv
 from ..intake import Found, assemble
 from ..photo_finder import PhotoFinder
 from . import colmap_binary, colmap_text
@@ -64,7 +64,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
                     "copy or export the whole model again",
                 )  # fmt: skip
             intrinsics = intrinsics_of(files["cameras"], sensors[image.sensor])
-            pose = pose_opengl_from_opencv(invert_pose(poses.of(image)))
+            pose = pose_of_opencv(poses.of(image))
         found.append(Found(image.where, image.name, photo, pose, intrinsics))
     if elsewhere is not None and not any(item.photo for item in found):
         raise CaptureError(

@@ -23,7 +23,7 @@ from ..capture import Capture
 from ..errors import CaptureError, shown
 from ..fields import check_quaternion, number, numbers
 from ..files import read_lines, text_head
-from ..frames import invert_pose, pose_opengl_from_opencv
+from ..frames import pose_of_opencv
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
 from ..sparse_points import SparsePoints
@@ -75,7 +75,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
                     records, where, f"there is no sensor '{shown(key)}' in {_SENSORS}", _AGAIN
                 )
             lenses[key] = _lens(sensors_file, *sensors[key])
-        pose = pose_opengl_from_opencv(invert_pose(from_world))
+        pose = pose_of_opencv(from_world)
         found.append(Found(f"{records.name}, {where}", stated, photo, pose, lenses.get(key)))
     warnings = without_pose(
         path,
@@ -143,7 +143,6 @@ def _from_world(time: str, key: str, poses: _Poses, rigs: _Rigs) -> np.ndarray |
 
 
 def _lens(path: Path, where: str, row: list[str]) -> Intrinsics:
-    """The lens of a camera's row."""
     if row[2].lower() != "camera" or len(row) < 6:
         raise CaptureError(
             path, where, f"'{shown(', '.join(row))}' is not a camera with a lens", _AGAIN
@@ -153,7 +152,6 @@ def _lens(path: Path, where: str, row: list[str]) -> Intrinsics:
 
 
 def _points(folder: Path) -> np.ndarray | None:
-    """Sparse points [N, 3] of a reconstruction, if there is one."""
     file, points = folder / "points3d.txt", SparsePoints()
     if not file.is_file():
         return None

@@ -19,7 +19,7 @@ from ..capture import Capture
 from ..errors import CaptureError, shown
 from ..fields import rigid_pose
 from ..files import read_lines, text_head
-from ..frames import invert_pose, pose_opengl_from_opencv
+from ..frames import pose_of_opencv
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
@@ -59,7 +59,6 @@ def _after_count(lines: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:
 
 
 def _camera(path: Path, where: str, line: str, photos: PhotoFinder) -> Found:
-    """A photo's camera from its line; its name may have blanks."""
     name, *words = line.rsplit(maxsplit=_NUMBERS)
     if len(words) != _NUMBERS:
         raise CaptureError(
@@ -73,5 +72,5 @@ def _camera(path: Path, where: str, line: str, photos: PhotoFinder) -> Found:
     if photo is not None:
         values = pinhole_of(path, f"{where}, {shown(name)}", lens)
         intrinsics = Intrinsics(*size_meant(image_size(photo), *values[2:]), *values)
-    pose = pose_opengl_from_opencv(invert_pose(from_world))
+    pose = pose_of_opencv(from_world)
     return Found(f"{where}, {shown(name)}", name, photo, pose, intrinsics)

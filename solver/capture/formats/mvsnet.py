@@ -22,7 +22,7 @@ from ..capture import Capture
 from ..errors import CaptureError
 from ..fields import is_no_pose, rigid_pose
 from ..files import head_of, text_head
-from ..frames import invert_pose, pose_opengl_from_opencv
+from ..frames import pose_of_opencv
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
@@ -68,7 +68,6 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 
 
 def _camera(file: Path, folder: Path, photos: PhotoFinder) -> Found:
-    """A camera from its file; without a pose if the file has none."""
     words = [word for line in words_of(file) for word in line]
     titles = [word.lower() for word in words]
     middle = titles.index("intrinsic") if "intrinsic" in titles else len(words)
@@ -78,8 +77,7 @@ def _camera(file: Path, folder: Path, photos: PhotoFinder) -> Found:
     photo = _photo(folder, number, photos)
     pose = intrinsics = None
     if not is_no_pose(extrinsic):
-        to_world = invert_pose(rigid_pose(file, "extrinsic", extrinsic))
-        pose = pose_opengl_from_opencv(to_world)
+        pose = pose_of_opencv(rigid_pose(file, "extrinsic", extrinsic))
         if photo is not None:
             lens = pinhole_of(file, "intrinsic", matrix)
             intrinsics = Intrinsics(*_size_meant(file, photo, *lens[2:]), *lens)

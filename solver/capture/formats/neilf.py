@@ -17,7 +17,7 @@ import numpy as np
 from ..capture import Capture
 from ..fields import Entry, number, numbers, rigid_pose
 from ..files import json_head
-from ..frames import invert_pose, pose_opengl_from_opencv
+from ..frames import pose_of_opencv
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
 from ..picture_names import parts_of
@@ -57,7 +57,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 def _camera(camera: Entry, stated: str, photos: PhotoFinder) -> Found:
     path, inner = camera.path, camera.inner("camera")
     field, extrinsic = inner.field("extrinsic"), _matrix(inner, "extrinsic")
-    pose = pose_opengl_from_opencv(invert_pose(rigid_pose(path, field, extrinsic)))
+    pose = pose_of_opencv(rigid_pose(path, field, extrinsic))
     # Only the name counts: the photos lie in this folder, and maps of the same names in others.
     folder, name = path.parent / "images", parts_of(stated)[-1:]
     photo = photos.find_in(folder, *name) if name and folder.is_dir() else None

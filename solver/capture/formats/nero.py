@@ -16,7 +16,7 @@ from ..capture import Capture
 from ..errors import CaptureError
 from ..fields import is_no_pose, rigid_pose
 from ..files import head_of
-from ..frames import invert_pose, pose_opengl_from_opencv
+from ..frames import pose_of_opencv
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..photo_finder import PhotoFinder
@@ -53,7 +53,6 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 
 
 def _camera(file: Path, photos: PhotoFinder) -> Found:
-    """A camera from its file; without a pose if the file has none."""
     matrices = matrices_in(file, LARGEST_FILE)
     if (
         len(matrices) != 2
@@ -68,8 +67,7 @@ def _camera(file: Path, photos: PhotoFinder) -> Found:
     photo = photos.find_in(file.parent, number)
     pose = intrinsics = None
     if not is_no_pose(matrices[0]):
-        to_world = invert_pose(rigid_pose(file, "pose", matrices[0]))
-        pose = pose_opengl_from_opencv(to_world)
+        pose = pose_of_opencv(rigid_pose(file, "pose", matrices[0]))
         if photo is not None:
             lens = pinhole_of(file, "lens", matrices[1])
             intrinsics = Intrinsics(*size_meant(image_size(photo), *lens[2:]), *lens)

@@ -32,7 +32,7 @@ from ..capture import Capture
 from ..errors import CaptureError, counted, shown
 from ..fields import Entry, rigid_pose
 from ..files import read_json, text_head
-from ..frames import invert_pose, pose_opengl_from_opencv, rigid, rotation_from_quaternion
+from ..frames import pose_of_opencv, rigid, rotation_from_quaternion
 from ..intake import Found, Intrinsics, assemble, without_pose
 from ..panoramic_lens import EQUIRECTANGULAR, in_turns
 from ..photo_finder import PhotoFinder
@@ -104,7 +104,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         photo = photos.find(stated, beside=path)
         if photos.serves(photo) and key not in lenses:
             lenses[key] = intrinsics_of(cameras.inner(key))
-        pose = pose_opengl_from_opencv(invert_pose(rigid_pose(path, shot.where, from_world)))
+        pose = pose_of_opencv(rigid_pose(path, shot.where, from_world))
         found.append(Found(shot.where, stated, photo, pose, lenses.get(key)))
     warnings = list(without_pose(
         path, shots.where, lost, len(shots), "give the file that a reconstruction has written"

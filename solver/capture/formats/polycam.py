@@ -71,9 +71,7 @@ def _camera(file: Path, content: dict[str, Any], photos: PhotoFinder) -> Found:
     folder = _PHOTO_FOLDERS.get(file.parent.name.lower(), "images")
     stated = f"{folder}/{file.stem}.jpg"
     photo = photos.find_in(file.parent.parent / folder, f"{file.stem}.jpg")
-    intrinsics = Intrinsics(
-        int(width), int(height), value("fx"), value("fy"), value("cx"), value("cy")
-    )
+    intrinsics = Intrinsics(int(width), int(height), *map(value, ("fx", "fy", "cx", "cy")))
     return Found(f"{file.name}, t_00", stated, photo, pose, intrinsics)
 
 

@@ -22,7 +22,7 @@ from ..capture import Capture
 from ..errors import CaptureError
 from ..fields import number, rigid_pose
 from ..files import as_text, head_of, read_text
-from ..frames import invert_pose, pose_opengl_from_opencv, rigid
+from ..frames import pose_of_opencv, rigid
 from ..image_header import image_size
 from ..intake import Found, Intrinsics, assemble
 from ..photo_finder import PhotoFinder
@@ -73,7 +73,6 @@ def _table_of(head: str) -> tuple[dict[str, int], str] | None:
 
 
 def _columns(header: list[str]) -> dict[str, int] | None:
-    """Positions of the columns by their names; None if some are missing."""
     found: dict[str, int] = {}
     for index, name in enumerate(_names(header)):
         if name in _KNOWN:
@@ -182,8 +181,8 @@ def _from_matrix(path: Path, where: str, stated: str, photo: Path | None, value:
         intrinsics = Intrinsics(width, height, focal, focal, cx, cy, lens, distortion)
     rotation, translation = _numbers(value, _CELLS, ("tx", "ty", "tz"))
     from_world = np.column_stack([np.reshape(rotation, (3, 3)), translation])
-    pose = invert_pose(rigid_pose(path, f"{where}, R00", from_world))
-    return Found(where, stated, photo, pose_opengl_from_opencv(pose), intrinsics)
+    pose = pose_of_opencv(rigid_pose(path, f"{where}, R00", from_world))
+    return Found(where, stated, photo, pose, intrinsics)
 
 
 def _numbers(value: Value, *columns: tuple[str, ...]) -> list[list[float]]:
