@@ -117,7 +117,6 @@ def unpack_archives(options: argparse.Namespace) -> None:
 
 
 def _unpacked_with_bar(path: Path) -> Path:
-    """As `unpacked`, with a bar where there is something to unpack."""
     from .job.progress import plain_bar
 
     with ExitStack() as bars:

@@ -147,7 +147,6 @@ def drop_floaters(
 def _shares(
     parts: list[trimesh.Trimesh], known: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> list[float]:
-    """Shares of their vertices that are known, asked for all at once."""
     if not parts:
         return []
     vertices, normals = (

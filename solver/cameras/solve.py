@@ -278,7 +278,6 @@ class Solver:
         return model if walked is None else walked
 
     def _adjust(self, model: Any) -> None:
-        """One last adjustment of all cameras and points together."""
         self.progress.stage("adjustment", "adjusting all cameras")
         options = self.colmap.BundleAdjustmentOptions()
         options.print_summary = False

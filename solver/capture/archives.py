@@ -122,7 +122,6 @@ def _unpack(
     path: Path, archive: zipfile.ZipFile, members: list[Member], root: Path,
     told: Callable[[float], None],
 ) -> None:  # fmt: skip
-    """Unpack below `root` what is not there yet."""
     folder = folder_of(path)
     mark, begun, own = folder / MARK, folder.exists(), _identity(path)
     if begun and not mark.is_file():

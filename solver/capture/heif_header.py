@@ -86,7 +86,6 @@ def read_heif_header(file: BinaryIO) -> HeifHeader:
 
 
 def _brands_and_meta(file: BinaryIO) -> tuple[list[bytes], bytes]:
-    """The file's brands and the contents of its box `meta`."""
     brands: list[bytes] = []
     for _ in range(_MOST_BOXES):
         length, kind = struct.unpack(">I4s", file.read(8))
@@ -109,7 +108,6 @@ def _brands_and_meta(file: BinaryIO) -> tuple[list[bytes], bytes]:
 
 
 def _boxes(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Kinds and contents of boxes that follow each other."""
     at = 0
     while at + 8 <= len(data):
         length, kind = struct.unpack(">I4s", data[at : at + 8])
@@ -143,7 +141,6 @@ def _properties_of(item: int, data: bytes) -> list[int]:
 
 
 def _cropped(data: bytes) -> tuple[int, int]:
-    """Width and height of the part that is to be shown."""
     across, over_a, down, over_d = struct.unpack(">4I", data[:16])
     if not over_a or not over_d:
         raise ValueError(_DAMAGED)

@@ -271,7 +271,6 @@ def _unique_name(file_name: str, taken: set[str]) -> str:
 
 
 def _same_places(cameras: list[Camera]):
-    """Warnings for cameras with one pose."""
     seen: dict[bytes, str] = {}
     for camera in cameras:
         key = np.round(camera.camera_to_world, 6).tobytes()

@@ -55,5 +55,4 @@ def _segments(file: BinaryIO) -> Iterator[tuple[int, int]]:
 
 
 def _is_frame(marker: int) -> bool:
-    """True for the segment that states the size."""
     return 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC)

@@ -123,7 +123,6 @@ def _is_bayer(raw: rawpy.RawPy) -> bool:
 
 
 def _how(raw: rawpy.RawPy, half: bool) -> rawpy.Params:
-    """How a photo is developed."""
     options = {}
     as_shot = raw.camera_whitebalance[:3]
     if min(as_shot) <= 0:

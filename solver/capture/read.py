@@ -178,7 +178,6 @@ def reader_of(file: Path) -> ModuleType | None:
 
 
 def _search(folder: Path) -> Path | None:
-    """The likeliest camera file below a folder."""
     for reader in FORMATS:
         there = (file for pattern in reader.PATTERNS for file in sorted(folder.glob(pattern)))
         files = (file for file in there if file.is_file() and reader.recognises(file))

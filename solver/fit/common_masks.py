@@ -146,11 +146,7 @@ def _centres(
     camera: Camera, cells: np.ndarray, edge: float, shape: tuple[int, int]
 ) -> tuple[np.ndarray, int]:
     """Pixels [H, W] of a photo of this shape where cells have their centres [N, 3]; and an odd number of
-    pixels, wider than gaps between them.
-
-    Args:
-        edge: of a cell, world units.
-    """
+    pixels, wider than gaps between them."""
     centres = np.zeros(shape, bool)
     # Where a photo says nothing, too: the cells are there.
     at, inside, depths = replace(camera, told=None).pixels_of(cells, shape)

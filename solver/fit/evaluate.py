@@ -182,7 +182,6 @@ def _relight_scores(
 
 
 def _factor_of_all(rendered: list[np.ndarray], photos: list[Photo]) -> np.ndarray:
-    """`clipped_factor` [3] of all pictures [H, W, 4] together."""
     predictions, truths = [], []
     for picture, photo in zip(rendered, photos, strict=True):
         # Where there is nothing in either, any factor is as good.
@@ -194,7 +193,6 @@ def _factor_of_all(rendered: list[np.ndarray], photos: list[Photo]) -> np.ndarra
 
 
 def _relit_capture(capture: Capture, folder: Path) -> Capture | None:
-    """The photos of a relight folder with their cameras; None if there are none."""
     cameras = folder.with_name(f"transforms_{folder.name}.json")
     if cameras.is_file():
         return read_capture(cameras, fewest=1)

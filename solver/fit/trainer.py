@@ -234,7 +234,6 @@ class Trainer:
         return {"image": image, "rays": sum(plan.rays)}
 
     def _renew(self, fraction: float) -> None:
-        """Renew probes, and what is known of the light's detail."""
         began = time.monotonic()
         self.probe_turn = probe_turn(fraction)
         self.refresh_probes()

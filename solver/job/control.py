@@ -130,7 +130,6 @@ class Control:
 
 
 def _command(line: str) -> str | None:
-    """The command of a line on stdin; None if it is none."""
     if line.strip().lower() == "cancel":
         return "cancel"
     try:

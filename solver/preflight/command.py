@@ -107,7 +107,6 @@ def run_pictures(options: argparse.Namespace) -> int:
 
 
 def _job_of(options: argparse.Namespace) -> JobFolder | None:
-    """The job, if that is what was given."""
     return JobFolder.open(options.capture) if (options.capture / "job.json").is_file() else None
 
 

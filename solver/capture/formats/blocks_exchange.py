@@ -115,7 +115,6 @@ def _component(photo: Element) -> str:
 
 
 def _pose_of(photo: Element) -> tuple[Element, Element] | None:
-    """A photo's rotation and place; None if it has not both."""
     turn, place = photo.find("Pose/Rotation"), photo.find("Pose/Center")
     if turn is None or place is None or all(child.tag == "Accurate" for child in turn):
         return None
@@ -159,7 +158,6 @@ def _camera_to_world(
 
 
 def _system(*elements: Element) -> str:
-    """The identity of the system of coordinates that the first of some elements to name one does."""
     return next((text for e in elements if (text := (e.findtext("SRSId") or "").strip())), "")
 
 

@@ -146,7 +146,6 @@ def _coefficients(
 def _fisheye(
     path: Path, where: str, group: Element, focal: Callable[[], float]
 ) -> tuple[float, float, tuple[str, tuple[float, ...]]]:
-    """The focal lengths of a fisheye, and its lens."""
     powers = _coefficients(path, where, group, "FisheyeDistortion", _POWERS)
     if group.find("FisheyeFocalMatrix") is None:
         (xx, xy), (yx, yy) = (_QUARTER * focal(), 0.0), (0.0, _QUARTER * focal())

@@ -82,7 +82,6 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 
 
 def _found(path: Path, index: int, name: str, values: np.ndarray, photos: PhotoFinder) -> Found:
-    """A camera from its 15 numbers."""
     field = f"camera {index}"
     photo = photos.find(name, beside=path)
     if photo is None:
@@ -99,7 +98,6 @@ def _found(path: Path, index: int, name: str, values: np.ndarray, photos: PhotoF
 
 
 def _cameras(path: Path, lines: Iterator[tuple[int, str]], count: int) -> list[np.ndarray]:
-    """The numbers of all cameras, [15] each."""
     cameras: list[np.ndarray] = []
     values: list[float] = []
     where = 2
@@ -118,11 +116,7 @@ def _cameras(path: Path, lines: Iterator[tuple[int, str]], count: int) -> list[n
 
 
 def _names(path: Path, count: int, photos: PhotoFinder, warn: Callable[[str], None]) -> list[str]:
-    """What the photos are called, in the order of the cameras.
-
-    Args:
-        warn: told where the order is a guess.
-    """
+    """What the photos are called, in the order of the cameras; `warn` is told where that is a guess."""
     file = _list_file(path) or _any_list(path, count)
     if file is not None:
         names = [_name(line) for _, line in read_lines(file) if line]

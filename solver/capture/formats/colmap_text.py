@@ -131,8 +131,6 @@ def read_frames(file: Path) -> Frames:
 
 
 class _Words:
-    """The words of a line, one after the other."""
-
     def __init__(self, file: Path, where: str, line: str):
         self.file, self.where, self.rest = file, where, line.split()[::-1]
 
@@ -155,7 +153,6 @@ class _Words:
 
 
 def _lines(file: Path, with_empty: bool = False) -> Iterator[tuple[str, str]]:
-    """Lines without comments, each with its place."""
     for number, line in read_lines(file):
         if not line.startswith("#") and (line or with_empty):
             yield f"line {number}", line

@@ -140,7 +140,6 @@ def _identity(value: Any) -> str | None:
 
 
 def _word(value: Any) -> str:
-    """A keyword or a truth value in lower case."""
     return shown(value).strip().lower()
 
 

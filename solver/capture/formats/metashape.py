@@ -129,11 +129,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 
 
 def _why_not(camera: Element, panoramas: set[str | None], rigs: _Rigs) -> str | None:
-    """Why a camera is left out; None: it is not.
-
-    Args:
-        panoramas: ids of the sensors of those that are not read.
-    """
+    """Why a camera is left out, such as one of a sensor of `panoramas` (ids); None: it is not."""
     if (camera.get("enabled") or "true").strip().lower() in ("false", "0", "no"):
         return _DISABLED
     if camera.get("sensor_id") in panoramas:
@@ -148,11 +144,7 @@ def _has_transform(camera: Element) -> bool:
 
 
 class _Rigs:
-    """Where a chunk's cameras lie in it, also those that a rig's first camera takes along.
-
-    Args:
-        sensors: by their ids.
-    """
+    """Where a chunk's cameras lie in it, also those that a rig's first camera takes along."""
 
     def __init__(self, path: Path, chunk: Element, sensors: dict[str | None, Element]):
         self._path, self._sensors = path, sensors

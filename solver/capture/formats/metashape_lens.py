@@ -132,7 +132,6 @@ def read_lens(path: Path, sensor: Element) -> Intrinsics:
 
 
 def _size(path: Path, where: str, resolution: Element | None) -> tuple[int, int]:
-    """Width and height in pixels."""
     if resolution is None:
         raise CaptureError(path, where, "it has no resolution", "export the cameras again")
     width, height = (

@@ -42,7 +42,6 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 
 
 def _views(path: Path) -> list[Path]:
-    """The files of all views of a split, in the order of their numbers."""
     folder = path.absolute().parent
     view = _VIEW.fullmatch(folder.name)
     if view is None:

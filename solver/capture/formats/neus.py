@@ -70,7 +70,6 @@ def _numbered(path: Path, name: str) -> dict[int, np.ndarray]:
 
 
 def _by_number(folder: Path) -> dict[int, Path]:
-    """Pictures of a folder whose names are numbers, by these."""
     return {int(p.stem): p for p in pictures_in(folder) if _is_number(p.stem)}
 
 

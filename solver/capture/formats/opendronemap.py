@@ -62,7 +62,6 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 
 
 def _lenses(path: Path) -> Entry:
-    """What the file of the lenses holds."""
     beside = [folder / "cameras.json" for folder in (path.parent.parent, path.parent)]
     file = next((file for file in beside if file.is_file()), None)
     if file is None:

@@ -147,7 +147,6 @@ def _in_project(path: Path, uri: str) -> Path | None:
 
 
 def _uris(path: Path, items: list[Entry]) -> dict[int, str]:
-    """What camera lists call the file of each camera, by identity."""
     uris = {}
     for content in _resources(path, items, "application/opf-camera-list+json"):
         for identity, camera in _by_id(content, "cameras").items():

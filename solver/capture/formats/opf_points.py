@@ -58,7 +58,6 @@ def read_gltf_points(file: Path, folder: Path) -> np.ndarray:
 
 
 def _item(content: Entry, key: str, index: Any) -> Entry:
-    """An object of a list, by its index."""
     values = content.entries(key)
     if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(values):
         raise content.error(key, f"there is no '{shown(index)}' in it", _AGAIN)

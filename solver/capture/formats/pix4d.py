@@ -85,7 +85,6 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 
 
 def _camera(path: Path, block: list[tuple[int, str]], photos: PhotoFinder) -> Found:
-    """A camera from its ten lines, each with its number."""
     first, stated = block[0]
     name, *size = stated.rsplit(maxsplit=2)
     if len(block) < _LINES or len(size) != 2:
@@ -108,7 +107,6 @@ def _camera(path: Path, block: list[tuple[int, str]], photos: PhotoFinder) -> Fo
 
 
 def _matrix(path: Path, lines: Iterator[tuple[int, str]], rows: int, columns: int) -> np.ndarray:
-    """A matrix [rows, columns] from as many lines."""
     return np.stack(
         [numbers(path, f"line {where}", line.split(), columns) for where, line in islice(lines, rows)]
     )  # fmt: skip

@@ -64,7 +64,6 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 
 
 def _size(content: Entry) -> tuple[int, int]:
-    """Width and height in pixels of the pictures that the intrinsics are for."""
     width, height = content.number("w"), content.number("h")
     if not (1 <= width <= 1e6 and 1 <= height <= 1e6):
         raise content.error("w", "the pictures have no size", "export the recording again")

@@ -63,7 +63,6 @@ def _intrinsics(content: Entry, frame: Entry, photo: Path | None) -> Intrinsics:
 
 
 def _region(content: Entry) -> np.ndarray | None:
-    """The world box [2, 3] that the file states; None if it states none."""
     stated = content.get("scene_box")
     if not isinstance(stated, dict) or stated.get("aabb") is None:
         return None

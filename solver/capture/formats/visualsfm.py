@@ -105,7 +105,6 @@ def _count(path: Path, lines: Iterator[tuple[str, str]]) -> int:
 
 
 def _points(path: Path, lines: Iterator[tuple[str, str]]) -> tuple[np.ndarray, list[str]]:
-    """Sparse points [N, 3] of the first model, and warnings."""
     points = SparsePoints()
     done = 0
     try:
