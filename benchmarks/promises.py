@@ -61,7 +61,7 @@ def errors_of_time_left(job: Path) -> list[float]:
 
 
 def _events(job: Path) -> list:
-    return read_events(job / "events.jsonl")[0]
+    return read_events(job / "events.jsonl")
 
 
 def _is_stage(event) -> bool:

@@ -137,7 +137,7 @@ def stage_seconds(job: Path) -> dict[str, float]:
     """Seconds by stage, from the job's events; those of a resumed job are added up."""
     seconds: dict[str, float] = {}
     current = None
-    for event in read_events(job / "events.jsonl")[0]:
+    for event in read_events(job / "events.jsonl"):
         if event.kind == "hello":
             current = None
         if event.kind not in ("stage", "bye"):

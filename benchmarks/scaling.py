@@ -67,7 +67,7 @@ def measure(scene: Path, folder: Path, point: dict, steps: int, preset: str) -> 
 def milliseconds_a_step(job: Path) -> float:
     """Time of a step in the second half of a job's fit, from its events: what comes before the first
     steps, and with the last, does not count."""
-    events, _ = read_events(job / "events.jsonl")
+    events = read_events(job / "events.jsonl")
     of_fit = [e for e in events if e.kind == "progress" and e.data["stage"] == "fit"]
     half = [e for e in of_fit if 0 < e.data["steps"] / 2 <= e.data["step"] < e.data["steps"]]
     first, last = half[0], half[-1]

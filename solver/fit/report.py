@@ -106,14 +106,13 @@ def write_job_report(
 
 def warnings_of(job: JobFolder) -> list[str]:
     """All that a job has warned of so far, each once: what is resumed warns again."""
-    events, _ = read_events(job.events_path)
+    events = read_events(job.events_path)
     return list(dict.fromkeys(event.data["text"] for event in events if event.kind == "warning"))
 
 
 def _held_out(
     job: JobFolder, test: Capture, settings: Settings, use_masks: bool
 ) -> tuple[list[Camera], list[Photo]]:
-    """Cameras and photos to be shown of those that are held out."""
     panorama = read_panorama(job.surroundings_path)
     # Before what is far away, photos tell together where the object is.
     loaded = evenly_taken(len(test.cameras), VIEWS if panorama is None else CUT_OUT)

@@ -115,14 +115,11 @@ def parse_event(line: str) -> Event:
         return Event("log", 0.0, {"text": line.rstrip("\n")})
 
 
-def read_events(path: Path, offset: int = 0) -> tuple[list[Event], int]:
-    """Complete lines of an event file from byte `offset` on, and the offset after them."""
+def read_events(path: Path) -> list[Event]:
+    """The complete lines of an event file."""
     try:
-        with path.open("rb") as file:
-            file.seek(offset)
-            data = file.read()
+        data = path.read_bytes()
     except OSError:
-        return [], offset
-    end = data.rfind(b"\n") + 1
-    lines = data[:end].decode("utf-8", "replace").split("\n")
-    return [parse_event(line) for line in lines if line.strip()], offset + end
+        return []
+    lines = data[: data.rfind(b"\n") + 1].decode("utf-8", "replace").split("\n")
+    return [parse_event(line) for line in lines if line.strip()]

@@ -31,7 +31,7 @@ def test_an_event_comes_back_as_it_was_sent(data, tmp_path_factory):
     stream = EventStream(path)
     stream.emit("metric", **data)
     stream.close()
-    (event,), _ = read_events(path)
+    (event,) = read_events(path)
     assert event.kind == "metric" and event.time > 0
     expected = {k: None if isinstance(v, float) and math.isinf(v) else v for k, v in data.items()}
     assert {k: v for k, v in event.data.items() if k != "v"} == expected
@@ -70,7 +70,7 @@ def test_the_parent_gets_the_very_lines_of_the_file(tmp_path):
     text = (tmp_path / "events.jsonl").read_text(encoding="utf-8")
     assert parent.getvalue() == text and text.count("\n") == 2
     assert [json.loads(line)["ev"] for line in text.split("\n")[:2]] == ["stage", "warning"]
-    events, _ = read_events(tmp_path / "events.jsonl")
+    events = read_events(tmp_path / "events.jsonl")
     assert events[1].data["text"] == "Photo ‘größe 1.png’\nis dark\u2028and small"
 
 
@@ -78,7 +78,7 @@ def test_a_number_that_is_not_finite_does_not_end_the_job(tmp_path):
     stream = EventStream(tmp_path / "events.jsonl")
     stream.emit("metric", name="psnr", value=float("nan"), step=3)
     stream.close()
-    (event,), _ = read_events(tmp_path / "events.jsonl")
+    (event,) = read_events(tmp_path / "events.jsonl")
     assert event.data["value"] is None and event.data["step"] == 3
 
 
@@ -89,7 +89,7 @@ def test_a_parent_that_hung_up_does_not_end_the_job(tmp_path):
     for step in range(3):
         stream.emit("checkpoint", step=step)
     stream.close()
-    events, _ = read_events(tmp_path / "events.jsonl")
+    events = read_events(tmp_path / "events.jsonl")
     assert [event.data["step"] for event in events] == [0, 1, 2]
 
 
@@ -106,7 +106,7 @@ def test_events_of_many_threads_do_not_mix(tmp_path):
     for thread in threads:
         thread.join()
     stream.close()
-    events, _ = read_events(tmp_path / "events.jsonl")
+    events = read_events(tmp_path / "events.jsonl")
     assert len(events) == 800 and {event.kind for event in events} == {"metric"}
 
 
@@ -131,20 +131,17 @@ def test_lines_that_are_no_events_become_log_lines():
         assert parse_event(line).data["text"] == line
 
 
-def test_reading_on_from_an_offset_gives_each_event_once_and_no_half_lines(tmp_path):
+def test_half_a_line_is_no_event_until_the_rest_is_written(tmp_path):
     path = tmp_path / "events.jsonl"
     path.write_text('{"v":1,"t":1,"ev":"hello"}\n{"v":1,"t":2,"ev":"sta', encoding="utf-8")
-    events, offset = read_events(path)
-    assert [event.kind for event in events] == ["hello"]
+    assert [event.kind for event in read_events(path)] == ["hello"]
     with path.open("a", encoding="utf-8") as file:
         file.write('ge","name":"fit"}\nnoise\n')
-    events, offset = read_events(path, offset)
-    assert [event.kind for event in events] == ["stage", "log"]
-    assert read_events(path, offset) == ([], offset)
+    assert [event.kind for event in read_events(path)] == ["hello", "stage", "log"]
 
 
 def test_a_missing_file_has_no_events(tmp_path):
-    assert read_events(tmp_path / "none.jsonl") == ([], 0)
+    assert read_events(tmp_path / "none.jsonl") == []
 
 
 def test_half_a_line_of_a_killed_process_does_not_swallow_the_next_event(tmp_path):
@@ -153,7 +150,7 @@ def test_half_a_line_of_a_killed_process_does_not_swallow_the_next_event(tmp_pat
     stream = EventStream(path)
     stream.emit("hello", version="2")
     stream.close()
-    events, _ = read_events(path)
+    events = read_events(path)
     assert [event.kind for event in events] == ["hello", "log", "hello"]
 
 
