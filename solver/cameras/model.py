@@ -10,7 +10,7 @@ from ..capture.camera import Camera
 from ..capture.capture import Capture, region_seen_by
 from ..capture.errors import CaptureError
 from ..capture.formats.colmap_model import Sensor, intrinsics_of
-from ..capture.frames import invert_pose, pose_opengl_from_opencv
+from ..capture.frames import pose_of_opencv
 from ..capture.placement import placed as moved_capture
 from ..capture.placement import suggest_placement
 from ..capture.reduced import load_reduced
@@ -72,7 +72,6 @@ def _to_full_size(model: Any, by_file: dict[str, Prepared]) -> None:
 
 
 def _camera(photo: Prepared, image: Any) -> Camera:
-    """A placed photo's camera in the model's world."""
     model, numbers = image.camera.model_name, tuple(float(v) for v in image.camera.params)
     lens = intrinsics_of(photo.path, Sensor("lens", model, photo.width, photo.height, numbers))
     if not np.isfinite(numbers).all() or min(lens.fx, lens.fy) <= 0:
@@ -82,9 +81,8 @@ def _camera(photo: Prepared, image: Any) -> Camera:
         raise CaptureError(
             photo.path, "lens", "the lens could not be solved from these photos", remedy
         )
-    world_to_camera = np.eye(4)
-    world_to_camera[:3] = image.cam_from_world().matrix()
-    pose = pose_opengl_from_opencv(invert_pose(world_to_camera))
+    from_world = np.vstack([image.cam_from_world().matrix(), (0, 0, 0, 1)])
+    pose = pose_of_opencv(from_world)
     name = re.sub(r"[^\w.\-]+", "_", photo.name.rpartition(".")[0]).strip("._") or "photo"
     return Camera(name, photo.path, pose, ignored_path=photo.ignored, **vars(lens))
 
