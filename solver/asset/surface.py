@@ -158,7 +158,8 @@ def _shares(
 
 
 def decimate(mesh: trimesh.Trimesh, triangles: int) -> trimesh.Trimesh:
-    """Quadric decimation to about `triangles` (Garland & Heckbert 1997)."""
+    """Quadric decimation to about `triangles` (Garland & Heckbert 1997), without the flaps that it leaves:
+    pairs of triangles on the same corners, which face both ways, and which Blender takes for damage."""
     if len(mesh.faces) <= triangles:
         return mesh
     vertices, faces = fast_simplification.simplify(
@@ -167,5 +168,8 @@ def decimate(mesh: trimesh.Trimesh, triangles: int) -> trimesh.Trimesh:
     )  # fmt: skip
     simple = trimesh.Trimesh(vertices, faces, process=False)
     simple.update_faces(simple.nondegenerate_faces())
+    corners = np.sort(simple.faces, axis=1)
+    _, place, count = np.unique(corners, axis=0, return_inverse=True, return_counts=True)
+    simple.update_faces(count[place.ravel()] == 1)
     simple.remove_unreferenced_vertices()
     return simple

@@ -5,6 +5,7 @@ import struct
 
 import numpy as np
 import pytest
+import skimage.measure
 import trimesh
 
 from solver.asset.bake import fill_texture, gather
@@ -14,6 +15,7 @@ from solver.asset.files import write_exr, write_fine_png
 from solver.asset.settings import AssetSettings
 from solver.asset.surface import (
     cut_unseen,
+    decimate,
     drop_floaters,
     extract_surface,
     marching_cubes,
@@ -165,6 +167,19 @@ def test_decimation_reaches_its_target_and_keeps_the_shape():
     mesh = extract_surface(ONE, LEVEL, AssetSettings(cells=64, triangles=2000))
     assert 1500 <= len(mesh.faces) <= 2000
     assert np.isclose(mesh.volume, 4 / 3 * np.pi * 0.6**3, rtol=0.02)
+
+
+def test_decimation_leaves_no_triangles_on_the_same_corners():
+    """A fixed bug: Blender took meshes of results for damaged."""
+    ticks = np.linspace(-1, 1, 32)
+    x, y, z = np.meshgrid(ticks, ticks, ticks, indexing="ij")
+    bumps = np.sin(13 * x) * np.sin(17 * y) * np.sin(19 * z)
+    values = 0.6 - np.sqrt(x**2 + y**2 + z**2) + 0.3 * bumps
+    vertices, faces, _, _ = skimage.measure.marching_cubes(values, 0)
+    rough = trimesh.Trimesh(vertices, faces)
+    mesh = decimate(rough, 300)
+    assert len(np.unique(np.sort(mesh.faces, axis=1), axis=0)) == len(mesh.faces) > 250
+    assert mesh.volume == pytest.approx(rough.volume, rel=0.1)
 
 
 @pytest.fixture(scope="module")
