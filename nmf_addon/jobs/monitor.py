@@ -12,6 +12,7 @@ from ...solver.job.request import JobError
 from .. import thumbnails
 from ..names import BASE_PACKAGE
 from ..redraw import redraw_panels
+from ..rendering import is_rendering
 from ..reports import reason_of
 from ..runtime import bootstrap_script, clean_environment
 from ..scene.images import stored_path
@@ -118,9 +119,9 @@ class Monitor:
         with bpy.context.temp_override(window=windows[0]):
             in_object_mode = bpy.context.mode == "OBJECT"
         wait = ""
-        if bpy.app.is_job_running("RENDER"):
-            # Frames that are still to come would have another light than those before.
-            wait = "the render is over"
+        if is_rendering():
+            # Frames, or objects, that are still to come would have another light than those before.
+            wait = "the render or bake is over"
         elif any(_is_moving_something(window) for window in windows):
             wait = "nothing is being moved"
         elif not in_object_mode:

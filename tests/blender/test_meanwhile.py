@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import types
 from pathlib import Path
 
 import bpy
@@ -35,6 +36,23 @@ def test_a_result_comes_to_the_capture_it_was_made_from(capture, add_capture, fa
     (item,) = results()
     assert item.users_collection == (capture,)
     assert item.parent in set(capture.objects)
+
+
+@pytest.mark.parametrize("job", ["RENDER", "OBJECT_BAKE"])
+def test_a_result_waits_until_blender_has_rendered_or_baked(
+    capture, monitor, fake_solver, tick, extension, monkeypatch, job
+):
+    """A fixed bug: objects that were baked after it came were lit by its World."""
+    running = {job}
+    app = types.SimpleNamespace(is_job_running=running.__contains__)
+    rendering = extension("rendering")
+    monkeypatch.setattr(rendering, "bpy", types.SimpleNamespace(app=app))
+    bpy.ops.nmf.reconstruct()
+    tick(lambda: monitor.waits_to_install and "render or bake" in monitor.model.text)
+    assert not results()
+    running.clear()
+    tick()
+    assert len(results()) == 1
 
 
 def test_a_result_and_its_light_come_to_the_scene_of_their_capture(capture, fake_solver, tick):

@@ -78,7 +78,7 @@ def test_cancel_and_resume_are_pressed(report):
 @pytest.mark.parametrize(
     "meanwhile, what",
     [
-        ("rendered", "the render is over"),
+        ("rendered", "the render or bake is over"),
         ("moved", "nothing is being moved"),
         ("duplicated", "nothing is being moved"),
     ],

@@ -1,0 +1,8 @@
+"""Whether Blender renders: what would change meanwhile, images that are still to come would show."""
+
+import bpy
+
+
+def is_rendering() -> bool:
+    """True while it renders or bakes in a thread of its own."""
+    return any(map(bpy.app.is_job_running, ("RENDER", "OBJECT_BAKE")))
