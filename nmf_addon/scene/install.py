@@ -18,7 +18,14 @@ from .job_space import job_space
 from .light_axes import light_by
 from .material import build_material
 from .pictures import named_pictures
-from .replace import check_not_edited, edited_of, installed_before, mark, replace_asset
+from .replace import (
+    check_not_edited,
+    edited_of,
+    installed_before,
+    kept_pictures,
+    mark,
+    replace_asset,
+)
 from .result import job_of_result, read_manifest, read_ply
 from .selection import make_active
 from .world import build_world
@@ -65,7 +72,7 @@ def install_result(
     if earlier is not None:
         check_not_edited(earlier)
     edited = [] if earlier is None else edited_of(earlier)
-    pictures = named_pictures(job, manifest)
+    pictures = named_pictures(job, manifest, kept_pictures(edited))
     data = bpy.data
     with nothing_left_behind(
         data.objects, data.meshes, data.materials, data.node_groups, data.images, data.worlds

@@ -230,6 +230,20 @@ def test_what_a_person_has_edited_stays_in_the_file_when_it_is_renewed(install, 
     assert block.name == f"{name} before"
 
 
+def test_what_was_edited_keeps_its_pictures_when_the_result_has_others(install, result_job):
+    """A fixed bug: their files were written over, and no copy of them was left."""
+    material = paint(install())
+    image = image_of(bpy.context.view_layer.objects.active, "Albedo")
+    before = Path(image.filepath).read_bytes()
+    fake_result.write_png(result_job / "result" / "albedo.png", (255, 0, 0))
+    for _ in range(2):
+        shown = image_of(install(), "Albedo")
+        assert material.name == "jöb 1 before"
+        assert Path(image.filepath).read_bytes() == before
+        assert tuple(shown.pixels[:3]) == (1, 0, 0)
+    assert len(list((result_job / "textures").glob("*albedo.png"))) == 2
+
+
 def test_a_result_that_is_in_another_scene_is_renewed_there_and_one_is_told(install, capfd):
     item = install()
     bpy.context.window.scene = bpy.data.scenes.new("Second")
