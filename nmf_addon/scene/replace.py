@@ -28,7 +28,7 @@ def installed_before(job: JobFolder, scene: bpy.types.Scene) -> bpy.types.Object
 def is_of(block: bpy.types.ID, job: JobFolder) -> bool:
     """True if a data-block was installed from a job, also one that has moved since."""
     path = Path(block.get(JOB, ""))
-    if path == job.root:
+    if path == job.root or (JOB in block and path.resolve() == job.root.resolve()):
         return True
     moved = path.name == job.root.name and not path.exists()
     return moved and block.get(CAPTURE) in (None, _capture_of(job))

@@ -93,6 +93,14 @@ def test_a_job_that_was_moved_is_still_the_same(install, result_job):
     assert install(moved) == item
 
 
+def test_a_job_that_is_reached_by_a_link_is_still_the_same(install, result_job, tmp_path):
+    """A fixed bug: its object was there twice."""
+    item = install()
+    link = tmp_path / "link"
+    link.symlink_to(tmp_path, target_is_directory=True)
+    assert install(link / result_job.name) == item
+
+
 def test_nodes_that_lie_elsewhere_are_no_edit(install):
     for node in install().active_material.node_tree.nodes:
         node.location.x += 100
