@@ -12,7 +12,7 @@ from ...solver.job.folder import JobFolder
 from ..names import JOBS_OF_UNSAVED, user_folder
 from .adjusted_cameras import adjust_cameras
 from .capture_collection import root_of, scene_of
-from .edited import mark_as_made
+from .edited import is_edited, mark_as_made
 from .images import images_of, nothing_left_behind
 from .job_space import job_space
 from .light_axes import light_by
@@ -22,6 +22,7 @@ from .replace import (
     check_not_edited,
     edited_of,
     installed_before,
+    is_of,
     kept_pictures,
     mark,
     replace_asset,
@@ -93,8 +94,9 @@ def install_result(
     for block in (world, material, mesh):
         mark_as_made(block)
     shown = context.scene if context.scene in item.users_scene else item.users_scene[0]
-    if shown.world not in (None, world):
-        shown.world.use_fake_user = True
+    before = shown.world
+    if before not in (None, world) and (is_edited(before) or not is_of(before, job)):
+        before.use_fake_user = True
     shown.world = world
     make_active(item, _view_layer(context, shown))
     return InstalledAsset(item, material, world, manifest, moved, tuple(kept))

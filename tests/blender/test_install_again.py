@@ -101,6 +101,13 @@ def test_a_job_that_is_reached_by_a_link_is_still_the_same(install, result_job, 
     assert install(link / result_job.name) == item
 
 
+def test_a_light_that_was_deleted_with_its_object_does_not_stay_for_good(install):
+    install()
+    bpy.ops.object.delete()
+    install()
+    assert sum(world.use_fake_user or world.users > 0 for world in bpy.data.worlds) == 1
+
+
 def test_nodes_that_lie_elsewhere_are_no_edit(install):
     for node in install().active_material.node_tree.nodes:
         node.location.x += 100
