@@ -1,4 +1,4 @@
-"""Whether Blender renders: what would change meanwhile, images that are still to come would show."""
+"""Whether Blender renders: images that are still to come would show what changes."""
 
 import bpy
 

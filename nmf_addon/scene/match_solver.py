@@ -30,6 +30,7 @@ def match_solver(scene: bpy.types.Scene, bounces: int = 2) -> str:
     render = scene.render
     render.film_transparent = True
     render.use_simplify = render.use_border = render.use_motion_blur = False
+    render.use_compositing = render.use_sequencer = False
     view = scene.view_settings
     view.look = "None"
     view.exposure, view.gamma, cycles.film_exposure = 0.0, 1.0, 1.0

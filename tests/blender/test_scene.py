@@ -135,11 +135,15 @@ def test_what_else_would_change_a_render_is_switched_off_or_told(extension):
         bpy.context.view_layer.update()
         return extension("scene.match_solver").match_solver(scene)
 
-    render.use_simplify = render.use_border = render.use_motion_blur = True
+    switched_off = (
+        "use_simplify", "use_border", "use_motion_blur", "use_compositing", "use_sequencer",
+    )  # fmt: skip
+    for name in switched_off:
+        setattr(render, name, True)
     lamp = bpy.data.objects.new("Key", bpy.data.lights.new("Key", "POINT"))
     scene.collection.objects.link(lamp)
     assert "hide Key in renders" in match_solver(scene)
-    assert not (render.use_simplify or render.use_border or render.use_motion_blur)
+    assert not any(getattr(render, name) for name in switched_off)
     lamp.hide_render = True
     assert match_solver(scene) == ""
     lamp.hide_render, studio = False, bpy.data.collections.new("Studio")
