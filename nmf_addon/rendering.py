@@ -1,4 +1,4 @@
-"""Whether Blender renders: images that are still to come would show what changes."""
+"""Whether Blender renders, and nothing is to change."""
 
 import bpy
 

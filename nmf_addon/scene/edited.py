@@ -74,6 +74,8 @@ def _of_array(items: bpy.types.bpy_prop_collection, name: str, values: np.ndarra
 
 
 def _of_nodes(block: bpy.types.Material | bpy.types.World) -> Iterator[str]:
+    for own in (block, getattr(block, "cycles_visibility", None)):
+        yield f"{own and _settings_of(own)}"
     tree = block.node_tree
     drivers = tree.animation_data.drivers if tree.animation_data else []
     driven = {driver.data_path for driver in drivers}
@@ -81,19 +83,17 @@ def _of_nodes(block: bpy.types.Material | bpy.types.World) -> Iterator[str]:
     for node in tree.nodes:
         yield f"{node.bl_idname} {node.mute} {_settings_of(node)}"
         for socket in node.inputs:
-            if (
-                hasattr(socket, "default_value")
-                and socket.path_from_id("default_value") not in driven
-            ):
+            name = "default_value"
+            if hasattr(socket, name) and socket.path_from_id(name) not in driven:
                 yield f"{socket.identifier} {_plain(socket.default_value)}"
     for link in tree.links:
         ends = (link.from_node, link.from_socket, link.to_node, link.to_socket)
         yield " ".join(end.bl_idname if hasattr(end, "mute") else end.identifier for end in ends)
 
 
-def _settings_of(node: bpy.types.Node) -> list[str]:
-    """What a node has besides sockets, and not all nodes have; of a picture of the person's, its name."""
-    common = {*bpy.types.Node.bl_rna.properties.keys(), "is_active_output"}
+def _settings_of(node: bpy.types.bpy_struct) -> list[str]:
+    """What one node or data-block has and not all have; of a picture of the person's, its name."""
+    common = {*node.bl_rna.base.properties.keys(), "is_active_output", "paint_active_slot"}
     own = [p for p in node.bl_rna.properties if p.identifier not in common and p.type in _SETTINGS]
     told = [f"{p.identifier} {_plain(getattr(node, p.identifier))}" for p in own]
     image = getattr(node, "image", None)

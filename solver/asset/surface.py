@@ -158,8 +158,8 @@ def _shares(
 
 
 def decimate(mesh: trimesh.Trimesh, triangles: int) -> trimesh.Trimesh:
-    """Quadric decimation to about `triangles` (Garland & Heckbert 1997), without the flaps that it leaves:
-    pairs of triangles on the same corners, which face both ways, and which Blender takes for damage."""
+    """Quadric decimation to about `triangles` (Garland & Heckbert 1997), without the flaps of two triangles
+    on the same corners that it leaves."""
     if len(mesh.faces) <= triangles:
         return mesh
     vertices, faces = fast_simplification.simplify(

@@ -221,6 +221,16 @@ def swap_pictures(item):
     return item.active_material
 
 
+def cull(item):
+    item.active_material.use_backface_culling = True
+    return item.active_material
+
+
+def hide_from_cameras(item):
+    bpy.context.scene.world.cycles_visibility.camera = False
+    return bpy.context.scene.world
+
+
 def show_texels(item):
     nodes = item.active_material.node_tree.nodes
     next(node for node in nodes if node.type == "TEX_IMAGE").interpolation = "Closest"
@@ -230,7 +240,7 @@ def show_texels(item):
 @pytest.mark.parametrize(
     "edit",
     [paint, rewire, sculpt, add_slot, group_vertices, brighten, unwrap_anew, mark_seams,
-     replace_a_texture, replace_the_light, swap_pictures, show_texels],
+     replace_a_texture, replace_the_light, swap_pictures, cull, hide_from_cameras, show_texels],
 )  # fmt: skip
 def test_what_a_person_has_edited_stays_in_the_file_when_it_is_renewed(install, edit):
     block = edit(install())
