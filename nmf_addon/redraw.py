@@ -11,3 +11,8 @@ def redraw_panels() -> None:
                 for region in area.regions:
                     if region.type == "UI":
                         region.tag_redraw()
+
+
+def is_rendering() -> bool:
+    """True while Blender renders or bakes."""
+    return any(map(bpy.app.is_job_running, ("RENDER", "OBJECT_BAKE")))

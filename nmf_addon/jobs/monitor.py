@@ -11,8 +11,7 @@ from ...solver.job.folder import JobFolder
 from ...solver.job.request import JobError
 from .. import thumbnails
 from ..names import BASE_PACKAGE
-from ..redraw import redraw_panels
-from ..rendering import is_rendering
+from ..redraw import is_rendering, redraw_panels
 from ..reports import reason_of
 from ..runtime import bootstrap_script, clean_environment
 from ..scene.images import stored_path

@@ -13,7 +13,6 @@ from mathutils import Matrix
 
 from ..names import BASE_PACKAGE
 from ..redraw import redraw_panels
-from ..rendering import is_rendering
 from .background import empty_copy, fill_copy
 from .cameras import copy_behind, keep_behind, photo_of, show_behind, to_solver
 
@@ -70,7 +69,7 @@ def make_next() -> bool:
 
 
 def _tick() -> float | None:
-    if is_rendering():
+    if bpy.app.is_job_running("RENDER"):
         return PAUSE_IN_RENDER
     made = make_next()
     redraw_panels()

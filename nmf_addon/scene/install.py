@@ -18,15 +18,7 @@ from .job_space import job_space
 from .light_axes import light_by
 from .material import build_material
 from .pictures import named_pictures
-from .replace import (
-    check_not_edited,
-    edited_of,
-    installed_before,
-    is_of,
-    kept_pictures,
-    mark,
-    replace_asset,
-)
+from .replace import check_not_edited, edited_of, installed_before, is_of, mark, replace_asset
 from .result import job_of_result, read_manifest, read_ply
 from .selection import make_active
 from .world import build_world
@@ -73,7 +65,8 @@ def install_result(
     if earlier is not None:
         check_not_edited(earlier)
     edited = [] if earlier is None else edited_of(earlier)
-    pictures = named_pictures(job, manifest, kept_pictures(edited))
+    kept = {Path(i.filepath).name for block in edited for i in images_of(block)}
+    pictures = named_pictures(job, manifest, kept)
     data = bpy.data
     with nothing_left_behind(
         data.objects, data.meshes, data.materials, data.node_groups, data.images, data.worlds
@@ -87,7 +80,7 @@ def install_result(
             for image in (*images_of(material), *images_of(world)):
                 image.pack()
         item = earlier or _place(context, scene, job, mesh, manifest, collection)
-    kept = [] if earlier is None else replace_asset(earlier, mesh, material, world, edited)
+    left = [] if earlier is None else replace_asset(earlier, mesh, material, world, edited)
     mark(job, item, mesh, material, world)
     moved = adjust_cameras(job, collection) if collection is not None else 0
     _light(world, item, job, manifest, collection)
@@ -99,7 +92,7 @@ def install_result(
         before.use_fake_user = True
     shown.world = world
     make_active(item, _view_layer(context, shown))
-    return InstalledAsset(item, material, world, manifest, moved, tuple(kept))
+    return InstalledAsset(item, material, world, manifest, moved, tuple(left))
 
 
 def _place(

@@ -9,7 +9,6 @@ import bpy
 from bpy.app.handlers import persistent
 from mathutils import Matrix
 
-from ..rendering import is_rendering
 from .replace import JOB
 from .world import turn_with, turns_with
 
@@ -88,7 +87,7 @@ def let_go() -> None:
 @persistent
 def _on_change(scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> None:
     # Blender renders in a thread, which calls this, too; nothing may be written then.
-    if not is_rendering():
+    if not bpy.app.is_job_running("RENDER"):
         let_go()
 
 

@@ -19,14 +19,11 @@ from .edited import is_painted
 from .result import textures_of
 
 
-def named_pictures(job: JobFolder, manifest: dict, kept: set[Path]) -> dict[str, Path]:
+def named_pictures(job: JobFolder, manifest: dict, kept: set[str]) -> dict[str, Path]:
     """The textures' and the environment's files by what they are, in JOB/textures under names of their own.
 
     They are copies, so that who paints on them and saves does not change the result; the result's own
-    files where nothing can be written.
-
-    Args:
-        kept: copies that stay as they are.
+    files where nothing can be written. Copies that are `kept`, by their names, stay as they are.
     """
     entries = {key: manifest["textures"][key] for key in textures_of(manifest)}
     entries["environment"] = manifest["environment"]
@@ -34,7 +31,8 @@ def named_pictures(job: JobFolder, manifest: dict, kept: set[Path]) -> dict[str,
     folder, record = job.root / "textures", job.root / "textures.json"
     try:
         made, now = _made(record), {file.name: _digest(file) for file in files.values()}
-        stem = _free_stem(job.root.name, now, folder, made, kept)
+        made = {name: digest for name, digest in made.items() if name not in kept}
+        stem = _free_stem(job.root.name, now, folder, made)
         folder.mkdir(exist_ok=True)
         named = {key: folder / f"{stem}_{file.name}" for key, file in files.items()}
         for key, file in files.items():
@@ -60,17 +58,14 @@ def _digest(file: Path) -> str:
     return hashlib.sha1(file.read_bytes()).hexdigest()
 
 
-def _free_stem(
-    name: str, now: dict[str, str], folder: Path, made: dict[str, str], kept: set[Path]
-) -> str:
+def _free_stem(name: str, now: dict[str, str], folder: Path, made: dict[str, str]) -> str:
     """A job's name, with a number where pictures of another job of this name are in the open file, or where
-    a person has painted on its own, in this or another file: not as `made`, nor as the result is `now`; or
-    where `kept` ones are not as that."""
+    a person has painted on its own, in this or another file: not as `made`, nor as the result is `now`."""
     taken = {
         copy.name
         for file, digest in now.items()
         for copy in folder.glob(f"*_{file}")
-        if _digest(copy) not in (digest if copy in kept else made.get(copy.name), digest)
+        if _digest(copy) not in (made.get(copy.name), digest)
     }
     for image in bpy.data.images:
         path = Path(os.path.normpath(bpy.path.abspath(image.filepath, library=image.library)))

@@ -6,7 +6,6 @@ import bpy
 
 from ...solver.job.folder import JobFolder
 from ...solver.job.request import JobError
-from .cameras import photo_path
 from .edited import AS_MADE, is_edited
 from .images import images_of
 
@@ -63,12 +62,6 @@ def check_not_edited(item: bpy.types.Object) -> None:
 def edited_of(item: bpy.types.Object) -> list[bpy.types.ID]:
     """What an object was installed with, and a person has edited since."""
     return [block for block in (item.data, *_materials(item), *_worlds(item)) if is_edited(block)]
-
-
-def kept_pictures(edited: list[bpy.types.ID]) -> set[Path]:
-    """Files that the `edited` show, and what was such when a job was installed once more before."""
-    before = (b for b in (*bpy.data.materials, *bpy.data.worlds) if AS_MADE in b and JOB not in b)
-    return {photo_path(image) for block in (*edited, *before) for image in images_of(block)}
 
 
 def _materials(item: bpy.types.Object) -> list[bpy.types.Material]:

@@ -169,7 +169,6 @@ def decimate(mesh: trimesh.Trimesh, triangles: int) -> trimesh.Trimesh:
     simple = trimesh.Trimesh(vertices, faces, process=False)
     simple.update_faces(simple.nondegenerate_faces())
     corners = np.sort(simple.faces, axis=1)
-    _, place, count = np.unique(corners, axis=0, return_inverse=True, return_counts=True)
-    simple.update_faces(count[place.ravel()] == 1)
+    simple.update_faces(trimesh.grouping.group_rows(corners, require_count=1))
     simple.remove_unreferenced_vertices()
     return simple

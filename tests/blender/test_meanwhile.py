@@ -45,8 +45,8 @@ def test_a_result_waits_until_blender_has_rendered_or_baked(
     """A fixed bug: objects that were baked after it came were lit by its World."""
     running = {job}
     app = types.SimpleNamespace(is_job_running=running.__contains__)
-    rendering = extension("rendering")
-    monkeypatch.setattr(rendering, "bpy", types.SimpleNamespace(app=app))
+    fake = types.SimpleNamespace(app=app, context=bpy.context)
+    monkeypatch.setattr(extension("redraw"), "bpy", fake)
     bpy.ops.nmf.reconstruct()
     tick(lambda: monitor.waits_to_install and "render or bake" in monitor.model.text)
     assert not results()
