@@ -5,6 +5,7 @@ solver's own `doctor`.
 """
 
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -133,9 +134,9 @@ def _follow(command: list[str], state: SetupState) -> None:
 def _read(process: subprocess.Popen, state: SetupState) -> None:
     """Follow a process's lines: 'progress FRACTION TEXT', anything else is log."""
     for line in process.stdout:
-        words = line.rstrip().split(" ", 2)
-        if words[0] == "progress" and len(words) == 3:
-            state.fraction, state.text = max(state.fraction, float(words[1])), words[2]
+        told = re.fullmatch(r"progress (-?\d+\.\d+) (.+)", line.rstrip())
+        if told:
+            state.fraction, state.text = max(state.fraction, float(told[1])), told[2]
         elif line.strip():
             state.log.append(line.rstrip())
     code = process.wait()

@@ -96,6 +96,8 @@ def build(options: argparse.Namespace, new: Path) -> None:
         run(solver_command(options, new, "doctor"), failure)
         compile_loops(options, new)
     write_record(options, new)
+    if _cancelled.is_set():
+        raise StepFailed("Cancelled")
     put_in_place(new, options.folder / "environment", options.folder / "previous")
 
 

@@ -20,6 +20,7 @@ from ..capture.camera import Camera
 from ..capture.photos import Photo, linear_to_srgb
 from .held_cells import held_by_silhouettes
 from .seen_space import cell_centres
+from .stereo import AIR, air_seen
 
 FINEST = 64
 """cells per axis on which hollows are looked for, at most"""
@@ -69,11 +70,15 @@ def carve_hollows(
     finer = max(1, hull.shape[0] // FINEST)
     if hull.shape[0] % finer or not hull.any():
         return hull
-    coarse = _coarser(hull, finer)
-    held = _coarser(held_by_silhouettes(cameras, photos, hull, box), finer)
+    held_exactly = held_by_silhouettes(cameras, photos, hull, box)
+    coarse, held = _coarser(hull, finer), _coarser(held_exactly, finer)
     surface = _surface(coarse)
     if (surface & ~held).sum() < LEAST_LOOSE * surface.sum():
         return hull
+    air = air_seen(cameras, photos, coarse, held, box)
+    if air.any():
+        hull = hull & (held_exactly | (_finer(air, coarse, finer) <= AIR))
+        coarse = _coarser(hull, finer)
     carving = Carving(cameras, photos, coarse, box, held)
     floors = carving.until_photos_agree(carving.lids)
     carved = carving.believed(floors, BETTER)
@@ -290,6 +295,12 @@ def _median(values: np.ndarray) -> float:
 def _surface(cells: np.ndarray) -> np.ndarray:
     """Those of the cells [K, K, K] that have a neighbour which is none of them."""
     return cells & ~ndimage.binary_erosion(cells)
+
+
+def _finer(values: np.ndarray, known: np.ndarray, finer: int) -> np.ndarray:
+    """[K·f, K·f, K·f] of f³ cells each, between values [K, K, K] that are `known` there."""
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return ndimage.zoom(values[tuple(nearest)], finer, order=1, mode="nearest", grid_mode=True)
 
 
 def _coarser(cells: np.ndarray, finer: int) -> np.ndarray:

@@ -353,6 +353,12 @@ def test_the_check_tells_what_the_solver_can_do(asked):
     assert (state.log, state.error) == (["doctor", "Cores 2"], "")
 
 
+def test_a_line_that_only_begins_like_one_of_progress_ends_nothing(asked):
+    """A fixed bug: the thread that reads lines ended, and the set-up ran forever."""
+    state = asked("print('progress of downloads')\nprint('progress 0.500 Half')\n")
+    assert (state.log, state.fraction, state.text) == (["progress of downloads"], 0.5, "Half")
+
+
 def test_the_check_tells_why_a_solver_does_not_start(asked):
     assert "no module named torch" in asked("raise SystemExit('no module named torch')\n").error
     assert asked("raise SystemExit(7)\n").error == "It ended with code 7"

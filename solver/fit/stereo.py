@@ -1,0 +1,200 @@
+"""Air within a visual hull, by multi-view stereo: where rays pass to what photos of neighbours agree about.
+
+Each photo votes, along each of its rays, for the place that its neighbours show alike: whose small patches
+correlate best with its own, whatever light or tint each has (Vogiatzis et al. 2007,
+doi:10.1109/TPAMI.2007.70712). What lies before that place is air, and what lies right behind it is not
+(Hernández et al. 2007, doi:10.1109/CVPR.2007.383193). A mirror's image lies behind it as what is in a hollow
+does, but is seen from one side only: votes for air count as far as they come from all around.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+import skimage.measure
+from scipy import ndimage
+
+from ..capture.camera import Camera
+from ..capture.photos import Photo, linear_to_srgb
+from ..threads import usable_cores
+from .seen_space import cell_centres
+
+PATCH = 5
+"""cells along the sides of the squares that are compared, across each axis"""
+FAINT = 0.03
+"""deviation of brightness within a patch, sRGB, below which there is nothing to compare"""
+NEXT, ALIKE = 6, 3
+"""neighbours whose photos each is compared with, and of how many the best correlations count: others see
+something before the place"""
+APART = (4.0, 50.0)
+"""degrees that neighbours are apart"""
+CERTAIN = 0.9
+"""correlation from which on a photo has a vote"""
+BEFORE, BEHIND = 0.5, 3.0
+"""cells before the place voted for at which air ends, and behind it up to which there is none"""
+WIDTH = 0.7
+"""of the votes' blur, cells"""
+DOUBT = 0.12
+"""share of the photos that vote against air everywhere, as it were"""
+AIR = 0.45
+"""share of the votes that air has at least"""
+OFTEN, ALL_AROUND = 0.24, 0.052
+"""share of the photos that vote for air in a hollow, and share by which these votes outweigh the sum of their
+directions"""
+OPENED = 0.02
+"""share of all rays that a hollow may leave hardly anything on: what has a hollow has a bottom, too"""
+BARE, SHORT = 0.9, 4
+"""share of a ray's cells that are air where hardly anything is left; rays with fewer cells do not count"""
+SMALLEST = 0.003
+"""share of the hull that such air has at least"""
+WHOLE = np.ones((3, 3, 3), dtype=bool)
+"""all neighbours of a cell, across edges and corners too"""
+
+
+class _View(NamedTuple):
+    """What a photo shows of N cells.
+
+    Attributes:
+        brightness: [N], sRGB; 0 out of frame. mean, deviation: [3, N] of it within each cell's patches.
+        ray, depth: [N] which of the rays that are a cell apart passes the cell, 0: none; and how far away.
+        directions: [N, 3] from the cells to the camera, unit vectors.
+    """
+
+    brightness: np.ndarray
+    mean: np.ndarray
+    deviation: np.ndarray
+    ray: np.ndarray
+    depth: np.ndarray
+    directions: np.ndarray
+
+
+def air_seen(
+    cameras: list[Camera], photos: list[Photo], hull: np.ndarray, held: np.ndarray, box: np.ndarray
+) -> np.ndarray:
+    """How sure photos are that cells of a visual hull are air that is open to the outside.
+
+    Args:
+        photos: with alpha.
+        hull, held: [K, K, K] bool of cells of the world box [2, 3]; what silhouettes hold is no air.
+
+    Returns:
+        [K, K, K] share of the votes, there and in cells next to it; 0 elsewhere.
+    """
+    stereo = _Stereo(cameras, photos, hull, box)
+    with ThreadPoolExecutor(usable_cores()) as pool:
+        votes = sum(pool.map(stereo.votes, range(len(cameras)))) / len(cameras)
+    air, solid, *across = (ndimage.gaussian_filter(stereo.grid(some), WIDTH) for some in votes)
+    around = air - np.linalg.norm(across, axis=0)
+    share = air / (air + solid + DOUBT)
+    labels, count = ndimage.label(hull & ~held & (share > AIR), WHOLE)
+    outside = ndimage.binary_dilation(~hull)
+    believed = np.zeros_like(hull)
+    for part in (labels == number for number in range(1, count + 1)):
+        open_and_large = (part & outside).any() and part.sum() >= SMALLEST * hull.sum()
+        often = open_and_large and np.median(air[part]) >= OFTEN
+        if often and np.median(around[part]) >= ALL_AROUND and stereo.opened(part) <= OPENED:
+            believed |= part
+    return np.where(ndimage.binary_dilation(believed, WHOLE), share, 0.0)
+
+
+class _Stereo:
+    """The cells of a hull, in what is cut out around it, and what each photo shows of them."""
+
+    def __init__(
+        self, cameras: list[Camera], photos: list[Photo], hull: np.ndarray, box: np.ndarray
+    ):
+        self.hull, self.cut = hull, ndimage.find_objects(hull.astype(np.int8))[0]
+        self.within = hull[self.cut]
+        self.edge = float((box[1] - box[0]).max()) / hull.shape[0]
+        self.points = cell_centres(box, hull.shape[0]).reshape(*hull.shape, 3)[hull]
+        self.filled = np.ones(1, dtype=np.float32)
+        self.filled = self._in_patches(np.ones(len(self.points)))
+        with ThreadPoolExecutor(usable_cores()) as pool:
+            self.views = list(pool.map(self._view, cameras, photos))
+        towards = np.stack([view.directions.mean(0) for view in self.views])
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        self.apart = np.degrees(np.arccos((towards @ towards.T).clip(-1, 1)))
+
+    def _view(self, camera: Camera, photo: Photo) -> _View:
+        pixel, depth = camera.project(self.points)
+        scale = max(camera.fx, camera.fy) / np.median(camera.depths_of_scale(self.points, depth))
+        width = self.edge * scale
+        smaller = max(1, int(width / 2))
+        reduced = skimage.measure.block_reduce(photo.pixels, (smaller, smaller, 1), np.mean)
+        cover = (reduced[..., 3] > 0.5).astype(np.float32)
+        straight = linear_to_srgb(reduced[..., :3] / np.maximum(reduced[..., 3:], 1e-3)).clip(0, 1)
+        blur = 0.4 * width / smaller
+        blurred = ndimage.gaussian_filter(straight.mean(-1) * cover, blur)
+        blurred /= np.maximum(ndimage.gaussian_filter(cover, blur), 1e-3)
+        rows, columns = photo.pixels.shape[:2]
+        column, row = np.nan_to_num(pixel, nan=-1.0).T
+        inside = (depth > 0) & (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        if photo.told is not None:
+            at = row.clip(0, rows - 1).astype(int), column.clip(0, columns - 1).astype(int)
+            inside &= photo.told[at]
+        place = [row / smaller - 0.5, column / smaller - 0.5]
+        shown = ndimage.map_coordinates(blurred, place, order=1, mode="nearest")
+        brightness = np.where(inside, shown, 0).astype(np.float32)
+        cell = (row // width) * (columns // width + 1) + column // width
+        ray = np.unique(np.where(inside, cell, -1.0), return_inverse=True)[1] + inside.all()
+        mean = self._in_patches(brightness)
+        variance = self._in_patches(brightness**2) - mean**2
+        directions = camera.position - self.points
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        return _View(
+            brightness, mean, np.sqrt(np.maximum(variance, FAINT**2)), ray,
+            depth.astype(np.float32), directions.astype(np.float32),
+        )  # fmt: skip
+
+    def _in_patches(self, values: np.ndarray) -> np.ndarray:
+        """[3, N]: means of `values` [N] over the hull's cells in a square across each axis."""
+        grid = np.zeros(self.within.shape, dtype=np.float32)
+        grid[self.within] = values
+        sizes = PATCH - (PATCH - 1) * np.eye(3, dtype=int)
+        sums = [ndimage.uniform_filter(grid, size, mode="constant") for size in sizes]
+        return np.stack([some[self.within] for some in sums]) / self.filled
+
+    def _correlation(self, number: int) -> np.ndarray:
+        """[N]: how alike a photo and its neighbours show the cells, at most 1."""
+        view, apart = self.views[number], self.apart[number]
+        near = [i for i in np.argsort(apart) if APART[0] < apart[i] < APART[1]][:NEXT]
+        if len(near) < ALIKE:
+            return np.full(len(self.points), -1.0)
+        found = []
+        for other in (self.views[i] for i in near):
+            together = self._in_patches(view.brightness * other.brightness) - view.mean * other.mean
+            found.append(together / (view.deviation * other.deviation))
+        return np.sort(found, axis=0)[-ALIKE:].mean(0).max(0)
+
+    def votes(self, number: int) -> np.ndarray:
+        """[5, N] of a photo: for air, for something, and for air times the direction to the camera."""
+        view = self.views[number]
+        correlation = np.where(view.ray > 0, self._correlation(number), -1.0)
+        best = np.full(view.ray.max() + 1, CERTAIN)
+        np.maximum.at(best, view.ray, correlation)
+        place = np.full(len(best), np.nan)
+        voted = correlation >= best[view.ray]
+        place[view.ray[voted]] = view.depth[voted]
+        beyond = (view.depth - place[view.ray]) / self.edge
+        weight = best[view.ray]
+        air = weight * (beyond < -BEFORE)
+        solid = weight * ((beyond > -BEFORE) & (beyond < BEHIND))
+        return np.stack([air, solid, *(air * view.directions.T)])
+
+    def opened(self, cells: np.ndarray) -> float:
+        """Share of all photos' rays that pass hardly any of the hull but these `cells` [K, K, K]."""
+        bare = passed = 0
+        for view in self.views:
+            count = np.bincount(view.ray)
+            long = count >= SHORT
+            long[0] = False
+            gone = np.bincount(view.ray, cells[self.hull])
+            bare += (long & (gone >= BARE * count)).sum()
+            passed += long.sum()
+        return bare / max(passed, 1)
+
+    def grid(self, values: np.ndarray) -> np.ndarray:
+        """[K, K, K]: `values` [N] at the hull's cells, 0 elsewhere."""
+        grid = np.zeros(self.hull.shape)
+        grid[self.hull] = values
+        return grid
