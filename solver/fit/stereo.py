@@ -3,8 +3,8 @@
 Each photo votes, along each of its rays, for the place that its neighbours show alike: whose small patches
 correlate best with its own, whatever light or tint each has (Vogiatzis et al. 2007,
 doi:10.1109/TPAMI.2007.70712). What lies before that place is air, and what lies right behind it is not
-(Hernández et al. 2007, doi:10.1109/CVPR.2007.383193). A mirror's image lies behind it as what is in a hollow
-does, but is seen from one side only: votes for air count as far as they come from all around.
+(Hernández et al. 2007, doi:10.1109/CVPR.2007.383193). The image in a mirror lies behind that, as what is in
+a hollow lies behind its lid, but few photos see it there, from one side, or all of the mirror would be air.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -36,12 +36,12 @@ WIDTH = 0.7
 """of the votes' blur, cells"""
 DOUBT = 0.12
 """share of the photos that vote against air everywhere, as it were"""
-AIR = 0.45
+AIR = 0.4
 """share of the votes that air has at least"""
-OFTEN, ALL_AROUND = 0.24, 0.052
-"""share of the photos that vote for air in a hollow, and share by which these votes outweigh the sum of their
-directions"""
-OPENED = 0.02
+OFTEN, ALL_AROUND = 0.235, 0.046
+"""share of the photos that vote for air in a hollow, and share by which these votes outweigh the sum of
+their directions, which is as long as they are if all come from one side"""
+OPENED = 0.027
 """share of all rays that a hollow may leave hardly anything on: what has a hollow has a bottom, too"""
 BARE, SHORT = 0.9, 4
 """share of a ray's cells that are air where hardly anything is left; rays with fewer cells do not count"""
@@ -80,8 +80,8 @@ def air_seen(
     Returns:
         [K, K, K] share of the votes, there and in cells next to it; 0 elsewhere.
     """
-    stereo = _Stereo(cameras, photos, hull, box)
     with ThreadPoolExecutor(usable_cores()) as pool:
+        stereo = _Stereo(cameras, photos, hull, box, pool)
         votes = sum(pool.map(stereo.votes, range(len(cameras)))) / len(cameras)
     air, solid, *across = (ndimage.gaussian_filter(stereo.grid(some), WIDTH) for some in votes)
     around = air - np.linalg.norm(across, axis=0)
@@ -101,19 +101,25 @@ class _Stereo:
     """The cells of a hull, in what is cut out around it, and what each photo shows of them."""
 
     def __init__(
-        self, cameras: list[Camera], photos: list[Photo], hull: np.ndarray, box: np.ndarray
-    ):
-        self.hull, self.cut = hull, ndimage.find_objects(hull.astype(np.int8))[0]
-        self.within = hull[self.cut]
+        self, cameras: list[Camera], photos: list[Photo], hull: np.ndarray, box: np.ndarray,
+        pool: ThreadPoolExecutor,
+    ):  # fmt: skip
+        self.hull = hull
+        around = hull[ndimage.find_objects(hull.astype(np.int8))[0]]
+        self.shape, self.cells = around.shape, np.flatnonzero(around)
         self.edge = float((box[1] - box[0]).max()) / hull.shape[0]
         self.points = cell_centres(box, hull.shape[0]).reshape(*hull.shape, 3)[hull]
         self.filled = np.ones(1, dtype=np.float32)
         self.filled = self._in_patches(np.ones(len(self.points)))
-        with ThreadPoolExecutor(usable_cores()) as pool:
-            self.views = list(pool.map(self._view, cameras, photos))
+        self.views = list(pool.map(self._view, cameras, photos))
         towards = np.stack([view.directions.mean(0) for view in self.views])
         towards /= np.linalg.norm(towards, axis=1, keepdims=True)
-        self.apart = np.degrees(np.arccos((towards @ towards.T).clip(-1, 1)))
+        apart = np.degrees(np.arccos((towards @ towards.T).clip(-1, 1)))
+        self.near = [
+            [i for i in np.argsort(row) if APART[0] < row[i] < APART[1]][:NEXT] for row in apart
+        ]
+        pairs = {tuple(sorted((i, j))) for i, near in enumerate(self.near) for j in near}
+        self.pairs = dict(zip(pairs, pool.map(self._correlation, pairs), strict=True))
 
     def _view(self, camera: Camera, photo: Photo) -> _View:
         pixel, depth = camera.project(self.points)
@@ -148,28 +154,25 @@ class _Stereo:
 
     def _in_patches(self, values: np.ndarray) -> np.ndarray:
         """[3, N]: means of `values` [N] over the hull's cells in a square across each axis."""
-        grid = np.zeros(self.within.shape, dtype=np.float32)
-        grid[self.within] = values
+        grid = np.zeros(self.shape, dtype=np.float32)
+        grid.ravel()[self.cells] = values
         sizes = PATCH - (PATCH - 1) * np.eye(3, dtype=int)
-        sums = [ndimage.uniform_filter(grid, size, mode="constant") for size in sizes]
-        return np.stack([some[self.within] for some in sums]) / self.filled
+        means = (ndimage.uniform_filter(grid, size, mode="constant") for size in sizes)
+        return np.stack([some.ravel()[self.cells] for some in means]) / self.filled
 
-    def _correlation(self, number: int) -> np.ndarray:
-        """[N]: how alike a photo and its neighbours show the cells, at most 1."""
-        view, apart = self.views[number], self.apart[number]
-        near = [i for i in np.argsort(apart) if APART[0] < apart[i] < APART[1]][:NEXT]
-        if len(near) < ALIKE:
-            return np.full(len(self.points), -1.0)
-        found = []
-        for other in (self.views[i] for i in near):
-            together = self._in_patches(view.brightness * other.brightness) - view.mean * other.mean
-            found.append(together / (view.deviation * other.deviation))
-        return np.sort(found, axis=0)[-ALIKE:].mean(0).max(0)
+    def _correlation(self, pair: tuple[int, int]) -> np.ndarray:
+        """[N]: how alike two photos show the cells, at most 1: across the axis along which they do most."""
+        one, other = (self.views[number] for number in pair)
+        together = self._in_patches(one.brightness * other.brightness) - one.mean * other.mean
+        return (together / (one.deviation * other.deviation)).max(0)
 
     def votes(self, number: int) -> np.ndarray:
         """[5, N] of a photo: for air, for something, and for air times the direction to the camera."""
-        view = self.views[number]
-        correlation = np.where(view.ray > 0, self._correlation(number), -1.0)
+        view, near = self.views[number], self.near[number]
+        if len(near) < ALIKE:
+            return np.zeros((5, len(self.points)))
+        alike = [self.pairs[tuple(sorted((number, other)))] for other in near]
+        correlation = np.where(view.ray > 0, np.sort(alike, axis=0)[-ALIKE:].mean(0), -1.0)
         best = np.full(view.ray.max() + 1, CERTAIN)
         np.maximum.at(best, view.ray, correlation)
         place = np.full(len(best), np.nan)

@@ -48,6 +48,12 @@ def mirroring(points, directions):
     return np.where((down & (far < 1.5))[:, None], floor, [0.5, 0.6, 0.7])
 
 
+def mirror_door(points, directions):
+    """sRGB of a painted block, one side of which is a mirror."""
+    door = points[:, :1] > 0.58
+    return np.where(door, mirroring(points, directions), painted(points, directions))
+
+
 def stump(points):
     """A ball cut off flat."""
     return ball(points) & (points[:, 2] < 0.3)
