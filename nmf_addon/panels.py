@@ -1,6 +1,6 @@
 """The sidebar tab "NMF" of the 3D View: capture, reconstruct, result."""
 
-import bpy
+from bpy.types import Context, Panel, UILayout
 
 from ..solver.capture.errors import counted
 from ..solver.job.events import clock
@@ -33,15 +33,15 @@ class Sidebar:
     bl_category = "NMF"
 
 
-class NMF_PT_capture(Sidebar, bpy.types.Panel):
+class NMF_PT_capture(Sidebar, Panel):
     """Cameras, photos and the region of interest"""
 
     bl_label = "Capture"
 
-    def draw_header(self, context: bpy.types.Context) -> None:
+    def draw_header(self, context: Context) -> None:
         self.layout.label(icon="CAMERA_DATA")
 
-    def draw(self, context: bpy.types.Context) -> None:
+    def draw(self, context: Context) -> None:
         layout = self.layout
         collection = active_capture(context)
         if collection is None:
@@ -90,15 +90,15 @@ class NMF_PT_capture(Sidebar, bpy.types.Panel):
         _draw_findings(layout, context, report)
 
 
-class NMF_PT_reconstruct(Sidebar, bpy.types.Panel):
+class NMF_PT_reconstruct(Sidebar, Panel):
     """Start, watch and cancel a reconstruction"""
 
     bl_label = "Reconstruct"
 
-    def draw_header(self, context: bpy.types.Context) -> None:
+    def draw_header(self, context: Context) -> None:
         self.layout.label(icon="SHADERFX")
 
-    def draw(self, context: bpy.types.Context) -> None:
+    def draw(self, context: Context) -> None:
         layout = self.layout
         if monitor.running:
             _draw_progress(layout, context)
@@ -118,15 +118,15 @@ class NMF_PT_reconstruct(Sidebar, bpy.types.Panel):
         _draw_preview(layout, context)
 
 
-class NMF_PT_result(Sidebar, bpy.types.Panel):
+class NMF_PT_result(Sidebar, Panel):
     """Install, relight and compare a result"""
 
     bl_label = "Result"
 
-    def draw_header(self, context: bpy.types.Context) -> None:
+    def draw_header(self, context: Context) -> None:
         self.layout.label(icon="MATERIAL")
 
-    def draw(self, context: bpy.types.Context) -> None:
+    def draw(self, context: Context) -> None:
         layout = self.layout
         column = layout.column(align=True)
         column.operator("nmf.relight_hdri", icon="WORLD")
@@ -137,9 +137,7 @@ class NMF_PT_result(Sidebar, bpy.types.Panel):
         column.operator("nmf.open_job_folder", icon="FILE_FOLDER")
 
 
-def _draw_solve(
-    layout: bpy.types.UILayout, context: bpy.types.Context, words: dict[str, str]
-) -> None:
+def _draw_solve(layout: UILayout, context: Context, words: dict[str, str]) -> None:
     """Solve Cameras, and Use Moving Camera where there is one.
 
     None while a task runs: Blender leaves a button that goes grey under the pointer grey after that.
@@ -151,7 +149,7 @@ def _draw_solve(
         layout.operator("nmf.use_moving_camera", icon="VIEW_CAMERA", **words)
 
 
-def _draw_task(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+def _draw_task(layout: UILayout, context: Context) -> None:
     model = side_task.model
     if side_task.running:
         _draw_bar(layout, context, model, "nmf.cancel_task")
@@ -159,16 +157,14 @@ def _draw_task(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         _draw_end(layout, context, model)
 
 
-def _is_undone(context: bpy.types.Context) -> bool:
+def _is_undone(context: Context) -> bool:
     """Whether what the last task has done is not to be seen in the tab's capture."""
     holds_for, collection = side_task.holds_for, active_capture(context)
     is_told = side_task.model.state != "done" or holds_for is None
     return not is_told and (collection is None or not holds_for(collection))
 
 
-def _draw_bar(
-    layout: bpy.types.UILayout, context: bpy.types.Context, model: JobModel, cancel: str
-) -> None:
+def _draw_bar(layout: UILayout, context: Context, model: JobModel, cancel: str) -> None:
     doing = "Cancelling…" if model.cancelling else model.text
     paragraph(layout, context, doing, icon="SORTTIME")
     column = layout.column(align=True)
@@ -177,7 +173,7 @@ def _draw_bar(
     column.operator(cancel, icon="X")
 
 
-def _draw_findings(layout: bpy.types.UILayout, context: bpy.types.Context, report: dict) -> None:
+def _draw_findings(layout: UILayout, context: Context, report: dict) -> None:
     if not report:
         return
     findings = report.get("findings", [])
@@ -192,9 +188,7 @@ def _draw_findings(layout: bpy.types.UILayout, context: bpy.types.Context, repor
         paragraph(box, context, report["estimate"]["text"], icon="TIME")
 
 
-def _draw_missing_solver(
-    layout: bpy.types.UILayout, context: bpy.types.Context, problem: str
-) -> None:
+def _draw_missing_solver(layout: UILayout, context: Context, problem: str) -> None:
     box = layout.box()
     paragraph(box, context, problem, icon="INFO")
     if preferences.chosen_python():
@@ -209,7 +203,7 @@ def _draw_missing_solver(
     preferences.draw_setup(box, context)
 
 
-def _draw_settings(layout: bpy.types.UILayout, settings) -> None:
+def _draw_settings(layout: UILayout, settings) -> None:
     column = layout.column()
     column.use_property_split, column.use_property_decorate = True, False
     for name in ("preset", "device", "exposure", "turntable", "texture_size"):
@@ -221,7 +215,7 @@ def _draw_settings(layout: bpy.types.UILayout, settings) -> None:
     limited.prop(settings, "time_limit", text="min")
 
 
-def _draw_progress(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+def _draw_progress(layout: UILayout, context: Context) -> None:
     model = monitor.model
     _draw_bar(layout, context, model, "nmf.cancel")
     if model.psnr is not None and model.stage == "fit":
@@ -235,7 +229,7 @@ def _draw_progress(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     _draw_warnings(layout, context, model)
 
 
-def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+def _draw_outcome(layout: UILayout, context: Context) -> None:
     model = monitor.model
     if model.state not in OUTCOME_ICONS:
         return
@@ -249,7 +243,7 @@ def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
             row.operator("nmf.copy_report", icon="COPYDOWN")
 
 
-def _draw_end(layout: bpy.types.UILayout, context: bpy.types.Context, model: JobModel) -> None:
+def _draw_end(layout: UILayout, context: Context, model: JobModel) -> None:
     paragraph(layout, context, model.text, icon=OUTCOME_ICONS[model.state])
     for line in short_error(model.error):
         note(layout, context, line)
@@ -263,14 +257,14 @@ def short_error(text: str) -> list[str]:
     return told if len(told) <= ERROR_LINES else told[:1] + told[1 - ERROR_LINES :]
 
 
-def _draw_warnings(layout: bpy.types.UILayout, context: bpy.types.Context, model: JobModel) -> None:
+def _draw_warnings(layout: UILayout, context: Context, model: JobModel) -> None:
     for text in model.warnings[:2]:
         paragraph(layout, context, text, icon="ERROR")
     if len(model.warnings) > 2:
         note(layout, context, f"and {len(model.warnings) - 2} more in the log")
 
 
-def _draw_preview(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+def _draw_preview(layout: UILayout, context: Context) -> None:
     pictures = thumbnails.icons()
     if not pictures:
         return

@@ -2,19 +2,19 @@
 
 import textwrap
 
-import bpy
+from bpy.types import Context, UILayout
 
 UNIT = 20  # pixels of a button's height at a resolution scale of 1
 LETTERS = 2.7  # of an average width, in a unit
 
 
-def units(context: bpy.types.Context) -> float:
+def units(context: Context) -> float:
     """Width of a region's panels in button heights."""
     scale = context.preferences.system.ui_scale or 1.0  # 0 before a window is there
     return context.region.width / (UNIT * scale) - 1.5
 
 
-def letters(context: bpy.types.Context, taken: float = 0.5) -> int:
+def letters(context: Context, taken: float = 0.5) -> int:
     """How many letters a line of a region's panels holds.
 
     Args:
@@ -23,9 +23,7 @@ def letters(context: bpy.types.Context, taken: float = 0.5) -> int:
     return max(int((units(context) - taken) * LETTERS), 16)
 
 
-def paragraph(
-    layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE"
-) -> None:
+def paragraph(layout: UILayout, context: Context, text: str, icon: str = "NONE") -> None:
     """A label in lines."""
     column = layout.column(align=True)
     column.scale_y = 0.85
@@ -34,7 +32,7 @@ def paragraph(
         column.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
 
 
-def note(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:
+def note(layout: UILayout, context: Context, text: str) -> None:
     """A greyed label in lines."""
     column = layout.column(align=True)
     column.active = False

@@ -4,6 +4,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import bpy
+from bpy.types import Context, Event, FileHandler, Operator, OperatorFileListElement
 from bpy_extras.io_utils import ImportHelper
 
 from ..nmf_addon.scene.archives import unpack_all
@@ -23,7 +24,7 @@ IGNORED = (
 )
 
 
-class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
+class NMF_OT_import_capture(ImportHelper, Operator):
     """Import photos with known cameras as a capture: pick a camera file, its folder, or an app's
     archive (.zip, .r3d), which is unpacked next to itself"""
 
@@ -33,7 +34,7 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
 
     filter_glob: bpy.props.StringProperty(default=FILTER, options={"HIDDEN"})
     files: bpy.props.CollectionProperty(
-        type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"}
+        type=OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"}
     )
     directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
     photos: bpy.props.StringProperty(
@@ -54,7 +55,7 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
     )
 
     @reporting()
-    def execute(self, context: bpy.types.Context) -> set[str] | None:
+    def execute(self, context: Context) -> set[str] | None:
         """Import all that was picked, or nothing."""
         paths = self._paths()
         if not paths:  # of a script; the file browser has a folder at least
@@ -73,13 +74,13 @@ class NMF_OT_import_capture(ImportHelper, bpy.types.Operator):
             with suppress(RuntimeError):  # it reports why it cannot, and its button stays
                 bpy.ops.nmf.show_photos()
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    def invoke(self, context: Context, event: Event) -> set[str]:
         """Import what was dropped, else ask for a file."""
         if self.directory and any(entry.name for entry in self.files):
             return self.execute(context)
         return ImportHelper.invoke(self, context, event)
 
-    def draw(self, context: bpy.types.Context) -> None:
+    def draw(self, context: Context) -> None:
         column = self.layout.column()
         column.use_property_split, column.use_property_decorate = True, False
         for name in ("photos", "masks", "ignored"):
@@ -100,7 +101,7 @@ def _folder(text: str) -> Path | None:
     return Path(bpy.path.abspath(text)) if text.strip() else None
 
 
-class NMF_FH_capture(bpy.types.FileHandler):
+class NMF_FH_capture(FileHandler):
     """Drop of camera files and archives into the 3D View."""
 
     bl_idname = "NMF_FH_capture"
@@ -109,12 +110,12 @@ class NMF_FH_capture(bpy.types.FileHandler):
     bl_file_extensions = ";".join(e for e in CAMERA_FILES + ARCHIVES if e != INSTALLED)
 
     @classmethod
-    def poll_drop(cls, context: bpy.types.Context) -> bool:
+    def poll_drop(cls, context: Context) -> bool:
         """In the 3D View."""
         return context.area is not None and context.area.type == "VIEW_3D"
 
 
-def draw_menu(self, context: bpy.types.Context) -> None:
+def draw_menu(self, context: Context) -> None:
     """Entry of File › Import."""
     self.layout.operator(
         NMF_OT_import_capture.bl_idname, text="Capture for Microfacet Fields (Photos with Cameras)"

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import bpy
+from bpy.types import Context, Event, Operator
 
 from ..nmf_addon.jobs.monitor import monitor
 from ..nmf_addon.scene.install import install_result
@@ -11,7 +12,7 @@ from ..nmf_addon.scene.result import job_of_result
 from ..solver.job.request import JobError
 
 
-class NMF_OT_install_result(bpy.types.Operator):
+class NMF_OT_install_result(Operator):
     """Add the object of a finished job to the scene, under its recovered light"""
 
     bl_idname = "nmf.install_result"
@@ -25,18 +26,18 @@ class NMF_OT_install_result(bpy.types.Operator):
     directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def poll(cls, context: Context) -> bool:
         """In Object Mode: the result becomes the active object."""
         cls.poll_message_set("Switch to Object Mode first: the result becomes the active object")
         return context.mode == "OBJECT"
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    def invoke(self, context: Context, event: Event) -> set[str]:
         """Ask for the folder, starting at the last job."""
         self.directory = context.scene.nmf.job
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def execute(self, context: Context) -> set[str]:
         """Install with the capture the job was made from, else by itself."""
         stated = self.job or self.directory
         if not stated:  # of a script; the file browser has a folder

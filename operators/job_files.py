@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import bpy
+from bpy.types import Context, Operator
 
 from ..nmf_addon import preferences, runtime
 from ..nmf_addon.jobs.monitor import monitor
@@ -15,23 +16,23 @@ from ..solver.job.folder import JobFolder
 from ..solver.job.request import JobError
 
 
-class NMF_OT_open_job_folder(bpy.types.Operator):
+class NMF_OT_open_job_folder(Operator):
     """Show the folder of the active object's job, else of the last one: mesh, textures, light and log"""
 
     bl_idname = "nmf.open_job_folder"
     bl_label = "Open Job Folder"
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def poll(cls, context: Context) -> bool:
         """With a job."""
         cls.poll_message_set("There is no job yet")
         return bool(_installed_from(context)) or monitor.job is not None
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def execute(self, context: Context) -> set[str]:
         return _open(self, _job_meant(context).root)
 
 
-class NMF_OT_open_report(bpy.types.Operator):
+class NMF_OT_open_report(Operator):
     """Show the report of the active object's job, else of the last one, in the web browser: photos next to
     renders, and numbers"""
 
@@ -39,29 +40,29 @@ class NMF_OT_open_report(bpy.types.Operator):
     bl_label = "Open Report"
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def poll(cls, context: Context) -> bool:
         """With a finished job."""
         cls.poll_message_set("There is no finished job yet")
         is_done = monitor.job is not None and monitor.model.state == "done"
         return bool(_installed_from(context)) or is_done
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def execute(self, context: Context) -> set[str]:
         return _open(self, _job_meant(context).result_dir / "report.html")
 
 
-class NMF_OT_copy_report(bpy.types.Operator):
+class NMF_OT_copy_report(Operator):
     """Copy the error with the end of the log, to paste into a bug report"""
 
     bl_idname = "nmf.copy_report"
     bl_label = "Copy Error Report"
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def poll(cls, context: Context) -> bool:
         """After a job."""
         cls.poll_message_set("There is no job yet")
         return monitor.job is not None
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def execute(self, context: Context) -> set[str]:
         context.window_manager.clipboard = error_report()
         self.report({"INFO"}, "Copied the report to the clipboard")
         return {"FINISHED"}
@@ -105,13 +106,13 @@ def _asked_for(job: JobFolder) -> list[tuple[Path, str]]:
     return [(folder, name) for folder, name in folders if not folder.is_relative_to(job.root)]
 
 
-def _installed_from(context: bpy.types.Context) -> str:
+def _installed_from(context: Context) -> str:
     """Path of the job that the active object was installed from; empty if it is no result."""
     item = context.view_layer.objects.active
     return "" if item is None else str(item.get(JOB, ""))
 
 
-def _job_meant(context: bpy.types.Context) -> JobFolder:
+def _job_meant(context: Context) -> JobFolder:
     """The active object's job, else the last one; also of a project that has moved since."""
     path, last = _installed_from(context), monitor.job
     if not path or (last and is_of(context.view_layer.objects.active, last)):
@@ -119,7 +120,7 @@ def _job_meant(context: bpy.types.Context) -> JobFolder:
     return job_of_result(Path(path))
 
 
-def _open(operator: bpy.types.Operator, path: Path) -> set[str]:
+def _open(operator: Operator, path: Path) -> set[str]:
     if not path.exists():
         operator.report({"ERROR"}, f"{path}: it no longer exists")
         return {"CANCELLED"}

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from functools import wraps
 
-import bpy
+from bpy.types import Context, Operator
 
 from ..nmf_addon.jobs.side_task import TaskError
 from ..nmf_addon.runtime import RuntimeMissing
@@ -20,7 +20,7 @@ class WithCapture:
     """For operators that need a capture in the scene."""
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def poll(cls, context: Context) -> bool:
         """With a capture."""
         cls.poll_message_set("Import a capture first")
         return active_capture(context) is not None
@@ -35,7 +35,7 @@ def reporting(*others: type[Exception]) -> Callable[[Callable], Callable]:
 
     def reports(execute: Callable) -> Callable:
         @wraps(execute)
-        def run(self: bpy.types.Operator, context: bpy.types.Context) -> set[str]:
+        def run(self: Operator, context: Context) -> set[str]:
             try:
                 return execute(self, context) or {"FINISHED"}
             except (*FOR_PEOPLE, *others) as error:

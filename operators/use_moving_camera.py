@@ -1,6 +1,7 @@
 """Make a capture of a camera that moves before a film."""
 
 import bpy
+from bpy.types import Context, Event, Operator
 
 from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import jobs_folder, new_job_root
@@ -12,7 +13,7 @@ from ..solver.capture.errors import CaptureError
 from .polls import reporting
 
 
-class NMF_OT_use_moving_camera(bpy.types.Operator):
+class NMF_OT_use_moving_camera(Operator):
     """Make a capture from a camera that is tracked, animated or imported, and the footage behind it: one
     camera for each photo, where it stands in the scene"""
 
@@ -32,7 +33,7 @@ class NMF_OT_use_moving_camera(bpy.types.Operator):
     )  # fmt: skip
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def poll(cls, context: Context) -> bool:
         """With a camera that has a film, while no other task runs."""
         if side_task.running:
             cls.poll_message_set(f"{side_task.title} is running")
@@ -42,20 +43,20 @@ class NMF_OT_use_moving_camera(bpy.types.Operator):
         )
         return shot_camera(context) is not None
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    def invoke(self, context: Context, event: Event) -> set[str]:
         frames = shot_of(shot_camera(context), context.scene).frames
         if frames:
             self.first, self.last = frames[0], frames[-1]
         return context.window_manager.invoke_props_dialog(self)
 
-    def draw(self, context: bpy.types.Context) -> None:
+    def draw(self, context: Context) -> None:
         column = self.layout.column()
         column.use_property_split, column.use_property_decorate = True, False
         for name in ("first", "last", "count"):
             column.prop(self, name)
 
     @reporting()
-    def execute(self, context: bpy.types.Context) -> set[str] | None:
+    def execute(self, context: Context) -> set[str] | None:
         """Make the capture, or take photos from the video first."""
         item = shot_camera(context)
         shot, name, number = shot_of(item, context.scene), item.name, item.session_uid

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 
 import bpy
 from bpy.app.handlers import persistent
+from bpy.types import Camera, Object
 from mathutils import Matrix
 
 from ..names import BASE_PACKAGE
@@ -28,7 +29,7 @@ PAUSE, PAUSE_IN_RENDER = 0.02, 1.0
 _log = logging.getLogger(BASE_PACKAGE)
 
 
-def await_copies(items: Iterable[bpy.types.Object]) -> None:
+def await_copies(items: Iterable[Object]) -> None:
     """Give camera objects copies of photos that are not as cameras saw them, and begin to fill these."""
     for item in items:
         keep_behind(item.data, empty_copy(item.name))
@@ -38,14 +39,14 @@ def await_copies(items: Iterable[bpy.types.Object]) -> None:
     _go_on()
 
 
-def awaiting(items: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
+def awaiting(items: Iterable[Object]) -> list[Object]:
     """Those of some objects that are cameras without their copies."""
     return [
         i for i in items if i.type == "CAMERA" and i.users and not i.data.library and _waits(i.data)
     ]
 
 
-def _waits(data: bpy.types.Camera) -> bool:
+def _waits(data: Camera) -> bool:
     copy = copy_behind(data)
     shown = any(b.show_background_image and b.image == copy for b in data.background_images)
     return copy is not None and (AWAITS in data or (shown and copy.source == EMPTY))

@@ -9,6 +9,7 @@ from functools import lru_cache
 
 import bpy
 import numpy as np
+from bpy.types import Image
 
 from ...solver.capture.camera import Camera
 from ...solver.capture.image_header import image_orientation, image_size
@@ -30,16 +31,14 @@ def turn_of(camera: Camera) -> int:
     return turn_for(size, tag, camera.width, camera.height) or 1
 
 
-def empty_copy(name: str) -> bpy.types.Image:
+def empty_copy(name: str) -> Image:
     """An image that `fill_copy` is to fill, of the photo of a camera of that name."""
     copy = bpy.data.images.new(f"{name} undistorted", 1, 1, alpha=True)
     copy[UNDISTORTED] = True
     return copy
 
 
-def fill_copy(
-    copy: bpy.types.Image, camera: Camera, photo: bpy.types.Image, turn: int | None = None
-) -> None:
+def fill_copy(copy: Image, camera: Camera, photo: Image, turn: int | None = None) -> None:
     """Let an empty copy show `photo` through a pinhole, with at most `WIDEST` pixels, and pack it.
 
     What the lens does not reach is transparent.

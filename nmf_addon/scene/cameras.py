@@ -6,6 +6,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from bpy.types import Image, MovieClip, Object, Scene
 from mathutils import Matrix
 
 from ...solver.capture.camera import Camera
@@ -30,9 +31,7 @@ UNDISTORTED = "nmf_undistorted"
 """mark of an image that shows another one upright and without its lens' distortion"""
 
 
-def add_camera(
-    camera: Camera, image: bpy.types.Image | None, frame: float = 0.0
-) -> bpy.types.Object:
+def add_camera(camera: Camera, image: Image | None, frame: float = 0.0) -> Object:
     """A camera object with the photo as background, which is off for a panorama; linked to nothing yet.
 
     Args:
@@ -104,14 +103,14 @@ def _fit_sensor(data: bpy.types.Camera, camera: Camera, frame: float) -> None:
     data.shift_y = (camera.cy - 0.5 * camera.height) / (across * aspect)
 
 
-def frame_of(scene: bpy.types.Scene) -> float:
+def frame_of(scene: Scene) -> float:
     """Width over height of what a scene renders."""
     render = scene.render
     width = render.resolution_x * render.pixel_aspect_x
     return width / (render.resolution_y * render.pixel_aspect_y)
 
 
-def fit_photos(scene: bpy.types.Scene) -> None:
+def fit_photos(scene: Scene) -> None:
     """Let the scene lie under the photos of imported cameras again, after its render has got another shape.
 
     Blender fits a photo into the frame as a whole, so its camera needs the side of its sensor fitted that
@@ -125,25 +124,25 @@ def fit_photos(scene: bpy.types.Scene) -> None:
             _fit_sensor(item.data, to_solver(item, Matrix.Identity(4)), frame)
 
 
-def keep_behind(data: bpy.types.Camera, picture: bpy.types.Image) -> None:
+def keep_behind(data: bpy.types.Camera, picture: Image) -> None:
     """Add a picture to those behind a camera, which is off."""
     _add_background(data, picture, False)
 
 
-def show_behind(data: bpy.types.Camera, picture: bpy.types.Image) -> None:
+def show_behind(data: bpy.types.Camera, picture: Image) -> None:
     """Of the pictures behind a camera, show one; the others are kept but off."""
     for background in data.background_images:
         background.show_background_image = background.image == picture
     data.show_background_images = True
 
 
-def copy_behind(data: bpy.types.Camera) -> bpy.types.Image | None:
+def copy_behind(data: bpy.types.Camera) -> Image | None:
     """The undistorted copy among the pictures behind a camera."""
     images = (background.image for background in data.background_images)
     return next((image for image in images if image and image.get(UNDISTORTED)), None)
 
 
-def _add_background(data: bpy.types.Camera, picture: bpy.types.Image, is_shown: bool) -> None:
+def _add_background(data: bpy.types.Camera, picture: Image, is_shown: bool) -> None:
     background = data.background_images.new()
     background.image = picture
     background.alpha = 1.0
@@ -152,7 +151,7 @@ def _add_background(data: bpy.types.Camera, picture: bpy.types.Image, is_shown: 
     background.show_background_image = is_shown
 
 
-def photo_of(item: bpy.types.Object) -> bpy.types.Image | None:
+def photo_of(item: Object) -> Image | None:
     """The photo among the background images of a camera object; a film is none."""
     for background in item.data.background_images:
         image = background.image
@@ -161,7 +160,7 @@ def photo_of(item: bpy.types.Object) -> bpy.types.Image | None:
     return None
 
 
-def size_of(item: bpy.types.Object) -> tuple[int, int]:
+def size_of(item: Object) -> tuple[int, int]:
     """Width and height in pixels of a camera object with a photo.
 
     What our import left, if the photo is still of that size, upright or on its side, as far as can be read
@@ -183,12 +182,12 @@ def size_of(item: bpy.types.Object) -> tuple[int, int]:
     return left if left in (lies, lies[::-1]) else tuple(photo.size)
 
 
-def photo_path(photo: bpy.types.Image | bpy.types.MovieClip) -> Path:
+def photo_path(photo: Image | MovieClip) -> Path:
     """Where a photo or a film lies, also that of a linked camera; without '..', as the solver tells it."""
     return Path(os.path.normpath(bpy.path.abspath(photo.filepath, library=photo.library)))
 
 
-def to_solver(item: bpy.types.Object, to_capture: Matrix) -> Camera:
+def to_solver(item: Object, to_capture: Matrix) -> Camera:
     """The solver's camera of a camera object with a photo.
 
     Works for cameras of any origin (other importers, trackers, Alembic): intrinsics are read from

@@ -8,6 +8,7 @@ import math
 from pathlib import Path
 
 import bpy
+from bpy.types import Collection, Context, Object, Scene
 from mathutils import Matrix, Vector
 
 from ...solver.capture.errors import CaptureError
@@ -21,12 +22,12 @@ JOBS = "nmf_last_job"
 """names of the job folders that the capture was reconstructed in, a line each, the last one last"""
 
 
-def jobs_of(collection: bpy.types.Collection) -> list[str]:
+def jobs_of(collection: Collection) -> list[str]:
     """Names of the job folders that a capture was reconstructed in, the last one last."""
     return str(collection.get(JOBS, "")).splitlines()
 
 
-def remember_job(collection: bpy.types.Collection, name: str) -> None:
+def remember_job(collection: Collection, name: str) -> None:
     """Let a capture know a job folder that it is reconstructed in."""
     if not collection.library:
         collection[JOBS] = "\n".join(
@@ -34,16 +35,16 @@ def remember_job(collection: bpy.types.Collection, name: str) -> None:
         )
 
 
-def warnings_of(collection: bpy.types.Collection) -> list[str]:
+def warnings_of(collection: Collection) -> list[str]:
     """What reading the capture had to say."""
     return [str(text) for text in collection.get(WARNINGS, ())]
 
 
-def capture_collections(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
+def capture_collections(scene: Scene) -> list[Collection]:
     """Collections of the scene that hold at least one camera with a photo."""
-    holding: set[bpy.types.Collection] = set()
+    holding: set[Collection] = set()
 
-    def look_into(collection: bpy.types.Collection) -> bool:
+    def look_into(collection: Collection) -> bool:
         # The panel asks in every draw: objects are looked at once, not for each collection around them.
         below = [look_into(child) for child in collection.children]
         if any(below) or any(map(_has_photo, collection.objects)):
@@ -54,12 +55,12 @@ def capture_collections(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
     return [c for c in scene.collection.children_recursive if c in holding]
 
 
-def is_capture(collection: bpy.types.Collection) -> bool:
+def is_capture(collection: Collection) -> bool:
     """True if it holds a camera with a photo."""
     return any(_has_photo(item) for item in collection.all_objects)
 
 
-def active_capture(context: bpy.types.Context) -> bpy.types.Collection | None:
+def active_capture(context: Context) -> Collection | None:
     """The capture chosen in the panel, else the active collection, else the first capture.
 
     The scene's own collection only counts where cameras lie in no other.
@@ -74,27 +75,25 @@ def active_capture(context: bpy.types.Context) -> bpy.types.Collection | None:
     return captures[0] if captures else whole if is_capture(whole) else None
 
 
-def capture_of_number(number: int) -> bpy.types.Collection | None:
+def capture_of_number(number: int) -> Collection | None:
     """The collection of a `session_uid`, which renaming and Undo leave as it is, and which may be a scene's
     own; None if it is gone."""
     all_there = (*bpy.data.collections, *(scene.collection for scene in bpy.data.scenes))
     return next((c for c in all_there if c.session_uid == number), None)
 
 
-def scene_of(
-    collection: bpy.types.Collection, first: bpy.types.Scene | None = None
-) -> bpy.types.Scene | None:
+def scene_of(collection: Collection, first: Scene | None = None) -> Scene | None:
     """The first scene that a collection is in: `first`, if it is in that, else by name."""
     there = [s for s in bpy.data.scenes if collection in s.collection.children_recursive]
     return first if first in there else next(iter(there), None)
 
 
-def root_of(collection: bpy.types.Collection) -> bpy.types.Object | None:
+def root_of(collection: Collection) -> Object | None:
     """The empty with the capture's similarity transform; None for foreign cameras."""
     return next((item for item in collection.all_objects if item.get(ROOT)), None)
 
 
-def to_capture_space(collection: bpy.types.Collection) -> Matrix:
+def to_capture_space(collection: Collection) -> Matrix:
     """World to capture space.
 
     Raises:
@@ -111,7 +110,7 @@ def to_capture_space(collection: bpy.types.Collection) -> Matrix:
         ) from error
 
 
-def placement_of(collection: bpy.types.Collection) -> list[list[float]]:
+def placement_of(collection: Collection) -> list[list[float]]:
     """Rows of the similarity [4][4] from capture space to the world; where a person has scaled the empty
     unevenly, with the mean of its scales."""
     root = root_of(collection)
@@ -123,7 +122,7 @@ def placement_of(collection: bpy.types.Collection) -> list[list[float]]:
     return [list(row) for row in Matrix.LocRotScale(place, turn, Vector((even, even, even)))]
 
 
-def write_capture(collection: bpy.types.Collection, folder: Path) -> Path:
+def write_capture(collection: Collection, folder: Path) -> Path:
     """Write the collection's cameras for the solver; returns the camera file.
 
     Raises:
@@ -150,17 +149,17 @@ def write_capture(collection: bpy.types.Collection, folder: Path) -> Path:
     return path
 
 
-def photo_paths(collection: bpy.types.Collection) -> set[Path]:
+def photo_paths(collection: Collection) -> set[Path]:
     """Where the photos of a collection's cameras lie."""
     return {photo_path(photo_of(item)).resolve() for item in photo_cameras(collection)}
 
 
-def photo_cameras(collection: bpy.types.Collection) -> list[bpy.types.Object]:
+def photo_cameras(collection: Collection) -> list[Object]:
     """The collection's camera objects that have a photo behind them."""
     return [item for item in collection.all_objects if _has_photo(item)]
 
 
-def shown_twice(collection: bpy.types.Collection) -> str:
+def shown_twice(collection: Collection) -> str:
     """Which cameras have one photo, as a sentence: one was duplicated; empty if none have."""
     seen: dict[Path, str] = {}
     for item in photo_cameras(collection):
@@ -173,5 +172,5 @@ def shown_twice(collection: bpy.types.Collection) -> str:
     return ""
 
 
-def _has_photo(item: bpy.types.Object) -> bool:
+def _has_photo(item: Object) -> bool:
     return item.type == "CAMERA" and photo_of(item) is not None

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from bpy.types import Image, Material, Mesh, World
 
 from .images import images_of
 
@@ -14,14 +15,14 @@ AS_MADE = "nmf_as_made"
 _SETTINGS = ("BOOLEAN", "ENUM", "FLOAT", "INT", "STRING")
 
 
-def mark_as_made(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> None:
+def mark_as_made(block: Mesh | Material | World) -> None:
     """Remember a data-block as it is now, and the pictures that it shows."""
     for image in images_of(block):
         image[AS_MADE] = _of_file(image)
     block[AS_MADE] = fingerprint_of(block)
 
 
-def is_edited(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> bool:
+def is_edited(block: Mesh | Material | World) -> bool:
     """True if a data-block is another than when it was marked, or shows a picture that was painted on;
     False of one that never was marked."""
     if AS_MADE not in block:
@@ -29,13 +30,13 @@ def is_edited(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> b
     return block[AS_MADE] != fingerprint_of(block) or any(map(is_painted, images_of(block)))
 
 
-def is_painted(image: bpy.types.Image) -> bool:
+def is_painted(image: Image) -> bool:
     """True if a picture, or the file that it shows, is another than when it was marked."""
     made = image.get(AS_MADE, "")
     return image.is_dirty or (made != "" and _of_file(image) not in ("", made))
 
 
-def _of_file(image: bpy.types.Image) -> str:
+def _of_file(image: Image) -> str:
     """Of what a picture shows once it is loaded; empty if that is gone."""
     path = Path(bpy.path.abspath(image.filepath, library=image.library))
     try:
@@ -45,16 +46,16 @@ def _of_file(image: bpy.types.Image) -> str:
     return hashlib.sha1(data).hexdigest()
 
 
-def fingerprint_of(block: bpy.types.Mesh | bpy.types.Material | bpy.types.World) -> str:
+def fingerprint_of(block: Mesh | Material | World) -> str:
     """Of what a person can change in a data-block and would miss; not its name, nor how its nodes lie.
 
     Of pictures it tells which there are, as they were made: see `is_painted`.
     """
-    parts = _of_mesh(block) if isinstance(block, bpy.types.Mesh) else _of_nodes(block)
+    parts = _of_mesh(block) if isinstance(block, Mesh) else _of_nodes(block)
     return hashlib.sha1("\n".join(parts).encode()).hexdigest()
 
 
-def _of_mesh(mesh: bpy.types.Mesh) -> Iterator[str]:
+def _of_mesh(mesh: Mesh) -> Iterator[str]:
     yield _of_array(mesh.vertices, "co", np.empty(3 * len(mesh.vertices), dtype=np.float32))
     yield _of_array(mesh.loops, "vertex_index", np.empty(len(mesh.loops), dtype=np.int32))
     yield f"{len(mesh.polygons)} faces, shape keys: {mesh.shape_keys is not None}"
@@ -73,7 +74,7 @@ def _of_array(items: bpy.types.bpy_prop_collection, name: str, values: np.ndarra
     return hashlib.sha1(values.tobytes()).hexdigest()
 
 
-def _of_nodes(block: bpy.types.Material | bpy.types.World) -> Iterator[str]:
+def _of_nodes(block: Material | World) -> Iterator[str]:
     for own in (block, getattr(block, "cycles_visibility", None)):
         yield f"{own and _settings_of(own)}"
     tree = block.node_tree

@@ -4,12 +4,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import bpy
+from bpy.types import Collection, Object, Scene, ViewLayer
 
 from .light_axes import AXES
 
 
 @contextmanager
-def evaluated(shown: bpy.types.Collection | bpy.types.Object) -> Iterator[None]:
+def evaluated(shown: Collection | Object) -> Iterator[None]:
     """An object, or all of a collection, stand where they are inside of this.
 
     Of a file that was opened, what is disabled in viewports or in another scene has no `matrix_world` but
@@ -26,30 +27,30 @@ def evaluated(shown: bpy.types.Collection | bpy.types.Object) -> Iterator[None]:
             block.hide_viewport = True
 
 
-def settle(collection: bpy.types.Collection) -> None:
+def settle(collection: Collection) -> None:
     """Let all objects of a collection have their `matrix_world`, as they stand now."""
     with evaluated(collection):
         pass
 
 
-def _view_layer_of(shown: bpy.types.Collection | bpy.types.Object) -> bpy.types.ViewLayer:
+def _view_layer_of(shown: Collection | Object) -> ViewLayer:
     """The view layer that the person looks at, or one of a scene that has what that has not."""
     context = bpy.context
     there = [scene for scene in bpy.data.scenes if _is_in(shown, scene)]
     return context.view_layer if context.scene in there or not there else there[0].view_layers[0]
 
 
-def _is_in(shown: bpy.types.Collection | bpy.types.Object, scene: bpy.types.Scene) -> bool:
-    if isinstance(shown, bpy.types.Object):
+def _is_in(shown: Collection | Object, scene: Scene) -> bool:
+    if isinstance(shown, Object):
         return scene in shown.users_scene
     return shown in (scene.collection, *scene.collection.children_recursive)
 
 
 def _in_the_way(
-    shown: bpy.types.Collection | bpy.types.Object,
-) -> list[bpy.types.Collection | bpy.types.Object]:
+    shown: Collection | Object,
+) -> list[Collection | Object]:
     """What may hide it: itself, what is in it, and collections around all that."""
-    if isinstance(shown, bpy.types.Object):
+    if isinstance(shown, Object):
         collections, items = set(), {shown}
     else:
         collections, items = {shown, *shown.children_recursive}, set(shown.all_objects)

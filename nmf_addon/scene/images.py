@@ -5,11 +5,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import bpy
+from bpy.types import ID, Image, Mesh
 
 from .colour import set_colour_space
 
 
-def load_image(path: Path, check_existing: bool = False) -> bpy.types.Image:
+def load_image(path: Path, check_existing: bool = False) -> Image:
     """An image of a file, by a path relative to a saved .blend if the person's preferences say so.
 
     So a project's folder can be moved: Blender makes paths relative by itself at a first save alone.
@@ -29,7 +30,7 @@ def load_image(path: Path, check_existing: bool = False) -> bpy.types.Image:
     return image
 
 
-def load_picture(path: Path, colour_space: str | None = None) -> bpy.types.Image:
+def load_picture(path: Path, colour_space: str | None = None) -> Image:
     """An image of a file that Blender can decode, which this makes sure of.
 
     Args:
@@ -49,9 +50,9 @@ def load_picture(path: Path, colour_space: str | None = None) -> bpy.types.Image
     return image
 
 
-def images_of(block: bpy.types.ID) -> list[bpy.types.Image]:
+def images_of(block: ID) -> list[Image]:
     """Pictures that a material or World shows; a mesh shows none."""
-    if isinstance(block, bpy.types.Mesh):
+    if isinstance(block, Mesh):
         return []
     nodes = block.node_tree.nodes
     return [n.image for n in nodes if n.type in ("TEX_IMAGE", "TEX_ENVIRONMENT") and n.image]

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from bpy.types import Collection, Context, Image, Object
 
 from ...solver.capture.camera import Camera
 from ...solver.capture.capture import Capture
@@ -22,17 +23,17 @@ MOST_POINTS = 200_000
 
 
 def import_capture(
-    context: bpy.types.Context, path: Path, photos: Path | None = None, masks: Path | None = None,
+    context: Context, path: Path, photos: Path | None = None, masks: Path | None = None,
     ignored: Path | None = None,
-) -> bpy.types.Collection:  # fmt: skip
+) -> Collection:  # fmt: skip
     """Read a capture and show it; see `import_captures`."""
     return import_captures(context, [path], photos, masks, ignored=ignored)[0]
 
 
 def import_captures(
-    context: bpy.types.Context, paths: list[Path], photos: Path | None = None,
+    context: Context, paths: list[Path], photos: Path | None = None,
     masks: Path | None = None, as_they_stand: bool = False, ignored: Path | None = None,
-) -> list[bpy.types.Collection]:  # fmt: skip
+) -> list[Collection]:  # fmt: skip
     """Read cameras and show them with their photos, upright, in a box for the object.
 
     All is read before anything is added: nothing changes if reading fails half way. Several files
@@ -60,9 +61,9 @@ def import_captures(
 
 
 def _add_capture(
-    context: bpy.types.Context, capture: Capture, images: dict[Path, bpy.types.Image],
+    context: Context, capture: Capture, images: dict[Path, Image],
     matrix: np.ndarray,
-) -> bpy.types.Collection:  # fmt: skip
+) -> Collection:  # fmt: skip
     capture = placed(capture, matrix)
     collection = bpy.data.collections.new(_capture_name(capture))
     collection[SOURCE], collection[WARNINGS] = str(capture.source), list(capture.warnings)
@@ -95,7 +96,7 @@ def _add_capture(
     return collection
 
 
-def _unseen_empty(name: str, root: bpy.types.Object) -> bpy.types.Object:
+def _unseen_empty(name: str, root: Object) -> Object:
     """An empty under a capture's own for what is many.
 
     The outliner folds them away below it, and viewports draw no dashed line from each of them to a
@@ -106,7 +107,7 @@ def _unseen_empty(name: str, root: bpy.types.Object) -> bpy.types.Object:
     return item
 
 
-def _load_photos(cameras: list[Camera]) -> dict[Path, bpy.types.Image]:
+def _load_photos(cameras: list[Camera]) -> dict[Path, Image]:
     """Images of the cameras' photos; those that were loaded go again if one cannot be."""
     images = {}
     with nothing_left_behind(bpy.data.images):
@@ -121,9 +122,7 @@ def _load_photos(cameras: list[Camera]) -> dict[Path, bpy.types.Image]:
     return images
 
 
-def _add_points(
-    collection: bpy.types.Collection, points: np.ndarray, root: bpy.types.Object
-) -> bpy.types.Object:
+def _add_points(collection: Collection, points: np.ndarray, root: Object) -> Object:
     """Sparse points as a mesh of vertices, to see the object in while fitting the box."""
     points = points[:: max(-(-len(points) // MOST_POINTS), 1)]
     mesh = bpy.data.meshes.new(f"{collection.name} Points")

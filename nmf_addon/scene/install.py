@@ -5,6 +5,17 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from bpy.types import (
+    Collection,
+    Context,
+    LayerCollection,
+    Material,
+    Mesh,
+    Object,
+    Scene,
+    ViewLayer,
+    World,
+)
 from mathutils import Matrix
 
 from ...solver.capture.placement import counted_from
@@ -29,16 +40,16 @@ class InstalledAsset:
     """What an installation added, how many cameras it moved to where their photos fit, and names of what a
     person had edited and is no longer shown."""
 
-    object: bpy.types.Object
-    material: bpy.types.Material
-    world: bpy.types.World
+    object: Object
+    material: Material
+    world: World
     manifest: dict
     moved_cameras: int = 0
     kept: tuple[str, ...] = ()
 
 
 def install_result(
-    context: bpy.types.Context, job_root: Path, collection: bpy.types.Collection | None = None
+    context: Context, job_root: Path, collection: Collection | None = None
 ) -> InstalledAsset:
     """Add the asset of a job to the scene and light it by the recovered World.
 
@@ -96,9 +107,9 @@ def install_result(
 
 
 def _place(
-    context: bpy.types.Context, scene: bpy.types.Scene, job: JobFolder, mesh: bpy.types.Mesh,
-    manifest: dict, collection: bpy.types.Collection | None,
-) -> bpy.types.Object:  # fmt: skip
+    context: Context, scene: Scene, job: JobFolder, mesh: Mesh,
+    manifest: dict, collection: Collection | None,
+) -> Object:  # fmt: skip
     """A new object in a scene: under its capture, or by itself."""
     item = bpy.data.objects.new(job.root.name, mesh)
     home = _home(collection, scene, _view_layer(context, scene))
@@ -117,8 +128,8 @@ def _place(
 
 
 def _light(
-    world: bpy.types.World, item: bpy.types.Object, job: JobFolder, manifest: dict,
-    collection: bpy.types.Collection | None,
+    world: World, item: Object, job: JobFolder, manifest: dict,
+    collection: Collection | None,
 ) -> None:  # fmt: skip
     """Let a result's light turn with its capture, or with what stands the result upright."""
     root = root_of(collection) if collection is not None else None
@@ -130,9 +141,7 @@ def _light(
         light_by(world, item, root, matrix or Matrix.Identity(4))
 
 
-def _home(
-    collection: bpy.types.Collection | None, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer
-) -> bpy.types.Collection:
+def _home(collection: Collection | None, scene: Scene, view_layer: ViewLayer) -> Collection:
     """The capture's collection, or the scene's own where that is linked, an override, switched off or not
     rendered."""
     if collection is None or collection.library or collection.override_library:
@@ -140,7 +149,7 @@ def _home(
     return collection if _is_shown(collection, view_layer.layer_collection) else scene.collection
 
 
-def _is_shown(collection: bpy.types.Collection, layer: bpy.types.LayerCollection) -> bool:
+def _is_shown(collection: Collection, layer: LayerCollection) -> bool:
     """True if what is in a collection is seen and rendered in a view layer, or in this part of one."""
     shown = layer.collection
     if layer.exclude or layer.hide_viewport or shown.hide_viewport or shown.hide_render:
@@ -148,7 +157,7 @@ def _is_shown(collection: bpy.types.Collection, layer: bpy.types.LayerCollection
     return shown == collection or any(_is_shown(collection, child) for child in layer.children)
 
 
-def _view_layer(context: bpy.types.Context, scene: bpy.types.Scene) -> bpy.types.ViewLayer:
+def _view_layer(context: Context, scene: Scene) -> ViewLayer:
     return context.view_layer if scene == context.scene else scene.view_layers[0]
 
 
@@ -158,7 +167,7 @@ def _upright(manifest: dict) -> Matrix | None:
     return None if matrix == Matrix.Identity(4) else matrix
 
 
-def _in_capture(job: JobFolder, manifest: dict, collection: bpy.types.Collection) -> Matrix | None:
+def _in_capture(job: JobFolder, manifest: dict, collection: Collection) -> Matrix | None:
     """Where in the capture's space the coordinates of a result are; None if they are the same."""
     matrix = job_space(job, collection)
     origin = np.array(manifest.get("origin", (0.0, 0.0, 0.0)), dtype=np.float64)
@@ -167,7 +176,7 @@ def _in_capture(job: JobFolder, manifest: dict, collection: bpy.types.Collection
     return Matrix(counted_from(np.eye(4) if matrix is None else matrix, origin))
 
 
-def build_mesh(name, positions, normals, uvs, faces) -> bpy.types.Mesh:
+def build_mesh(name, positions, normals, uvs, faces) -> Mesh:
     """A connected mesh: vertices doubled for UV seams are welded, the seams live in the UV map."""
     unique, welded = np.unique(positions, axis=0, return_inverse=True)
     corners = faces.ravel()

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from bpy.types import Collection, Context
 
 from ...solver.job.folder import JobFolder
 from ...solver.job.request import JobError
@@ -19,7 +20,7 @@ from .capture_collection import (
 )
 
 
-def capture_of_job(context: bpy.types.Context, job: JobFolder) -> bpy.types.Collection | None:
+def capture_of_job(context: Context, job: JobFolder) -> Collection | None:
     """The capture that a job was made from, in any scene; None if it is not in this file.
 
     Of a job made in Blender that is one with its photos: at the same place, or under the same names if
@@ -30,7 +31,7 @@ def capture_of_job(context: bpy.types.Context, job: JobFolder) -> bpy.types.Coll
     except JobError:
         return None
 
-    def remembers(capture: bpy.types.Collection) -> bool:
+    def remembers(capture: Collection) -> bool:
         return job.root.name in jobs_of(capture)
 
     active = active_capture(context)
@@ -50,7 +51,7 @@ def capture_of_job(context: bpy.types.Context, job: JobFolder) -> bpy.types.Coll
     return None
 
 
-def from_file(collection: bpy.types.Collection, capture: Path) -> np.ndarray | None:
+def from_file(collection: Collection, capture: Path) -> np.ndarray | None:
     """From coordinates of the capture's file to capture space as it was made, [4, 4] in double precision.
 
     None if the collection was not imported from the file (or folder) `capture`.
@@ -61,7 +62,7 @@ def from_file(collection: bpy.types.Collection, capture: Path) -> np.ndarray | N
     return np.reshape(root[FILE_TO_CAPTURE], (4, 4)).astype(np.float64)
 
 
-def _is_imported_from(collection: bpy.types.Collection, capture: Path) -> bool:
+def _is_imported_from(collection: Collection, capture: Path) -> bool:
     source = collection.get(SOURCE)
     if not source:
         return False

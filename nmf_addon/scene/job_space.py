@@ -1,7 +1,7 @@
 """Where the coordinates of a job are in its capture, as that stands now."""
 
-import bpy
 import numpy as np
+from bpy.types import Collection
 
 from ...solver.capture.errors import CaptureError
 from ...solver.capture.frames import rigid, scale_and_rotation
@@ -17,7 +17,7 @@ STILL_THERE = 1e-3
 """difference of a matrix, over the capture's size, up to which a camera stands where the job saw it"""
 
 
-def job_space(job: JobFolder, collection: bpy.types.Collection) -> np.ndarray | None:
+def job_space(job: JobFolder, collection: Collection) -> np.ndarray | None:
     """The similarity [4, 4], in double precision, from a job's coordinates to the space of its capture,
     which is that of the capture's empty; None where both are the same.
 
@@ -33,7 +33,7 @@ def job_space(job: JobFolder, collection: bpy.types.Collection) -> np.ndarray | 
         return None
 
 
-def _moved_since_import(collection: bpy.types.Collection) -> np.ndarray:
+def _moved_since_import(collection: Collection) -> np.ndarray:
     """What has moved a capture's cameras in its space as one, [4, 4].
 
     They hang on an empty of their own, which had the capture's space at first, and which Blender keeps in
@@ -47,7 +47,7 @@ def _moved_since_import(collection: bpy.types.Collection) -> np.ndarray:
     return np.array(to_capture_space(collection) @ axes.matrix_world)
 
 
-def _moved_since(job: JobFolder, collection: bpy.types.Collection) -> np.ndarray | None:
+def _moved_since(job: JobFolder, collection: Collection) -> np.ndarray | None:
     """What has moved the cameras of a job in their capture's space as one; None if nothing has."""
     settle(collection)
     to_capture = to_capture_space(collection)

@@ -7,6 +7,7 @@ is turned.
 
 import bpy
 from bpy.app.handlers import persistent
+from bpy.types import Depsgraph, Object, Scene, World
 from mathutils import Matrix
 
 from .replace import JOB
@@ -19,9 +20,7 @@ RESULT = "Result"
 properties would keep the object in the file after that was deleted"""
 
 
-def light_by(
-    world: bpy.types.World, item: bpy.types.Object, under: bpy.types.Object | None, local: Matrix
-) -> None:
+def light_by(world: World, item: Object, under: Object | None, local: Matrix) -> None:
     """Let a result's light turn with what the result's object hangs on.
 
     Args:
@@ -38,7 +37,7 @@ def light_by(
     turn_with(world, axes)
 
 
-def _new_axes(item: bpy.types.Object) -> bpy.types.Object:
+def _new_axes(item: Object) -> Object:
     axes = bpy.data.objects.new(f"{item.name} Light", None)
     axes[AXES] = item[JOB]
     axes.empty_display_type = "ARROWS"
@@ -51,7 +50,7 @@ def _new_axes(item: bpy.types.Object) -> bpy.types.Object:
     return axes
 
 
-def _axes_of(item: bpy.types.Object) -> bpy.types.Object | None:
+def _axes_of(item: Object) -> Object | None:
     """The axes of a result's light in its scenes, also of an object that was deleted since; or of this one,
     when its job was elsewhere."""
     there = {other for scene in item.users_scene for other in scene.objects if AXES in other}
@@ -62,7 +61,7 @@ def _axes_of(item: bpy.types.Object) -> bpy.types.Object | None:
     return next(iter(sorted(found, key=lambda o: not _knows(o, item))), None)
 
 
-def _knows(axes: bpy.types.Object, *items: bpy.types.Object | None) -> bool:
+def _knows(axes: Object, *items: Object | None) -> bool:
     knows = axes.constraints.get(RESULT)
     return knows is not None and knows.target in items
 
@@ -85,7 +84,7 @@ def let_go() -> None:
 
 
 @persistent
-def _on_change(scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> None:
+def _on_change(scene: Scene, graph: Depsgraph) -> None:
     # Blender renders in a thread, which calls this, too; nothing may be written then.
     if not bpy.app.is_job_running("RENDER"):
         let_go()

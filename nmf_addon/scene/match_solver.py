@@ -1,6 +1,7 @@
 """ "Match solver": render settings under which Cycles shows what the solver optimised."""
 
 import bpy
+from bpy.types import Scene
 
 from ...solver.capture.errors import listed
 from .cameras import ASPECT, fit_photos, photo_of, size_of
@@ -9,7 +10,7 @@ from .colour import foreign_working_space, set_plain_view
 BLACKMAN_HARRIS_WIDTH = 1.5  # pixels
 
 
-def match_solver(scene: bpy.types.Scene, bounces: int = 2) -> str:
+def match_solver(scene: Scene, bounces: int = 2) -> str:
     """Cycles without clamping, blurred glossies or a view transform; the solver's bounces.
 
     Returns: what could not be set, as a sentence for the person; empty if all is.
@@ -40,7 +41,7 @@ def match_solver(scene: bpy.types.Scene, bounces: int = 2) -> str:
     return " ".join(filter(None, (_view_left(scene), _working_space_left(), _lamps_left(scene))))
 
 
-def _view_left(scene: bpy.types.Scene) -> str:
+def _view_left(scene: Scene) -> str:
     """Set the plain view; what is to be said if there is none."""
     if set_plain_view(scene):
         return ""
@@ -61,7 +62,7 @@ def _working_space_left() -> str:
     )
 
 
-def _lamps_left(scene: bpy.types.Scene) -> str:
+def _lamps_left(scene: Scene) -> str:
     """What is to be said of lights that shine besides the World."""
     lights = {i for layer in scene.view_layers for i in layer.objects if i.type == "LIGHT"}
     shown = {*scene.collection.objects} | {
@@ -73,7 +74,7 @@ def _lamps_left(scene: bpy.types.Scene) -> str:
     return f"Photos had no light but the World's: hide {listed(sorted(lamps))} in renders to compare them."
 
 
-def check_cycles(scene: bpy.types.Scene) -> None:
+def check_cycles(scene: Scene) -> None:
     """Make sure that there is Cycles.
 
     Raises:
@@ -85,7 +86,7 @@ def check_cycles(scene: bpy.types.Scene) -> None:
         )
 
 
-def match_photo(scene: bpy.types.Scene) -> None:
+def match_photo(scene: Scene) -> None:
     """Render at the size of the photo behind the scene's camera, with its pixels' shape, if it has one."""
     item = scene.camera
     if item is None or item.type != "CAMERA" or photo_of(item) is None:
@@ -96,7 +97,7 @@ def match_photo(scene: bpy.types.Scene) -> None:
         fit_photos(scene)
 
 
-def match_resolution(scene: bpy.types.Scene, width: int, height: int, aspect: float = 1.0) -> None:
+def match_resolution(scene: Scene, width: int, height: int, aspect: float = 1.0) -> None:
     """Render at a photo's size; `aspect` is a pixel's width over its height."""
     scene.render.resolution_x, scene.render.resolution_y = width, height
     scene.render.resolution_percentage = 100

@@ -8,6 +8,7 @@ For EEVEE and what Blender exports to: Principled with metals as metals, and F0 
 from pathlib import Path
 
 import bpy
+from bpy.types import Material, Node, NodeSocket, NodeTree
 
 from .images import load_picture
 
@@ -23,7 +24,7 @@ PRINCIPLED_F0 = 0.04  # of Principled's index of refraction 1.5
 MODEL_SCALE, MODEL_POWER, MODEL_OFFSET = 0.0271, 2.65, 0.0005
 
 
-def build_material(name: str, pictures: dict[str, Path], textures: dict) -> bpy.types.Material:
+def build_material(name: str, pictures: dict[str, Path], textures: dict) -> Material:
     """A material of a result's textures.
 
     Args:
@@ -70,7 +71,7 @@ def build_material(name: str, pictures: dict[str, Path], textures: dict) -> bpy.
     return material
 
 
-def surface_group() -> bpy.types.NodeTree:
+def surface_group() -> NodeTree:
     """The node group "NMF Surface": the solver's surface model; made once per file.
 
     One that is linked from a library, or that has other sockets, is somebody else's.
@@ -109,7 +110,7 @@ def surface_group() -> bpy.types.NodeTree:
     return group
 
 
-def _has_sockets(group: bpy.types.NodeTree) -> bool:
+def _has_sockets(group: NodeTree) -> bool:
     """True if a node group takes and gives what "NMF Surface" does."""
     sockets = {
         (item.name, item.in_out, item.socket_type)
@@ -120,7 +121,7 @@ def _has_sockets(group: bpy.types.NodeTree) -> bool:
     return sockets == ours | {(GROUP_OUTPUT, "OUTPUT", "NodeSocketShader")}
 
 
-def _angular_share(group: bpy.types.NodeTree, normal: bpy.types.NodeSocket):
+def _angular_share(group: NodeTree, normal: NodeSocket):
     """1 − s(n·v) = 1 − 0.0005 − 0.0271·(1 − n·v)^2.65."""
     geometry, dot = (
         group.nodes.new("ShaderNodeNewGeometry"),
@@ -146,7 +147,7 @@ def _vector_math(tree, operation: str, *operands):
     return _computed(tree, tree.nodes.new("ShaderNodeVectorMath"), operation, operands)
 
 
-def _computed(tree, node: bpy.types.Node, operation: str, operands: tuple):
+def _computed(tree, node: Node, operation: str, operands: tuple):
     node.operation = operation
     for socket, operand in zip(node.inputs, operands, strict=False):
         if isinstance(operand, (float, tuple)):
@@ -178,7 +179,7 @@ def _principled(tree, images, normal, f0_scale: float):
     return node
 
 
-def _mix_multiply(tree, colour, factor: float) -> bpy.types.Node:
+def _mix_multiply(tree, colour, factor: float) -> Node:
     """A Mix node that multiplies a colour by a neutral factor (neutral in any working space)."""
     node = tree.nodes.new("ShaderNodeMix")
     node.data_type, node.blend_type = "RGBA", "MULTIPLY"
@@ -190,17 +191,17 @@ def _mix_multiply(tree, colour, factor: float) -> bpy.types.Node:
     return node
 
 
-def _colour_result(mix: bpy.types.Node) -> bpy.types.NodeSocket:
+def _colour_result(mix: Node) -> NodeSocket:
     return next(socket for socket in mix.outputs if socket.type == "RGBA")
 
 
-def _texture_node(tree, label: str, path: Path, colour_space: str) -> bpy.types.Node:
+def _texture_node(tree, label: str, path: Path, colour_space: str) -> Node:
     node = tree.nodes.new("ShaderNodeTexImage")
     node.image, node.label = load_picture(path, colour_space), label
     return node
 
 
-def _output(tree, target: str, surface, location) -> bpy.types.Node:
+def _output(tree, target: str, surface, location) -> Node:
     node = tree.nodes.new("ShaderNodeOutputMaterial")
     node.target, node.location = target, location
     tree.links.new(surface, node.inputs["Surface"])

@@ -1,6 +1,6 @@
 """Metric scale: two points of a known distance."""
 
-import bpy
+from bpy.types import Collection, Context, Object
 from mathutils import Matrix, Vector
 
 from .capture_collection import SOURCE, active_capture, capture_collections, root_of
@@ -13,7 +13,7 @@ class MeasureError(ValueError):
     """There are no two points to measure between; one sentence with the way out."""
 
 
-def picked_capture(context: bpy.types.Context) -> bpy.types.Collection:
+def picked_capture(context: Context) -> Collection:
     """The capture that what the person picked hangs on, else the active one."""
     # What was imported goes before collections that captures were sorted into.
     captures = sorted(capture_collections(context.scene), key=lambda c: SOURCE not in c)
@@ -28,7 +28,7 @@ def picked_capture(context: bpy.types.Context) -> bpy.types.Collection:
     return active_capture(context)
 
 
-def picked_points(context: bpy.types.Context) -> tuple[Vector, Vector]:
+def picked_points(context: Context) -> tuple[Vector, Vector]:
     """World positions of the two points the person picked.
 
     In Edit Mode the two selected vertices of the mesh, else the origins of the two selected objects.
@@ -54,14 +54,12 @@ def picked_points(context: bpy.types.Context) -> tuple[Vector, Vector]:
     return points[0], points[1]
 
 
-def _edited_mesh(context: bpy.types.Context) -> bpy.types.Object | None:
+def _edited_mesh(context: Context) -> Object | None:
     item = context.active_object
     return item if item is not None and item.type == "MESH" and item.mode == "EDIT" else None
 
 
-def scale_to(
-    collection: bpy.types.Collection, points: tuple[Vector, Vector], distance: float
-) -> float:
+def scale_to(collection: Collection, points: tuple[Vector, Vector], distance: float) -> float:
     """Scale a capture about the first point so that its two points are `distance` apart (metres).
 
     Cameras, region, mesh and points hang on the capture's empty and follow. Returns the factor.

@@ -2,6 +2,7 @@
 
 import bpy
 import numpy as np
+from bpy.types import Collection, Context, Object
 from mathutils import Matrix
 
 from ...solver.capture.capture import region_seen_by
@@ -15,9 +16,7 @@ REGION, PLACED = "nmf_region", "nmf_placed"
 STRAIGHT = 1e-4  # one minus the cosine of what counts as not turned
 
 
-def new_region_box(
-    collection: bpy.types.Collection, region: np.ndarray, root: bpy.types.Object | None
-) -> bpy.types.Object:
+def new_region_box(collection: Collection, region: np.ndarray, root: Object | None) -> Object:
     """A box of capture space [2, 3] in a collection, under the capture's empty.
 
     Raises:
@@ -37,7 +36,7 @@ def new_region_box(
     return box
 
 
-def place_box(box: bpy.types.Object, region: np.ndarray, root: bpy.types.Object | None) -> None:
+def place_box(box: Object, region: np.ndarray, root: Object | None) -> None:
     """Move a box to a region of capture space [2, 3], and remember that nobody has moved it since.
 
     Args:
@@ -51,17 +50,17 @@ def place_box(box: bpy.types.Object, region: np.ndarray, root: bpy.types.Object 
     box[PLACED] = _state(box)
 
 
-def is_as_placed(box: bpy.types.Object) -> bool:
+def is_as_placed(box: Object) -> bool:
     """True if nobody has moved, turned or scaled the box since it was placed."""
     return np.allclose(list(box.get(PLACED, ())) or np.nan, _state(box), rtol=1e-6, atol=0)
 
 
-def region_box(collection: bpy.types.Collection) -> bpy.types.Object | None:
+def region_box(collection: Collection) -> Object | None:
     """The collection's region box."""
     return next(iter(_region_boxes(collection)), None)
 
 
-def region_problem(collection: bpy.types.Collection, to_capture: Matrix) -> str:
+def region_problem(collection: Collection, to_capture: Matrix) -> str:
     """How the region differs from what a person sees, as a sentence; empty if it does not.
 
     Args:
@@ -84,9 +83,7 @@ def region_problem(collection: bpy.types.Collection, to_capture: Matrix) -> str:
     )
 
 
-def add_region_box(
-    context: bpy.types.Context, collection: bpy.types.Collection
-) -> bpy.types.Object:
+def add_region_box(context: Context, collection: Collection) -> Object:
     """A box empty around what the cameras look at, for the person to move and scale.
 
     Raises:
@@ -101,7 +98,7 @@ def add_region_box(
     return new_region_box(collection, region_seen_by(cameras), root_of(collection))
 
 
-def region_of(collection: bpy.types.Collection) -> dict[str, list[float]] | None:
+def region_of(collection: Collection) -> dict[str, list[float]] | None:
     """The region box in capture space as {"min": …, "max": …}; None if there is none.
 
     Raises:
@@ -122,7 +119,7 @@ def region_of(collection: bpy.types.Collection) -> dict[str, list[float]] | None
     return {"min": points.min(1).tolist(), "max": points.max(1).tolist()}
 
 
-def fit_region_box(collection: bpy.types.Collection) -> bpy.types.Object | None:
+def fit_region_box(collection: Collection) -> Object | None:
     """Move the region box to where masks show the object, or make one there; None if none do.
 
     Raises:
@@ -141,9 +138,9 @@ def fit_region_box(collection: bpy.types.Collection) -> bpy.types.Object | None:
     return box
 
 
-def _region_boxes(collection: bpy.types.Collection) -> list[bpy.types.Object]:
+def _region_boxes(collection: Collection) -> list[Object]:
     return [item for item in collection.all_objects if item.get(REGION)]
 
 
-def _state(box: bpy.types.Object) -> list[float]:
+def _state(box: Object) -> list[float]:
     return [*box.location, *box.rotation_euler, *box.scale]

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import bpy
+from bpy.types import ID, Material, Mesh, Scene, World
 
 from ...solver.job.folder import JobFolder
 from ...solver.job.request import JobError
@@ -15,7 +16,7 @@ CAPTURE = "nmf_capture"
 """that of its capture when it began, which tells jobs of one name apart; empty of a result alone"""
 
 
-def installed_before(job: JobFolder, scene: bpy.types.Scene) -> bpy.types.Object | None:
+def installed_before(job: JobFolder, scene: Scene) -> bpy.types.Object | None:
     """The object that a job was installed as, if it still is in a scene; that of `scene`, if it has one."""
     for item in (*scene.objects, *bpy.data.objects):
         editable = item.type == "MESH" and not item.library and not item.data.library
@@ -24,7 +25,7 @@ def installed_before(job: JobFolder, scene: bpy.types.Scene) -> bpy.types.Object
     return None
 
 
-def is_of(block: bpy.types.ID, job: JobFolder) -> bool:
+def is_of(block: ID, job: JobFolder) -> bool:
     """True if a data-block was installed from a job, also one that has moved since."""
     path = Path(block.get(JOB, ""))
     if path == job.root or (JOB in block and path.resolve() == job.root.resolve()):
@@ -33,7 +34,7 @@ def is_of(block: bpy.types.ID, job: JobFolder) -> bool:
     return moved and block.get(CAPTURE) in (None, _capture_of(job))
 
 
-def mark(job: JobFolder, *blocks: bpy.types.ID) -> None:
+def mark(job: JobFolder, *blocks: ID) -> None:
     """Remember what data-blocks were installed from."""
     capture = _capture_of(job)
     for block in blocks:
@@ -59,16 +60,16 @@ def check_not_edited(item: bpy.types.Object) -> None:
             )
 
 
-def edited_of(item: bpy.types.Object) -> list[bpy.types.ID]:
+def edited_of(item: bpy.types.Object) -> list[ID]:
     """What an object was installed with, and a person has edited since."""
     return [block for block in (item.data, *_materials(item), *_worlds(item)) if is_edited(block)]
 
 
-def _materials(item: bpy.types.Object) -> list[bpy.types.Material]:
+def _materials(item: bpy.types.Object) -> list[Material]:
     return [m for m in item.data.materials if m is not None and _is_ours(m, item[JOB])]
 
 
-def _worlds(item: bpy.types.Object) -> list[bpy.types.World]:
+def _worlds(item: bpy.types.Object) -> list[World]:
     # A full copy of the scene has an object and a light of its own.
     job, here = item[JOB], item.users_scene
     copies = [
@@ -79,8 +80,8 @@ def _worlds(item: bpy.types.Object) -> list[bpy.types.World]:
 
 
 def replace_asset(
-    item: bpy.types.Object, mesh: bpy.types.Mesh, material: bpy.types.Material, world: bpy.types.World,
-    edited: list[bpy.types.ID],
+    item: bpy.types.Object, mesh: Mesh, material: Material, world: World,
+    edited: list[ID],
 ) -> list[str]:  # fmt: skip
     """Put a new mesh, material and World in the place of those that an object was installed with.
 
@@ -106,11 +107,11 @@ def replace_asset(
     return [earlier.name for earlier in edited]
 
 
-def _is_ours(block: bpy.types.ID, job: str) -> bool:
+def _is_ours(block: ID, job: str) -> bool:
     return block.get(JOB) == job and not block.library
 
 
-def _supersede(blocks, earlier: bpy.types.ID, new: bpy.types.ID, keep: bool) -> None:
+def _supersede(blocks, earlier: ID, new: ID, keep: bool) -> None:
     name = earlier.name
     earlier.user_remap(new)
     if keep:

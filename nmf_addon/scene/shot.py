@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import bpy
+from bpy.types import CameraBackgroundImage, Context, Image, ImageUser, MovieClip, Object, Scene
 
 from .cameras import FILMS, photo_path
 
@@ -33,7 +33,7 @@ class Shot:
     frames: Sequence[int]
     offset: int
     size: tuple[int, int]
-    clip: bpy.types.MovieClip | None = None
+    clip: MovieClip | None = None
 
     def picture(self, frame: int) -> Path:
         """The sequence's file of a frame of the scene."""
@@ -41,15 +41,15 @@ class Shot:
         return self.file.with_name(f"{head}{frame + self.offset:0{len(number)}d}{tail}")
 
 
-def shot_of(item: bpy.types.Object, scene: bpy.types.Scene) -> Shot | None:
+def shot_of(item: Object, scene: Scene) -> Shot | None:
     """The film behind a camera object, or that of its Camera Solver; None if there is none."""
     film = _film_of(item, scene)
-    if isinstance(film, bpy.types.MovieClip):
+    if isinstance(film, MovieClip):
         return _of_clip(film, item, scene)
     return film and _of_image(film.image, film.image_user)
 
 
-def shot_camera(context: bpy.types.Context) -> bpy.types.Object | None:
+def shot_camera(context: Context) -> Object | None:
     """The camera with a film behind it that a person means: the active object, else the scene's camera.
 
     Panels ask whenever they are drawn.
@@ -60,9 +60,7 @@ def shot_camera(context: bpy.types.Context) -> bpy.types.Object | None:
     return None
 
 
-def _film_of(
-    item: bpy.types.Object, scene: bpy.types.Scene
-) -> bpy.types.MovieClip | bpy.types.CameraBackgroundImage | None:
+def _film_of(item: Object, scene: Scene) -> MovieClip | CameraBackgroundImage | None:
     """The movie clip, or the background whose image is a film."""
     if item.type != "CAMERA":
         return None
@@ -76,7 +74,7 @@ def _film_of(
     return next(_solved_clips(item, scene), None)
 
 
-def _of_clip(clip: bpy.types.MovieClip, item: bpy.types.Object, scene: bpy.types.Scene) -> Shot:
+def _of_clip(clip: MovieClip, item: Object, scene: Scene) -> Shot:
     file, is_video = photo_path(clip), clip.source == "MOVIE"
     first = 0 if is_video else int(_numbered(file)[1] or 0)
     frames = range(clip.frame_start, clip.frame_start + clip.frame_duration)
@@ -90,7 +88,7 @@ def _of_clip(clip: bpy.types.MovieClip, item: bpy.types.Object, scene: bpy.types
     return Shot(file, is_video, frames, offset, tuple(clip.size), clip)
 
 
-def _of_image(image: bpy.types.Image, user: bpy.types.ImageUser) -> Shot:
+def _of_image(image: Image, user: ImageUser) -> Shot:
     is_video = image.source == "MOVIE"
     frames = range(user.frame_start, user.frame_start + user.frame_duration)
     # Blender's first picture has number 1.
@@ -98,7 +96,7 @@ def _of_image(image: bpy.types.Image, user: bpy.types.ImageUser) -> Shot:
     return Shot(photo_path(image), is_video, frames, offset, tuple(image.size))
 
 
-def _solved_clips(item: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[bpy.types.MovieClip]:
+def _solved_clips(item: Object, scene: Scene) -> Iterator[MovieClip]:
     for constraint in item.constraints:
         if constraint.type == "CAMERA_SOLVER" and constraint.enabled:
             clip = scene.active_clip if constraint.use_active_clip else constraint.clip

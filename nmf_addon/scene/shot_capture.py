@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import bpy
 import numpy as np
+from bpy.types import Collection, Context, Object, Scene
 
 from ...solver.cameras.folder import FEWEST_PHOTOS
 from ...solver.capture.camera import Camera
@@ -47,9 +47,9 @@ def photos_in(shot: Shot, folder: Path) -> dict[int, Path]:
 
 
 def capture_shot(
-    context: bpy.types.Context, item: bpy.types.Object, shot: Shot, photos: dict[int, Path],
+    context: Context, item: Object, shot: Shot, photos: dict[int, Path],
     file: Path,
-) -> bpy.types.Collection:  # fmt: skip
+) -> Collection:  # fmt: skip
     """Make a capture of a camera and its photos, where it stands in the scene.
 
     Args:
@@ -71,7 +71,7 @@ def capture_shot(
 
 
 def cameras_along(
-    context: bpy.types.Context, item: bpy.types.Object, shot: Shot, photos: dict[int, Path]
+    context: Context, item: Object, shot: Shot, photos: dict[int, Path]
 ) -> list[Camera]:
     """The camera object at the frames of its photos, in the world, without those where it has not moved on.
 
@@ -115,7 +115,7 @@ def _size(path: Path, shot: Shot) -> tuple[int, int]:
     return width, height
 
 
-def _aspect(shot: Shot, scene: bpy.types.Scene) -> float:
+def _aspect(shot: Shot, scene: Scene) -> float:
     """Width over height of a picture's pixels."""
     if shot.is_video:
         return 1.0  # its frames are taken with square ones

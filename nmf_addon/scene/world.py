@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import bpy
+from bpy.types import Object, Scene, World
 
 from .images import load_picture
 
@@ -10,7 +11,7 @@ HDRI = "nmf_hdri"
 """path of the picture that a World was made of by `relight`"""
 
 
-def build_world(name: str, path: Path) -> bpy.types.World:
+def build_world(name: str, path: Path) -> World:
     """A World lit by an equirectangular HDRI, strength 1, linear Rec.709, unrotated.
 
     Raises:
@@ -33,7 +34,7 @@ def build_world(name: str, path: Path) -> bpy.types.World:
     return world
 
 
-def turn_with(world: bpy.types.World, item: bpy.types.Object) -> None:
+def turn_with(world: World, item: Object) -> None:
     """Look a World's light up in the axes of `item`, by drivers, so that it follows its turns."""
     tree = world.node_tree
     texture = next(node for node in tree.nodes if node.type == "TEX_ENVIRONMENT")
@@ -53,7 +54,7 @@ def turn_with(world: bpy.types.World, item: bpy.types.Object) -> None:
         target.rotation_mode, target.transform_space = "XYZ", "WORLD_SPACE"
 
 
-def turns_with(world: bpy.types.World) -> bpy.types.Object | None:
+def turns_with(world: World) -> Object | None:
     """What a World's light turns with; None if that is gone, or it never did."""
     data = world.node_tree and world.node_tree.animation_data
     for curve in data.drivers if data else ():
@@ -63,7 +64,7 @@ def turns_with(world: bpy.types.World) -> bpy.types.Object | None:
     return None
 
 
-def _relit_before(path: Path) -> bpy.types.World | None:
+def _relit_before(path: Path) -> World | None:
     """The World that `relight` made of an HDRI, showing what the file holds now."""
     file = path.resolve()
     for world in bpy.data.worlds if file.is_file() else ():
@@ -78,7 +79,7 @@ def _relit_before(path: Path) -> bpy.types.World | None:
     return None
 
 
-def relight(scene: bpy.types.Scene, path: Path) -> bpy.types.World:
+def relight(scene: Scene, path: Path) -> World:
     """Light the scene by another HDRI, once more by the same World; the one it had stays in the file.
 
     Raises:
