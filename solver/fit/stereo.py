@@ -123,7 +123,8 @@ class _Stereo:
 
     def _view(self, camera: Camera, photo: Photo) -> _View:
         pixel, depth = camera.project(self.points)
-        scale = max(camera.fx, camera.fy) / np.median(camera.depths_of_scale(self.points, depth))
+        depths = camera.depths_of_scale(self.points, depth)
+        scale = max(camera.fx, camera.fy) / np.median(np.abs(depths))
         width = self.edge * scale
         smaller = max(1, int(width / 2))
         reduced = skimage.measure.block_reduce(photo.pixels, (smaller, smaller, 1), np.mean)

@@ -11,6 +11,7 @@ from solver.fit import stereo
 from solver.fit.held_cells import held_by_silhouettes
 from solver.fit.seen_space import cell_centres
 from solver.fit.stereo import AIR, air_seen
+from tests.cameras.box_scene import look_at
 from tests.fit.hollow_scenes import (
     BOX,
     CELLS,
@@ -92,6 +93,23 @@ def test_cells_are_compared_by_the_correlation_of_their_patches():
         assert found[x, y, z] == pytest.approx(best, abs=1e-3)
         told += 1
     assert told > 20
+
+
+def test_what_a_photo_shows_right_beside_a_hull_most_of_which_is_behind_it_lies_on_rays():
+    """A fixed bug: rays were as wide as a depth below 0 says, so some were taken for one or for none."""
+    cameras, photos, hull = photographed(cup, painted)
+    beside = replace(
+        cameras[0], camera_to_world=look_at(np.array([0.45, 0, 0]), np.array([3.0, 0, 0]))
+    )
+    with ThreadPoolExecutor() as pool:
+        cells = stereo._Stereo([beside], photos[:1], hull, BOX, pool)
+    ray, seen = cells.views[0].ray, beside.in_frame(cells.points)
+    np.testing.assert_array_equal(ray > 0, seen)
+    pixels = beside.project(cells.points)[0]
+    width = cells.edge * beside.fx / np.median(np.abs(beside.project(cells.points)[1]))
+    assert seen.sum() > 50
+    for number in np.unique(ray[seen]):
+        assert np.ptp(pixels[ray == number], axis=0).max() <= width
 
 
 def test_too_few_photos_tell_of_no_air():
