@@ -99,6 +99,8 @@ def test_a_job_that_is_reached_by_a_link_is_still_the_same(install, result_job, 
     link = tmp_path / "link"
     link.symlink_to(tmp_path, target_is_directory=True)
     assert install(link / result_job.name) == item
+    assert image_of(item, "Albedo").name == "jöb 1_albedo.png"
+    assert len(list((result_job / "textures").glob("*albedo.png"))) == 1
 
 
 def test_a_light_that_was_deleted_with_its_object_does_not_stay_for_good(install):
