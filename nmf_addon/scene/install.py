@@ -76,9 +76,10 @@ def install_result(
     if earlier is not None:
         check_not_edited(earlier)
     edited = [] if earlier is None else edited_of(earlier)
-    kept = {Path(i.filepath).name for block in edited for i in images_of(block)}
-    pictures = named_pictures(job, manifest, kept)
     data = bpy.data
+    ours = (block for block in (*data.materials, *data.worlds) if is_of(block, job))
+    kept = {Path(i.filepath).name for block in filter(is_edited, ours) for i in images_of(block)}
+    pictures = named_pictures(job, manifest, kept)
     with nothing_left_behind(
         data.objects, data.meshes, data.materials, data.node_groups, data.images, data.worlds
     ):

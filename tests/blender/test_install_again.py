@@ -271,6 +271,19 @@ def test_what_was_edited_keeps_its_pictures_when_the_result_has_others(install, 
     assert len(list((result_job / "textures").glob("*albedo.png"))) == 2
 
 
+def test_a_light_that_was_edited_keeps_its_picture_when_its_object_is_gone(install, result_job):
+    """A fixed bug: its file was written over when the result was installed again with another light."""
+    install()
+    world = brighten(bpy.context.view_layer.objects.active)
+    image = next(n.image for n in world.node_tree.nodes if n.type == "TEX_ENVIRONMENT")
+    before = Path(image.filepath).read_bytes()
+    bpy.ops.object.delete()
+    fake_result.write_exr(result_job / "result" / "environment.exr", value=3.0)
+    install()
+    assert bpy.context.scene.world != world and world.use_fake_user
+    assert Path(image.filepath).read_bytes() == before
+
+
 def test_a_result_that_is_in_another_scene_is_renewed_there_and_one_is_told(install, capfd):
     item = install()
     bpy.context.window.scene = bpy.data.scenes.new("Second")
