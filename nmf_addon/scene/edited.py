@@ -13,6 +13,9 @@ from .images import images_of
 AS_MADE = "nmf_as_made"
 """fingerprint of a mesh, material or World as it was installed, and of a picture's file"""
 _SETTINGS = ("BOOLEAN", "ENUM", "FLOAT", "INT", "STRING")
+_NO_EDITS = (
+    "is_active_output", "paint_active_slot", "paint_clone_slot", "preview_render_type", "use_preview_world",
+)  # fmt: skip
 
 
 def mark_as_made(block: Mesh | Material | World) -> None:
@@ -94,7 +97,7 @@ def _of_nodes(block: Material | World) -> Iterator[str]:
 
 def _settings_of(node: bpy.types.bpy_struct) -> list[str]:
     """What one node or data-block has and not all have; of a picture of the person's, its name."""
-    common = {*node.bl_rna.base.properties.keys(), "is_active_output", "paint_active_slot"}
+    common = {*node.bl_rna.base.properties.keys(), *_NO_EDITS}
     own = [p for p in node.bl_rna.properties if p.identifier not in common and p.type in _SETTINGS]
     told = [f"{p.identifier} {_plain(getattr(node, p.identifier))}" for p in own]
     image = getattr(node, "image", None)

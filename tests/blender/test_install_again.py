@@ -110,8 +110,10 @@ def test_a_light_that_was_deleted_with_its_object_does_not_stay_for_good(install
     assert sum(world.use_fake_user or world.users > 0 for world in bpy.data.worlds) == 1
 
 
-def test_nodes_that_lie_elsewhere_are_no_edit(install):
-    for node in install().active_material.node_tree.nodes:
+def test_nodes_that_lie_elsewhere_and_other_previews_are_no_edit(install):
+    material = install().active_material
+    material.preview_render_type = "CUBE"
+    for node in material.node_tree.nodes:
         node.location.x += 100
         node.select = not node.select
     before = counts()
