@@ -45,8 +45,12 @@ def import_captures(
         ignored: a folder of pictures that are white where photos are to be ignored, or one for all photos.
 
     Raises:
-        CaptureError: with file, field and remedy.
+        CaptureError: with file, field and remedy; the scene is in another file.
     """
+    if context.scene.library is not None:
+        raise CaptureError(
+            paths[0], "", "the scene is in another file", "import into a scene of this one"
+        )
     captures = {}
     for path in paths:
         capture = read_capture(path, photos=photos, masks=masks, ignored=ignored)

@@ -71,7 +71,9 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray
     data = path.read_bytes()
     header, marker, body = data.partition(b"end_header\n")
     words = [line.split() for line in header.decode("ascii", "replace").splitlines()]
-    counts = {w[1]: int(w[2]) for w in words if len(w) == 3 and w[0] == "element"}
+    counts = {
+        w[1]: int(w[2]) for w in words if len(w) == 3 and w[0] == "element" and w[2].isdigit()
+    }
     names = [w[2] for w in words if len(w) == 3 and w[0] == "property"]
     vertices, triangles = counts.get("vertex", 0), counts.get("face", 0)
     if (

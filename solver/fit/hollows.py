@@ -5,7 +5,7 @@ where such rays pass through little of the hull, they hold its surface in place;
 And what lies below a lid moves beneath it from photo to photo, so photos disagree about its colours. What
 nothing holds and photos disagree about is carved, until they agree: space carving (Kutulakos and Seitz
 2000, doi:10.1023/A:1008191222954) where silhouettes say nothing. A flat gloss looks different from photo to
-photo, too, but in one colour all over.
+photo, too, but in one colour all over. What stereo tells of the air goes first; it needs patterns.
 """
 
 import math

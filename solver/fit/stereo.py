@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from ..capture.camera import Camera
 from ..capture.photos import Photo, linear_to_srgb
-from ..threads import usable_cores
+from ..threads import mapped_ahead, usable_cores
 from .seen_space import cell_centres
 
 PATCH = 5
@@ -78,11 +78,11 @@ def air_seen(
         hull, held: [K, K, K] bool of cells of the world box [2, 3]; what silhouettes hold is no air.
 
     Returns:
-        [K, K, K] share of the votes, there and in cells next to it; 0 elsewhere.
+        [K, K, K] share of the votes, which is above `AIR` there; 0 but in and next to such cells.
     """
     with ThreadPoolExecutor(usable_cores()) as pool:
         stereo = _Stereo(cameras, photos, hull, box, pool)
-        votes = sum(pool.map(stereo.votes, range(len(cameras)))) / len(cameras)
+        votes = sum(mapped_ahead(pool, stereo.votes, range(len(cameras)))) / len(cameras)
     air, solid, *across = (ndimage.gaussian_filter(stereo.grid(some), WIDTH) for some in votes)
     around = air - np.linalg.norm(across, axis=0)
     share = air / (air + solid + DOUBT)

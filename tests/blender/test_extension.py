@@ -124,6 +124,20 @@ def test_an_archive_of_photos_is_headless_taken_as_its_folder(
     assert (tmp_path / "photos").is_dir()
 
 
+def test_nothing_is_imported_into_a_scene_of_another_file(duck, tmp_path):
+    """A fixed bug: a traceback, and the collection was left behind."""
+    file = tmp_path / "library.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(file), copy=True)
+    with bpy.data.libraries.load(str(file), link=True) as (there, here):
+        here.scenes = there.scenes[:1]
+    linked = next(scene for scene in bpy.data.scenes if scene.library)
+    bpy.context.window.scene = linked
+    before = len(bpy.data.collections), len(bpy.data.images)
+    with pytest.raises(RuntimeError, match="the scene is in another file"):
+        bpy.ops.nmf.import_capture(filepath=str(duck))
+    assert (len(bpy.data.collections), len(bpy.data.images)) == before
+
+
 def test_the_import_operator_reports_what_is_wrong(tmp_path):
     with pytest.raises(RuntimeError, match="no such file or folder"):
         bpy.ops.nmf.import_capture(filepath=str(tmp_path / "none.json"))

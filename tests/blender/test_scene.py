@@ -291,11 +291,16 @@ def test_a_missing_file_of_a_result_changes_nothing(extension, result_job):
     assert not bpy.data.meshes and not bpy.data.materials and not bpy.data.worlds
 
 
-def test_a_cut_off_mesh_changes_nothing(extension, result_job):
+@pytest.mark.parametrize(
+    "damaged", [lambda data: data[:-7], lambda data: data.replace(b"element vertex ", b"element vertex x")]
+)  # fmt: skip
+def test_a_cut_off_mesh_and_one_with_an_unreadable_count_change_nothing(
+    extension, result_job, damaged
+):
     from neural_microfacet_fields.solver.job.request import JobError
 
     mesh = result_job / "result" / "mesh.ply"
-    mesh.write_bytes(mesh.read_bytes()[:-7])
+    mesh.write_bytes(damaged(mesh.read_bytes()))
     with pytest.raises(JobError, match="damaged"):
         extension("scene.install").install_result(bpy.context, result_job)
     assert not bpy.data.meshes and not bpy.data.materials
