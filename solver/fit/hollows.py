@@ -17,10 +17,10 @@ import skimage.measure
 from scipy import ndimage
 
 from ..capture.camera import Camera
-from ..capture.photos import Photo, linear_to_srgb
+from ..capture.photos import Photo
 from .held_cells import held_by_silhouettes
 from .seen_space import cell_centres
-from .stereo import AIR, air_seen
+from .stereo import AIR, WHOLE, air_seen, parts_of, reduced_photo
 
 FINEST = 64
 """cells per axis on which hollows are looked for, at most"""
@@ -49,8 +49,6 @@ NEARLY = 1.1
 """times the least disagreement about a floor that the first one may have that is carved down to"""
 OPENED = 0.005
 """share of what masks show that may be seen through: beyond it, carving has gone through a wall"""
-WHOLE = np.ones((3, 3, 3), dtype=bool)
-"""all neighbours of a cell, across edges and corners too"""
 
 
 def carve_hollows(
@@ -135,18 +133,16 @@ class Carving:
         per_cell = self.edge * max(camera.fx, camera.fy) / np.median(depths)
         smaller = max(1, round(per_cell))
         height, width = (math.ceil(n / smaller) for n in photo.pixels.shape[:2])
-        reduced = skimage.measure.block_reduce(photo.pixels, (smaller, smaller, 1), np.mean)
-        straight = reduced[..., :3] / np.maximum(reduced[..., 3:], 1e-3)
-        colours = linear_to_srgb(straight).clip(0, 1).reshape(-1, 3)
+        colours, alpha = reduced_photo(photo, smaller)
         column, row = np.floor(np.nan_to_num(pixel, nan=-1) / smaller).astype(np.int64).T
         outside = (depth <= 0) | (column < 0) | (row < 0) | (column >= width) | (row >= height)
-        shown = reduced[..., 3] > 0.99
+        shown = alpha > 0.99
         if photo.told is not None:
             told = skimage.measure.block_reduce(photo.told, smaller, np.min, cval=True)
             shown &= told
             outside |= ~told[row.clip(0, height - 1), column.clip(0, width - 1)]
         place = np.where(outside, 0, row * width + column)
-        self.colours.append(colours[place].astype(np.float32))
+        self.colours.append(colours.reshape(-1, 3)[place].astype(np.float32))
         self.depths.append(np.where(outside, np.inf, depth).astype(np.float32))
         self.pixels.append(place)
         # A pixel or two within the outline, where a hull of cells covers all.
@@ -174,9 +170,7 @@ class Carving:
         return np.any([np.zeros_like(cells), *self._parts(cells)], axis=0)
 
     def _parts(self, cells: np.ndarray) -> list[np.ndarray]:
-        labels, count = ndimage.label(cells, WHOLE)
-        parts = (labels == part for part in range(1, count + 1))
-        return [part for part in parts if part.sum() >= SMALLEST * self.hull.sum()]
+        return parts_of(cells, SMALLEST * self.hull.sum())
 
     def believed(self, floors: _Surface, better: float) -> np.ndarray:
         """Cells [K, K, K] that were carved where photos agree much better about what came to light.

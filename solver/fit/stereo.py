@@ -86,15 +86,27 @@ def air_seen(
     air, solid, *across = (ndimage.gaussian_filter(stereo.grid(some), WIDTH) for some in votes)
     around = air - np.linalg.norm(across, axis=0)
     share = air / (air + solid + DOUBT)
-    labels, count = ndimage.label(hull & ~held & (share > AIR), WHOLE)
     outside = ndimage.binary_dilation(~hull)
     believed = np.zeros_like(hull)
-    for part in (labels == number for number in range(1, count + 1)):
-        open_and_large = (part & outside).any() and part.sum() >= SMALLEST * hull.sum()
-        often = open_and_large and np.median(air[part]) >= OFTEN
+    for part in parts_of(hull & ~held & (share > AIR), SMALLEST * hull.sum()):
+        often = (part & outside).any() and np.median(air[part]) >= OFTEN
         if often and np.median(around[part]) >= ALL_AROUND and stereo.opened(part) <= OPENED:
             believed |= part
     return np.where(ndimage.binary_dilation(believed, WHOLE), share, 0.0)
+
+
+def parts_of(cells: np.ndarray, smallest: float) -> list[np.ndarray]:
+    """Parts of `cells` [K, K, K] that hang together, each [K, K, K], of at least `smallest` cells."""
+    labels, count = ndimage.label(cells, WHOLE)
+    parts = (labels == part for part in range(1, count + 1))
+    return [part for part in parts if part.sum() >= smallest]
+
+
+def reduced_photo(photo: Photo, smaller: int) -> tuple[np.ndarray, np.ndarray]:
+    """Colours [h, w, 3], sRGB, not premultiplied, and alpha [h, w] of squares of so many pixels' sides."""
+    reduced = skimage.measure.block_reduce(photo.pixels, (smaller, smaller, 1), np.mean)
+    straight = reduced[..., :3] / np.maximum(reduced[..., 3:], 1e-3)
+    return linear_to_srgb(straight).clip(0, 1), reduced[..., 3]
 
 
 class _Stereo:
@@ -127,11 +139,10 @@ class _Stereo:
         scale = max(camera.fx, camera.fy) / np.median(np.abs(depths))
         width = self.edge * scale
         smaller = max(1, int(width / 2))
-        reduced = skimage.measure.block_reduce(photo.pixels, (smaller, smaller, 1), np.mean)
-        cover = (reduced[..., 3] > 0.5).astype(np.float32)
-        straight = linear_to_srgb(reduced[..., :3] / np.maximum(reduced[..., 3:], 1e-3)).clip(0, 1)
+        colours, alpha = reduced_photo(photo, smaller)
+        cover = (alpha > 0.5).astype(np.float32)
         blur = 0.4 * width / smaller
-        blurred = ndimage.gaussian_filter(straight.mean(-1) * cover, blur)
+        blurred = ndimage.gaussian_filter(colours.mean(-1) * cover, blur)
         blurred /= np.maximum(ndimage.gaussian_filter(cover, blur), 1e-3)
         rows, columns = photo.pixels.shape[:2]
         column, row = np.nan_to_num(pixel, nan=-1.0).T
