@@ -94,6 +94,8 @@ class PhotoFinder:
         self._by_stem: dict[str, list[Path]] | None = None
         self._folders: set[tuple[str, ...]] = set()
         self._of_masks: dict[Path, bool] = {}
+        # In folders: to ask for one with each extension takes long.
+        self._names: dict[Path, set[str]] = {}
 
     def find(self, stated: str, beside: Path | None = None) -> Path | None:
         """The photo that a file calls `stated` (a path or a name, with or without extension).
@@ -210,16 +212,18 @@ class PhotoFinder:
     def _at(self, base: Path, stated: str) -> Path | None:
         """A picture at just that path, if it lies where pictures may be read."""
         stated = stated.replace("\\", "/") if "\\" in stated and os.sep == "/" else stated
-        try:
+        with suppress(OSError, ValueError):
             path = Path(os.path.normpath(base / stated))
             if not self.anywhere and not path.is_relative_to(self.folder):
                 return None
-            named = [path] if path.suffix.lower() in EXTENSIONS else []
-            for candidate in named + [path.with_name(path.name + e) for e in EXTENSIONS]:
-                if candidate.is_file():
-                    return candidate
-        except (OSError, ValueError):
-            pass
+            if (there := self._names.get(path.parent)) is None:
+                there = self._names[path.parent] = set(map(plain, os.listdir(path.parent)))
+            for ending in ("", *EXTENSIONS):
+                named = plain(path.name + ending)
+                if named in there and named.endswith(EXTENSIONS):
+                    candidate = path.with_name(path.name + ending)
+                    if candidate.is_file():
+                        return candidate
         return None
 
     def _developed(self, photo: Path) -> Path:

@@ -2,6 +2,7 @@
 
 import json
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -481,3 +482,21 @@ def test_maps_of_the_photos_names_are_not_taken_for_photos_that_are_missing(tmp_
         PhotoFinder(tmp_path).find("frame_1.png") == picture
     )  # a file that tells no folder means this
     assert PhotoFinder(tmp_path).find(f"{folder}/frame_1.png") == picture
+
+
+def test_photos_named_without_extension_are_not_looked_for_one_extension_after_another(
+    tmp_path, monkeypatch
+):
+    names = [f"images/r_{i}" for i in range(40)]
+    for name in names:
+        save(tmp_path / f"{name}.webp")
+    file, asked = write_cameras(tmp_path, names, w=8, h=8), []
+    is_file = Path.is_file
+
+    def counted(path):
+        asked.append(path.name)
+        return is_file(path)
+
+    monkeypatch.setattr(Path, "is_file", counted)
+    assert len(read_capture(file).cameras) == len(names)
+    assert len([name for name in asked if name.startswith("r_")]) == len(names)
