@@ -55,7 +55,6 @@ def matrices_in(path: Path, largest: int) -> list[np.ndarray]:
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError) as error:
         raise CaptureError(
             path, "", "this is not a pickled list of matrices, or it is damaged",
-            "export the cameras again",
         ) from error  # fmt: skip
 
 

@@ -26,10 +26,7 @@ def pinhole_of(path: Path, where: str, matrix: np.ndarray) -> tuple[float, float
     with np.errstate(all="ignore"):
         k = matrix / matrix[2, 2]
     if not np.isfinite(k).all() or max(abs(k[1, 0]), abs(k[2, 0]), abs(k[2, 1])) > _ZERO:
-        raise CaptureError(
-            path, where, "this is not a lens's matrix (fx 0 cx, 0 fy cy, 0 0 1)",
-            "export the cameras again",
-        )  # fmt: skip
+        raise CaptureError(path, where, "this is not a lens's matrix (fx 0 cx, 0 fy cy, 0 0 1)")
     if abs(k[0, 1]) > _MOST_SKEW * abs(k[0, 0]):
         raise CaptureError(
             path, where, "its pixels are not rectangles (skew), which no lens here has",
@@ -53,7 +50,7 @@ def of_projection(
     matrix = projection[:, :3]
     largest = np.abs(matrix).max(initial=0)
     if not 1e-9 < largest < 1e12 or np.linalg.cond(matrix) > 1e12:
-        raise CaptureError(path, where, "this is not a projection", "export the cameras again")
+        raise CaptureError(path, where, "this is not a projection")
     # RQ by QR of the matrix turned around. A projection's sign is arbitrary; a rotation's is not.
     if np.linalg.det(matrix) < 0:
         projection = -projection

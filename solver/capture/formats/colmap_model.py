@@ -19,25 +19,17 @@ KINDS = ("cameras", "images", "points3D", "rigs", "frames")
 # principal point is the lens's distortion. A panorama has its picture's width and height instead.
 _PERSPECTIVE, _FISHEYE = "opencv", "opencv_fisheye"
 MODELS: dict[str, tuple[int, int, int, str]] = {
-    "SIMPLE_PINHOLE": (0, 3, 1, "pinhole"),
-    "PINHOLE": (1, 4, 2, "pinhole"),
-    "SIMPLE_RADIAL": (2, 4, 1, _PERSPECTIVE),
-    "RADIAL": (3, 5, 1, _PERSPECTIVE),
-    "OPENCV": (4, 8, 2, _PERSPECTIVE),
-    "OPENCV_FISHEYE": (5, 8, 2, _FISHEYE),
-    "FULL_OPENCV": (6, 12, 2, _PERSPECTIVE),
-    "FOV": (7, 5, 2, "fov"),
-    "SIMPLE_RADIAL_FISHEYE": (8, 4, 1, _FISHEYE),
-    "RADIAL_FISHEYE": (9, 5, 1, _FISHEYE),
+    "SIMPLE_PINHOLE": (0, 3, 1, "pinhole"), "PINHOLE": (1, 4, 2, "pinhole"),
+    "SIMPLE_RADIAL": (2, 4, 1, _PERSPECTIVE), "RADIAL": (3, 5, 1, _PERSPECTIVE),
+    "OPENCV": (4, 8, 2, _PERSPECTIVE), "OPENCV_FISHEYE": (5, 8, 2, _FISHEYE),
+    "FULL_OPENCV": (6, 12, 2, _PERSPECTIVE), "FOV": (7, 5, 2, "fov"),
+    "SIMPLE_RADIAL_FISHEYE": (8, 4, 1, _FISHEYE), "RADIAL_FISHEYE": (9, 5, 1, _FISHEYE),
     "THIN_PRISM_FISHEYE": (10, 12, 2, "thin_prism_fisheye"),
     "RAD_TAN_THIN_PRISM_FISHEYE": (11, 16, 2, "rad_tan_thin_prism_fisheye"),
-    "SIMPLE_DIVISION": (12, 4, 1, "division"),
-    "DIVISION": (13, 5, 2, "division"),
-    "SIMPLE_FISHEYE": (14, 3, 1, _FISHEYE),
-    "FISHEYE": (15, 4, 2, _FISHEYE),
-    "EUCM": (16, 6, 2, "eucm"),
-    "EQUIRECTANGULAR": (17, 2, 0, EQUIRECTANGULAR),
-}
+    "SIMPLE_DIVISION": (12, 4, 1, "division"), "DIVISION": (13, 5, 2, "division"),
+    "SIMPLE_FISHEYE": (14, 3, 1, _FISHEYE), "FISHEYE": (15, 4, 2, _FISHEYE),
+    "EUCM": (16, 6, 2, "eucm"), "EQUIRECTANGULAR": (17, 2, 0, EQUIRECTANGULAR),
+}  # fmt: skip
 NAME_OF_ID = {row[0]: name for name, row in MODELS.items()}
 
 

@@ -61,7 +61,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         chunk for chunk in read_xml(path).iter("chunk") if chunk.find(".//camera") is not None
     ]
     if not chunks:
-        raise CaptureError(path, "chunk", "there are no cameras in it", "export the cameras again")
+        raise CaptureError(path, "chunk", "there are no cameras in it")
     chunk, warnings = max(chunks, key=lambda chunk: len(chunk.findall(".//camera/transform"))), []
     if len(chunks) > 1:
         name = shown(chunk.get("label", "the largest"))
@@ -88,7 +88,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         key = camera.get("sensor_id")
         if photos.serves(photo) and key not in lenses:
             if key not in sensors:
-                raise CaptureError(path, where, "its sensor is missing", "export the cameras again")
+                raise CaptureError(path, where, "its sensor is missing")
             lenses[key] = read_lens(path, sensors[key])
         if key in rolling or camera.find("rolling_shutter") is not None:
             moving.append(label)
@@ -270,7 +270,5 @@ def _similarity(path: Path, element: Element) -> np.ndarray:
     if len(element) == 0 and (element.text or "").strip():
         matrix = numbers(path, "chunk transform", element.text, 16).reshape(4, 4)
     if not np.isfinite(matrix).all() or not np.linalg.det(matrix[:3, :3]) > 1e-30:
-        raise CaptureError(
-            path, "chunk transform", "it is not a rotation and scale", "export the cameras again"
-        )
+        raise CaptureError(path, "chunk transform", "it is not a rotation and scale")
     return matrix

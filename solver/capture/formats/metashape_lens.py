@@ -133,7 +133,7 @@ def read_lens(path: Path, sensor: Element) -> Intrinsics:
 
 def _size(path: Path, where: str, resolution: Element | None) -> tuple[int, int]:
     if resolution is None:
-        raise CaptureError(path, where, "it has no resolution", "export the cameras again")
+        raise CaptureError(path, where, "it has no resolution")
     width, height = (
         number(path, f"{where}, {side}", resolution.get(side)) for side in ("width", "height")
     )

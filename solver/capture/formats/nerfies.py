@@ -81,7 +81,7 @@ def _camera(file: Path, folder: Path, photos: PhotoFinder) -> Found:
 def _intrinsics(content: Entry) -> Intrinsics:
     focal = content.number("focal_length")
     if focal <= 0:
-        raise content.error("focal_length", "it is not positive", "export the cameras again")
+        raise content.error("focal_length", "it is not positive")
     width, height = content.numbers("image_size", 2)
     cx, cy = content.numbers("principal_point", 2)
     radial = content.numbers("radial_distortion", 3)

@@ -61,7 +61,6 @@ def _camera(file: Path, photos: PhotoFinder) -> Found:
     ):
         raise CaptureError(
             file, "", "this is not a pickled pair of a pose (3 × 4) and a lens (3 × 3)",
-            "export the cameras again",
         )  # fmt: skip
     number = _FILE.fullmatch(file.name)[1]
     photo = photos.find_in(file.parent, number)

@@ -64,7 +64,7 @@ def _numbered(path: Path, name: str) -> dict[int, np.ndarray]:
         if not _is_number(number):
             continue  # world_mat_inv_0
         if matrix.shape not in ((4, 4), (3, 4)):
-            raise CaptureError(path, key, "this is not a 4 × 4 matrix", "export the cameras again")
+            raise CaptureError(path, key, "this is not a 4 × 4 matrix")
         found[int(number)] = matrix
     return found
 
@@ -96,7 +96,5 @@ def _region(path: Path, spheres: dict[int, np.ndarray]) -> np.ndarray:
     radius = float(np.linalg.norm(matrix[:3, 0]))
     centre = matrix[:3, 3]
     if not (1e-9 < radius < 1e12 and np.abs(centre).max() < 1e12):
-        raise CaptureError(
-            path, f"scale_mat_{number}", "its sphere has no size", "export the cameras again"
-        )
+        raise CaptureError(path, f"scale_mat_{number}", "its sphere has no size")
     return np.stack([centre - radius, centre + radius])

@@ -118,7 +118,7 @@ def read_table(path: Path, name: str, photos: PhotoFinder) -> Capture:
             continue
         where = f"line {line}"
         if len(row) <= max(columns.values()):
-            raise CaptureError(path, where, "the line is cut off", "export the cameras again")
+            raise CaptureError(path, where, "the line is cut off")
 
         def value(name: str, row: list[str] = row, where: str = where) -> float:
             if name not in columns:

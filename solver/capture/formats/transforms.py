@@ -72,9 +72,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         raise CaptureError(path, "frames", "there is no list of frames", "give a transforms.json")
     frames = content["frames"]
     if not isinstance(frames, list) or not frames:
-        raise CaptureError(
-            path, "frames", "the list of frames is empty", "export the cameras again"
-        )
+        raise CaptureError(path, "frames", "the list of frames is empty")
     found, lost = [], []
     kept = _for_training(content, photos)
     for index, frame in enumerate(frames):

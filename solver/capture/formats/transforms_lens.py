@@ -30,27 +30,15 @@ _SAME = 1e-9
 _TOO_WIDE = 1 + 1e-3
 """times all directions that a panorama may be wide or high: what rounding leaves"""
 _LENS_OF_MODEL = {
-    "PINHOLE": "pinhole",
-    "SIMPLE_PINHOLE": "pinhole",
-    "OPENCV": "opencv",
-    "RADIAL": "opencv",
-    "SIMPLE_RADIAL": "opencv",
-    "FULL_OPENCV": "opencv",
-    "PERSPECTIVE": "opencv",
-    "OPENCV_FISHEYE": "opencv_fisheye",
-    "SIMPLE_RADIAL_FISHEYE": "opencv_fisheye",
-    "RADIAL_FISHEYE": "opencv_fisheye",
-    "FOV": "fov",
-    "DIVISION": "division",
-    "EUCM": "eucm",
-    "VISUALSFM": "visualsfm",
-    "THIN_PRISM_FISHEYE": "thin_prism_fisheye",
+    "PINHOLE": "pinhole", "SIMPLE_PINHOLE": "pinhole", "OPENCV": "opencv", "RADIAL": "opencv",
+    "SIMPLE_RADIAL": "opencv", "FULL_OPENCV": "opencv", "PERSPECTIVE": "opencv",
+    "OPENCV_FISHEYE": "opencv_fisheye", "SIMPLE_RADIAL_FISHEYE": "opencv_fisheye",
+    "RADIAL_FISHEYE": "opencv_fisheye", "FOV": "fov", "DIVISION": "division", "EUCM": "eucm",
+    "VISUALSFM": "visualsfm", "THIN_PRISM_FISHEYE": "thin_prism_fisheye",
     "RAD_TAN_THIN_PRISM_FISHEYE": "rad_tan_thin_prism_fisheye",
-    "FISHEYE624": "rad_tan_thin_prism_fisheye",
-    "BROWN": "brown",
-    "FISHEYE_POWER": "fisheye_power",
+    "FISHEYE624": "rad_tan_thin_prism_fisheye", "BROWN": "brown", "FISHEYE_POWER": "fisheye_power",
     "EQUIRECTANGULAR": EQUIRECTANGULAR,
-}
+}  # fmt: skip
 _RATIONAL_KEYS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _LISTED_KEYS = ("k1", "k2", "k3", "k4", "p1", "p2")
 """what nerfstudio's `distortion_params` holds, in its order"""
