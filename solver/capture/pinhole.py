@@ -7,6 +7,8 @@ import numpy as np
 
 from .errors import CaptureError
 from .frames import rigid
+from .image_header import image_size
+from .intake import Intrinsics
 
 OFF_CENTRE = 0.2
 """how far from the middle no lens's centre is, as a share of half the photo"""
@@ -85,3 +87,8 @@ def size_meant(size: tuple[int, int], cx: float, cy: float) -> tuple[int, int]:
         whole = round(times) if times > 1 else 1 / round(1 / times)
         wide = whole * size[0] if abs(times / whole - 1) < _NEAR else wide
     return round(wide), round(wide * size[1] / size[0])
+
+
+def lens_on(photo: Path, fx: float, fy: float, cx: float, cy: float) -> Intrinsics:
+    """A lens in pixels of the photo, or of the larger or smaller one that its centre tells of."""
+    return Intrinsics(*size_meant(image_size(photo), cx, cy), fx, fy, cx, cy)

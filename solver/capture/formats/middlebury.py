@@ -20,10 +20,9 @@ from ..errors import CaptureError, shown
 from ..fields import rigid_pose
 from ..files import read_lines, text_head
 from ..frames import pose_of_opencv
-from ..image_header import image_size
-from ..intake import Found, Intrinsics, assemble
+from ..intake import Found, assemble
 from ..photo_finder import PhotoFinder
-from ..pinhole import pinhole_of, size_meant
+from ..pinhole import lens_on, pinhole_of
 
 NAME = "Middlebury"
 EXTENSIONS = (".txt",)
@@ -70,7 +69,6 @@ def _camera(path: Path, where: str, line: str, photos: PhotoFinder) -> Found:
     from_world = rigid_pose(path, f"{where}, {shown(name)}", np.hstack([rotation, translation]))
     photo, intrinsics = photos.find(name, beside=path), None
     if photo is not None:
-        values = pinhole_of(path, f"{where}, {shown(name)}", lens)
-        intrinsics = Intrinsics(*size_meant(image_size(photo), *values[2:]), *values)
+        intrinsics = lens_on(photo, *pinhole_of(path, f"{where}, {shown(name)}", lens))
     pose = pose_of_opencv(from_world)
     return Found(f"{where}, {shown(name)}", name, photo, pose, intrinsics)

@@ -15,7 +15,6 @@ from pathlib import Path
 
 from ..camera_folder import MOST_FILES
 from ..capture import Capture
-from ..errors import CaptureError
 from ..fields import Entry
 from ..files import json_head
 from ..intake import Found, Intrinsics, assemble
@@ -43,18 +42,17 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 
 def _views(path: Path) -> list[Path]:
     folder = path.absolute().parent
-    view = _VIEW.fullmatch(folder.name)
-    if view is None:
+    if (kind := _kind(folder)) is None:
         return [path]
-    try:
-        names = [other.name for other in folder.parent.iterdir() if other.name.startswith(view[1])]
-    except OSError as error:
-        raise CaptureError(
-            folder.parent, "", "the folder cannot be read", "check its permissions"
-        ) from error
-    names = sorted((name for name in names if _VIEW.fullmatch(name)), key=numbered)[:MOST_FILES]
-    files = (folder.parent / name / path.name for name in names)
-    return [file for file in files if file.is_file()]
+    beside = (other for other in folder.parent.glob("*") if _kind(other) == kind)
+    files = [file for other in beside if (file := other / path.name).is_file()]
+    return sorted(files, key=lambda file: numbered(file.parent.name))[:MOST_FILES]
+
+
+def _kind(folder: Path) -> str | None:
+    """What a view's folder is called before its number."""
+    view = _VIEW.fullmatch(folder.name)
+    return view and view[1]
 
 
 def _camera(file: Path, photos: PhotoFinder) -> Found:

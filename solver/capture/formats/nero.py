@@ -17,11 +17,10 @@ from ..errors import CaptureError
 from ..fields import is_no_pose, rigid_pose
 from ..files import head_of
 from ..frames import pose_of_opencv
-from ..image_header import image_size
-from ..intake import Found, Intrinsics, assemble, without_pose
+from ..intake import Found, assemble, without_pose
 from ..photo_finder import PhotoFinder
 from ..pickled import matrices_in
-from ..pinhole import pinhole_of, size_meant
+from ..pinhole import lens_on, pinhole_of
 
 NAME = "NeRO"
 EXTENSIONS = (".pkl",)
@@ -68,6 +67,5 @@ def _camera(file: Path, photos: PhotoFinder) -> Found:
     if not is_no_pose(matrices[0]):
         pose = pose_of_opencv(rigid_pose(file, "pose", matrices[0]))
         if photo is not None:
-            lens = pinhole_of(file, "lens", matrices[1])
-            intrinsics = Intrinsics(*size_meant(image_size(photo), *lens[2:]), *lens)
+            intrinsics = lens_on(photo, *pinhole_of(file, "lens", matrices[1]))
     return Found(f"{file.name}, pose", number, photo, pose, intrinsics)

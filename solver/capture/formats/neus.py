@@ -17,13 +17,12 @@ from ..capture import Capture
 from ..errors import CaptureError
 from ..files import head_of
 from ..frames import pose_opengl_from_opencv
-from ..image_header import image_size
 from ..in_order import photos_in_order
-from ..intake import Found, Intrinsics, assemble
+from ..intake import Found, assemble
 from ..npy_files import read_npz
 from ..photo_finder import PhotoFinder
 from ..picture_names import folder_called, pictures_in
-from ..pinhole import of_projection, size_meant
+from ..pinhole import lens_on, of_projection
 
 NAME = "NeuS"
 EXTENSIONS = (".npz",)
@@ -83,8 +82,7 @@ def _found(
     if photo is None:
         return Found(where, where, None, None, None)
     (fx, fy, cx, cy), to_world = of_projection(path, where, projection[:3])
-    centre = cx + 0.5, cy + 0.5
-    intrinsics = Intrinsics(*size_meant(image_size(photo), *centre), fx, fy, *centre)
+    intrinsics = lens_on(photo, fx, fy, cx + 0.5, cy + 0.5)
     mask = masks.get(int(photo.stem)) if _is_number(photo.stem) else None
     return Found(where, photo.name, photo, pose_opengl_from_opencv(to_world), intrinsics, mask)
 

@@ -30,10 +30,9 @@ from ..errors import CaptureError, counted
 from ..fields import is_no_pose, rigid_pose
 from ..files import text_head
 from ..frames import invert_pose, pose_opengl_from_opencv
-from ..image_header import image_size
-from ..intake import Found, Intrinsics, assemble, without_pose
+from ..intake import Found, assemble, without_pose
 from ..photo_finder import PhotoFinder
-from ..pinhole import pinhole_of, size_meant
+from ..pinhole import lens_on, pinhole_of
 
 NAME = "NSVF, ScanNet, NeRF++"
 EXTENSIONS = (".txt",)
@@ -79,7 +78,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         intrinsics = None
         lens = _lens(lens_file.with_name(file.name)) if has_each else of_all
         if photo is not None:
-            intrinsics = Intrinsics(*size_meant(image_size(photo), *lens[2:]), *lens)
+            intrinsics = lens_on(photo, *lens)
         where = f"{file.parent.name}/{file.name}"
         found.append(Found(where, stated, photo, pose_opengl_from_opencv(pose), intrinsics))
     warnings = without_pose(

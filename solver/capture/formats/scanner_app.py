@@ -13,10 +13,9 @@ from ..capture import Capture
 from ..errors import CaptureError
 from ..fields import numbers
 from ..files import json_head, read_json
-from ..image_header import image_size
-from ..intake import Found, Intrinsics, assemble
+from ..intake import Found, assemble
 from ..photo_finder import PhotoFinder
-from ..pinhole import pinhole_of, size_meant
+from ..pinhole import lens_on, pinhole_of
 
 NAME = "3D Scanner App"
 EXTENSIONS = (".json",)
@@ -50,6 +49,5 @@ def _camera(file: Path, photo: Path) -> Found:
         raise CaptureError(file, "", "this is not a frame", "export the scan again")
     pose = numbers(file, "cameraPoseARFrame", content.get("cameraPoseARFrame"), 16).reshape(4, 4)
     k = numbers(file, "intrinsics", content.get("intrinsics"), 9).reshape(3, 3)
-    lens = pinhole_of(file, "intrinsics", k)
-    intrinsics = Intrinsics(*size_meant(image_size(photo), *lens[2:]), *lens)
-    return Found(f"{file.name}, cameraPoseARFrame", photo.name, photo, pose, intrinsics)
+    lens = lens_on(photo, *pinhole_of(file, "intrinsics", k))
+    return Found(f"{file.name}, cameraPoseARFrame", photo.name, photo, pose, lens)
