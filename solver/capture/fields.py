@@ -123,7 +123,7 @@ class Entry(dict):
             values = [numbers(self.path, self.field(key), row) for row in stated[:rows]]
             if all(columns <= len(row) <= 4 for row in values):
                 return np.stack([row[:columns] for row in values])
-        raise self.error(key, "this is not a matrix", "export the cameras again")
+        raise self.error(key, f"this is not a {rows} × {columns} matrix")
 
     def name(self, key: str, problem: str, remedy: str = "export it again") -> str:
         """A text that may be a file's name."""

@@ -162,7 +162,8 @@ def without_pose(
     if not lost:
         return ()
     if len(lost) == count:
-        raise CaptureError(source, field, f"none of its {count} photos has a pose", remedy)
+        none = "its photo has no" if count == 1 else f"none of its {count} photos has a"
+        raise CaptureError(source, field, f"{none} pose", remedy)
     what = counted(f"{len(lost)} of {count} photos has|have no pose and is|are left out")
     return (f"{source.name}: {what} (the first: {shown(lost[0])})",)
 

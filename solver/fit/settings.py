@@ -312,8 +312,8 @@ def _convert(value: object, wanted: object) -> object:
 def _type_name(wanted: object) -> str:
     if typing.get_origin(wanted) is tuple:
         item, *others = typing.get_args(wanted)
-        some = "list of" if others == [...] else f"{1 + len(others)}"
-        return f"{some} {_type_name(item)}s"
-    return {int: "whole number", float: "number", bool: "yes or no", str: "text"}.get(
+        some = "a list of" if others == [...] else f"{1 + len(others)}"
+        return f"{some} {_type_name(item).removeprefix('a ')}s"
+    return {int: "a whole number", float: "a number", bool: "yes or no", str: "text"}.get(
         wanted, str(wanted)
     )

@@ -556,3 +556,9 @@ def test_decimal_commas_are_named(tmp_path):
     text = simple().replace(f"<transform>{numbers(poses()[0])}", "<transform>" + "0,5 " * 16)
     with pytest.raises(CaptureError, match="camera IMG_0000, transform.*has decimal commas"):
         read_capture(write(tmp_path, text))
+
+
+def test_of_a_single_camera_that_is_not_aligned_nothing_is_said_in_the_plural(tmp_path):
+    write(tmp_path, simple(matrices=[None]))
+    with pytest.raises(CaptureError, match="transform: its camera is not aligned; align"):
+        read_capture(tmp_path)

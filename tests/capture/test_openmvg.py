@@ -201,3 +201,10 @@ def test_a_malformed_file_gets_an_error_with_file_field_and_remedy(tmp_path, at,
         read_capture(write(tmp_path, content))
     assert caught.value.file.name == "sfm_data.json" and field in caught.value.field
     assert caught.value.remedy and "\n" not in str(caught.value)
+
+
+def test_of_a_single_photo_without_a_pose_nothing_is_said_in_the_plural(tmp_path):
+    content = scene(order=[0])
+    content["extrinsics"] = []
+    with pytest.raises(CaptureError, match="extrinsics: its photo has no pose; give"):
+        read_capture(write(tmp_path, content))

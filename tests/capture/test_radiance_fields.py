@@ -300,3 +300,10 @@ def test_neus_photos_that_were_resized_have_a_lens_of_their_size(tmp_path, times
     for camera in read_capture(folder).cameras:
         lens = camera.fx, camera.fy, camera.cx, camera.cy
         assert lens == pytest.approx([times * value for value in (FX, FY, 49.5, CY)])
+
+
+def test_what_is_no_matrix_is_told_with_the_size_of_one(tmp_path):
+    cameras = splat_cameras()
+    cameras[2]["rotation"] = [1, 0, 0, 0, 1, 0, 0, 0, 1]
+    with pytest.raises(CaptureError, match=r"\[2\].rotation: this is not a 3 × 3 matrix"):
+        read_capture(make_splat(tmp_path, cameras))

@@ -324,6 +324,20 @@ def test_an_unknown_preset_is_named():
         settings_for("fastest")
 
 
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("fit.steps", "a whole number"),
+        ("fit.neighbour_distance", "a number"),
+        ("fit.neural_fade", "2 numbers"),
+        ("fit.snapshots", "a list of whole numbers"),
+    ],
+)
+def test_what_a_setting_expects_is_told_with_its_article(key, words):
+    with pytest.raises(SettingsError, match=rf"expected {words}\.$"):
+        settings_for("draft", {key: "soon"})
+
+
 def test_batches_hold_the_pixels_of_their_rays():
     capture, photos = ball_capture(3)
     bank = RayBank(list(capture.cameras), photos)

@@ -120,7 +120,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         )  # fmt: skip
     if not found and (unaligned := left_out[_NOT_ALIGNED]):
         raise CaptureError(
-            path, "transform", f"none of its {len(unaligned)} cameras is aligned",
+            path, "transform", "its camera is not aligned" if len(unaligned) == 1
+            else f"none of its {len(unaligned)} cameras is aligned",
             "align the photos in Metashape and export the cameras again",
         )  # fmt: skip
     return assemble(
