@@ -18,12 +18,10 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ..capture import Capture
 from ..errors import CaptureError, counted, shown
 from ..files import read_xml, text_head
 from ..frames import pose_opengl_from_opencv, rigid, rotation_from_omega_phi_kappa
-from ..intake import Found, Intrinsics, assemble, without_pose
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble, without_pose
 from ..picture_names import parts_of
 from ..sparse_points import SparsePoints
 from .blocks_exchange_lens import axes_of, read_lens, value_of

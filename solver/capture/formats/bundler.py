@@ -12,15 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..capture import Capture
 from ..errors import CaptureError, counted, shown
 from ..fields import number, rigid_pose
 from ..files import read_lines, text_head
 from ..frames import invert_pose
 from ..image_header import EXTENSIONS as PICTURES
 from ..image_header import image_size
-from ..intake import Found, Intrinsics, assemble
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..sparse_points import SparsePoints
 
 NAME = "Bundler"

@@ -11,11 +11,8 @@ from types import ModuleType
 
 import numpy as np
 
-from ..capture import Capture
-from ..errors import CaptureError
 from ..frames import pose_of_opencv
-from ..intake import Found, assemble
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, CaptureError, Found, PhotoFinder, assemble
 from . import colmap_binary, colmap_text
 from .colmap_model import KINDS, Image, intrinsics_of, pose_matrix
 

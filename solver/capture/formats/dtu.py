@@ -22,11 +22,9 @@ from pathlib import Path
 import numpy as np
 
 from ..camera_folder import files_in, matrix_of, words_of
-from ..capture import Capture
 from ..files import text_head
 from ..frames import pose_opengl_from_opencv
-from ..intake import Found, Intrinsics, assemble
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..pinhole import of_projection
 
 NAME = "DTU"

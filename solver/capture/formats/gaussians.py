@@ -10,13 +10,10 @@ Kerbl et al. 2023, doi:10.1145/3592433; `camera_to_JSON` of their code.
 from contextlib import suppress
 from pathlib import Path
 
-from ..capture import Capture
-from ..errors import CaptureError
 from ..fields import Entry
 from ..files import read_json, text_head
 from ..frames import pose_opengl_from_opencv, rigid
-from ..intake import Found, Intrinsics, assemble
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, assemble
 from ..ply_points import read_ply_points
 
 NAME = "Gaussian splatting"

@@ -19,13 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..capture import Capture
 from ..errors import CaptureError, shown
 from ..fields import check_quaternion, number, numbers
 from ..files import read_lines, text_head
 from ..frames import pose_of_opencv
-from ..intake import Found, Intrinsics, assemble, without_pose
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble, without_pose
 from ..sparse_points import SparsePoints
 from .colmap_model import Sensor, intrinsics_of, pose_matrix
 

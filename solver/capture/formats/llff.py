@@ -11,13 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..capture import Capture
-from ..errors import CaptureError
 from ..files import head_of
 from ..in_order import photos_in_order
-from ..intake import Found, Intrinsics, assemble
+from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, assemble
 from ..npy_files import MAGIC, read_npy
-from ..photo_finder import PhotoFinder
 
 NAME = "LLFF"
 EXTENSIONS = (".npy",)

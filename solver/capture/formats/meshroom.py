@@ -34,14 +34,12 @@ from typing import Any
 import numpy as np
 
 from ..brown_lens import polynomial_lens
-from ..capture import Capture
 from ..errors import CaptureError, shown
 from ..fields import Entry
 from ..files import head_of, json_head
 from ..frames import pose_opengl_from_opencv, rigid
-from ..intake import Found, Intrinsics, assemble, without_pose
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble, without_pose
 from ..panoramic_lens import EQUIRECTANGULAR
-from ..photo_finder import PhotoFinder
 
 NAME = "Meshroom SfM data"
 EXTENSIONS = (".sfm", ".json")

@@ -22,13 +22,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ..capture import Capture
 from ..errors import CaptureError, counted, shown
 from ..fields import number, numbers
 from ..files import read_xml, text_head
 from ..frames import pose_opengl_from_opencv
-from ..intake import Found, Intrinsics, assemble
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..picture_names import parts_of, stem_of
 from .metashape_lens import has_rolling_shutter, is_other_panorama, read_lens
 

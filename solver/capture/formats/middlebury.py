@@ -15,13 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from ..camera_folder import matrix_of
-from ..capture import Capture
 from ..errors import CaptureError, shown
 from ..fields import rigid_pose
 from ..files import read_lines, text_head
 from ..frames import pose_of_opencv
-from ..intake import Found, assemble
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, Found, PhotoFinder, assemble
 from ..pinhole import lens_on, pinhole_of
 
 NAME = "Middlebury"

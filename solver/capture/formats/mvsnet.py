@@ -18,14 +18,11 @@ https://github.com/YoYo000/BlendedMVS#dataset-structure; https://github.com/dony
 from pathlib import Path
 
 from ..camera_folder import LARGEST_FILE, files_in, matrix_of, photo_folder, words_of
-from ..capture import Capture
-from ..errors import CaptureError
 from ..fields import is_no_pose, rigid_pose
 from ..files import head_of, text_head
 from ..frames import pose_of_opencv
 from ..image_header import image_size
-from ..intake import Found, Intrinsics, assemble, without_pose
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, assemble, without_pose
 from ..pinhole import is_for_another_size, pinhole_of
 
 NAME = "MVSNet"

@@ -14,12 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..capture import Capture
 from ..fields import Entry, number, numbers, rigid_pose
 from ..files import json_head
 from ..frames import pose_of_opencv
-from ..intake import Found, Intrinsics, assemble, without_pose
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble, without_pose
 from ..picture_names import parts_of
 
 NAME = "NeILF sfm_scene.json"

@@ -14,11 +14,9 @@ import re
 from pathlib import Path
 
 from ..camera_folder import MOST_FILES
-from ..capture import Capture
 from ..fields import Entry
 from ..files import json_head
-from ..intake import Found, Intrinsics, assemble
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..picture_names import numbered
 
 NAME = "NeRFactor"

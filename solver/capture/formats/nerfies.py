@@ -16,14 +16,12 @@ import numpy as np
 
 from ..brown_lens import polynomial_lens
 from ..camera_folder import files_in
-from ..capture import Capture
 from ..errors import CaptureError, counted
 from ..fields import Entry, numbers, rigid_pose
 from ..files import json_head
 from ..frames import invert_pose, pose_opengl_from_opencv
-from ..intake import Found, Intrinsics, assemble
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..npy_files import read_npy
-from ..photo_finder import PhotoFinder
 from ..picture_names import numbered, pictures_in
 
 NAME = "Nerfies"

@@ -12,13 +12,10 @@ import re
 from pathlib import Path
 
 from ..camera_folder import LARGEST_FILE, files_in
-from ..capture import Capture
-from ..errors import CaptureError
 from ..fields import is_no_pose, rigid_pose
 from ..files import head_of
 from ..frames import pose_of_opencv
-from ..intake import Found, assemble, without_pose
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, CaptureError, Found, PhotoFinder, assemble, without_pose
 from ..pickled import matrices_in
 from ..pinhole import lens_on, pinhole_of
 

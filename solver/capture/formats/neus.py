@@ -13,14 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..capture import Capture
-from ..errors import CaptureError
 from ..files import head_of
 from ..frames import pose_opengl_from_opencv
 from ..in_order import photos_in_order
-from ..intake import Found, assemble
+from ..intake import Capture, CaptureError, Found, PhotoFinder, assemble
 from ..npy_files import read_npz
-from ..photo_finder import PhotoFinder
 from ..picture_names import folder_called, pictures_in
 from ..pinhole import lens_on, of_projection
 

@@ -16,13 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from ..capture import Capture
-from ..errors import CaptureError
 from ..fields import Entry
 from ..files import json_head
 from ..frames import pose_opengl_from_opencv, rigid
-from ..intake import Found, Intrinsics, assemble
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, assemble
 from ..placement import far_origin, seen_from
 from .opensfm import intrinsics_of, rotation_of
 

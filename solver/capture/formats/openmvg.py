@@ -19,14 +19,12 @@ from typing import Any
 import numpy as np
 
 from ..brown_lens import polynomial_lens
-from ..capture import Capture
 from ..errors import shown
 from ..fields import Entry, numbers
 from ..files import json_head
 from ..frames import pose_opengl_from_opencv, rigid
-from ..intake import Found, Intrinsics, assemble, without_pose
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble, without_pose
 from ..panoramic_lens import EQUIRECTANGULAR, in_turns
-from ..photo_finder import PhotoFinder
 
 NAME = "OpenMVG sfm_data.json"
 EXTENSIONS = (".json",)

@@ -28,14 +28,12 @@ from pathlib import Path
 import numpy as np
 
 from ..brown_lens import polynomial_lens
-from ..capture import Capture
 from ..errors import CaptureError, counted, shown
 from ..fields import Entry, rigid_pose
 from ..files import read_json, text_head
 from ..frames import pose_of_opencv, rigid, rotation_from_quaternion
-from ..intake import Found, Intrinsics, assemble, without_pose
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble, without_pose
 from ..panoramic_lens import EQUIRECTANGULAR, in_turns
-from ..photo_finder import PhotoFinder
 from ..sparse_points import SparsePoints
 
 NAME = "OpenSfM reconstruction.json"

@@ -24,14 +24,12 @@ from urllib.parse import unquote
 import numpy as np
 
 from ..brown_lens import polynomial_lens
-from ..capture import Capture
 from ..errors import CaptureError, counted, shown
 from ..fields import Entry
 from ..files import file_below, json_head
 from ..fisheye_power import of_quarter_turns
 from ..frames import rigid, rotation_from_omega_phi_kappa
-from ..intake import Found, Intrinsics, assemble, without_pose
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble, without_pose
 from .opf_points import read_gltf_points
 
 NAME = "OPF"

@@ -29,13 +29,11 @@ from pathlib import Path
 import numpy as np
 
 from ..brown_lens import polynomial_lens
-from ..capture import Capture
 from ..errors import CaptureError, shown
 from ..fields import number, numbers, rigid_pose
 from ..files import read_lines, text_head
 from ..frames import invert_pose, pose_opengl_from_opencv
-from ..intake import Found, Intrinsics, assemble
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..pinhole import pinhole_of
 
 NAME = "Pix4D"

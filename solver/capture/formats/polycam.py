@@ -13,12 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from ..camera_folder import files_in
-from ..capture import Capture
 from ..errors import CaptureError, counted
 from ..fields import number
 from ..files import json_head, read_json
-from ..intake import Found, Intrinsics, assemble
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 
 NAME = "Polycam"
 EXTENSIONS = (".json",)

@@ -25,13 +25,11 @@ from pathlib import Path
 import numpy as np
 
 from ..camera_folder import files_in, matrix_of, photo_folder, words_of
-from ..capture import Capture
 from ..errors import CaptureError, counted
 from ..fields import is_no_pose, rigid_pose
 from ..files import text_head
 from ..frames import invert_pose, pose_opengl_from_opencv
-from ..intake import Found, assemble, without_pose
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, Found, PhotoFinder, assemble, without_pose
 from ..pinhole import lens_on, pinhole_of
 
 NAME = "NSVF, ScanNet, NeRF++"

@@ -14,13 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..capture import Capture
 from ..errors import CaptureError, counted, shown
 from ..fields import number, numbers
 from ..files import read_xml, text_head
 from ..frames import pose_opengl_from_opencv, rigid
-from ..intake import Found, assemble
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, Found, PhotoFinder, assemble
 from .realitycapture_lens import CHOOSE_BROWN, brown_lens
 from .realitycapture_table import UP, is_table, read_table
 

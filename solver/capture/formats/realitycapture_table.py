@@ -18,14 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from ..brown_lens import polynomial_lens
-from ..capture import Capture
-from ..errors import CaptureError
 from ..fields import number, rigid_pose
 from ..files import as_text, head_of, read_text
 from ..frames import pose_of_opencv, rigid
 from ..image_header import image_size
-from ..intake import Found, Intrinsics, assemble
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, assemble
 from .realitycapture_lens import CHOOSE_BROWN, brown_lens
 
 UP = (0.0, 0.0, 1.0)

@@ -13,13 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..capture import Capture
-from ..errors import CaptureError
 from ..fields import Entry, numbers
 from ..files import json_head, read_json
 from ..frames import rotation_from_quaternion
-from ..intake import Found, Intrinsics, assemble
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, assemble
 
 NAME = "Record3D"
 EXTENSIONS = (".json",)

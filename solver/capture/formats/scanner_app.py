@@ -9,12 +9,9 @@ Any one of the JSON files stands for all of its folder.
 from pathlib import Path
 
 from ..camera_folder import files_in
-from ..capture import Capture
-from ..errors import CaptureError
 from ..fields import numbers
 from ..files import json_head, read_json
-from ..intake import Found, assemble
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, CaptureError, Found, PhotoFinder, assemble
 from ..pinhole import lens_on, pinhole_of
 
 NAME = "3D Scanner App"

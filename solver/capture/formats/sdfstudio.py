@@ -10,13 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..capture import Capture
 from ..fields import Entry
 from ..files import json_head
 from ..frames import pose_opengl_from_opencv
 from ..image_header import image_size
-from ..intake import Found, Intrinsics, assemble
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..pinhole import pinhole_of, size_meant
 
 NAME = "SDFStudio meta_data.json"

@@ -17,14 +17,12 @@ from pathlib import Path
 import numpy as np
 
 from ..camera_folder import LARGEST_FILE
-from ..capture import Capture
 from ..errors import CaptureError, shown
 from ..fields import check_quaternion, number, numbers
 from ..files import as_text, read_bytes, read_lines, text_head
 from ..frames import pose_opengl_from_opencv, rigid, rotation_from_quaternion
 from ..image_header import image_size
-from ..intake import Found, Intrinsics, assemble
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..picture_names import pictures_in
 from ..pinhole import OFF_CENTRE, pinhole_of
 

@@ -18,15 +18,13 @@ from typing import Any
 import numpy as np
 
 from ..camera import Camera
-from ..capture import Capture
 from ..errors import CaptureError, counted, shown
 from ..fields import Entry, is_no_pose, rigid_pose
 from ..files import json_head, read_json
 from ..frames import pose_opengl_from_opencv
 from ..image_header import image_size
-from ..intake import Found, Intrinsics, assemble, without_pose
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble, without_pose
 from ..panoramic_lens import EQUIRECTANGULAR
-from ..photo_finder import PhotoFinder
 from ..picture_names import parts_of
 from ..pinhole import pinhole_of, size_meant
 from ..ply_points import read_ply_points

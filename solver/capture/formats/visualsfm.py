@@ -12,14 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..capture import Capture
 from ..errors import CaptureError, shown
 from ..fields import numbers, rigid_pose
 from ..files import read_lines, text_head
 from ..frames import invert_pose, pose_opengl_from_opencv, rigid, rotation_from_quaternion
 from ..image_header import image_size
-from ..intake import Found, Intrinsics, assemble
-from ..photo_finder import PhotoFinder
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..sparse_points import SparsePoints
 
 NAME = "VisualSFM"
