@@ -4,12 +4,11 @@
 """
 
 from collections import defaultdict
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from ..capture.errors import CaptureError
+from ..capture.photo_matches import add_camera, add_photo, opened
 from .diagnosis import Evidence
 from .folder import SolveRequest
 from .prepare import Prepared
@@ -17,16 +16,6 @@ from .prepare import Prepared
 DEFAULT_FOCAL, FISHEYE_FOCAL = 1.2, 0.35
 """focal length over the longer side, where a photo says nothing: a phone's main camera and most lenses; and
 lenses that see some 165° across"""
-
-
-@contextmanager
-def opened(colmap: Any, path: Path) -> Iterator[Any]:
-    """The database, closed again in the end."""
-    database = colmap.Database.open(path)
-    try:
-        yield database
-    finally:
-        database.close()
 
 
 def numbers(database: Any) -> dict[str, int]:
@@ -65,11 +54,7 @@ def register(colmap: Any, path: Path, photos: list[Prepared], request: SolveRequ
                         "and others are not, so they cannot share a lens",
                         "solve without One Lens (--single-camera)",
                     )  # fmt: skip
-                image = colmap.Image(name=photo.file, camera_id=camera.camera_id)
-                number = database.write_image(image)
-                frame = colmap.Frame(frame_id=number, rig_id=rig)
-                frame.add_data_id(colmap.data_t(camera.sensor_id, number))
-                database.write_frame(frame)
+                add_photo(colmap, database, photo.file, camera, rig)
 
 
 def _new_rig(colmap: Any, database: Any, photo: Prepared, model: str) -> tuple[Any, int]:
@@ -83,10 +68,7 @@ def _new_rig(colmap: Any, database: Any, photo: Prepared, model: str) -> tuple[A
     )
     # Through a fisheye COLMAP finds photos alike only if it may take its focal length for about right.
     camera.has_prior_focal_length = is_fisheye or photo.focal is not None
-    camera.camera_id = database.write_camera(camera)
-    rig = colmap.Rig(rig_id=camera.camera_id)
-    rig.add_ref_sensor(camera.sensor_id)
-    return camera, database.write_rig(rig)
+    return camera, add_camera(colmap, database, camera)
 
 
 def evidence_of(colmap: Any, path: Path, photos: list[Prepared]) -> list[Evidence]:

@@ -16,12 +16,12 @@ from typing import Any
 
 from ..capture.errors import CaptureError, listed
 from ..capture.mask_finder import none_fits
-from ..capture.photo_matches import quiet_colmap
+from ..capture.photo_matches import match_pairs, opened, quiet_colmap
 from ..job.control import Cancelled, Control
 from ..job.progress import Progress
 from ..streams import silent_stderr
 from ..threads import usable_cores
-from .database import evidence_of, has_features, numbers, opened, register
+from .database import evidence_of, has_features, numbers, register
 from .diagnosis import Evidence, unplaced
 from .folder import FEWEST_PHOTOS, SolveFolder, SolveRequest
 from .mapping import FEWEST_SEEN_POINTS, Mapper, placed_in
@@ -204,23 +204,15 @@ class Solver:
                 (i, j) for i, j in pairs
                 if not database.exists_two_view_geometry(ids[i], ids[j])
             ]  # fmt: skip
-        matching = self.colmap.FeatureMatchingOptions()
-        matching.num_threads, matching.use_gpu = self.threads, False
-        verification = self.colmap.TwoViewGeometryOptions()
-        verification.ransac.random_seed = self.request.seed
         self.work.mkdir(parents=True, exist_ok=True)
-        listing = self.work / "pairs.txt"
         block, at = 10 * self.threads, 0
         while at < len(left):
             self._check()
             began = time.monotonic()
             now = left[at : at + block]
-            lines = (f"{photos[i].file} {photos[j].file}\n" for i, j in now)
-            listing.write_text("".join(lines), encoding="ascii")
-            self.colmap.match_image_pairs(
-                self.database, matching_options=matching,
-                pairing_options=self.colmap.ImportedPairingOptions(match_list_path=listing),
-                verification_options=verification, device=self.colmap.Device.cpu,
+            match_pairs(
+                self.colmap, self.database, self.work,
+                [(photos[i].file, photos[j].file) for i, j in now], self.request.seed,
                 cancellation_token=self.token,
             )  # fmt: skip
             at += len(now)

@@ -8,6 +8,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -91,6 +92,50 @@ def quiet_colmap() -> Any:
     return pycolmap
 
 
+@contextmanager
+def opened(colmap: Any, path: Path) -> Iterator[Any]:
+    """A database, closed again in the end."""
+    database = colmap.Database.open(path)
+    try:
+        yield database
+    finally:
+        database.close()
+
+
+def add_camera(colmap: Any, database: Any, camera: Any) -> int:
+    """Put a camera into a database, as the only one of a rig; returns the rig's number."""
+    camera.camera_id = database.write_camera(camera)
+    rig = colmap.Rig(rig_id=camera.camera_id)
+    rig.add_ref_sensor(camera.sensor_id)
+    return database.write_rig(rig)
+
+
+def add_photo(colmap: Any, database: Any, name: str, camera: Any, rig: int) -> int:
+    """Put a photo that a rig's camera took into a database; returns its number."""
+    number = database.write_image(colmap.Image(name=name, camera_id=camera.camera_id))
+    frame = colmap.Frame(frame_id=number, rig_id=rig)
+    frame.add_data_id(colmap.data_t(camera.sensor_id, number))
+    database.write_frame(frame)
+    return number
+
+
+def match_pairs(
+    colmap: Any, database: Path, folder: Path, pairs: list[tuple[str, str]], seed: int, **options: Any
+) -> None:  # fmt: skip
+    """Match and verify pairs of photos, by their names, in a database; their list goes into a folder."""
+    matching = colmap.FeatureMatchingOptions()
+    matching.num_threads, matching.use_gpu = usable_cores(), False
+    verification = colmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = seed
+    listing = folder / "pairs.txt"
+    listing.write_text("".join(f"{a} {b}\n" for a, b in pairs), encoding="ascii")
+    colmap.match_image_pairs(
+        database, matching_options=matching,
+        pairing_options=colmap.ImportedPairingOptions(match_list_path=listing),
+        verification_options=verification, device=colmap.Device.cpu, **options,
+    )  # fmt: skip
+
+
 def picture_of(photo: Photo) -> Picture:
     """A photo as people see it, about `LONGEST` pixels long; with alpha over white. What it says nothing of
     is hidden."""
@@ -168,11 +213,8 @@ def image_of(model: Any, index: int) -> Any:
 
 def verified_matches(colmap: Any, folder: Path, features: list[Features]) -> list[PairMatches]:
     """The matches of a database of `matched`."""
-    database = colmap.Database.open(folder / DATABASE)
-    try:
+    with opened(colmap, folder / DATABASE) as database:
         ids, geometries = database.read_two_view_geometries()
-    finally:
-        database.close()
     return list(_pairs(colmap, ids, geometries, features))
 
 
@@ -241,46 +283,24 @@ def _of_panorama(
 
 def _register(colmap: Any, path: Path, features: list[Features]) -> None:
     """Put all into a new database, each photo with a pinhole of its own."""
-    database = colmap.Database.open(path)
-    try:
-        with colmap.DatabaseTransaction(database):
-            for index, found in enumerate(features):
-                pinhole = found.camera
-                pinhole.camera_id = database.write_camera(pinhole)
-                rig = colmap.Rig(rig_id=pinhole.camera_id)
-                rig.add_ref_sensor(pinhole.sensor_id)
-                database.write_rig(rig)
-                image = colmap.Image(name=_name(index), camera_id=pinhole.camera_id)
-                number = database.write_image(image)
-                assert number == _number(index)
-                frame = colmap.Frame(frame_id=number, rig_id=rig.rig_id)
-                frame.add_data_id(colmap.data_t(pinhole.sensor_id, number))
-                database.write_frame(frame)
-                database.write_keypoints(number, found.places)
-                database.write_descriptors(number, found.descriptors)
-    finally:
-        database.close()
+    with opened(colmap, path) as database, colmap.DatabaseTransaction(database):
+        for index, found in enumerate(features):
+            rig = add_camera(colmap, database, found.camera)
+            number = add_photo(colmap, database, _name(index), found.camera, rig)
+            assert number == _number(index)
+            database.write_keypoints(number, found.places)
+            database.write_descriptors(number, found.descriptors)
 
 
 def _match(
     colmap: Any, folder: Path, pairs: list[tuple[int, int]], progress: Callable[[float], None]
 ) -> None:
     """Matches of all pairs, verified, in blocks of about a second."""
-    matching = colmap.FeatureMatchingOptions()
-    matching.num_threads, matching.use_gpu = usable_cores(), False
-    verification = colmap.TwoViewGeometryOptions()
-    verification.ransac.random_seed = 0
-    listing = folder / "pairs.txt"
     block = 20 * usable_cores()
     for first in range(0, len(pairs), block):
         progress(first / len(pairs))
-        lines = (f"{_name(i)} {_name(j)}\n" for i, j in pairs[first : first + block])
-        listing.write_text("".join(lines), encoding="ascii")
-        colmap.match_image_pairs(
-            folder / DATABASE, matching_options=matching,
-            pairing_options=colmap.ImportedPairingOptions(match_list_path=listing),
-            verification_options=verification, device=colmap.Device.cpu,
-        )  # fmt: skip
+        named = [(_name(i), _name(j)) for i, j in pairs[first : first + block]]
+        match_pairs(colmap, folder / DATABASE, folder, named, 0)
 
 
 def _name(index: int) -> str:
