@@ -10,6 +10,7 @@ from tests.capture import (
     test_bundler,
     test_dtu,
     test_kapture,
+    test_lit_objects,
     test_meshroom,
     test_metashape,
     test_middlebury,
@@ -109,6 +110,7 @@ MAKERS = {
     "NSVF": lambda folder, solved: test_pose_folder.make_nsvf(folder),
     "ScanNet": lambda folder, solved: test_pose_folder.make_scannet(folder),
     "NeRFactor": lambda folder, solved: test_nerfactor.write(folder),
+    "Objects with Lighting": lambda folder, solved: test_lit_objects.make(folder),
     "NeRO": lambda folder, solved: test_nero.make(folder),
     "Pix4D": lambda folder, solved: test_pix4d.write(folder),
 }

@@ -1,0 +1,58 @@
+"""Cameras of Objects with Lighting, a data set of things in rooms whose light is known.
+
+    inputs/camera_0000.txt …   beside image_0000.png and mask_0000.png
+
+Eight lines of three numbers are a lens, in pixels counted from the corner of the first one, a rotation and
+a translation from the world to OpenCV's camera axes, and the photo's width, height and channels. Photos
+under other lights, with names that begin with gt_, are not read with these.
+https://github.com/isl-org/objects-with-lighting#dataset-format
+"""
+
+import re
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from ..camera_folder import files_in, words_of
+from ..fields import numbers, rigid_pose
+from ..files import text_head
+from ..frames import pose_of_opencv
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
+from ..pinhole import pinhole_of
+
+NAME = "Objects with Lighting"
+EXTENSIONS = (".txt",)
+PATTERNS = tuple(f"{folder}camera_[0-9]*.txt" for folder in ("", "inputs/", "test/inputs/"))
+
+_FILE = re.compile(r"(.*)camera_(\d+)\.txt")
+
+
+def recognises(file: Path) -> bool:
+    """True for eight lines of three numbers in a file that is called as such a camera's."""
+    if _FILE.fullmatch(file.name) is not None:
+        rows = [line.split() for line in text_head(file, 1 << 12).splitlines()]
+        with suppress(ValueError):
+            return np.array(rows, dtype=float).shape == (8, 3)
+    return False
+
+
+def read(path: Path, photos: PhotoFinder) -> Capture:
+    """Read all cameras of a file's folder whose names begin as the file's does."""
+    kind = _FILE.fullmatch(path.name)[1]
+    named = [(file, _FILE.fullmatch(file.name)) for file in files_in(path.parent, ".txt")]
+    found = [_camera(file, *n.groups(), photos) for file, n in named if n and n[1] == kind]
+    return assemble(path, NAME, found, photos)
+
+
+def _camera(file: Path, kind: str, number: str, photos: PhotoFinder) -> Found:
+    words = [word for row in words_of(file) for word in row]
+    values = numbers(file, "K, R, t, size", words, 24)
+    k, rotation = values[:18].reshape(2, 3, 3)
+    from_world = rigid_pose(file, "R, t", np.column_stack([rotation, values[18:21]]))
+    stated, mask = f"{kind}image_{number}", file.with_name(f"{kind}mask_{number}.png")
+    lens = Intrinsics(*map(int, values[21:23]), *pinhole_of(file, "K", k))
+    return Found(
+        f"{file.name}, R", stated, photos.find_in(file.parent, stated), pose_of_opencv(from_world),
+        lens, mask if mask.is_file() else None,
+    )  # fmt: skip
