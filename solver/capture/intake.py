@@ -215,10 +215,8 @@ def _for_photo(source: Path, item: Found) -> tuple[Intrinsics, bool]:
             source, item.where, "the lens has a value that no lens can have",
             "correct it, or export it again",
         )  # fmt: skip
-    if (
-        min(intrinsics.width, intrinsics.height) < 1
-        or max(intrinsics.width, intrinsics.height) > 1e6
-    ):
+    told = (intrinsics.width, intrinsics.height)
+    if min(told) < 1 or max(told) > 1e6:
         raise CaptureError(source, item.where, "the photo has no size")
     if item.photo is None:
         return intrinsics, False
@@ -226,7 +224,6 @@ def _for_photo(source: Path, item: Found) -> tuple[Intrinsics, bool]:
         width, height = image_size(item.photo)
     except UnknownSize:
         return intrinsics, False  # the solver, which can read it, looks once more
-    told = (intrinsics.width, intrinsics.height)
     may_turn = image_orientation(item.photo) >= 5
     if told == (width, height) or (may_turn and told == (height, width)):
         return intrinsics, False
@@ -242,7 +239,7 @@ def _for_photo(source: Path, item: Found) -> tuple[Intrinsics, bool]:
             item.photo, "", f"the photo is {width} × {height} pixels, but {source.name} says "
             f"{told[0]} × {told[1]}", "give the photos that the cameras were solved with",
         )  # fmt: skip
-    across, down = width / intrinsics.width, height / intrinsics.height
+    across, down = width / told[0], height / told[1]
     return replace(
         intrinsics, width=width, height=height, fx=intrinsics.fx * across, fy=intrinsics.fy * down,
         cx=intrinsics.cx * across, cy=intrinsics.cy * down,

@@ -44,6 +44,7 @@ _AROUND = tuple(
 )  # fmt: skip
 """of a folder around a capture's, as archives have it"""
 _DEEPEST, _MOST_TRIED = 3, 2000
+_FAULTS = (ArithmeticError, LookupError, TypeError, ValueError, MemoryError, RecursionError)
 _SIDECAR = ".xmp"
 """of files that lie beside photos, in as many folders as these, as NeRFactor's do"""
 _HELD_OUT = re.compile(r"(?<![a-z])(test|val|validation|eval)(?![a-z])", re.I)
@@ -155,14 +156,7 @@ def read_capture(
 def _read(reader: ModuleType, file: Path, finder: PhotoFinder) -> Capture:
     try:
         return reader.read(file, finder)
-    except (
-        ArithmeticError,
-        LookupError,
-        TypeError,
-        ValueError,
-        MemoryError,
-        RecursionError,
-    ) as error:
+    except _FAULTS as error:
         if isinstance(error, CaptureError):
             raise
         # A reader must foresee what a file can hold; where one does not, nobody sees a traceback.

@@ -34,6 +34,24 @@ def test_one_is_told_what_to_export_from_a_project_and_from_a_folder_that_has_on
         read_capture(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("sfm.abc", b"Ogawa\xff\x00\x01", "an Alembic file; give Meshroom's cameras.sfm, or convert it"),
+        ("sfm_data.bin", b"\x01\x03\x00\x00\x000.3" * 9,
+         "OpenMVG's binary form; convert it to JSON by openMVG_main_ConvertSfM_DataFormat"),
+    ],
+)  # fmt: skip
+def test_one_is_told_how_to_convert_what_meshroom_and_openmvg_write_first(
+    tmp_path, name, content, told
+):
+    file = save_photos(tmp_path / "photos").parent / name
+    file.write_bytes(content)
+    for path, before in ((file, f"{name}: this is {told}"), (tmp_path, f"since {name} is {told}")):
+        with pytest.raises(CaptureError, match=before):
+            read_capture(path)
+
+
 def test_a_table_of_points_beside_photos_is_no_table_of_their_places(tmp_path):
     file = save_photos(tmp_path / "photos").parent / "gcp.txt"
     file.write_text("Name,X,Y,Z\nA,1,2,3\n")
