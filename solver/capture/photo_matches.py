@@ -103,7 +103,7 @@ def opened(colmap: Any, path: Path) -> Iterator[Any]:
 
 
 def add_camera(colmap: Any, database: Any, camera: Any) -> int:
-    """Put a camera into a database, as the only one of a rig; returns the rig's number."""
+    """Put a camera into a database, alone in a rig; returns the rig's number."""
     camera.camera_id = database.write_camera(camera)
     rig = colmap.Rig(rig_id=camera.camera_id)
     rig.add_ref_sensor(camera.sensor_id)
@@ -122,7 +122,7 @@ def add_photo(colmap: Any, database: Any, name: str, camera: Any, rig: int) -> i
 def match_pairs(
     colmap: Any, database: Path, folder: Path, pairs: list[tuple[str, str]], seed: int, **options: Any
 ) -> None:  # fmt: skip
-    """Match and verify pairs of photos, by their names, in a database; their list goes into a folder."""
+    """Match and verify pairs of photos of a database, by name; their list goes into a folder."""
     matching = colmap.FeatureMatchingOptions()
     matching.num_threads, matching.use_gpu = usable_cores(), False
     verification = colmap.TwoViewGeometryOptions()

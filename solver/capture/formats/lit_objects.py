@@ -1,10 +1,10 @@
-"""Cameras of Objects with Lighting, a data set of things in rooms whose light is known.
+"""Cameras of the data set Objects with Lighting.
 
     inputs/camera_0000.txt …   beside image_0000.png and mask_0000.png
 
 Eight lines of three numbers are a lens, in pixels counted from the corner of the first one, a rotation and
 a translation from the world to OpenCV's camera axes, and the photo's width, height and channels. Photos
-under other lights, with names that begin with gt_, are not read with these.
+under other lights (gt_…) are read apart.
 https://github.com/isl-org/objects-with-lighting#dataset-format
 """
 
