@@ -13,7 +13,7 @@ from bpy.types import Camera, Object
 from mathutils import Matrix
 
 from ..names import BASE_PACKAGE
-from ..redraw import redraw_panels
+from ..redraw import is_rendering, redraw_panels
 from .background import empty_copy, fill_copy
 from .cameras import copy_behind, keep_behind, photo_of, show_behind, to_solver
 
@@ -70,7 +70,7 @@ def make_next() -> bool:
 
 
 def _tick() -> float | None:
-    if bpy.app.is_job_running("RENDER"):
+    if is_rendering():
         return PAUSE_IN_RENDER
     made = make_next()
     redraw_panels()

@@ -10,6 +10,7 @@ from bpy.app.handlers import persistent
 from bpy.types import Depsgraph, Object, Scene, World
 from mathutils import Matrix
 
+from ..redraw import is_rendering
 from .replace import JOB
 from .world import turn_with, turns_with
 
@@ -85,8 +86,8 @@ def let_go() -> None:
 
 @persistent
 def _on_change(scene: Scene, graph: Depsgraph) -> None:
-    # Blender renders in a thread, which calls this, too; nothing may be written then.
-    if not bpy.app.is_job_running("RENDER"):
+    # Blender renders and bakes in a thread, which calls this, too; nothing may be written then.
+    if not is_rendering():
         let_go()
 
 

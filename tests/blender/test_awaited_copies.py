@@ -1,6 +1,7 @@
 """Undistorted copies of photos are made after an import, one at a time, while Blender goes on."""
 
 import json
+import types
 from pathlib import Path
 
 import bpy
@@ -43,6 +44,21 @@ def test_photos_stand_behind_cameras_at_once_and_their_copies_follow(copies, dis
         assert sorted(shown_marks()) == [[False]] * (count - number) + [[True]] * number
     assert copies._tick() is None and not copies.awaiting(bpy.data.objects)
     assert shown_marks() == [[True]] * count
+
+
+@pytest.mark.parametrize("job", ["RENDER", "OBJECT_BAKE"])
+def test_copies_are_made_once_blender_has_rendered_or_baked(
+    copies, distorted, extension, monkeypatch, job
+):
+    """A fixed bug: pictures changed while Blender baked from them."""
+    bpy.ops.nmf.import_capture(filepath=str(distorted))
+    running = {job}
+    app = types.SimpleNamespace(is_job_running=running.__contains__)
+    fake = types.SimpleNamespace(app=app, context=bpy.context)
+    monkeypatch.setattr(extension("redraw"), "bpy", fake)
+    assert copies._tick() == copies.PAUSE_IN_RENDER and [True] not in shown_marks()
+    running.clear()
+    assert copies._tick() == copies.PAUSE and [True] in shown_marks()
 
 
 def test_photos_without_distortion_await_nothing(copies, tmp_path):

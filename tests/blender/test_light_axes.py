@@ -1,6 +1,7 @@
 """A result keeps its light as it stood when its capture's empty goes, is applied, or the object leaves it."""
 
 import json
+import types
 
 import bpy
 import fake_capture
@@ -157,6 +158,22 @@ def test_a_deleted_result_is_not_kept_in_the_file_by_its_light(placed):
     name = item.name
     delete(item)
     assert name not in bpy.data.objects
+
+
+@pytest.mark.parametrize("job", ["RENDER", "OBJECT_BAKE"])
+def test_a_light_is_let_go_once_blender_has_rendered_or_baked(placed, extension, monkeypatch, job):
+    """A fixed bug: its axes were written to in the thread that baked."""
+    item, _ = placed
+    axes, running = next(o for o in bpy.data.objects if "nmf_light_axes" in o), {job}
+    app = types.SimpleNamespace(is_job_running=running.__contains__)
+    fake = types.SimpleNamespace(app=app, context=bpy.context)
+    monkeypatch.setattr(extension("redraw"), "bpy", fake)
+    leave(item)
+    assert axes.parent is not None
+    running.clear()
+    item.update_tag()
+    bpy.context.view_layer.update()
+    assert axes.parent is None
 
 
 def test_light_axes_last_over_saving_and_opening(placed):
