@@ -45,7 +45,7 @@ def place_box(box: Object, region: np.ndarray, root: Object | None) -> None:
     box.parent = root
     box.matrix_parent_inverse.identity()
     low, high = np.asarray(region, dtype=np.float64)
-    box.rotation_euler = (0.0, 0.0, 0.0)
+    box.matrix_basis = Matrix.Identity(4)  # whatever its rotation is counted in
     box.location, box.scale = (low + high) / 2, (high - low) / 2 / box.empty_display_size
     box[PLACED] = _state(box)
 
@@ -143,4 +143,4 @@ def _region_boxes(collection: Collection) -> list[Object]:
 
 
 def _state(box: Object) -> list[float]:
-    return [*box.location, *box.rotation_euler, *box.scale]
+    return [*box.location, *box.matrix_basis.to_euler(), *box.scale]

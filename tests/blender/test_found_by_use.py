@@ -272,3 +272,18 @@ def test_the_report_and_the_folder_are_those_of_the_result_that_is_active(
     bpy.ops.nmf.open_job_folder()
     report = Path("result", "report.html")
     assert opened == [result_job / report, last, result_job, last / report, last]
+
+
+def test_a_region_box_turned_as_a_quaternion_counts_as_moved_and_is_set_straight(
+    extension, capture
+):
+    """A fixed bug: Check Capture moved it off the object, and left it turned."""
+    region = extension("scene.region")
+    box = region.region_box(capture)
+    box.rotation_mode = "QUATERNION"
+    assert region.is_as_placed(box)
+    box.rotation_quaternion = (0.8, 0.0, 0.0, 0.6)
+    assert not region.is_as_placed(box)
+    region.place_box(box, np.array([[-1, -2, -3], [1, 2, 3]]), box.parent)
+    assert region.is_as_placed(box)
+    np.testing.assert_allclose(box.matrix_basis, np.diag([1, 2, 3, 1]), atol=1e-6)
