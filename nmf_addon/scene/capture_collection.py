@@ -9,7 +9,7 @@ from pathlib import Path
 
 import bpy
 from bpy.types import Collection, Context, Object, Scene
-from mathutils import Matrix, Vector
+from mathutils import Matrix, Quaternion, Vector
 
 from ...solver.capture.errors import CaptureError
 from ...solver.capture.formats.transforms import write_transforms
@@ -112,13 +112,15 @@ def to_capture_space(collection: Collection) -> Matrix:
 
 def placement_of(collection: Collection) -> list[list[float]]:
     """Rows of the similarity [4][4] from capture space to the world; where a person has scaled the empty
-    unevenly, with the mean of its scales."""
+    unevenly, with the mean of its scales; where it is mirrored, so is its X back."""
     root = root_of(collection)
     if root is None:
         return [list(row) for row in Matrix.Identity(4)]
     settle(collection)
     place, turn, scale = root.matrix_world.decompose()
     even = abs(math.prod(scale)) ** (1 / 3)
+    if scale.x < 0:  # `decompose` mirrors all three, which would stand it on its head
+        turn @= Quaternion((0.0, 1.0, 0.0, 0.0))
     return [list(row) for row in Matrix.LocRotScale(place, turn, Vector((even, even, even)))]
 
 

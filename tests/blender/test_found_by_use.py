@@ -287,3 +287,20 @@ def test_a_region_box_turned_as_a_quaternion_counts_as_moved_and_is_set_straight
     region.place_box(box, np.array([[-1, -2, -3], [1, 2, 3]]), box.parent)
     assert region.is_as_placed(box)
     np.testing.assert_allclose(box.matrix_basis, np.diag([1, 2, 3, 1]), atol=1e-6)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_capture_that_is_mirrored_sideways_asks_for_a_result_that_stands_upright(
+    capture, extension, axis
+):
+    """A fixed bug: installed in another file, it stood on its head."""
+    scene = extension("scene.capture_collection")
+    above = bpy.data.objects.new("Mirror", None)
+    bpy.context.scene.collection.objects.link(above)
+    above.scale[axis] = -1
+    scene.root_of(capture).parent = above
+    place = np.array(scene.placement_of(capture))[:3, :3]
+    assert np.linalg.det(place) > 0
+    bpy.context.view_layer.update()
+    up = np.array(scene.root_of(capture).matrix_world)[:3, 2]
+    np.testing.assert_allclose(place[:, 2], up, atol=1e-6)
