@@ -69,7 +69,7 @@ def _free_stem(name: str, now: dict[str, str], folder: Path, made: dict[str, str
     }
     for image in bpy.data.images:
         path = Path(os.path.normpath(bpy.path.abspath(image.filepath, library=image.library)))
-        if path.parent.resolve() != folder.resolve() or is_painted(image):
+        if os.path.realpath(path.parent) != os.path.realpath(folder) or is_painted(image):
             taken.add(path.name)
     stems = (name if number == 1 else f"{name}_{number}" for number in count(1))
     return next(stem for stem in stems if taken.isdisjoint(f"{stem}_{file}" for file in now))

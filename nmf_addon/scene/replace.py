@@ -1,5 +1,6 @@
 """A job that is installed once more: what it brings takes the place of what it brought before."""
 
+import os
 from pathlib import Path
 
 import bpy
@@ -28,7 +29,7 @@ def installed_before(job: JobFolder, scene: Scene) -> bpy.types.Object | None:
 def is_of(block: ID, job: JobFolder) -> bool:
     """True if a data-block was installed from a job, also one that has moved since."""
     path = Path(block.get(JOB, ""))
-    if path == job.root or (JOB in block and path.resolve() == job.root.resolve()):
+    if path == job.root or (JOB in block and os.path.realpath(path) == os.path.realpath(job.root)):
         return True
     moved = path.name == job.root.name and not path.exists()
     return moved and block.get(CAPTURE) in (None, _capture_of(job))

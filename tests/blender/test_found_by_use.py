@@ -1,6 +1,7 @@
 """What people met in long sessions: hidden captures, moved projects, results that wait, several scenes."""
 
 import json
+import os
 import shutil
 import sys
 from pathlib import Path
@@ -304,3 +305,14 @@ def test_a_capture_that_is_mirrored_sideways_asks_for_a_result_that_stands_uprig
     bpy.context.view_layer.update()
     up = np.array(scene.root_of(capture).matrix_world)[:3, 2]
     np.testing.assert_allclose(place[:, 2], up, atol=1e-6)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need a right there")
+@pytest.mark.parametrize("name", ["textures", "a link"])
+def test_a_link_that_leads_to_itself_does_not_keep_a_result_away(result_job, tmp_path, name):
+    """A fixed bug: `Symlink loop` was all that was said."""
+    loop = (result_job if name == "textures" else tmp_path) / name
+    loop.symlink_to(loop)
+    bpy.data.images.new("Mine", 1, 1).filepath = str(tmp_path / "mine.png")
+    bpy.data.materials.new("Mine")["nmf_job"] = str(loop)
+    assert bpy.ops.nmf.install_result(job=str(result_job)) == {"FINISHED"}
