@@ -22,6 +22,7 @@ from ...solver.capture.placement import counted_from
 from ...solver.job.folder import JobFolder
 from ..names import JOBS_OF_UNSAVED, user_folder
 from .adjusted_cameras import adjust_cameras
+from .applied import applied_to, apply, remember_built
 from .capture_collection import root_of, scene_of
 from .edited import is_edited, mark_as_made
 from .images import images_of, nothing_left_behind
@@ -84,6 +85,9 @@ def install_result(
         data.objects, data.meshes, data.materials, data.node_groups, data.images, data.worlds
     ):
         mesh = build_mesh(name, positions, normals, uvs, faces)
+        remember_built(mesh)
+        if earlier is not None:
+            apply(mesh, applied_to(earlier.data))
         material = build_material(name, pictures, manifest["textures"])
         mesh.materials.append(material)
         world = build_world(f"{name} Light", pictures["environment"])

@@ -8,6 +8,7 @@ import bpy
 import fake_result
 import numpy as np
 import pytest
+from mathutils import Vector
 
 
 def counts():
@@ -378,3 +379,34 @@ def test_a_light_that_follows_its_capture_is_not_edited_by_that(install, extensi
     assert not edited.is_edited(light)
     mapping.driver_remove("default_value", 2)
     assert edited.is_edited(light)
+
+
+def apply_transform(item):
+    """Ctrl+A."""
+    bpy.ops.object.transform_apply(location=True, rotation=True, scale=True)
+
+
+def corners(item):
+    bpy.context.view_layer.update()
+    return np.array([item.matrix_world @ vertex.co for vertex in item.data.vertices])
+
+
+@pytest.mark.parametrize("scale", [(0.2, 0.2, 0.2), (2, 3, 4), (-2, 2, 2)])
+def test_a_job_installed_again_stays_where_the_person_put_and_applied_it(install, scale):
+    """A fixed bug: it had its first size, at the first place."""
+    item = install()
+    for turn in (0.3, 0.5):
+        item.location, item.rotation_euler, item.scale = (1, 2, 3), (0.1, turn, 0), scale
+        apply_transform(item)
+        before = corners(item)
+        assert install() == item
+        np.testing.assert_allclose(corners(item), before, atol=1e-5)
+        centre = before.mean(0)
+        assert all((face.center - Vector(centre)) @ face.normal > 0 for face in item.data.polygons)
+
+
+def test_a_mesh_that_was_sculpted_at_a_corner_moves_nothing_that_comes_after_it(install):
+    item = install()
+    before = corners(item)
+    item.data.vertices[0].co *= 3
+    np.testing.assert_array_equal(corners(install()), before)

@@ -1,0 +1,49 @@
+"""What a person has applied to a result's mesh (Ctrl+A), which one that is installed again gets, too."""
+
+from itertools import product
+
+import numpy as np
+from bpy.types import Mesh
+from mathutils import Matrix
+
+AS_BUILT = "nmf_as_built"
+"""on a mesh, of some outer vertices: number, x, y, z as the result has them"""
+FITS = 1e-4
+"""how far off a vertex may be, over the mesh's size"""
+
+
+def remember_built(mesh: Mesh) -> None:
+    """Keep where some vertices are, before anything is applied."""
+    places = _places(mesh)
+    chosen = np.unique((places @ np.array([*product((-1, 0, 1), repeat=3)]).T).argmax(0))
+    mesh[AS_BUILT] = np.c_[chosen, places[chosen]].ravel().tolist()
+
+
+def applied_to(mesh: Mesh) -> Matrix | None:
+    """From a result's coordinates to those that a person has given its mesh as a whole; None if these are
+    the same, or cannot be told."""
+    built, places = np.reshape(mesh.get(AS_BUILT, ()), (-1, 4)), _places(mesh)
+    chosen = built[:, 0].astype(int)
+    if len(built) < 5 or chosen.max() >= len(places):
+        return None
+    before, now = np.c_[built[:, 1:], np.ones(len(built))], places[chosen]
+    allowed = FITS * np.ptp(now, axis=0).max()
+    matrix, _, rank, _ = np.linalg.lstsq(before, now, rcond=None)
+    is_moved = np.abs(before[:, :3] - now).max() > allowed
+    if rank < 4 or not is_moved or np.abs(before @ matrix - now).max() > allowed:
+        return None
+    return Matrix((*matrix.T.tolist(), (0, 0, 0, 1)))
+
+
+def apply(mesh: Mesh, matrix: Matrix | None) -> None:
+    """Apply to a mesh what was applied to an earlier one; its faces go on looking outwards."""
+    if matrix is not None:
+        mesh.transform(matrix)
+        if matrix.determinant() < 0:
+            mesh.flip_normals()
+
+
+def _places(mesh: Mesh) -> np.ndarray:
+    places = np.empty(3 * len(mesh.vertices), dtype=np.float32)
+    mesh.vertices.foreach_get("co", places)
+    return places.reshape(-1, 3)
