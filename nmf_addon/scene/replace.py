@@ -62,8 +62,11 @@ def check_not_edited(item: bpy.types.Object) -> None:
 
 
 def edited_of(item: bpy.types.Object) -> list[ID]:
-    """What an object was installed with, and a person has edited since."""
-    return [block for block in (item.data, *_materials(item), *_worlds(item)) if is_edited(block)]
+    """What an object was installed with, and a person has edited since; materials also with their mesh,
+    which no other textures fit."""
+    mesh = item.data
+    materials = [m for m in _materials(item) if is_edited(mesh) or is_edited(m)]
+    return [*filter(is_edited, (mesh, *_worlds(item))), *materials]
 
 
 def _materials(item: bpy.types.Object) -> list[Material]:
@@ -94,12 +97,16 @@ def replace_asset(
     Returns: names under which the file keeps those that a person has edited.
     """
     earlier_mesh, materials, worlds = item.data, _materials(item), _worlds(item)
+    slots = list(earlier_mesh.materials)
     images = {image for block in (*materials, *worlds) for image in images_of(block)}
     pairs = [(bpy.data.meshes, earlier_mesh, mesh)]
     pairs += [(bpy.data.materials, earlier, material) for earlier in materials]
     pairs += [(bpy.data.worlds, earlier, world) for earlier in worlds]
     for blocks, earlier, new in pairs:
         _supersede(blocks, earlier, new, earlier in edited)
+    if earlier_mesh in edited:
+        for number, shown in enumerate(slots):
+            earlier_mesh.materials[number] = shown
     for image in images:
         if image.users == 0 and AS_MADE in image:
             bpy.data.images.remove(image)

@@ -274,6 +274,23 @@ def test_what_was_edited_keeps_its_pictures_when_the_result_has_others(install, 
     assert len(list((result_job / "textures").glob("*albedo.png"))) == 2
 
 
+def test_a_mesh_that_was_edited_keeps_its_textures_when_the_result_has_others(install, result_job):
+    """A fixed bug: it showed the new ones, which lie elsewhere on it."""
+    item = install()
+    mesh = sculpt(item)
+    mesh.materials.append(bpy.data.materials.new("Mine"))
+    image = image_of(item, "Albedo")
+    before = Path(image.filepath).read_bytes()
+    fake_result.write_png(result_job / "result" / "albedo.png", (255, 0, 0))
+    for _ in range(2):
+        shown = image_of(install(), "Albedo")
+        assert tuple(shown.pixels[:3]) == (1, 0, 0)
+        assert [m.name for m in mesh.materials] == ["jöb 1 before", "Mine"]
+        nodes = mesh.materials[0].node_tree.nodes
+        assert image in [node.image for node in nodes if node.type == "TEX_IMAGE"]
+        assert Path(image.filepath).read_bytes() == before
+
+
 def test_a_light_that_was_edited_keeps_its_picture_when_its_object_is_gone(install, result_job):
     """A fixed bug: its file was written over when the result was installed again with another light."""
     install()
