@@ -51,6 +51,7 @@ class NMF_OT_install_result(Operator):
                 monitor.look_at(str(folder))  # if it is not finished, the panel can resume it
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+        monitor.tell_where()
         scenes = asset.object.users_scene
         if context.scene not in scenes:
             self.report({"INFO"}, f"Its object is in the scene {scenes[0].name}")

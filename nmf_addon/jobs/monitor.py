@@ -136,7 +136,6 @@ class Monitor:
         self.waits_to_install = False
         try:
             _install_result(self.job)
-            self.model.text = _where(self.job)
         except RuntimeError as error:
             if NOT_NOW in str(error):
                 # It draws, or a render has just begun, which a timer is not told.
@@ -160,8 +159,12 @@ class Monitor:
             thumbnails.show(job.preview_dir / "render.png")
             if self.model.state == "elsewhere":
                 _tick_soon()
-            elif self.model.state == "done" and installed_before(job, bpy.context.scene) is None:
-                self.model.text = "Done; press Install Result to add its object"
+            self.tell_where()
+
+    def tell_where(self) -> None:
+        """Say of a job that is done where its object is, which Undo and Redo change."""
+        if self.model.state == "done" and not self.waits_to_install:
+            self.model.text = _where(self.job)
 
     def is_named_by_file(self) -> bool:
         """True if a scene of the open .blend says that the job is its own."""
@@ -206,13 +209,14 @@ def _install_result(job: JobFolder) -> None:
 
 
 def _where(job: JobFolder) -> str:
-    """That a job is done, and in which scene its object is if the person looks at another."""
+    """That a job is done, and where its object is if the person looks at another scene, or how it comes."""
     windows = bpy.context.window_manager.windows
     scene = windows[0].scene if windows else bpy.context.scene
     item = installed_before(job, scene)
-    if item is None or scene in item.users_scene:
-        return "Done"
-    return f"Done; its object is in the scene {item.users_scene[0].name}"
+    if item is None:
+        return "Done; press Install Result to add its object"
+    there = item.users_scene
+    return "Done" if scene in there else f"Done; its object is in the scene {there[0].name}"
 
 
 def _is_moving_something(window: bpy.types.Window) -> bool:
@@ -246,6 +250,11 @@ def _on_load(path: str) -> None:
     """Another file was opened, or the same one once more."""
     monitor.of_this_file = monitor.is_named_by_file()
     monitor.look_at(_job_of_file())
+
+
+@persistent
+def _on_undo(scene: bpy.types.Scene) -> None:
+    monitor.tell_where()
 
 
 @persistent
@@ -292,11 +301,11 @@ def lose_sight(watcher, what: str) -> None:
     watcher.model.state, watcher.model.text = "lost", f"Blender lost track of {what}"
 
 
-def _handlers() -> list[tuple[list, Callable[[str], None]]]:
+def _handlers() -> list[tuple[list, Callable]]:
     at = bpy.app.handlers
     return [
         (at.load_post, _on_load), (at.save_pre, _before_save), (at.save_post, _after_save),
-        (at.save_post_fail, _after_save),
+        (at.save_post_fail, _after_save), (at.undo_post, _on_undo), (at.redo_post, _on_undo),
     ]  # fmt: skip
 
 

@@ -316,3 +316,19 @@ def test_a_link_that_leads_to_itself_does_not_keep_a_result_away(result_job, tmp
     bpy.data.images.new("Mine", 1, 1).filepath = str(tmp_path / "mine.png")
     bpy.data.materials.new("Mine")["nmf_job"] = str(loop)
     assert bpy.ops.nmf.install_result(job=str(result_job)) == {"FINISHED"}
+
+
+def test_a_job_whose_object_was_undone_says_how_it_comes(capture, monitor, fake_solver, tick):
+    """A fixed bug: it went on saying that it is done."""
+    bpy.ops.ed.undo_push(message="before")
+    bpy.ops.nmf.reconstruct("EXEC_DEFAULT", True)
+    tick()
+    assert monitor.model.text == "Done" and results()
+    bpy.ops.ed.undo()
+    assert not results()
+    assert monitor.model.text == "Done; press Install Result to add its object"
+    bpy.ops.ed.redo()
+    assert monitor.model.text == "Done" and results()
+    bpy.ops.ed.undo()
+    bpy.ops.nmf.install_result("EXEC_DEFAULT", True, job=str(monitor.job.root))
+    assert monitor.model.text == "Done"
