@@ -13,6 +13,10 @@ from .images import images_of
 AS_MADE = "nmf_as_made"
 """fingerprint of a mesh, material or World as it was installed, and of a picture's file"""
 _SETTINGS = ("BOOLEAN", "ENUM", "FLOAT", "INT", "STRING")
+_SEEN_BY_ALL = [
+    f"{ray} True" for ray in ("camera", "diffuse", "glossy", "transmission", "shadow", "scatter")
+]
+"""what Cycles has of a World as it was made, where it cannot be asked for it is off"""
 _NO_EDITS = (
     "is_active_output", "paint_active_slot", "paint_clone_slot", "preview_render_type", "use_preview_world",
 )  # fmt: skip
@@ -78,8 +82,10 @@ def _of_array(items: bpy.types.bpy_prop_collection, name: str, values: np.ndarra
 
 
 def _of_nodes(block: Material | World) -> Iterator[str]:
-    for own in (block, getattr(block, "cycles_visibility", None)):
-        yield f"{own and _settings_of(own)}"
+    yield f"{_settings_of(block)}"
+    seen = getattr(block, "cycles_visibility", None)
+    without = None if isinstance(block, Material) else _SEEN_BY_ALL
+    yield f"{_settings_of(seen) if seen else without}"
     tree = block.node_tree
     drivers = tree.animation_data.drivers if tree.animation_data else []
     driven = {driver.data_path for driver in drivers}

@@ -4,6 +4,7 @@ import json
 import shutil
 from pathlib import Path
 
+import addon_utils
 import bpy
 import fake_result
 import numpy as np
@@ -378,6 +379,23 @@ def test_a_file_that_was_saved_and_opened_has_nothing_edited(install, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))
     before = counts()
+    install()
+    assert counts() == before
+
+
+def test_a_file_that_is_opened_with_cycles_off_has_nothing_edited(install, tmp_path):
+    """A fixed bug: its light was kept as one that the person had edited."""
+    install()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"))
+    addon_utils.disable("cycles")
+    try:
+        bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))
+        assert not hasattr(bpy.context.scene.world, "cycles_visibility"), "else this tests nothing"
+        before = counts()
+        install()
+        assert counts() == before
+    finally:
+        addon_utils.enable("cycles")
     install()
     assert counts() == before
 
