@@ -77,11 +77,15 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray
     names = [w[2] for w in words if len(w) == 3 and w[0] == "property"]
     vertices, triangles = counts.get("vertex", 0), counts.get("face", 0)
     if (
-        not marker
-        or names != "x y z nx ny nz s t".split()
-        or len(body) != vertices * 32 + triangles * 13
+        marker
+        and names == "x y z nx ny nz s t".split()
+        and len(body) == vertices * 32 + triangles * 13
     ):
-        raise JobError(f"{path}: the mesh is damaged or from another program; run the job again.")
-    vertex = np.frombuffer(body, "<f4", vertices * 8).reshape(-1, 8)
-    face = np.frombuffer(body, [("n", "u1"), ("v", "<i4", 3)], triangles, vertices * 32)["v"]
-    return vertex[:, :3], vertex[:, 3:6], vertex[:, 6:], np.ascontiguousarray(face)
+        vertex = np.frombuffer(body, "<f4", vertices * 8).reshape(-1, 8)
+        face = np.frombuffer(body, [("n", "u1"), ("v", "<i4", 3)], triangles, vertices * 32)
+        corners = np.ascontiguousarray(face["v"])
+        # A negative number is a huge one without its sign.
+        are_there = corners.size and corners.view("<u4").max() < vertices
+        if are_there and (face["n"] == 3).all() and np.isfinite(vertex).all():
+            return vertex[:, :3], vertex[:, 3:6], vertex[:, 6:], corners
+    raise JobError(f"{path}: the mesh is damaged or from another program; run the job again.")

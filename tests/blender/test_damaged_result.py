@@ -1,6 +1,8 @@
 """A result that cannot be used is told in a sentence, and leaves nothing in the file."""
 
 import json
+import math
+import struct
 
 import bpy
 import pytest
@@ -66,6 +68,36 @@ def test_a_damaged_result_leaves_the_one_that_was_installed_before(install, resu
     with pytest.raises(RuntimeError, match="roughness.png"):
         install()
     assert blocks() == before and len(item.data.vertices) == vertices
+
+
+FIRST_FACE = 24 * 32  # bytes of the vertices before it
+
+
+@pytest.mark.parametrize(
+    "place, change",
+    [(FIRST_FACE + 1, struct.pack("<i", 24)), (FIRST_FACE + 1, struct.pack("<i", -1)),
+     (FIRST_FACE, b"\4"), (0, struct.pack("<f", math.nan))],
+    ids=["a vertex too far", "a vertex below 0", "four corners", "no number"],
+)  # fmt: skip
+def test_a_mesh_with_damage_inside_is_told_and_changes_nothing(
+    install, extension, result_job, place, change
+):
+    """A fixed bug: it got a traceback, or what it is not for an object."""
+    path, before = result_job / "result" / "mesh.ply", blocks()
+    head, mark, body = path.read_bytes().partition(b"end_header\n")
+    path.write_bytes(head + mark + body[:place] + change + body[place + len(change) :])
+    with pytest.raises(extension("scene.result").JobError, match="the mesh is damaged"):
+        install()
+    assert blocks() == before
+
+
+def test_a_mesh_of_nothing_is_told(install, extension, result_job):
+    path = result_job / "result" / "mesh.ply"
+    head, mark, _ = path.read_bytes().partition(b"end_header\n")
+    head = head.replace(b"vertex 24", b"vertex 0").replace(b"face 12", b"face 0")
+    path.write_bytes(head + mark)
+    with pytest.raises(extension("scene.result").JobError, match="the mesh is damaged"):
+        install()
 
 
 def test_a_damaged_hdri_does_not_become_the_light(install, tmp_path):
