@@ -16,6 +16,7 @@ import bpy
 from ...solver.job.folder import JobFolder
 from ...solver.replacing import write_json_atomic
 from .edited import is_painted
+from .images import load_picture
 from .result import textures_of
 
 
@@ -24,6 +25,9 @@ def named_pictures(job: JobFolder, manifest: dict, kept: set[str]) -> dict[str, 
 
     They are copies, so that who paints on them and saves does not change the result; the result's own
     files where nothing can be written. Copies that are `kept`, by their names, stay as they are.
+
+    Raises:
+        RuntimeError: Blender cannot read one that is to take the place of a copy; all are as they were.
     """
     entries = {key: manifest["textures"][key] for key in textures_of(manifest)}
     entries["environment"] = manifest["environment"]
@@ -35,6 +39,9 @@ def named_pictures(job: JobFolder, manifest: dict, kept: set[str]) -> dict[str, 
         stem = _free_stem(job.root.name, now, folder, made)
         folder.mkdir(exist_ok=True)
         named = {key: folder / f"{stem}_{file.name}" for key, file in files.items()}
+        for key, file in files.items():
+            if named[key].exists():  # one that is damaged takes no other's place
+                bpy.data.images.remove(load_picture(file))
         for key, file in files.items():
             # It was a link to the result's once, which is not to be written to.
             named[key].unlink(missing_ok=True)

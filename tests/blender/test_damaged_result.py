@@ -5,6 +5,7 @@ import math
 import struct
 
 import bpy
+import fake_result
 import pytest
 
 KINDS = ("objects", "meshes", "materials", "images", "worlds", "node_groups")
@@ -68,6 +69,19 @@ def test_a_damaged_result_leaves_the_one_that_was_installed_before(install, resu
     with pytest.raises(RuntimeError, match="roughness.png"):
         install()
     assert blocks() == before and len(item.data.vertices) == vertices
+
+
+def test_a_damaged_result_leaves_the_files_of_the_one_that_was_installed_before(
+    install, result_job
+):
+    """A fixed bug: they were written over, and the object was pink once its file was opened again."""
+    install()
+    files = {file: file.read_bytes() for file in (result_job / "textures").iterdir()}
+    (result_job / "result" / "albedo.png").write_bytes(b"xx")
+    fake_result.write_png(result_job / "result" / "normal.png", (128, 128, 250))
+    with pytest.raises(RuntimeError, match="result/albedo.png"):
+        install()
+    assert len(files) == 7 and all(file.read_bytes() == was for file, was in files.items())
 
 
 FIRST_FACE = 24 * 32  # bytes of the vertices before it
