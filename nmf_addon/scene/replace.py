@@ -52,7 +52,8 @@ def _capture_of(job: JobFolder) -> str:
 def check_not_edited(item: bpy.types.Object) -> None:
     """Raise `JobError` if the mesh of an object is in Edit Mode or the like, in whatever scene: there
     Blender would drop the object together with its mesh."""
-    users = [other for other in bpy.data.objects if other.data == item.data and other.users_scene]
+    meshes = item.data, *_copies(item)
+    users = [other for other in bpy.data.objects if other.data in meshes and other.users_scene]
     for other in users:
         if other.mode != "OBJECT":
             raise JobError(
@@ -73,6 +74,15 @@ def _materials(item: bpy.types.Object) -> list[Material]:
     return [m for m in item.data.materials if m is not None and _is_ours(m, item[JOB])]
 
 
+def _copies(item: bpy.types.Object) -> list[Mesh]:
+    """Copies of an object's mesh (Shift+D) that show its material, and that nobody has edited."""
+    return [
+        mesh for mesh in bpy.data.meshes
+        if mesh != item.data and mesh.users and _is_ours(mesh, item[JOB]) and not is_edited(mesh)
+        and set(mesh.materials) & set(_materials(item))
+    ]  # fmt: skip
+
+
 def _worlds(item: bpy.types.Object) -> list[World]:
     # A full copy of the scene has an object and a light of its own.
     job, here = item[JOB], item.users_scene
@@ -89,7 +99,7 @@ def replace_asset(
 ) -> list[str]:  # fmt: skip
     """Put a new mesh, material and World in the place of those that an object was installed with.
 
-    Whatever else uses the earlier ones, such as linked duplicates, uses the new ones then.
+    Whatever else uses the earlier ones, or copies of the mesh as it was, uses the new ones then.
 
     Args:
         edited: `edited_of` the object, before what is new has taken the place of its pictures.
@@ -99,7 +109,8 @@ def replace_asset(
     earlier_mesh, materials, worlds = item.data, _materials(item), _worlds(item)
     slots = list(earlier_mesh.materials)
     images = {image for block in (*materials, *worlds) for image in images_of(block)}
-    pairs = [(bpy.data.meshes, earlier_mesh, mesh)]
+    # Last the one whose name the new one takes.
+    pairs = [(bpy.data.meshes, earlier, mesh) for earlier in (*_copies(item), earlier_mesh)]
     pairs += [(bpy.data.materials, earlier, material) for earlier in materials]
     pairs += [(bpy.data.worlds, earlier, world) for earlier in worlds]
     for blocks, earlier, new in pairs:

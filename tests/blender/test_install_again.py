@@ -292,6 +292,29 @@ def test_a_mesh_that_was_edited_keeps_its_textures_when_the_result_has_others(in
         assert Path(image.filepath).read_bytes() == before
 
 
+def duplicate(item):
+    """Shift+D."""
+    bpy.ops.object.duplicate()
+    copy = bpy.context.view_layer.objects.active
+    assert copy != item and copy.data != item.data
+    assert copy.active_material == item.active_material
+    return copy
+
+
+def test_a_copy_of_an_object_is_renewed_with_it(install, result_job):
+    """A fixed bug: it kept its mesh, with the new textures on it."""
+    item = install()
+    copy = duplicate(item)
+    copy.location.x = 3
+    before = counts()
+    name = item.data.name
+    fake_result.write_png(result_job / "result" / "albedo.png", (255, 0, 0))
+    assert install() == item
+    assert copy.data == item.data and item.data.name == name and copy.location.x == 3
+    assert tuple(image_of(copy, "Albedo").pixels[:3]) == (1, 0, 0)
+    assert counts() == {**before, "meshes": before["meshes"] - 1}
+
+
 def test_a_light_that_was_edited_keeps_its_picture_when_its_object_is_gone(install, result_job):
     """A fixed bug: its file was written over when the result was installed again with another light."""
     install()
