@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import bpy
+from bpy.app.handlers import persistent
 
 from .compat import PATH_OPTIONS
+from .redraw import is_rendering
 from .scene.capture_collection import is_capture
 
 
@@ -96,11 +98,22 @@ def chosen_overrides(settings: NMF_scene) -> dict[str, str]:
 classes = (NMF_scene,)
 
 
+@persistent
+def _let_go(scene: bpy.types.Scene, *_) -> None:
+    """The tab neither names a capture that was taken out of its scene, nor keeps it in the file."""
+    chosen = None if scene.library or is_rendering() else scene.nmf.capture
+    if chosen is not None and chosen not in scene.collection.children_recursive:
+        scene.nmf.capture = None
+
+
 def register() -> None:
     """Attach the group to scenes."""
     bpy.types.Scene.nmf = bpy.props.PointerProperty(type=NMF_scene)
+    bpy.app.handlers.depsgraph_update_post.append(_let_go)
 
 
 def unregister() -> None:
     """Detach it."""
+    if _let_go in bpy.app.handlers.depsgraph_update_post:
+        bpy.app.handlers.depsgraph_update_post.remove(_let_go)
     del bpy.types.Scene.nmf

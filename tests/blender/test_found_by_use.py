@@ -332,3 +332,20 @@ def test_a_job_whose_object_was_undone_says_how_it_comes(capture, monitor, fake_
     bpy.ops.ed.undo()
     bpy.ops.nmf.install_result("EXEC_DEFAULT", True, job=str(monitor.job.root))
     assert monitor.model.text == "Done"
+
+
+def test_a_capture_that_was_taken_out_of_the_scene_is_not_kept_by_the_tab(capture, add_capture):
+    """A fixed bug: the tab named it over the numbers of another, and the file kept it for good."""
+    name, other = capture.name, add_capture("another").name
+    bpy.context.scene.nmf.capture = capture
+    bpy.ops.ed.undo_push(message="before")
+    bpy.context.scene.collection.children.unlink(capture)
+    bpy.context.view_layer.update()
+    bpy.ops.ed.undo_push(message="unlinked")
+    assert bpy.context.scene.nmf.capture is None and capture.users == 0
+    bpy.ops.ed.undo()
+    assert bpy.context.scene.nmf.capture.name == name
+    bpy.ops.ed.redo()
+    bpy.context.view_layer.update()
+    reopened()
+    assert name not in bpy.data.collections and other in bpy.data.collections
