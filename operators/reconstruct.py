@@ -1,5 +1,6 @@
 """Start, resume and cancel a reconstruction."""
 
+import bpy
 from bpy.types import Context, Operator
 
 from ..nmf_addon import preferences
@@ -18,6 +19,8 @@ from ..nmf_addon.scene.region import region_problem
 from ..solver.job.folder import JobFolder
 from ..solver.job.request import JobError
 from .polls import reporting
+
+ALONE = "The job ends with this script, as there is no window; use blender -b -c nmf reconstruct"
 
 
 def _busy() -> str:
@@ -52,7 +55,8 @@ class NMF_OT_reconstruct(Operator):
         )  # fmt: skip
         monitor.start(python, job)
         problem = region_problem(collection, to_capture_space(collection))
-        for text in filter(None, (problem, shown_twice(collection))):
+        alone = bpy.app.background and ALONE
+        for text in filter(None, (problem, shown_twice(collection), alone)):
             self.report({"WARNING"}, text)
         settings.job = stored_path(job.root)
         if collection != context.scene.collection:

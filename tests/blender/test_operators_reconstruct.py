@@ -177,3 +177,9 @@ def test_a_result_that_cannot_be_installed_is_told(capture, monitor, fake_solver
     monitor.waits_to_install = True
     monitor.tick()
     assert monitor.model.state == "failed" and "mesh.ply" in monitor.model.error
+
+
+def test_a_script_without_a_window_is_told_that_its_job_ends_with_it(capture, fake_solver, capfd):
+    """A fixed bug: the job was cancelled when the script ended, without a word."""
+    assert bpy.app.background and bpy.ops.nmf.reconstruct() == {"FINISHED"}
+    assert "The job ends with this script" in capfd.readouterr().out
