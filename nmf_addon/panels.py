@@ -10,8 +10,7 @@ from .jobs.monitor import monitor
 from .jobs.side_task import side_task
 from .names import BASE_PACKAGE
 from .scene.awaited_copies import awaiting
-from .scene.cameras import photo_of
-from .scene.capture_collection import active_capture
+from .scene.capture_collection import active_capture, photo_cameras
 from .scene.findings import check_report, masked_box
 from .scene.hidden_photos import hidden_cameras
 from .scene.region import region_box
@@ -31,15 +30,17 @@ class Sidebar:
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "NMF"
+    icon = ""
+
+    def draw_header(self, context: Context) -> None:
+        self.layout.label(icon=self.icon)
 
 
 class NMF_PT_capture(Sidebar, Panel):
     """Cameras, photos and the region of interest"""
 
     bl_label = "Capture"
-
-    def draw_header(self, context: Context) -> None:
-        self.layout.label(icon="CAMERA_DATA")
+    icon = "CAMERA_DATA"
 
     def draw(self, context: Context) -> None:
         layout = self.layout
@@ -61,11 +62,8 @@ class NMF_PT_capture(Sidebar, Panel):
         row = column.row(align=True) if narrow else row
         row.operator("nmf.import_capture", text="", icon="IMPORT")
         _draw_solve(row, context, {"text": ""})
-        cameras = sum(
-            i.type == "CAMERA" and photo_of(i) is not None for i in collection.all_objects
-        )
         row = layout.row(align=True)
-        text = f"{cameras} photo|photos with camera|cameras"
+        text = f"{len(photo_cameras(collection))} photo|photos with camera|cameras"
         row.label(text=counted(text), icon="IMAGE_DATA")
         if hidden_cameras(collection) and not side_task.running:
             row.operator("nmf.show_photos", icon="HIDE_ON")
@@ -94,9 +92,7 @@ class NMF_PT_reconstruct(Sidebar, Panel):
     """Start, watch and cancel a reconstruction"""
 
     bl_label = "Reconstruct"
-
-    def draw_header(self, context: Context) -> None:
-        self.layout.label(icon="SHADERFX")
+    icon = "SHADERFX"
 
     def draw(self, context: Context) -> None:
         layout = self.layout
@@ -122,9 +118,7 @@ class NMF_PT_result(Sidebar, Panel):
     """Install, relight and compare a result"""
 
     bl_label = "Result"
-
-    def draw_header(self, context: Context) -> None:
-        self.layout.label(icon="MATERIAL")
+    icon = "MATERIAL"
 
     def draw(self, context: Context) -> None:
         layout = self.layout
@@ -158,7 +152,6 @@ def _draw_task(layout: UILayout, context: Context) -> None:
 
 
 def _is_undone(context: Context) -> bool:
-    """Whether what the last task has done is not to be seen in the tab's capture."""
     holds_for, collection = side_task.holds_for, active_capture(context)
     is_told = side_task.model.state != "done" or holds_for is None
     return not is_told and (collection is None or not holds_for(collection))
@@ -221,11 +214,8 @@ def _draw_progress(layout: UILayout, context: Context) -> None:
     if model.psnr is not None and model.stage == "fit":
         note(layout, context, f"Agreement with the photos: {model.psnr:.1f} dB")
     if monitor.silent_for:
-        note(
-            layout,
-            context,
-            f"No news for {clock(monitor.silent_for)}; the solver is still running.",
-        )
+        quiet = clock(monitor.silent_for)
+        note(layout, context, f"No news for {quiet}; the solver is still running.")
     _draw_warnings(layout, context, model)
 
 

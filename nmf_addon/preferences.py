@@ -21,37 +21,34 @@ def _look_again(self: NMF_preferences, context: bpy.types.Context) -> None:
     runtime.forget()
 
 
+def _path(name: str, subtype: str, description: str, **more):
+    return bpy.props.StringProperty(
+        name=name, description=description, subtype=subtype, options=PATH_OPTIONS, **more
+    )
+
+
 class NMF_preferences(bpy.types.AddonPreferences):
     """Settings of the extension."""
 
     bl_idname = BASE_PACKAGE
 
-    python: bpy.props.StringProperty(
-        name="Own Python",
-        description="A Python that has the solver's packages; leave empty to use the one built here",
-        subtype="FILE_PATH",
-        options=PATH_OPTIONS,
+    python: _path(
+        "Own Python", "FILE_PATH",
+        "A Python that has the solver's packages; leave empty to use the one built here",
         update=_look_again,
-    )
-    runtime_folder: bpy.props.StringProperty(
-        name="Folder",
-        description="Where the solver is set up; leave empty for the extension's own folder, which "
-        "is deleted with it (on Windows for one in AppData\\Local, which stays)",
-        subtype="DIR_PATH",
-        options=PATH_OPTIONS,
+    )  # fmt: skip
+    runtime_folder: _path(
+        "Folder", "DIR_PATH",
+        "Where the solver is set up; leave empty for the extension's own folder, which is deleted with it "
+        "(on Windows for one in AppData\\Local, which stays)",
         update=_look_again,
-    )
-    base_python: bpy.props.StringProperty(
-        name="Build With",
-        description="Python 3.11 to 3.13 to set up the solver with; leave empty to use Blender's",
-        subtype="FILE_PATH",
-        options=PATH_OPTIONS,
-    )
-    wheelhouse: bpy.props.StringProperty(
-        name="Wheelhouse",
-        description="Folder with downloaded packages, for computers without a network",
-        subtype="DIR_PATH",
-        options=PATH_OPTIONS,
+    )  # fmt: skip
+    base_python: _path(
+        "Build With", "FILE_PATH",
+        "Python 3.11 to 3.13 to set up the solver with; leave empty to use Blender's",
+    )  # fmt: skip
+    wheelhouse: _path(
+        "Wheelhouse", "DIR_PATH", "Folder with downloaded packages, for computers without a network"
     )
     pip_arguments: bpy.props.StringProperty(
         name="pip Arguments",

@@ -16,7 +16,6 @@ def _may_be_chosen(settings: NMF_scene, collection: bpy.types.Collection) -> boo
 
 
 def _choice(name: str, description: str, *items: tuple[str, str, str], default: str | None = None):
-    """One of some items; the first, unless another is the default."""
     return bpy.props.EnumProperty(
         name=name, description=description, items=items, default=default or items[0][0]
     )

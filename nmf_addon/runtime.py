@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import os
+import re
 import sys
 import time
 from pathlib import Path
@@ -125,13 +126,9 @@ def clean_environment() -> dict[str, str]:
 
 
 def _base_of(environment: Path) -> Path | None:
-    """Folder of the Python that a virtual environment was made with (`home` of pyvenv.cfg)."""
     try:
         text = (environment / "pyvenv.cfg").read_text(encoding="utf-8")
     except OSError:
         return None
-    for line in text.splitlines():
-        name, _, value = line.partition("=")
-        if name.strip() == "home" and value.strip():
-            return Path(value.strip())
-    return None
+    home = re.search(r"^\s*home\s*=\s*(\S.*?)\s*$", text, re.MULTILINE)
+    return home and Path(home[1])

@@ -86,13 +86,9 @@ def base_python(chosen: str = "") -> Path:
 
 
 def start_setup(
-    folder: Path,
-    python: Path,
-    wheelhouse: str = "",
-    pip_arguments: str = "",
-    requirements: Path = runtime.REQUIREMENTS,
-    check: Path | None = runtime.BOOTSTRAP,
-) -> None:
+    folder: Path, python: Path, wheelhouse: str = "", pip_arguments: str = "",
+    requirements: Path = runtime.REQUIREMENTS, check: Path | None = runtime.BOOTSTRAP,
+) -> None:  # fmt: skip
     """Start building; `setup_state` tells how far it is.
 
     Raises:
@@ -118,7 +114,6 @@ def start_check(python: Path) -> None:
 
 
 def _follow(command: list[str], state: SetupState) -> None:
-    """Start a process whose lines a thread reads into a state, and redraw while it runs."""
     global _process, _state
     _process = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
@@ -132,7 +127,6 @@ def _follow(command: list[str], state: SetupState) -> None:
 
 
 def _read(process: subprocess.Popen, state: SetupState) -> None:
-    """Follow a process's lines: 'progress FRACTION TEXT', anything else is log."""
     for line in process.stdout:
         told = re.fullmatch(r"progress (-?\d+\.\d+) (.+)", line.rstrip())
         if told:

@@ -24,6 +24,10 @@ IGNORED = (
 )
 
 
+def _stated(name: str, description: str):
+    return bpy.props.StringProperty(name=name, description=description, options={"SKIP_SAVE"})
+
+
 class NMF_OT_import_capture(ImportHelper, Operator):
     """Import photos with known cameras as a capture: pick a camera file, its folder, or an app's
     archive (.zip, .r3d), which is unpacked next to itself"""
@@ -37,22 +41,9 @@ class NMF_OT_import_capture(ImportHelper, Operator):
         type=OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"}
     )
     directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
-    photos: bpy.props.StringProperty(
-        name="Photos",
-        description="Folder of the photos, if they are not in the cameras' folder",
-        options={"SKIP_SAVE"},
-    )
-    masks: bpy.props.StringProperty(
-        name="Masks",
-        description="Folder of the masks, if it is not 'masks' next to the photos",
-        options={"SKIP_SAVE"},
-    )
-
-    ignored: bpy.props.StringProperty(
-        name="Ignore",
-        description=IGNORED,
-        options={"SKIP_SAVE"},
-    )
+    photos: _stated("Photos", "Folder of the photos, if they are not in the cameras' folder")
+    masks: _stated("Masks", "Folder of the masks, if it is not 'masks' next to the photos")
+    ignored: _stated("Ignore", IGNORED)
 
     @reporting()
     def execute(self, context: Context) -> set[str] | None:

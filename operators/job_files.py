@@ -93,7 +93,6 @@ def error_report() -> str:
 
 
 def _asked_for(job: JobFolder) -> list[tuple[Path, str]]:
-    """Where a job's photos lie, if not in its own folder, and what to call that."""
     try:
         request = job.request
     except JobError:
@@ -107,13 +106,11 @@ def _asked_for(job: JobFolder) -> list[tuple[Path, str]]:
 
 
 def _installed_from(context: Context) -> str:
-    """Path of the job that the active object was installed from; empty if it is no result."""
     item = context.view_layer.objects.active
     return "" if item is None else str(item.get(JOB, ""))
 
 
 def _job_meant(context: Context) -> JobFolder:
-    """The active object's job, else the last one; also of a project that has moved since."""
     path, last = _installed_from(context), monitor.job
     if not path or (last and is_of(context.view_layer.objects.active, last)):
         return last

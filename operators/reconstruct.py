@@ -24,7 +24,6 @@ ALONE = "The job ends with this script, as there is no window; use blender -b -c
 
 
 def _busy() -> str:
-    """Why no job can begin now; empty if one can."""
     if monitor.running:
         return "A job is running"
     return f"Last job: {WAITS}" if monitor.waits_to_install else ""

@@ -152,14 +152,12 @@ class NMF_OT_solve_cameras(Operator):
 
 
 def _stated(source: Path, text: str) -> Path | None:
-    """What a person has stated as seen from the photos' folder or from a video's, from the blend file (//),
-    or as a whole path; None if that is nothing."""
+    """A path as seen from the photos' folder or a video's, from the blend file (//), or whole; or None."""
     place = source.parent if is_video(source) else source
     return Path(os.path.normpath(place / bpy.path.abspath(text))) if text else None
 
 
 def _check_stated(source: Path, masks: Path | None, ignored: Path | None) -> None:
-    """Make sure that what is stated for photos is there."""
     if is_video(source):
         check_of_video(source, masks, None)
     if masks is not None and not masks.is_dir():
@@ -171,8 +169,6 @@ def _check_stated(source: Path, masks: Path | None, ignored: Path | None) -> Non
 
 
 def _unfinished(photos: Path) -> Path | None:
-    """The folder of a solve of these photos, or of this video, that was stopped, so that it goes on; None
-    if there is none."""
     begun = [SolveFolder(path.parent) for path in sorted(jobs_folder().glob("*/solve.json"))]
     asked = str(photos.absolute())
     return next(

@@ -110,8 +110,7 @@ class Monitor:
             redraw_panels()
 
     def _may_install(self) -> bool:
-        """True in Object Mode with a window, when nothing else is under way; says what it waits for
-        otherwise."""
+        """True in Object Mode while nothing else is under way; else says what it waits for."""
         windows = bpy.context.window_manager.windows
         if not windows:
             return bpy.app.background
@@ -132,7 +131,6 @@ class Monitor:
         return not wait
 
     def _install(self) -> None:
-        """Install the result by its operator, so that one Undo takes it back."""
         self.waits_to_install = False
         try:
             _install_result(self.job)
@@ -192,7 +190,6 @@ def _is_there(job: JobFolder) -> bool:
 
 
 def _scenes_with_jobs() -> list[bpy.types.Scene]:
-    """The file's own scenes that name a job, that of the context first."""
     scenes = (scene for scene in bpy.data.scenes if scene.nmf.job and not scene.library)
     return sorted(scenes, key=lambda scene: scene != bpy.context.scene)
 
@@ -209,7 +206,6 @@ def _install_result(job: JobFolder) -> None:
 
 
 def _where(job: JobFolder) -> str:
-    """That a job is done, and where its object is if the person looks at another scene, or how it comes."""
     windows = bpy.context.window_manager.windows
     scene = windows[0].scene if windows else bpy.context.scene
     item = installed_before(job, scene)
@@ -220,7 +216,6 @@ def _where(job: JobFolder) -> str:
 
 
 def _is_moving_something(window: bpy.types.Window) -> bool:
-    """True between G, R or S and the click that ends it: what is selected has to stay so."""
     steps = [step for o in window.modal_operators for step in (o, *o.macros)]
     return any(step.bl_idname.startswith("TRANSFORM_OT_") for step in steps)
 
@@ -240,14 +235,12 @@ def _tick() -> float | None:
 
 
 def _look_at_open_file() -> None:
-    """Take up the job of a file that was open already when the extension came."""
     monitor.look_at(_job_of_file())
     redraw_panels()
 
 
 @persistent
 def _on_load(path: str) -> None:
-    """Another file was opened, or the same one once more."""
     monitor.of_this_file = monitor.is_named_by_file()
     monitor.look_at(_job_of_file())
 

@@ -1,4 +1,4 @@
-"""What a person has applied to a result's mesh (Ctrl+A), which one that is installed again gets, too."""
+"""What a person has applied to a result's mesh (Ctrl+A): one that is installed again gets it, too."""
 
 from itertools import product
 
@@ -19,28 +19,22 @@ def remember_built(mesh: Mesh) -> None:
     mesh[AS_BUILT] = np.c_[chosen, places[chosen]].ravel().tolist()
 
 
-def applied_to(mesh: Mesh) -> Matrix | None:
-    """From a result's coordinates to those that a person has given its mesh as a whole; None if these are
-    the same, or cannot be told."""
-    built, places = np.reshape(mesh.get(AS_BUILT, ()), (-1, 4)), _places(mesh)
+def apply_as_to(earlier: Mesh, mesh: Mesh) -> None:
+    """Apply to a mesh what was applied to an earlier one as a whole; its faces go on looking outwards."""
+    built, places = np.reshape(earlier.get(AS_BUILT, ()), (-1, 4)), _places(earlier)
     chosen = built[:, 0].astype(int)
     if len(built) < 5 or chosen.max() >= len(places):
-        return None
+        return
     before, now = np.c_[built[:, 1:], np.ones(len(built))], places[chosen]
     allowed = FITS * np.ptp(now, axis=0).max()
     matrix, _, rank, _ = np.linalg.lstsq(before, now, rcond=None)
-    is_moved = np.abs(before[:, :3] - now).max() > allowed
-    if rank < 4 or not is_moved or np.abs(before @ matrix - now).max() > allowed:
-        return None
-    return Matrix((*matrix.T.tolist(), (0, 0, 0, 1)))
-
-
-def apply(mesh: Mesh, matrix: Matrix | None) -> None:
-    """Apply to a mesh what was applied to an earlier one; its faces go on looking outwards."""
-    if matrix is not None:
-        mesh.transform(matrix)
-        if matrix.determinant() < 0:
-            mesh.flip_normals()
+    is_same = np.abs(before[:, :3] - now).max() <= allowed
+    if rank < 4 or is_same or np.abs(before @ matrix - now).max() > allowed:
+        return
+    motion = Matrix((*matrix.T.tolist(), (0, 0, 0, 1)))
+    mesh.transform(motion)
+    if motion.determinant() < 0:
+        mesh.flip_normals()
 
 
 def _places(mesh: Mesh) -> np.ndarray:

@@ -60,21 +60,18 @@ def add_camera(camera: Camera, image: Image | None, frame: float = 0.0) -> Objec
 
 
 def _keep(data: bpy.types.Camera, name: str, files: str, mask: Path, photo: Path) -> None:
-    """Keep where a mask of a photo lies, as `_mask_of` looks for it."""
     data[name] = _beside(mask, photo)
     data[files] = sorted({stored_path(mask), str(mask)})
 
 
 def _beside(mask: Path, photo: Path) -> str:
-    """A mask as seen from its photo's folder, so that both may move; as it is on another drive."""
     try:
         return os.path.relpath(mask, photo.parent)
-    except ValueError:
+    except ValueError:  # another drive
         return str(mask)
 
 
 def _mask_of(data: bpy.types.Camera, photo: Path, name: str, files: str) -> Path | None:
-    """The mask of a photo: beside that, or where both lay before the photo was packed and unpacked."""
     if not data.get(name):
         return None
     beside = Path(os.path.normpath(photo.parent / data[name]))

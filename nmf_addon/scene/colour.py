@@ -48,8 +48,7 @@ def foreign_working_space(data: bpy.types.BlendData) -> str:
 
 
 def _set_first(settings: bpy.types.bpy_struct, field: str, names: tuple[str, ...]) -> bool:
-    """Set a field to the first of some names that the configuration knows, which cannot be asked in all
-    versions; False if it knows none."""
+    """Set a field to the first of some names that the configuration knows; False if it knows none."""
     for name in names:
         try:
             setattr(settings, field, name)

@@ -13,10 +13,8 @@ from .images import images_of
 AS_MADE = "nmf_as_made"
 """fingerprint of a mesh, material or World as it was installed, and of a picture's file"""
 _SETTINGS = ("BOOLEAN", "ENUM", "FLOAT", "INT", "STRING")
-_SEEN_BY_ALL = [
-    f"{ray} True" for ray in ("camera", "diffuse", "glossy", "transmission", "shadow", "scatter")
-]
-"""what Cycles has of a World as it was made, where it cannot be asked for it is off"""
+_RAYS = "camera", "diffuse", "glossy", "transmission", "shadow", "scatter"
+"""what sees a World as made; Cycles cannot be asked while it is off"""
 _NO_EDITS = (
     "is_active_output", "paint_active_slot", "paint_clone_slot", "preview_render_type", "use_preview_world",
 )  # fmt: skip
@@ -44,7 +42,6 @@ def is_painted(image: Image) -> bool:
 
 
 def _of_file(image: Image) -> str:
-    """Of what a picture shows once it is loaded; empty if that is gone."""
     path = Path(bpy.path.abspath(image.filepath, library=image.library))
     try:
         data = image.packed_file.data if image.packed_file else path.read_bytes()
@@ -84,7 +81,7 @@ def _of_array(items: bpy.types.bpy_prop_collection, name: str, values: np.ndarra
 def _of_nodes(block: Material | World) -> Iterator[str]:
     yield f"{_settings_of(block)}"
     seen = getattr(block, "cycles_visibility", None)
-    without = None if isinstance(block, Material) else _SEEN_BY_ALL
+    without = None if isinstance(block, Material) else [f"{ray} True" for ray in _RAYS]
     yield f"{_settings_of(seen) if seen else without}"
     tree = block.node_tree
     drivers = tree.animation_data.drivers if tree.animation_data else []
@@ -102,7 +99,6 @@ def _of_nodes(block: Material | World) -> Iterator[str]:
 
 
 def _settings_of(node: bpy.types.bpy_struct) -> list[str]:
-    """What one node or data-block has and not all have; of a picture of the person's, its name."""
     common = {*node.bl_rna.base.properties.keys(), *_NO_EDITS}
     own = [p for p in node.bl_rna.properties if p.identifier not in common and p.type in _SETTINGS]
     told = [f"{p.identifier} {_plain(getattr(node, p.identifier))}" for p in own]

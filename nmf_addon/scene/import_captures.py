@@ -101,18 +101,14 @@ def _add_capture(
 
 
 def _unseen_empty(name: str, root: Object) -> Object:
-    """An empty under a capture's own for what is many.
-
-    The outliner folds them away below it, and viewports draw no dashed line from each of them to a
-    parent that they do not show.
-    """
+    """An empty under a capture's own for what is many: the outliner folds that away, and no dashed lines
+    lead to what is not shown."""
     item = bpy.data.objects.new(name, None)
     item.parent, item.hide_viewport = root, True
     return item
 
 
 def _load_photos(cameras: list[Camera]) -> dict[Path, Image]:
-    """Images of the cameras' photos; those that were loaded go again if one cannot be."""
     images = {}
     with nothing_left_behind(bpy.data.images):
         for camera in cameras:
@@ -127,7 +123,6 @@ def _load_photos(cameras: list[Camera]) -> dict[Path, Image]:
 
 
 def _add_points(collection: Collection, points: np.ndarray, root: Object) -> Object:
-    """Sparse points as a mesh of vertices, to see the object in while fitting the box."""
     points = points[:: max(-(-len(points) // MOST_POINTS), 1)]
     mesh = bpy.data.meshes.new(f"{collection.name} Points")
     mesh.vertices.add(len(points))

@@ -22,7 +22,7 @@ from ...solver.capture.placement import counted_from
 from ...solver.job.folder import JobFolder
 from ..names import JOBS_OF_UNSAVED, user_folder
 from .adjusted_cameras import adjust_cameras
-from .applied import applied_to, apply, remember_built
+from .applied import apply_as_to, remember_built
 from .capture_collection import root_of, scene_of
 from .edited import is_edited, mark_as_made
 from .images import images_of, nothing_left_behind
@@ -88,7 +88,7 @@ def install_result(
         mesh = build_mesh(name, positions, normals, uvs, faces)
         remember_built(mesh)
         if earlier is not None:
-            apply(mesh, applied_to(earlier.data))
+            apply_as_to(earlier.data, mesh)
         material = build_material(name, pictures, manifest["textures"])
         mesh.materials.append(material)
         world = build_world(f"{name} Light", pictures["environment"])
@@ -116,7 +116,6 @@ def _place(
     context: Context, scene: Scene, job: JobFolder, mesh: Mesh,
     manifest: dict, collection: Collection | None,
 ) -> Object:  # fmt: skip
-    """A new object in a scene: under its capture, or by itself."""
     item = bpy.data.objects.new(job.root.name, mesh)
     home = _home(collection, scene, _view_layer(context, scene))
     home.objects.link(item)
@@ -137,7 +136,6 @@ def _light(
     world: World, item: Object, job: JobFolder, manifest: dict,
     collection: Collection | None,
 ) -> None:  # fmt: skip
-    """Let a result's light turn with its capture, or with what stands the result upright."""
     root = root_of(collection) if collection is not None else None
     above = item.parent
     if root is None or above is None or (above != root and above.parent == root):
@@ -148,15 +146,13 @@ def _light(
 
 
 def _home(collection: Collection | None, scene: Scene, view_layer: ViewLayer) -> Collection:
-    """The capture's collection, or the scene's own where that is linked, an override, switched off or not
-    rendered."""
+    """The capture's collection; the scene's where that cannot be changed, or is not seen."""
     if collection is None or collection.library or collection.override_library:
         return scene.collection
     return collection if _is_shown(collection, view_layer.layer_collection) else scene.collection
 
 
 def _is_shown(collection: Collection, layer: LayerCollection) -> bool:
-    """True if what is in a collection is seen and rendered in a view layer, or in this part of one."""
     shown = layer.collection
     if layer.exclude or layer.hide_viewport or shown.hide_viewport or shown.hide_render:
         return False
@@ -168,13 +164,11 @@ def _view_layer(context: Context, scene: Scene) -> ViewLayer:
 
 
 def _upright(manifest: dict) -> Matrix | None:
-    """What stands the mesh upright where its capture is not there to do so; None if it does already."""
     matrix = Matrix(manifest.get("placement", Matrix.Identity(4)))
     return None if matrix == Matrix.Identity(4) else matrix
 
 
 def _in_capture(job: JobFolder, manifest: dict, collection: Collection) -> Matrix | None:
-    """Where in the capture's space the coordinates of a result are; None if they are the same."""
     matrix = job_space(job, collection)
     origin = np.array(manifest.get("origin", (0.0, 0.0, 0.0)), dtype=np.float64)
     if matrix is None and not origin.any():

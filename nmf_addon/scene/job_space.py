@@ -34,11 +34,8 @@ def job_space(job: JobFolder, collection: Collection) -> np.ndarray | None:
 
 
 def _moved_since_import(collection: Collection) -> np.ndarray:
-    """What has moved a capture's cameras in its space as one, [4, 4].
-
-    They hang on an empty of their own, which had the capture's space at first, and which Blender keeps in
-    place when the transform of the capture's empty is applied.
-    """
+    """What has moved a capture's cameras in its space as one, [4, 4]: that of the empty that they hang on,
+    which stays in place when the transform of the capture's empty is applied."""
     above = {item.parent for item in photo_cameras(collection)}
     axes = above.pop() if len(above) == 1 else None
     if axes is None or axes.parent != root_of(collection):
@@ -86,12 +83,9 @@ def _most(which: np.ndarray) -> bool:
 
 
 def _common_motion(before: np.ndarray, now: np.ndarray, size: float) -> np.ndarray | None:
-    """The similarity [4, 4] that most of some poses [N, 4, 4] have moved by; None if there is none.
-
-    It is sought from one camera after the other, as a person may have moved some by hand.
-    """
+    """The similarity [4, 4] that most of some poses [N, 4, 4] have moved by; None if there is none."""
     places, others = before[:, :3, 3], now[:, :3, 3]
-    for one in range(len(now)):
+    for one in range(len(now)):  # a person may have moved some by hand
         apart = np.linalg.norm(places - places[one], axis=1)
         far = apart > STILL_THERE * apart.max()
         ratios = np.linalg.norm(others[far] - others[one], axis=1) / apart[far]

@@ -52,8 +52,7 @@ def _new_axes(item: Object) -> Object:
 
 
 def _axes_of(item: Object) -> Object | None:
-    """The axes of a result's light in its scenes, also of an object that was deleted since; or of this one,
-    when its job was elsewhere."""
+    """A light's axes in its result's scenes, also if that was deleted or its job has moved."""
     there = {other for scene in item.users_scene for other in scene.objects if AXES in other}
     found = [
         o for o in there

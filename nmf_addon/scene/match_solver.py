@@ -42,7 +42,6 @@ def match_solver(scene: Scene, bounces: int = 2) -> str:
 
 
 def _view_left(scene: Scene) -> str:
-    """Set the plain view; what is to be said if there is none."""
     if set_plain_view(scene):
         return ""
     return (
@@ -52,7 +51,6 @@ def _view_left(scene: Scene) -> str:
 
 
 def _working_space_left() -> str:
-    """What is to be said of the file's working space, which all its scenes share."""
     space = foreign_working_space(bpy.data)
     if not space:
         return ""
@@ -63,7 +61,6 @@ def _working_space_left() -> str:
 
 
 def _lamps_left(scene: Scene) -> str:
-    """What is to be said of lights that shine besides the World."""
     lights = {i for layer in scene.view_layers for i in layer.objects if i.type == "LIGHT"}
     shown = {*scene.collection.objects} | {
         item for c in scene.collection.children_recursive if not c.hide_render for item in c.objects

@@ -111,7 +111,6 @@ def surface_group() -> NodeTree:
 
 
 def _has_sockets(group: NodeTree) -> bool:
-    """True if a node group takes and gives what "NMF Surface" does."""
     sockets = {
         (item.name, item.in_out, item.socket_type)
         for item in group.interface.items_tree
@@ -158,11 +157,8 @@ def _computed(tree, node: Node, operation: str, operands: tuple):
 
 
 def _principled(tree, images, normal, f0_scale: float):
-    """Principled with base colour, metalness, and F0 as Specular Tint, through a Mix node.
-
-    The glTF exporter turns that into specularColorFactor × texture without loss; USD, FBX and OBJ know no
-    tint. Of a metal the tint is that of its rim, where more than white is white.
-    """
+    """Principled with base colour, metalness, and F0 as Specular Tint, through a Mix node, which glTF's
+    exporter turns into specularColorFactor × texture without loss; USD, FBX and OBJ know no tint."""
     node = tree.nodes.new("ShaderNodeBsdfPrincipled")
     node.location = (-40, 420)
     node.distribution = "GGX"
@@ -180,7 +176,6 @@ def _principled(tree, images, normal, f0_scale: float):
 
 
 def _mix_multiply(tree, colour, factor: float) -> Node:
-    """A Mix node that multiplies a colour by a neutral factor (neutral in any working space)."""
     node = tree.nodes.new("ShaderNodeMix")
     node.data_type, node.blend_type = "RGBA", "MULTIPLY"
     node.clamp_result = False

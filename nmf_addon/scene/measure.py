@@ -39,8 +39,7 @@ def picked_points(context: Context) -> tuple[Vector, Vector]:
     item = _edited_mesh(context)
     if item is not None:
         item.update_from_editmode()
-        chosen = [vertex.co for vertex in item.data.vertices if vertex.select]
-        points = [item.matrix_world @ co for co in chosen]
+        points = [item.matrix_world @ v.co for v in item.data.vertices if v.select]
         what = "vertices"
     else:
         points = [item.matrix_world.translation.copy() for item in context.selected_objects]

@@ -27,7 +27,7 @@ def named_pictures(job: JobFolder, manifest: dict, kept: set[str]) -> dict[str, 
     files where nothing can be written. Copies that are `kept`, by their names, stay as they are.
 
     Raises:
-        RuntimeError: Blender cannot read one that is to take the place of a copy; all are as they were.
+        RuntimeError: Blender cannot read one that is to take a copy's place; all stay.
     """
     entries = {key: manifest["textures"][key] for key in textures_of(manifest)}
     entries["environment"] = manifest["environment"]
@@ -54,7 +54,6 @@ def named_pictures(job: JobFolder, manifest: dict, kept: set[str]) -> dict[str, 
 
 
 def _made(record: Path) -> dict[str, str]:
-    """What each copy of a job's pictures was when it was made, by its name."""
     try:
         return dict(json.loads(record.read_bytes()))
     except (OSError, ValueError, TypeError):
@@ -66,8 +65,8 @@ def _digest(file: Path) -> str:
 
 
 def _free_stem(name: str, now: dict[str, str], folder: Path, made: dict[str, str]) -> str:
-    """A job's name, with a number where pictures of another job of this name are in the open file, or where
-    a person has painted on its own, in this or another file: not as `made`, nor as the result is `now`."""
+    """A job's name, with a number where the open file has another job's pictures of it, or a person has
+    painted on its own anywhere: these are not as `made`, nor as the result is `now`."""
     taken = {
         copy.name
         for file, digest in now.items()

@@ -45,7 +45,7 @@ def place_box(box: Object, region: np.ndarray, root: Object | None) -> None:
     box.parent = root
     box.matrix_parent_inverse.identity()
     low, high = np.asarray(region, dtype=np.float64)
-    box.matrix_basis = Matrix.Identity(4)  # whatever its rotation is counted in
+    box.matrix_basis = Matrix.Identity(4)  # in whatever rotation mode
     box.location, box.scale = (low + high) / 2, (high - low) / 2 / box.empty_display_size
     box[PLACED] = _state(box)
 

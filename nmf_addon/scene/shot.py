@@ -61,7 +61,6 @@ def shot_camera(context: Context) -> Object | None:
 
 
 def _film_of(item: Object, scene: Scene) -> MovieClip | CameraBackgroundImage | None:
-    """The movie clip, or the background whose image is a film."""
     if item.type != "CAMERA":
         return None
     for background in item.data.background_images:
@@ -105,6 +104,5 @@ def _solved_clips(item: Object, scene: Scene) -> Iterator[MovieClip]:
 
 
 def _numbered(file: Path) -> tuple[str, str, str]:
-    """A file's name before, within and after its last number."""
     found = re.fullmatch(r"(.*?)(\d*)(\D*)", file.stem, re.DOTALL)
     return found[1], found[2], found[3] + file.suffix
