@@ -34,11 +34,22 @@ pytest.importorskip("pycolmap")
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMAND = [sys.executable, "-m", "solver", "solve"]
+SMALL = 400
+"""longer side, in pixels, at which features are found where it only matters that cameras are"""
+QUICK = f"""
+from functools import partial
+
+from solver.cameras import command
+from solver.cli import main
+
+command.request_of = partial(command.request_of, max_image_size={SMALL})
+"""
+QUICK_COMMAND = [sys.executable, "-c", f"{QUICK}\nraise SystemExit(main())", "solve"]
 
 
-def solve(*arguments):
+def solve(*arguments, command=COMMAND):
     return subprocess.run(
-        [*COMMAND, *map(str, arguments)], cwd=ROOT, capture_output=True, text=True,
+        [*command, *map(str, arguments)], cwd=ROOT, capture_output=True, text=True,
         stdin=subprocess.DEVNULL, timeout=300,
     )  # fmt: skip
 
@@ -184,9 +195,8 @@ def small_photos(tmp_path_factory):
     return folder
 
 
-PLAIN = """
+PLAIN = f"""{QUICK}
 from solver.cameras import solve
-from solver.cli import main
 from tests.capture.code_page import plain_colmap
 
 solve.quiet_colmap = plain_colmap
@@ -198,17 +208,17 @@ def test_colmap_is_told_plain_letters_wherever_photos_and_cameras_lie(small_phot
     folder = tmp_path / "写真 ł"
     shutil.copytree(small_photos, folder, ignore=shutil.ignore_patterns("IMG_900.jpg"))
     result = subprocess.run(
-        [sys.executable, "-c", PLAIN, "solve", str(folder)], cwd=ROOT, capture_output=True, text=True,
-        encoding="utf-8", stdin=subprocess.DEVNULL, timeout=300,
+        [sys.executable, "-c", PLAIN, "solve", str(folder)], cwd=ROOT, capture_output=True,
+        text=True, encoding="utf-8", stdin=subprocess.DEVNULL, timeout=300,
     )  # fmt: skip
     assert result.returncode == 0, result.stderr
     assert len(read_capture(folder).cameras) == 12
     assert (folder / "cameras" / "sparse" / "0" / "points3D.bin").is_file()
 
 
-def begin(folder, out, **options):
+def begin(folder, out, command=COMMAND):
     process = subprocess.Popen(
-        [*COMMAND, str(folder), "--out", str(out), "--events"], cwd=ROOT, text=True,
+        [*command, str(folder), "--out", str(out), "--events"], cwd=ROOT, text=True,
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     wait_for(lambda: _has_features(out), process)
@@ -232,13 +242,13 @@ def test_a_killed_solve_continues_with_what_it_had_and_names_the_photo_that_fits
     small_photos, tmp_path
 ):
     out = tmp_path / "elsewhere"
-    process = begin(small_photos, out)
+    process = begin(small_photos, out, QUICK_COMMAND)
     os.kill(process.pid, signal.SIGKILL)
     process.communicate()
     before = _descriptors(out)
     assert len(before) >= 4
     (out / "events.jsonl").unlink()
-    result = solve(small_photos, "--out", out)
+    result = solve(small_photos, "--out", out, command=QUICK_COMMAND)
     assert result.returncode == 0, result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
     assert "1 of 13 photos" in result.stderr and "IMG_900.jpg" in result.stderr
@@ -289,12 +299,12 @@ def test_a_solve_ends_before_a_disk_is_full_and_goes_on_when_there_is_room(
 ):
     """COLMAP would abort the process."""
     folder = SolveFolder(tmp_path / "cameras")
-    request = request_of(small_photos, folder)
+    request = request_of(small_photos, folder, max_image_size=SMALL)
     folder.take(request)
-    left = [1 << 40] * 3 + [70 << 20]
+    left = [1 << 40] * 3 + [65 << 20]
     with monkeypatch.context() as full:
         full.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=left.pop(0)))
-        with pytest.raises(CaptureError, match="disk is full: 70 MB .* run it again to continue"):
+        with pytest.raises(CaptureError, match="disk is full: 65 MB .* run it again to continue"):
             Solver(folder, request, Mock(), SimpleNamespace(should_stop=False)).run()
     assert not folder.work_dir.exists()
     assert folder.take(request) is True
