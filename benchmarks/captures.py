@@ -135,9 +135,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--programs", nargs="*", default=PROGRAMS, choices=PROGRAMS)
     parser.add_argument("--real", type=Path, nargs="*", default=[], metavar="DIR")
     parser.add_argument("--work", type=Path, default=ROOT / "build" / "captures")
-    parser.add_argument(
-        "--out", type=Path, default=ROOT / "docs" / "captures", help="of .md and .json"
-    )
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "captures", help="of .md and .json")
     return parser.parse_args()
 
 

@@ -145,9 +145,7 @@ def comparison(curves: dict[str, dict], before: dict[str, dict]) -> list[str]:
                 if better * row.get(key, -better * np.inf) >= better * best[key]
             ]
             cells += [f"{best[key]:.2f}", f"{best['cpu']:.1f}"]
-            cells += (
-                [f"{reached[0]:.1f}", f"{best['cpu'] / reached[0]:.1f}"] if reached else ["–"] * 2
-            )
+            cells += [f"{reached[0]:.1f}", f"{best['cpu'] / reached[0]:.1f}"] if reached else ["–"] * 2
         lines.append("| " + " | ".join(cells) + " |")
     return lines
 

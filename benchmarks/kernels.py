@@ -165,9 +165,7 @@ def cases(points: int) -> list[Case]:
     table = prefix_sums(environment, rows[1:])
     lit = environment.clone().requires_grad_()
     turn = torch.linalg.qr(rand(3, 3))[0]
-    before = equirect_coordinates(
-        equirect_directions(LIGHT, 2 * LIGHT).float() @ turn, LIGHT, 2 * LIGHT
-    )
+    before = equirect_coordinates(equirect_directions(LIGHT, 2 * LIGHT).float() @ turn, LIGHT, 2 * LIGHT)
     turned = look_up(lit, before)
     centre = rand(points // 2, 2) * torch.tensor([2.0 * LIGHT, LIGHT])
     sizes = 1 + 20 * rand(points // 2, 2)
@@ -204,9 +202,7 @@ def cases(points: int) -> list[Case]:
     reflected = glossy()
     lights = Probes()
     lights.nodes = [
-        Nodes(
-            torch.randint(0, PROBES, (43,) * 3, generator=generator), 0.1 + rand(43, 43, 43), 1 / 42
-        )
+        Nodes(torch.randint(0, PROBES, (43,) * 3, generator=generator), 0.1 + rand(43, 43, 43), 1 / 42)
     ]
     coefficients, facing = rand(PROBES, 9, 3).requires_grad_(), normals.detach().requires_grad_()
     lifted = rand(shaded, 3)
@@ -271,9 +267,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--points", type=int, default=20_000, help="density samples of a step")
     parser.add_argument("--short", action="store_true", help="few points, few repeats, no step")
-    parser.add_argument(
-        "--capture", type=Path, default=ROOT / "samples" / "duck", help="of the step"
-    )
+    parser.add_argument("--capture", type=Path, default=ROOT / "samples" / "duck", help="of the step")
     parser.add_argument("--preset", default="draft", help="of the step")
     parser.add_argument("--out", type=Path, help="a Markdown file to write")
     options = parser.parse_args()

@@ -21,9 +21,7 @@ def line_charts(path: Path, charts: list[dict], columns: int) -> None:
     from matplotlib.ticker import LogLocator, NullFormatter
 
     count = -(-len(charts) // columns)
-    figure, axes = plt.subplots(
-        count, columns, figsize=(SIZE * columns, 0.8 * SIZE * count), squeeze=False
-    )
+    figure, axes = plt.subplots(count, columns, figsize=(SIZE * columns, 0.8 * SIZE * count), squeeze=False)
     for axis, chart in zip(axes.flat, charts, strict=False):
         colours = {}
         for name, points in chart["lines"].items():

@@ -58,9 +58,7 @@ def write_colmap(cameras: tuple[Camera, ...], folder: Path) -> None:
     model.add_camera_with_trivial_rig(lens)
     for number, camera in enumerate(cameras, 1):
         world_to_camera = invert_pose(pose_opencv_from_opengl(camera.camera_to_world))
-        pose = pycolmap.Rigid3d(
-            pycolmap.Rotation3d(world_to_camera[:3, :3]), world_to_camera[:3, 3]
-        )
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(world_to_camera[:3, :3]), world_to_camera[:3, 3])
         image = pycolmap.Image(name=camera.image_path.name, camera_id=1, image_id=number)
         model.add_image_with_trivial_frame(image, pose)
     target = folder / "sparse" / "0"

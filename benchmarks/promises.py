@@ -79,11 +79,7 @@ def page(rows: list[dict], about: str) -> str:
     ]  # fmt: skip
     for row in rows:
         limit, errors = row["limit"], row["errors"]
-        kept = (
-            ["–", "–"]
-            if limit is None
-            else [f"{limit:.0f}", f"{100 * row['seconds'] / limit:.0f} %"]
-        )
+        kept = ["–", "–"] if limit is None else [f"{limit:.0f}", f"{100 * row['seconds'] / limit:.0f} %"]
         mean, worst = ("–", "–")
         if errors:
             mean = f"{100 * sum(errors) / len(errors):+.0f} %"

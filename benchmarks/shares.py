@@ -51,16 +51,13 @@ def shares_of_a_step(capture_folder: Path, preset: str) -> tuple[float, Counter]
 def _timed() -> Iterator[Counter]:
     """Seconds of every parallel kernel, which nothing but Python calls, while this block runs."""
     seconds: Counter = Counter()
-    names = [
-        m.name for m in pkgutil.iter_modules(solver.kernels.__path__) if m.name.endswith("numba")
-    ]
+    names = [m.name for m in pkgutil.iter_modules(solver.kernels.__path__) if m.name.endswith("numba")]
     modules = [importlib.import_module(f"solver.kernels.{name}") for name in names] + [adam]
     found = [
         (module, name, kernel)
         for module in modules
         for name, kernel in vars(module).items()
-        if isinstance(kernel, numba.core.registry.CPUDispatcher)
-        and kernel.targetoptions.get("parallel")
+        if isinstance(kernel, numba.core.registry.CPUDispatcher) and kernel.targetoptions.get("parallel")
     ]
     for module, name, kernel in found:
         family = module.__name__.rsplit(".", 1)[-1].removesuffix("_numba")

@@ -83,9 +83,7 @@ def main() -> None:
             with on(path):
                 took = take_steps(trainers[path], steps, options.device)
                 seconds[path].append(took / steps)
-    print(
-        f"{describe_machine()}; {options.capture.resolve().name}, {options.preset}, {options.device}.\n"
-    )
+    print(f"{describe_machine()}; {options.capture.resolve().name}, {options.preset}, {options.device}.\n")
     print("| path | ms a step | times faster than plain torch | operations of torch's a step |")
     print("| --- | ---: | ---: | ---: |")
     for path in paths:

@@ -124,8 +124,7 @@ def quality_table(rows: list[dict]) -> str:
         if row.get("paper_scene"):
             paper = PAPER.get(row["setting"], {})
             values = [
-                _number(paper.get(key, {}).get(row["paper_scene"]), digits)
-                for _, key, digits, _ in metrics
+                _number(paper.get(key, {}).get(row["paper_scene"]), digits) for _, key, digits, _ in metrics
             ]
             lines.append(_line(["", "*paper*", *values]))
     for setting in dict.fromkeys(row["setting"] for row in rows):
@@ -149,9 +148,7 @@ def ablation_table(rows: list[dict]) -> str:
         if setting == "default":
             continue
         pairs = [
-            (row, base[row["scene"]])
-            for row in rows
-            if row["setting"] == setting and row["scene"] in base
+            (row, base[row["scene"]]) for row in rows if row["setting"] == setting and row["scene"] in base
         ]
         if not pairs:
             continue

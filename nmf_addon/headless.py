@@ -200,9 +200,7 @@ def save(out: Path) -> None:
         ) from error
 
 
-def take_up_job(
-    job: JobFolder, collection: bpy.types.Collection, options: argparse.Namespace
-) -> None:
+def take_up_job(job: JobFolder, collection: bpy.types.Collection, options: argparse.Namespace) -> None:
     """Make sure that the job to be resumed is that of this capture and of these options.
 
     Raises:

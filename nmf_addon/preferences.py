@@ -103,9 +103,7 @@ def draw_setup(layout: bpy.types.UILayout, context: bpy.types.Context, again: bo
         row.operator("nmf.cancel_setup", text="", icon="X")
         return
     row = layout.row()
-    row.operator(
-        "nmf.setup_solver", text="Set Up Again" if again else "Set Up Solver", icon="IMPORT"
-    )
+    row.operator("nmf.setup_solver", text="Set Up Again" if again else "Set Up Solver", icon="IMPORT")
     if again:
         row.operator("nmf.check_solver", icon="INFO")
     column = layout.column(align=True)

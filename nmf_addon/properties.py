@@ -73,9 +73,7 @@ class NMF_scene(bpy.types.PropertyGroup):
         description="Minutes for the whole reconstruction, mesh and textures included",
         default=10.0, min=1.0, soft_max=120.0, step=100, precision=0,
     )  # fmt: skip
-    seed: bpy.props.IntProperty(
-        name="Seed", description="Number that fixes all random choices", min=0
-    )
+    seed: bpy.props.IntProperty(name="Seed", description="Number that fixes all random choices", min=0)
     job: bpy.props.StringProperty(
         name="Job", description="Folder of the last job", subtype="DIR_PATH", options=PATH_OPTIONS
     )

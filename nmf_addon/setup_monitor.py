@@ -80,8 +80,7 @@ def base_python(chosen: str = "") -> Path:
                 )
             return candidate
     raise runtime.RuntimeMissing(
-        "No Python was found to build with; install Python 3.11 or 3.13 and choose it in the "
-        "preferences."
+        "No Python was found to build with; install Python 3.11 or 3.13 and choose it in the preferences."
     )
 
 

@@ -37,9 +37,7 @@ class NMF_OT_import_capture(ImportHelper, Operator):
     bl_options = {"REGISTER", "UNDO", "PRESET"}
 
     filter_glob: bpy.props.StringProperty(default=FILTER, options={"HIDDEN"})
-    files: bpy.props.CollectionProperty(
-        type=OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"}
-    )
+    files: bpy.props.CollectionProperty(type=OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
     directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
     photos: _stated("Photos", "Folder of the photos, if they are not in the cameras' folder")
     masks: _stated("Masks", "Folder of the masks, if it is not 'masks' next to the photos")

@@ -107,8 +107,7 @@ class NMF_OT_use_moving_camera(Operator):
         return [
             frame
             for frame in shot.frames
-            if (not asked("first") or frame >= self.first)
-            and (not asked("last") or frame <= self.last)
+            if (not asked("first") or frame >= self.first) and (not asked("last") or frame <= self.last)
         ]
 
 

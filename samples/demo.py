@@ -100,9 +100,7 @@ def render_all(package, cameras: dict, folder: Path) -> None:
         say(f"4/5 relit: {name}")
         world.relight(context.scene, CAPTURE / f"relight_{name}.exr")
         shots = [*cameras.values(), dataclasses.replace(enlarged(shown, 400), name="large")]
-        demo_views.render_cameras(
-            package, context, shots, folder / name, SAMPLES, progress=counter()
-        )
+        demo_views.render_cameras(package, context, shots, folder / name, SAMPLES, progress=counter())
 
 
 def enlarged(camera, width: int):

@@ -74,9 +74,7 @@ def main(out: Path, seconds: float | None) -> int:
     for camera, photo in zip(capture.cameras, photos, strict=True):
         held_out_row(page, camera, photo.pixels)
     for name in RELIGHTS:
-        relit_rows(
-            page, name, [camera.name for camera in capture.cameras], camera.image_path.parent
-        )
+        relit_rows(page, name, [camera.name for camera in capture.cameras], camera.image_path.parent)
     shown = photos[[c.name for c in capture.cameras].index(SHOWN)]
     write_png(out / "overview.png", overview(page, shown))
     numbers = {name: round(float(np.mean(values)), 3) for name, values in page.scores.items()}
@@ -149,9 +147,7 @@ def relit_rows(page: Page, name: str, views: list[str], test: Path) -> None:
     for view in views:
         truth = displayed(test.parent / f"relight_{name}" / f"{view}_hdr.exr")
         relit = displayed(folder / f"{view}.exr")
-        scores.append(
-            page.score(f"Relit by '{name}', PSNR in dB, no scale fitted", psnr(relit, truth))
-        )
+        scores.append(page.score(f"Relit by '{name}', PSNR in dB, no scale fitted", psnr(relit, truth)))
         if len(pictures) < 2 * RELIT_ROWS:
             pictures |= {f"{view}: the original": truth, f"{view}: reconstructed": relit}
     title = f"Relit by '{name}': {np.mean(scores):.1f} dB"

@@ -54,9 +54,7 @@ def turntable(
     to_centre = Matrix.Translation(centre)
     views = []
     for frame in range(frames):
-        turn = (
-            to_centre @ Matrix.Rotation(2 * math.pi * frame / frames, 4, "Z") @ to_centre.inverted()
-        )
+        turn = to_centre @ Matrix.Rotation(2 * math.pi * frame / frames, 4, "Z") @ to_centre.inverted()
         pose = np.array(turn) @ camera.camera_to_world
         views.append(dataclasses.replace(camera, name=f"turn_{frame:02d}", camera_to_world=pose))
     return render_cameras(package, context, views, folder, samples, None, progress)

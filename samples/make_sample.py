@@ -82,9 +82,7 @@ def paint(mesh: bpy.types.Mesh) -> None:
     albedo, roughness = blend(albedo, CREAM, collar), blend(roughness, 0.20, collar)
     beak = edge(x - 0.76) * edge(z - 0.15)
     albedo, roughness = blend(albedo, ORANGE, beak), blend(roughness, 0.25, beak)
-    eye_distance = np.minimum(
-        *(np.hypot(np.hypot(x - 0.66, y - s * 0.24), z - 0.50) for s in (-1, 1))
-    )
+    eye_distance = np.minimum(*(np.hypot(np.hypot(x - 0.66, y - s * 0.24), z - 0.50) for s in (-1, 1)))
     eyes = edge(0.075 - eye_distance, 0.02)
     albedo, roughness = blend(albedo, DARK, eyes), blend(roughness, 0.08, eyes)
     colour = np.concatenate([albedo, np.ones_like(roughness)], axis=1).astype(np.float32)
@@ -151,9 +149,7 @@ def use_light(path: Path) -> None:
     texture = world.node_tree.nodes.new("ShaderNodeTexEnvironment")
     texture.image = bpy.data.images.load(str(path))
     texture.image.colorspace_settings.name = "Linear Rec.709"
-    world.node_tree.links.new(
-        texture.outputs["Color"], world.node_tree.nodes["Background"].inputs["Color"]
-    )
+    world.node_tree.links.new(texture.outputs["Color"], world.node_tree.nodes["Background"].inputs["Color"])
     bpy.context.scene.world = world
 
 
@@ -181,9 +177,7 @@ def poses(count: int, offset: float) -> list[np.ndarray]:
     for i in range(count):
         z = 0.9 - 1.8 * (i + offset) / count
         phi = golden * (i + 17 * offset)
-        back = np.array(
-            [math.sqrt(1 - z * z) * math.cos(phi), math.sqrt(1 - z * z) * math.sin(phi), z]
-        )
+        back = np.array([math.sqrt(1 - z * z) * math.cos(phi), math.sqrt(1 - z * z) * math.sin(phi), z])
         right = np.cross((0, 0, 1), back)
         right /= np.linalg.norm(right)
         matrix = np.eye(4)
@@ -192,9 +186,7 @@ def poses(count: int, offset: float) -> list[np.ndarray]:
     return matrices
 
 
-def render(
-    matrix: np.ndarray, samples: int, png: Path | None = None, exr: Path | None = None
-) -> None:
+def render(matrix: np.ndarray, samples: int, png: Path | None = None, exr: Path | None = None) -> None:
     """Render one view to `png` (sRGB, straight alpha) and `exr` (linear, premultiplied, half)."""
     scene = bpy.context.scene
     scene.camera.matrix_world = matrix.T.tolist()

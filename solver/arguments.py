@@ -19,9 +19,7 @@ def add_ignore(command: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def add_command(
-    commands: argparse._SubParsersAction, name: str, purpose: str
-) -> argparse.ArgumentParser:
+def add_command(commands: argparse._SubParsersAction, name: str, purpose: str) -> argparse.ArgumentParser:
     """A command that says what it is for among all, and in its own help."""
     description = f"{purpose[0].upper()}{purpose[1:]}."
     return commands.add_parser(name, help=purpose, description=description)
@@ -47,9 +45,7 @@ def add_seed(command: argparse.ArgumentParser, most: int, default: int | None) -
 
 def add_settings(command: argparse.ArgumentParser, form: str, purpose: str) -> None:
     """Add the option that changes settings."""
-    command.add_argument(
-        "--set", action="append", default=[], metavar=form, dest="sets", help=purpose
-    )
+    command.add_argument("--set", action="append", default=[], metavar=form, dest="sets", help=purpose)
 
 
 def placement(text: str) -> tuple[float, ...]:

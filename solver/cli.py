@@ -103,9 +103,7 @@ def _parser() -> argparse.ArgumentParser:
     render.set_defaults(run=_render)
 
     compose = add_command(commands, "compose", "render several jobs together under one light")
-    compose.add_argument(
-        "jobs", type=Path, nargs="+", metavar="JOB", help="folders of finished jobs"
-    )
+    compose.add_argument("jobs", type=Path, nargs="+", metavar="JOB", help="folders of finished jobs")
     compose.add_argument(
         "--place", action="append", default=[], type=placement, metavar="X,Y,Z[,SCALE[,DEGREES]]",
         help="where each job's world goes, in order: moved, scaled, turned about +Z",
@@ -146,9 +144,7 @@ def _add_cameras(command: argparse.ArgumentParser, purpose: str) -> None:
 
 def _add_views(command: argparse.ArgumentParser) -> None:
     _add_cameras(command, "camera file, or an archive with one")
-    command.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help="folder for the pictures"
-    )
+    command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the pictures")
     command.add_argument(
         "--environment", type=Path, metavar="LIGHT",
         help="another light: an equirectangular EXR, or another job",
@@ -187,9 +183,7 @@ def _reconstruct(options: argparse.Namespace) -> int:
     settings_for(preset, overrides)
     device = options.device or "auto"
     # Bad input is refused, and a package that is missing told, before a folder is made.
-    read_capture(
-        options.capture, photos=options.photos, masks=options.masks, ignored=options.ignored
-    )
+    read_capture(options.capture, photos=options.photos, masks=options.masks, ignored=options.ignored)
     importlib.import_module(".fit.reconstruct", __package__)
     choose_device(device)
     request = JobRequest(

@@ -31,9 +31,7 @@ INPUT_ERRORS = (CaptureError, JobError, SettingsError)
 KNOWN_FAILURES = (EmptySurfaceError,)
 _REMEDIES = {
     **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free space or write elsewhere"),
-    **dict.fromkeys(
-        (errno.EROFS, errno.EACCES, errno.EPERM), "make it writable or write elsewhere"
-    ),
+    **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM), "make it writable or write elsewhere"),
 }
 """of a disk that takes nothing, by the number of its error"""
 

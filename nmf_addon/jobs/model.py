@@ -91,8 +91,7 @@ class JobModel:
         elif exit_code == OUT_OF_MEMORY:
             self.state, self.text = "failed", "Out of memory"
             self.error = (
-                self.error
-                or "Close other programs, use smaller photos, or choose the draft preset."
+                self.error or "Close other programs, use smaller photos, or choose the draft preset."
             )
         elif said_bye or self.error or exit_code == BAD_INPUT:
             self.state, self.text = "failed", "The solver stopped"

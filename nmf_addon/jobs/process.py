@@ -170,9 +170,7 @@ def solver_command(python: Path, bootstrap: Path, words: list[str]) -> list[str]
     return [str(python), "-I", "-u", "-X", "utf8", str(bootstrap), *words]
 
 
-def start_job(
-    python: Path, bootstrap: Path, job: JobFolder, environment: dict[str, str]
-) -> JobProcess:
+def start_job(python: Path, bootstrap: Path, job: JobFolder, environment: dict[str, str]) -> JobProcess:
     """Start the solver on a job folder (new or to be resumed).
 
     Raises:

@@ -41,9 +41,7 @@ def await_copies(items: Iterable[Object]) -> None:
 
 def awaiting(items: Iterable[Object]) -> list[Object]:
     """Those of some objects that are cameras without their copies."""
-    return [
-        i for i in items if i.type == "CAMERA" and i.users and not i.data.library and _waits(i.data)
-    ]
+    return [i for i in items if i.type == "CAMERA" and i.users and not i.data.library and _waits(i.data)]
 
 
 def _waits(data: Camera) -> bool:

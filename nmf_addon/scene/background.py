@@ -114,9 +114,7 @@ def _seen_from(
     camera = Camera("", None, np.eye(4), *key)
     pinhole = replace(camera, lens="pinhole", distortion=())
     row, column = np.mgrid[0:height, 0:width] + 0.5
-    _, rays = pinhole.rays(
-        column.ravel() * camera.width / width, row.ravel() * camera.height / height
-    )
+    _, rays = pinhole.rays(column.ravel() * camera.width / width, row.ravel() * camera.height / height)
     found, _ = camera.project(rays)
     found *= np.array([shape[1] / camera.width, shape[0] / camera.height])
     x, y = found[:, 0] - 0.5, found[:, 1] - 0.5

@@ -30,9 +30,7 @@ def jobs_of(collection: Collection) -> list[str]:
 def remember_job(collection: Collection, name: str) -> None:
     """Let a capture know a job folder that it is reconstructed in."""
     if not collection.library:
-        collection[JOBS] = "\n".join(
-            [*(other for other in jobs_of(collection) if other != name), name]
-        )
+        collection[JOBS] = "\n".join([*(other for other in jobs_of(collection) if other != name), name])
 
 
 def warnings_of(collection: Collection) -> list[str]:

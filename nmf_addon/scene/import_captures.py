@@ -48,18 +48,14 @@ def import_captures(
         CaptureError: with file, field and remedy; the scene is in another file.
     """
     if context.scene.library is not None:
-        raise CaptureError(
-            paths[0], "", "the scene is in another file", "import into a scene of this one"
-        )
+        raise CaptureError(paths[0], "", "the scene is in another file", "import into a scene of this one")
     captures = {}
     for path in paths:
         capture = read_capture(path, photos=photos, masks=masks, ignored=ignored)
         captures[capture.source] = capture
     images = _load_photos([camera for c in captures.values() for camera in c.cameras])
     return [
-        _add_capture(
-            context, capture, images, np.eye(4) if as_they_stand else suggest_placement(capture)
-        )
+        _add_capture(context, capture, images, np.eye(4) if as_they_stand else suggest_placement(capture))
         for capture in captures.values()
     ]
 

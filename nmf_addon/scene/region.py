@@ -70,9 +70,7 @@ def region_problem(collection: Collection, to_capture: Matrix) -> str:
     if not boxes:
         return ""
     if len(boxes) > 1:
-        return (
-            f"There are {len(boxes)} region boxes; only {boxes[0].name} counts; delete the others."
-        )
+        return f"There are {len(boxes)} region boxes; only {boxes[0].name} counts; delete the others."
     axes = np.array((to_capture @ boxes[0].matrix_world).to_3x3())
     lengths = np.linalg.norm(axes, axis=0)
     if (np.abs(axes).max(0) >= (1 - STRAIGHT) * lengths).all():
@@ -131,9 +129,7 @@ def fit_region_box(collection: Collection) -> Object | None:
     if box is None:
         return new_region_box(collection, region, root_of(collection))
     if box.library:
-        raise CaptureError(
-            box.name, "", "the capture is in another file", "fit the region box there"
-        )
+        raise CaptureError(box.name, "", "the capture is in another file", "fit the region box there")
     place_box(box, region, root_of(collection))
     return box
 

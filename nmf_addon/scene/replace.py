@@ -86,9 +86,7 @@ def _copies(item: bpy.types.Object) -> list[Mesh]:
 def _worlds(item: bpy.types.Object) -> list[World]:
     # A full copy of the scene has an object and a light of its own.
     job, here = item[JOB], item.users_scene
-    copies = [
-        s for s in bpy.data.scenes if s not in here and any(_is_ours(i, job) for i in s.objects)
-    ]
+    copies = [s for s in bpy.data.scenes if s not in here and any(_is_ours(i, job) for i in s.objects)]
     kept = {s.world for s in copies} - {s.world for s in here}
     return [w for w in bpy.data.worlds if _is_ours(w, job) and w not in kept]
 

@@ -47,9 +47,7 @@ def read_manifest(job: JobFolder) -> dict:
         if not (np.isfinite([scale, *origin]).all() and scale > 0 and len(origin) == 3):
             raise ValueError("scale or origin")
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise JobError(
-            f"{job.manifest_path}: it is incomplete ({error}); run the job again."
-        ) from error
+        raise JobError(f"{job.manifest_path}: it is incomplete ({error}); run the job again.") from error
     missing = [name for name in files if not (job.result_dir / name).is_file()]
     if missing:
         raise JobError(f"{job.result_dir}: {missing[0]} is missing; copy the whole job folder.")
@@ -71,16 +69,10 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray
     data = path.read_bytes()
     header, marker, body = data.partition(b"end_header\n")
     words = [line.split() for line in header.decode("ascii", "replace").splitlines()]
-    counts = {
-        w[1]: int(w[2]) for w in words if len(w) == 3 and w[0] == "element" and w[2].isdigit()
-    }
+    counts = {w[1]: int(w[2]) for w in words if len(w) == 3 and w[0] == "element" and w[2].isdigit()}
     names = [w[2] for w in words if len(w) == 3 and w[0] == "property"]
     vertices, triangles = counts.get("vertex", 0), counts.get("face", 0)
-    if (
-        marker
-        and names == "x y z nx ny nz s t".split()
-        and len(body) == vertices * 32 + triangles * 13
-    ):
+    if marker and names == "x y z nx ny nz s t".split() and len(body) == vertices * 32 + triangles * 13:
         vertex = np.frombuffer(body, "<f4", vertices * 8).reshape(-1, 8)
         face = np.frombuffer(body, [("n", "u1"), ("v", "<i4", 3)], triangles, vertices * 32)
         corners = np.ascontiguousarray(face["v"])

@@ -70,9 +70,7 @@ def capture_shot(
     return import_captures(context, [file], photos=folder, as_they_stand=True)[0]
 
 
-def cameras_along(
-    context: Context, item: Object, shot: Shot, photos: dict[int, Path]
-) -> list[Camera]:
+def cameras_along(context: Context, item: Object, shot: Shot, photos: dict[int, Path]) -> list[Camera]:
     """The camera object at the frames of its photos, in the world, without those where it has not moved on.
 
     The scene stays at its frame.

@@ -50,9 +50,7 @@ def gather(
         n = field.normals(flat)
 
         def mean(values, weight=weight):
-            return np.einsum(
-                "nk,nk...->n...", weight, values.reshape(*weight.shape, *values.shape[1:])
-            )
+            return np.einsum("nk,nk...->n...", weight, values.reshape(*weight.shape, *values.shape[1:]))
 
         albedo[part], alpha[part], f0[part] = mean(a), mean(r), mean(f)
         direction = mean(n)

@@ -72,9 +72,7 @@ def build_asset(
     if spacing > FINER * field.voxel:
         views = ()
     baking = 0.2 if views else 0.35
-    samples = gather(
-        field, points, outward, settings, lambda done: progress(0.5 + baking * done, "baking")
-    )
+    samples = gather(field, points, outward, settings, lambda done: progress(0.5 + baking * done, "baking"))
     known = field.known(vertices, facing)
     around = spread_into_unknown(mesh, at_vertices, known)
     samples = with_unknown(

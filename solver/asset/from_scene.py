@@ -88,9 +88,7 @@ class SceneSurface:
         return tuple(values.cpu().numpy() for values in materials)
 
     @torch.no_grad()
-    def diffuse_response(
-        self, points: np.ndarray, normals: np.ndarray, f0: np.ndarray
-    ) -> np.ndarray:
+    def diffuse_response(self, points: np.ndarray, normals: np.ndarray, f0: np.ndarray) -> np.ndarray:
         """Diffuse radiance [N, 3] that surfaces of an albedo of 1 send; all [N, 3].
 
         On a turntable, in the mean of its turns.
@@ -130,9 +128,7 @@ class SceneSurface:
             waiting = np.flatnonzero(total < enough)
             if len(waiting) == 0:
                 break
-            total[waiting] += worth(
-                cosines_seen_by(camera, self._scene, points[waiting], normals[waiting])
-            )
+            total[waiting] += worth(cosines_seen_by(camera, self._scene, points[waiting], normals[waiting]))
         return total >= enough
 
 

@@ -161,9 +161,7 @@ def _robust(weight: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     return mean, np.where(alone, mean**2, noise)
 
 
-def _residual(
-    surface: Surface, shown: np.ndarray, view: View
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _residual(surface: Surface, shown: np.ndarray, view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Which points [K] a photo shows well, how much that counts [K], and what it has more there [K, 3]."""
     camera = view.camera
     towards = camera.position - surface.points
@@ -227,9 +225,7 @@ class _Bins:
         self.edge, self.at = edge, places / edge
         self.shape = tuple(int(n / edge) + 1 for n in size)
         column, row = self.at.astype(int).T
-        self.flat = row.clip(0, self.shape[0] - 1) * self.shape[1] + column.clip(
-            0, self.shape[1] - 1
-        )
+        self.flat = row.clip(0, self.shape[0] - 1) * self.shape[1] + column.clip(0, self.shape[1] - 1)
 
     def least_around(self, values: np.ndarray) -> np.ndarray:
         """The least of values [K] in each place's bin and those around."""
@@ -262,9 +258,7 @@ def _sampled(view: View, places: np.ndarray, spacing: float) -> tuple[np.ndarray
         bad |= ndimage.maximum_filter(view.pixels[..., :3].max(-1), 3) > SATURATED
     at = places.T[::-1] - 0.5
     values = np.stack([_looked_up(colours[..., c], at) for c in range(3)], axis=1) / view.gain
-    row, column = (
-        n.clip(0, most - 1) for n, most in zip((at + 0.5).astype(int), bad.shape, strict=True)
-    )
+    row, column = (n.clip(0, most - 1) for n, most in zip((at + 0.5).astype(int), bad.shape, strict=True))
     return values, ~bad[row, column]
 
 

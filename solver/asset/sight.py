@@ -13,9 +13,7 @@ GRAZING_COSINE = 0.1
 
 
 @torch.no_grad()
-def cosines_seen_by(
-    camera: Camera, scene: Scene, points: np.ndarray, normals: np.ndarray
-) -> np.ndarray:
+def cosines_seen_by(camera: Camera, scene: Scene, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """[N] cosines between outward normals [N, 3] and the ways to a camera of the scene's world, where that
     shows the surface at points [N, 3]; else 0."""
     towards = camera.position - points

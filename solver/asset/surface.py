@@ -49,9 +49,7 @@ class SurfaceField(Protocol):
     def materials(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Albedo [N, 3], GGX α [N], F0 [N, 3]."""
 
-    def diffuse_response(
-        self, points: np.ndarray, normals: np.ndarray, f0: np.ndarray
-    ) -> np.ndarray:
+    def diffuse_response(self, points: np.ndarray, normals: np.ndarray, f0: np.ndarray) -> np.ndarray:
         """Diffuse radiance [N, 3] that surfaces of an albedo of 1 send; all [N, 3]."""
 
 
@@ -137,9 +135,7 @@ def drop_floaters(
     kept = [part for part in parts if part.area >= share * largest]
     if known is not None:
         small = [part for part in parts if DUST_SHARE * largest <= part.area < share * largest]
-        kept += [
-            part for part, shown in zip(small, _shares(small, known), strict=True) if shown > 0.5
-        ]
+        kept += [part for part, shown in zip(small, _shares(small, known), strict=True) if shown > 0.5]
     kept = [part for part in kept if part.volume > 0 or not part.is_watertight]
     return trimesh.util.concatenate(kept) if kept else mesh
 

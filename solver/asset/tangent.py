@@ -27,9 +27,7 @@ def vertex_tangents(mesh: UnwrappedMesh) -> tuple[np.ndarray, np.ndarray]:
         a, b = p[:, (k + 1) % 3] - p[:, k], p[:, (k + 2) % 3] - p[:, k]
         a -= (a * normal).sum(1, keepdims=True) * normal
         b -= (b * normal).sum(1, keepdims=True) * normal
-        cosine = (a * b).sum(1) / np.maximum(
-            np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1), 1e-20
-        )
+        cosine = (a * b).sum(1) / np.maximum(np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1), 1e-20)
         angle = np.arccos(np.clip(cosine, -1, 1))
         np.add.at(tangents, vertex, flat * angle[:, None])
         np.add.at(signs, vertex, np.sign(area) * angle)
@@ -52,8 +50,6 @@ def texel_frames(mesh: UnwrappedMesh, texels: Texels) -> np.ndarray:
 def encode_normals(normals: np.ndarray, frames: np.ndarray) -> np.ndarray:
     """Tangent-space normals [T, 3] as colours in [0, 1] (+Y up) of world normals [T, 3]."""
     # The frame is not orthonormal: decoding multiplies by it, so encoding must invert it.
-    local = np.linalg.solve(np.swapaxes(frames, 1, 2).astype(np.float64), normals[..., None])[
-        ..., 0
-    ]
+    local = np.linalg.solve(np.swapaxes(frames, 1, 2).astype(np.float64), normals[..., None])[..., 0]
     local /= np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-12)
     return local * 0.5 + 0.5

@@ -83,9 +83,7 @@ class Texels:
 
     def only(self, chosen: np.ndarray) -> Texels:
         """Some of them, by their indices."""
-        return Texels(
-            self.row[chosen], self.column[chosen], self.face[chosen], self.barycentric[chosen]
-        )
+        return Texels(self.row[chosen], self.column[chosen], self.face[chosen], self.barycentric[chosen])
 
     def interpolate(self, mesh: UnwrappedMesh, values: np.ndarray) -> np.ndarray:
         """Vertex values [V, …] at the texels [T, …]."""

@@ -106,8 +106,4 @@ def visible_normal_pdf(view_z: Tensor, half_z: Tensor, alpha: Tensor) -> Tensor:
     D(h) G1(view) / (4 cos view): the Jacobian 4 (v·h) of the reflection cancels the v·h of the
     visible-normal density (Heitz 2018, eq. 17).
     """
-    return (
-        ggx_distribution(half_z, alpha)
-        * masking(view_z, alpha)
-        / (4 * view_z.abs().clamp(min=1e-4))
-    )
+    return ggx_distribution(half_z, alpha) * masking(view_z, alpha) / (4 * view_z.abs().clamp(min=1e-4))

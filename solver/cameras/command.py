@@ -151,9 +151,7 @@ def request_of(
     )
     if not is_video(photos):
         if photos.is_relative_to(folder.root):
-            raise CaptureError(
-                folder.root, "out", "the photos are in this folder", "give a new folder"
-            )
+            raise CaptureError(folder.root, "out", "the photos are in this folder", "give a new folder")
         names = photos_below(photos, folder.root, masks, ignored)
         paths = [photos / name for name in names]
         finder = PhotoFinder(photos, masks, ignored=ignored)
@@ -214,23 +212,17 @@ def _with_photos(folder: SolveFolder, request: SolveRequest, run: Session) -> So
     from .video_photos import take_photos
 
     run.progress.stage("video", "extracting photos from the video")
-    names = take_photos(
-        Path(request.photos), folder.video_photos_dir, request.video_photos, run.told
-    )
+    names = take_photos(Path(request.photos), folder.video_photos_dir, request.video_photos, run.told)
     matcher = "sequential" if request.matcher == "auto" else request.matcher
     return replace(request, photos=str(folder.video_photos_dir), names=names, matcher=matcher)
 
 
 def _tell(folder: SolveFolder, request: SolveRequest, solved) -> None:
-    print(
-        f"{solved.placed} of {solved.photos} photos have a camera, {solved.points} sparse points."
-    )
+    print(f"{solved.placed} of {solved.photos} photos have a camera, {solved.points} sparse points.")
     photos = Path(request.photos)
     elsewhere = [] if folder.finds_photos_of(photos) else [f"--photos {photos}"]
     if request.ignored is not None and not Path(request.ignored).is_relative_to(photos):
         elsewhere.append(f"--ignore {request.ignored}")
     if elsewhere:
-        print(
-            f"Reconstruct with {' '.join(elsewhere)}, since the camera file does not say where that is."
-        )
+        print(f"Reconstruct with {' '.join(elsewhere)}, since the camera file does not say where that is.")
     print(folder.cameras_path)

@@ -63,9 +63,7 @@ def _new_rig(colmap: Any, database: Any, photo: Prepared, model: str) -> tuple[A
     is_fisheye = model == "OPENCV_FISHEYE"
     usual = FISHEYE_FOCAL if is_fisheye else DEFAULT_FOCAL
     focal = usual * longer if photo.focal is None else photo.focal * factor
-    camera = colmap.Camera.create_from_model_name(
-        0, model, focal, photo.small_width, photo.small_height
-    )
+    camera = colmap.Camera.create_from_model_name(0, model, focal, photo.small_width, photo.small_height)
     # Through a fisheye COLMAP finds photos alike only if it may take its focal length for about right.
     camera.has_prior_focal_length = is_fisheye or photo.focal is not None
     return camera, add_camera(colmap, database, camera)

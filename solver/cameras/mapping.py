@@ -45,9 +45,7 @@ class Mapper:
             return more
         return best
 
-    def _model(
-        self, database: Path, told: Callable[[int], None], fewest_seen_points: int | None
-    ) -> Any:
+    def _model(self, database: Path, told: Callable[[int], None], fewest_seen_points: int | None) -> Any:
         """The largest of the models from one go of COLMAP's; None for its own number of points."""
         self.output.mkdir(parents=True, exist_ok=True)
         options = self.colmap.IncrementalPipelineOptions()
@@ -73,9 +71,7 @@ class Mapper:
             cancellation_token=self.token,
         )  # fmt: skip
         self.check()
-        return max(
-            found.values(), key=lambda m: (m.num_reg_images(), m.num_points3D()), default=None
-        )
+        return max(found.values(), key=lambda m: (m.num_reg_images(), m.num_points3D()), default=None)
 
 
 def placed_in(model: Any) -> set[str]:

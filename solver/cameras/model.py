@@ -78,9 +78,7 @@ def _camera(photo: Prepared, image: Any) -> Camera:
         remedy = "set Lens Model to Simple Radial (--camera-model SIMPLE_RADIAL)"
         if model in ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL"):
             remedy = "take more photos, from more sides"
-        raise CaptureError(
-            photo.path, "lens", "the lens could not be solved from these photos", remedy
-        )
+        raise CaptureError(photo.path, "lens", "the lens could not be solved from these photos", remedy)
     from_world = np.vstack([image.cam_from_world().matrix(), (0, 0, 0, 1)])
     pose = pose_of_opencv(from_world)
     name = re.sub(r"[^\w.\-]+", "_", photo.name.rpartition(".")[0]).strip("._") or "photo"

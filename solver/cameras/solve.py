@@ -61,9 +61,7 @@ class Solver:
         control: started.
     """
 
-    def __init__(
-        self, folder: SolveFolder, request: SolveRequest, progress: Progress, control: Control
-    ):
+    def __init__(self, folder: SolveFolder, request: SolveRequest, progress: Progress, control: Control):
         self.colmap = quiet_colmap()
         self.folder, self.request = folder, request
         # As COLMAP is told them, from within the folder: on Windows it opens no path with letters that the
@@ -95,8 +93,7 @@ class Solver:
     def _run(self) -> Solved:
         root = Path(self.request.photos)
         masks, ignored = (
-            None if path is None else Path(path)
-            for path in (self.request.masks, self.request.ignored)
+            None if path is None else Path(path) for path in (self.request.masks, self.request.ignored)
         )
         photos = look_at(root, self.request.names, masks, self.request.max_image_size, ignored)
         if masks is not None:

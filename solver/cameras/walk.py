@@ -78,11 +78,7 @@ def misled(
         for pair, geometry in zip(*database.read_two_view_geometries(), strict=True):
             one, other = colmap.pair_id_to_image_pair(pair)
             near = abs(of_image[one] - of_image[other]) <= STEPS
-            if (
-                near
-                and len(geometry.inlier_matches) >= FEWEST_MATCHES
-                and _placed(model, one, other)
-            ):
+            if near and len(geometry.inlier_matches) >= FEWEST_MATCHES and _placed(model, one, other):
                 if not agrees(model, database, one, other, geometry):
                     return True
     return False

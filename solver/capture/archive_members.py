@@ -65,9 +65,7 @@ def members_of(path: Path, archive: zipfile.ZipFile) -> list[Member]:
             raise _by_hand(path, "it is compressed in a way that is not supported")
     size = sum(info.file_size for info, _ in found)
     if len(found) > _MOST_FILES or size > _LARGEST_RATIO * path.stat().st_size:
-        problem = (
-            f"it holds {len(found)} files of {size / 1e9:.1f} GB, which no archive of photos does"
-        )
+        problem = f"it holds {len(found)} files of {size / 1e9:.1f} GB, which no archive of photos does"
         raise CaptureError(path, "", problem, "give an archive with photos")
     return found
 

@@ -29,9 +29,7 @@ _REMEDIES = {
         (errno.EACCES, errno.EPERM, errno.EROFS),
         "make that folder writable, or move the archive to one that is",
     ),
-    **dict.fromkeys(
-        (errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free space, or move it to another disk"
-    ),
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free space, or move it to another disk"),
     errno.ENAMETOOLONG: "move the archive to a folder with a shorter path",
 }
 """by the number of what writing ended in"""

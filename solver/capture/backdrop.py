@@ -59,9 +59,7 @@ def without_dust(shown: np.ndarray) -> np.ndarray:
     return shown
 
 
-def coverage_before(
-    colour: np.ndarray, shown: np.ndarray, behind: float | np.ndarray
-) -> np.ndarray:
+def coverage_before(colour: np.ndarray, shown: np.ndarray, behind: float | np.ndarray) -> np.ndarray:
     """Coverage [H, W] float32 of the object: whole but for the pixels next to the backdrop.
 
     Such a pixel mixes the backdrop with the object, of whose colour the nearest pixel further in tells.

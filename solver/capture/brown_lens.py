@@ -61,9 +61,7 @@ def distort(distortion: tuple[float, ...], directions: np.ndarray) -> tuple[np.n
     return u + _ten(distortion)[6] * v, v
 
 
-def undistort(
-    distortion: tuple[float, ...], u: np.ndarray, v: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def undistort(distortion: tuple[float, ...], u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """See `lenses.undistort`."""
     k1, k2, p1, p2, k3, k4, skew, projection, *_ = _ten(distortion)
     limit = min(fold(distortion), WIDEST)
@@ -78,9 +76,7 @@ def undistort(
     scale = scaled_to(ideal, radius)
     x, y = straight * scale, v * scale
     if p1 or p2:
-        x, y, met = refine_in_plane(
-            lambda x, y: _polynomial(distortion, x, y), x, y, straight, v, limit
-        )
+        x, y, met = refine_in_plane(lambda x, y: _polynomial(distortion, x, y), x, y, straight, v, limit)
     if not projection:
         return np.stack([x, y, np.ones_like(x)], axis=-1), met
     angle = np.hypot(x, y)
@@ -131,9 +127,7 @@ def _with_higher(found: tuple, x: np.ndarray, y: np.ndarray, tangential: tuple[f
     )  # fmt: skip
 
 
-def decentred(
-    x: np.ndarray, y: np.ndarray, factor: np.ndarray, slope: np.ndarray, p1: float, p2: float
-):
+def decentred(x: np.ndarray, y: np.ndarray, factor: np.ndarray, slope: np.ndarray, p1: float, p2: float):
     """(u, v) of points whose radial factor, and its derivative by the squared radius, are known, with
     tangential p1, p2 in OpenCV's order; and the derivatives u_x, u_y, v_x, v_y."""
     s = x * x + y * y

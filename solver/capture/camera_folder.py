@@ -32,9 +32,7 @@ def files_in(folder: Path, ending: str) -> list[Path]:
             if file.name.endswith(ending) and not file.name.startswith(".") and file.is_file()
         ]
     except OSError as error:
-        raise CaptureError(
-            folder, "", "the folder cannot be read", "check its permissions"
-        ) from error
+        raise CaptureError(folder, "", "the folder cannot be read", "check its permissions") from error
     if len(files) > MOST_FILES:
         raise CaptureError(
             folder, "", f"it holds {len(files)} files {ending}", "leave only the cameras in it"

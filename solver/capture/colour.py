@@ -16,9 +16,7 @@ PRIMARIES = {
 WHITE_D50 = np.array([0.9642, 1.0, 0.8249])
 """XYZ of the white of ICC's connection space"""
 
-_BRADFORD = np.array(
-    [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
-)
+_BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 _SAME = 1e-3
 """matrices that differ less than that from the identity are roundings of it"""
 

@@ -36,11 +36,7 @@ class Decoded:
     @property
     def has_colours(self) -> bool:
         """The channels are colours or grey; those of an OpenEXR file may be anything."""
-        return (
-            self.pixels.shape[2] > 1
-            or self.channels[:1] in ((), ("Y",), ("I",))
-            or not self.is_float
-        )
+        return self.pixels.shape[2] > 1 or self.channels[:1] in ((), ("Y",), ("I",)) or not self.is_float
 
     @property
     def is_float(self) -> bool:

@@ -125,15 +125,11 @@ def _decode(path: Path) -> Decoded:
         alpha = spec.alpha_channel if 0 <= spec.alpha_channel < spec.nchannels else None
         if is_exr:
             pixels = _in_display_window(pixels, spec)
-            return _of_exr(
-                path, pixels, list(spec.channelnames), spec.getattribute("chromaticities")
-            )
+            return _of_exr(path, pixels, list(spec.channelnames), spec.getattribute("chromaticities"))
         # Of WebP it follows the wish without saying so, and reads no EXIF.
         is_webp = file.format_name() == "webp"
         straight = is_webp or spec.get_int_attribute("oiio:UnassociatedAlpha", 0)
-        orientation = (
-            image_orientation(path) if is_webp else spec.get_int_attribute("Orientation", 1)
-        )
+        orientation = image_orientation(path) if is_webp else spec.get_int_attribute("Orientation", 1)
         profile = spec.getattribute("ICCProfile")
         if profile is not None:
             read = read_profile if kind == "float" else profile_unless_srgb

@@ -162,9 +162,7 @@ def read_lines(path: Path) -> Iterator[tuple[int, str]]:
                 if b"\0" in raw:
                     raise CaptureError(path, where, "this is not text", "give a camera file")
                 if len(raw) > LONGEST_LINE:
-                    problem = (
-                        f"it has more than {LONGEST_LINE >> 20} MB, which no camera file's has"
-                    )
+                    problem = f"it has more than {LONGEST_LINE >> 20} MB, which no camera file's has"
                     raise CaptureError(path, where, problem, "give a camera file")
                 if index == 1:
                     raw = raw.removeprefix(b"\xef\xbb\xbf")

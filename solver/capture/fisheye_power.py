@@ -57,9 +57,7 @@ def distort(distortion: tuple[float, ...], directions: np.ndarray) -> tuple[np.n
     return a + distortion[3] * b, b + distortion[4] * a
 
 
-def undistort(
-    distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def undistort(distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """See `lenses.undistort`."""
     _, _, _, aside, down = distortion
     a, b = (x - aside * y) / (1 - aside * down), (y - down * x) / (1 - aside * down)

@@ -37,9 +37,7 @@ def image_circle(camera: Camera, brightest: np.ndarray) -> np.ndarray | None:
     """
     height, width = brightest.shape
     row, column = np.mgrid[:height, :width] + 0.5
-    radius = np.hypot(
-        column - camera.cx * width / camera.width, row - camera.cy * height / camera.height
-    )
+    radius = np.hypot(column - camera.cx * width / camera.width, row - camera.cy * height / camera.height)
     dark = brightest <= BLACK
     if not dark.any() or dark.all():
         return None

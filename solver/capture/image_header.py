@@ -60,9 +60,7 @@ def image_size(path: Path) -> tuple[int, int]:
         raise
     except (OSError, struct.error, ValueError) as error:
         problem = "it is cut off" if isinstance(error, struct.error) else _reason(error)
-        raise CaptureError(
-            path, "", f"the image cannot be read ({problem})", "replace the file"
-        ) from error
+        raise CaptureError(path, "", f"the image cannot be read ({problem})", "replace the file") from error
     if pointer:
         raise CaptureError(
             path, "", "this is a Git LFS pointer, not yet the photo",

@@ -115,9 +115,7 @@ def assemble(
         if photos.masks.masks is not None:
             raise none_fits(photos.masks.masks, cameras[0].image_path.name)
         if (unused := photos.masks.first()) is not None:
-            notes.append(
-                f"{unused} and others look like masks but are not used; name them like the photos"
-            )
+            notes.append(f"{unused} and others look like masks but are not used; name them like the photos")
     if resized:
         notes.append(f"the cameras say another size for {len(resized)} of {len(cameras)} photos (the "
                      f"first: {resized[0]}); the lenses were scaled with them")  # fmt: skip
@@ -151,9 +149,7 @@ def _too_few(source: Path, count: int, missing: list[str], photos: PhotoFinder) 
     )  # fmt: skip
 
 
-def without_pose(
-    source: Path, field: str, lost: list[str], count: int, remedy: str
-) -> tuple[str, ...]:
+def without_pose(source: Path, field: str, lost: list[str], count: int, remedy: str) -> tuple[str, ...]:
     """The warning that `lost` of `count` photos have no pose and are left out; none if none is lost.
 
     Raises:

@@ -104,9 +104,7 @@ def undistort(
     scale = scaled_to(ideal, radius)
     u, v = x * scale, y * scale
     if any(distortion[2:4]):
-        u, v, met = refine_in_plane(
-            lambda u, v: _brown(distortion, u, v), u, v, x, y, min(limit, WIDEST)
-        )
+        u, v, met = refine_in_plane(lambda u, v: _brown(distortion, u, v), u, v, x, y, min(limit, WIDEST))
     return np.stack([u, v, np.ones_like(u)], axis=-1), met
 
 

@@ -59,9 +59,7 @@ def none_fits(masks: Path, photo: str, field: str = "masks") -> CaptureError:
     )  # fmt: skip
 
 
-def other_shape(
-    path: Path, field: str, size: tuple[int, int], photo: tuple[int, int]
-) -> CaptureError:
+def other_shape(path: Path, field: str, size: tuple[int, int], photo: tuple[int, int]) -> CaptureError:
     """The error that a mask of `size` (width, height) is of another shape than its photo."""
     return CaptureError(
         path, field, f"the mask is {size[0]} × {size[1]} pixels, its photo {photo[0]} × {photo[1]}",

@@ -74,9 +74,7 @@ def _array(path: Path, field: str, content: bytes) -> np.ndarray:
     return array
 
 
-def array_of(
-    content: bytes, kind: np.dtype, shape: tuple[int, ...], by_columns: bool
-) -> np.ndarray:
+def array_of(content: bytes, kind: np.dtype, shape: tuple[int, ...], by_columns: bool) -> np.ndarray:
     """The array, as double, whose numbers bytes begin with.
 
     Raises:

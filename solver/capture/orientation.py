@@ -43,9 +43,7 @@ def same_shape(size: tuple[int, int], other: tuple[int, int]) -> bool:
     return abs(size[0] / other[0] - size[1] / other[1]) <= rounding
 
 
-def as_camera_saw(
-    pixels: np.ndarray, orientation: int, width: int, height: int
-) -> np.ndarray | None:
+def as_camera_saw(pixels: np.ndarray, orientation: int, width: int, height: int) -> np.ndarray | None:
     """Pixels [H, W, …] of a camera's size, as they lie in the file or else upright; None if neither."""
     turn = turn_for(pixels.shape[1::-1], orientation, width, height)
     return None if turn is None else oriented(pixels, turn)

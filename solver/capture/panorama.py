@@ -81,9 +81,7 @@ class Panorama:
         size = np.array([2 * self.height, self.height])
         column, row = (equirect_from_direction(_directions(camera, shape)) * size).astype(int).T
         at = row.clip(0, self.height - 1), column % (2 * self.height)
-        colour, low, high = (
-            values[at].reshape(*shape, 3) for values in (self.colour, *self._extremes)
-        )
+        colour, low, high = (values[at].reshape(*shape, 3) for values in (self.colour, *self._extremes))
         return Behind(colour, low, high, self.known[at].reshape(shape))
 
     @cached_property
@@ -194,9 +192,7 @@ class Comparison:
                 continue
             camera, shown = self.cameras[other], self.colours[other].shape[:2]
             at, inside, _ = camera.pixels_of(camera.position + directions, shown)
-            same = (colour[inside] >= self._low[other][at]) & (
-                colour[inside] <= self._high[other][at]
-            )
+            same = (colour[inside] >= self._low[other][at]) & (colour[inside] <= self._high[other][at])
             seen[inside] += 1
             agreeing[inside] += same.all(-1)
         return Agreement(seen.reshape(shape), agreeing.reshape(shape))

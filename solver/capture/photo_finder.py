@@ -118,9 +118,7 @@ class PhotoFinder:
         candidates = [
             path
             for path in self._pictures().get(stem_of(parts[-1]), [])
-            if not _is_of_other_use(
-                folders_of(path.relative_to(self.folder).parts), folders_of(parts)
-            )
+            if not _is_of_other_use(folders_of(path.relative_to(self.folder).parts), folders_of(parts))
         ]
         best = sorted(((self._fit(path, parts), path) for path in candidates), reverse=True)
         if not best:
@@ -187,9 +185,7 @@ class PhotoFinder:
             return self._at(folder, name) or next(beside, None)
         return self.find(f"{folder.name}/{name}")
 
-    def mask_of(
-        self, photo: Path, stated: object = None, beside: Path | None = None
-    ) -> Path | None:
+    def mask_of(self, photo: Path, stated: object = None, beside: Path | None = None) -> Path | None:
         """The mask of a photo: the one the camera file names, else one of its name in a mask folder."""
         if isinstance(stated, str) and stated:
             base = self.folder if beside is None else beside.parent
@@ -231,9 +227,7 @@ class PhotoFinder:
         it; else the photo itself."""
         if developed(photo) > 0:
             return photo
-        beside = (
-            p for p in self._pictures().get(stem_of(photo.name), []) if p.parent == photo.parent
-        )
+        beside = (p for p in self._pictures().get(stem_of(photo.name), []) if p.parent == photo.parent)
         return max(beside, key=developed, default=photo)
 
     def _pictures(self) -> dict[str, list[Path]]:

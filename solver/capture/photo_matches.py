@@ -249,15 +249,11 @@ def _features(
         scale = np.array([width / camera.width, height / camera.height])
         if camera.is_panoramic:
             return _of_panorama(colmap, camera, scale, places, descriptors)
-        local = opencv_from_opengl(
-            camera.rays(*(places / scale).T)[1] @ camera.camera_to_world[:3, :3]
-        )
+        local = opencv_from_opengl(camera.rays(*(places / scale).T)[1] @ camera.camera_to_world[:3, :3])
         # A pinhole has no place for what a fisheye sees beside itself: far outside, it fits no match.
         flat = local[:, :2] / np.maximum(local[:, 2:], 1e-2)
         focal, centre = scale * (camera.fx, camera.fy), scale * (camera.cx, camera.cy)
-        pinhole = colmap.Camera(
-            model="PINHOLE", width=width, height=height, params=[*focal, *centre]
-        )
+        pinhole = colmap.Camera(model="PINHOLE", width=width, height=height, params=[*focal, *centre])
         return Features((flat * focal + centre).astype(np.float32), descriptors, pinhole)
 
     found = []

@@ -120,9 +120,7 @@ def _array(value: object) -> np.ndarray:
 
 def _type(value: object) -> np.dtype:
     match value:
-        case _Made("numpy dtype", (str(kind), *_), (_, str(order), *_)) if _NUMBERS.fullmatch(
-            order + kind
-        ):
+        case _Made("numpy dtype", (str(kind), *_), (_, str(order), *_)) if _NUMBERS.fullmatch(order + kind):
             return np.dtype(order + kind)
     raise ValueError("this is not a type of numbers")
 

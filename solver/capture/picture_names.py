@@ -147,7 +147,6 @@ def _factor(folder: Path) -> int | None:
 def _is_smaller(folder: Path, whole: set[Path]) -> bool:
     """True if it is the folder of whole photos, or beside that and called by it; or if there is none."""
     return all(
-        folder == other
-        or (folder.parent == other.parent and folder.name.startswith(f"{other.name}_"))
+        folder == other or (folder.parent == other.parent and folder.name.startswith(f"{other.name}_"))
         for other in whole
     )

@@ -68,11 +68,7 @@ def is_for_another_size(size: tuple[int, int], cx: float, cy: float) -> bool:
     """Whether a lens's centre, in pixels, tells of a photo of the same shape, but larger or smaller than
     `size` (width, height)."""
     across, down = 2 * cx / size[0], 2 * cy / size[1]
-    return (
-        min(cx, cy) >= 1
-        and abs(across - 1) > OFF_CENTRE
-        and abs(across / down - 1) < 0.5 * OFF_CENTRE
-    )
+    return min(cx, cy) >= 1 and abs(across - 1) > OFF_CENTRE and abs(across / down - 1) < 0.5 * OFF_CENTRE
 
 
 def size_meant(size: tuple[int, int], cx: float, cy: float) -> tuple[int, int]:

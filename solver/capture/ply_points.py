@@ -55,9 +55,7 @@ def _header(path: Path, text: str) -> tuple[str | None, int, list[tuple[str, str
         words = line.split()
         match words:
             case ["format", kind, _]:
-                order = {"ascii": None, "binary_little_endian": "<", "binary_big_endian": ">"}.get(
-                    kind, ""
-                )
+                order = {"ascii": None, "binary_little_endian": "<", "binary_big_endian": ">"}.get(kind, "")
             case ["element", "vertex", number] if element is None:
                 element = "vertex"
                 if not number.isdecimal() or len(number) > 12:

@@ -100,9 +100,7 @@ def _head(file: BinaryIO) -> bytes:
 
 def is_floating(file: BinaryIO) -> bool:
     """True for a DNG of floating-point numbers, as HDR merges are."""
-    return any(
-        _is_of_a_sensor(part) and part.get(_SAMPLE_FORMAT, ())[:1] == (3,) for part in _parts(file)
-    )
+    return any(_is_of_a_sensor(part) and part.get(_SAMPLE_FORMAT, ())[:1] == (3,) for part in _parts(file))
 
 
 def _parts(file: BinaryIO) -> Iterator[dict[int, tuple[int, ...]]]:

@@ -132,9 +132,7 @@ def load_reduced_mask(
     fitting = next((c for c in candidates if same_shape(c.shape, shape)), None)
     if fitting is None:
         raise other_shape(path, field, image_size(path), photo)
-    resized = Image.fromarray(np.ascontiguousarray(fitting)).resize(
-        shape[::-1], Image.Resampling.BOX
-    )
+    resized = Image.fromarray(np.ascontiguousarray(fitting)).resize(shape[::-1], Image.Resampling.BOX)
     return np.asarray(resized)
 
 
@@ -161,9 +159,7 @@ def _of_decoded(decoded: Decoded, longest: int) -> tuple[np.ndarray, np.ndarray 
         colour = _shown()[colour]
     largest = 255 if colour.dtype == np.uint8 else decoded.largest
     small = smaller(_in_eight_bits(colour, largest), longest)
-    return small, None if alpha is None else smaller(
-        _in_eight_bits(alpha, decoded.largest), longest
-    )
+    return small, None if alpha is None else smaller(_in_eight_bits(alpha, decoded.largest), longest)
 
 
 def _in_eight_bits(values: np.ndarray, largest: float) -> np.ndarray:

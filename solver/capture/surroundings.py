@@ -24,9 +24,7 @@ def picture_around(camera: Camera) -> Picture:
     """
     size = camera.width, camera.height
     colour, _ = load_reduced(camera.image_path, LONGEST, size)
-    mask = load_reduced_mask(
-        camera.mask_path, colour.shape[:2], size, image_orientation(camera.image_path)
-    )
+    mask = load_reduced_mask(camera.mask_path, colour.shape[:2], size, image_orientation(camera.image_path))
     hidden, told = mask > 255 * FAINT, told_of_reduced(camera, mask.shape)
     if told is not None:
         hidden |= ~told

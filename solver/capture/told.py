@@ -79,9 +79,7 @@ def made_smaller(told: np.ndarray | None, width: int, height: int) -> np.ndarray
     """[height, width] bool: where all that a pixel of `photos.resized` is made of says something."""
     if told is None or told.shape == (height, width):
         return told
-    share = Image.fromarray(told.astype(np.float32)).resize(
-        (width, height), Image.Resampling.HAMMING
-    )
+    share = Image.fromarray(told.astype(np.float32)).resize((width, height), Image.Resampling.HAMMING)
     told = np.asarray(share) >= WHOLE
     return None if told.all() else told
 
@@ -123,9 +121,7 @@ def _reached(key: tuple) -> np.ndarray | None:
     for start in range(0, height, _ROWS):
         some = row[start : start + _ROWS]
         down, across = np.meshgrid(some, column, indexing="ij")
-        told[start : start + _ROWS] = camera.lens_reaches(across.ravel(), down.ravel()).reshape(
-            down.shape
-        )
+        told[start : start + _ROWS] = camera.lens_reaches(across.ravel(), down.ravel()).reshape(down.shape)
     told = ndimage.binary_erosion(told, np.ones((3, 3)), border_value=1)
     told.flags.writeable = False
     return told

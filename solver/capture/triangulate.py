@@ -89,9 +89,7 @@ def with_colmap(
 ) -> Triangulated:  # fmt: skip
     """As `triangulate`, in this process and an empty folder."""
     colmap, pairs = quiet_colmap(), neighbours(cameras)
-    features = matched(
-        colmap, folder, cameras, pictures, pairs, lambda done: progress(MATCHING * done)
-    )
+    features = matched(colmap, folder, cameras, pictures, pairs, lambda done: progress(MATCHING * done))
     matches = verified_matches(colmap, folder, features)
     beside, remedy = disagreement(cameras, matches), convention_that_fits(cameras, matches)
     if remedy is not None:
@@ -103,9 +101,7 @@ def with_colmap(
     model = triangulated(colmap, folder, found or cameras, features)
     progress(1.0)
     points = [p.xyz for p in model.points3D.values() if p.track.length() >= FEWEST_VIEWS]
-    return Triangulated(
-        np.array(points, dtype=np.float64).reshape(-1, 3), beside, None, found, after
-    )
+    return Triangulated(np.array(points, dtype=np.float64).reshape(-1, 3), beside, None, found, after)
 
 
 def compare_some(
@@ -163,6 +159,4 @@ def compare_with_colmap(
     colmap = quiet_colmap()
     features = matched(colmap, folder, cameras, pictures, pairs, progress)
     found = verified_matches(colmap, folder, features)
-    return Triangulated(
-        NO_POINTS, disagreement(cameras, found), convention_that_fits(cameras, found)
-    )
+    return Triangulated(NO_POINTS, disagreement(cameras, found), convention_that_fits(cameras, found))

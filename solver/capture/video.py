@@ -123,9 +123,7 @@ def frame_count(path: Path) -> int:
         except FFmpegError:
             pass  # cut off: what is before may do
     if found == 0:
-        raise CaptureError(
-            path, "", "the video has no frames", "give another, or a folder of photos"
-        )
+        raise CaptureError(path, "", "the video has no frames", "give another, or a folder of photos")
     return found
 
 

@@ -36,9 +36,7 @@ def gaussian(sigma: float) -> Tensor:
     return taps / taps.sum()
 
 
-def smoothed_factors(
-    planes: Tensor, lines: Tensor, taps: Tensor = PAPER_TAPS
-) -> tuple[Tensor, Tensor]:
+def smoothed_factors(planes: Tensor, lines: Tensor, taps: Tensor = PAPER_TAPS) -> tuple[Tensor, Tensor]:
     """Factors of `vm_gradient`: planes [3, G, G, C] and lines [3, G, C], each smoothed along its axes."""
     return smooth_planes(planes, taps), smooth_lines(lines, taps)
 
@@ -54,9 +52,7 @@ def step_smoothing(sigma: float) -> Callable[[Tensor], Tensor] | None:
     if sigma < LEAST_STEP_SIGMA:
         return None
     taps = gaussian(sigma)
-    return lambda change: (
-        smooth_planes(change, taps) if change.dim() == 4 else smooth_lines(change, taps)
-    )
+    return lambda change: smooth_planes(change, taps) if change.dim() == 4 else smooth_lines(change, taps)
 
 
 def upsample(planes: Tensor, lines: Tensor, size: int):

@@ -23,9 +23,7 @@ class Adam:
 
     def __init__(self, groups: list[dict]):
         self.param_groups = [{"lr": group["base"], **group} for group in groups]
-        self._moments = [
-            Moments(torch.zeros_like(p), torch.zeros_like(p)) for _, p in self._parameters()
-        ]
+        self._moments = [Moments(torch.zeros_like(p), torch.zeros_like(p)) for _, p in self._parameters()]
         self.count = 0
 
     def _parameters(self) -> list[tuple[dict, Tensor]]:

@@ -165,9 +165,7 @@ def _before(photo: Photo, shown: np.ndarray, behind: Behind) -> Photo:
     colour = filled(behind.colour, behind.known)
     depth = ndimage.distance_transform_edt(shown)
     unsure = shown & ~behind.known & (depth <= UNSURE * min(shown.shape))
-    return replace(
-        with_alpha(photo, shown, colour), behind=colour.astype(np.float16), unsure=unsure
-    )
+    return replace(with_alpha(photo, shown, colour), behind=colour.astype(np.float16), unsure=unsure)
 
 
 def _or_untold(mask: np.ndarray, told: np.ndarray | None) -> np.ndarray:

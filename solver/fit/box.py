@@ -74,9 +74,7 @@ class Box:
     def new_field(self, *args, **kwargs) -> MicrofacetField:
         """A field in it (see `MicrofacetField`, whose first two arguments are the box's)."""
         axes = None if self.axes is None else torch.tensor(self.axes)
-        return MicrofacetField(
-            torch.tensor(self.centre), self.half_size, *args, axes=axes, **kwargs
-        )
+        return MicrofacetField(torch.tensor(self.centre), self.half_size, *args, axes=axes, **kwargs)
 
 
 def cameras_along(axes: np.ndarray, cameras: list[Camera]) -> list[Camera]:

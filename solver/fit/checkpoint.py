@@ -261,9 +261,7 @@ def _probe_tensors(scene: Scene) -> dict[str, Tensor]:
 def _restore_probes(scene: Scene, tensors: dict[str, Tensor]) -> None:
     if "probes.row" not in tensors:
         return
-    nodes = Nodes(
-        tensors["probes.row"].long(), tensors["probes.clear"], float(tensors["probes.spacing"])
-    )
+    nodes = Nodes(tensors["probes.row"].long(), tensors["probes.clear"], float(tensors["probes.spacing"]))
     passing = tensors["probes.passing"].float() / PASSING_STEPS
     arriving = Arriving(passing, tensors["probes.lobes"], tensors["probes.sent"])
     scene.probes.fill([nodes], arriving)

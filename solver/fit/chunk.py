@@ -112,9 +112,7 @@ class ChunkLoss:
     def pixels(self, scene: Scene, tables: StepTables, chunk: Chunk) -> RayBuffers:
         """What the pixels of a chunk see."""
         batch = chunk.batch
-        settings = dataclasses.replace(
-            self.render_settings(chunk.fraction), retraced_rays=chunk.retraced
-        )
+        settings = dataclasses.replace(self.render_settings(chunk.fraction), retraced_rays=chunk.retraced)
         each = batch.directions.shape[1]
         buffers = render_rays(
             scene, tables, settings, chunk.random,

@@ -28,9 +28,7 @@ class Renewals(NamedTuple):
 NO_RENEWALS = Renewals()
 
 
-def work_done(
-    settings: Settings, fraction: float, fog: bool = False, on_card: bool = False
-) -> float:
+def work_done(settings: Settings, fraction: float, fog: bool = False, on_card: bool = False) -> float:
     """Share of all steps' time that a fit's first `fraction` takes: those on coarse grids are faster.
 
     Args:

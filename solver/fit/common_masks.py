@@ -19,9 +19,7 @@ FEW = 0.06
 """share of the photos that see a cell which may take it for backdrop while the others show it"""
 
 
-def fit_together(
-    cameras: Sequence[Camera], masks: Sequence[np.ndarray], region: np.ndarray
-) -> bool:
+def fit_together(cameras: Sequence[Camera], masks: Sequence[np.ndarray], region: np.ndarray) -> bool:
     """True if all masks show something, and the hull of all of them holds it."""
     return all(mask.any() for mask in masks) and missing(cameras, masks, region) <= MOST_MISSING
 

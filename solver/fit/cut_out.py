@@ -82,9 +82,7 @@ def cut_out_of_colour(
     return _from_surroundings(capture.cameras, photos, box)
 
 
-def _from_surroundings(
-    cameras: tuple[Camera, ...], photos: list[Photo], region: np.ndarray
-) -> list[Photo]:
+def _from_surroundings(cameras: tuple[Camera, ...], photos: list[Photo], region: np.ndarray) -> list[Photo]:
     """As `cut_out`, before a plain backdrop that is neither white nor black."""
     if any(photo.has_alpha for photo in photos):
         return photos

@@ -106,9 +106,7 @@ def before_support(photo: Photo, outline: Outline) -> Photo:
     )  # fmt: skip
 
 
-def few_on_support(
-    cameras: Sequence[Camera], photos: list[Photo], standing: Standing
-) -> list[Photo]:
+def few_on_support(cameras: Sequence[Camera], photos: list[Photo], standing: Standing) -> list[Photo]:
     """Other photos of what is standing there, with alpha."""
     return [
         before_support(photo, _outline(standing, camera, photo))

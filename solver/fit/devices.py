@@ -59,9 +59,7 @@ def idle_card() -> str | None:
             f"{name} is not used, since the solver's PyTorch is for processors only; with one for CUDA, "
             "jobs take a fraction of the time (see Devices in the manual)"
         )
-    return (
-        f"{name} is not used: PyTorch for CUDA {torch.version.cuda} cannot; a newer driver may help"
-    )
+    return f"{name} is not used: PyTorch for CUDA {torch.version.cuda} cannot; a newer driver may help"
 
 
 def _name_of_card() -> str | None:

@@ -57,15 +57,11 @@ def evaluate_job(
         CaptureError, JobError: unusable cameras, photos or job.
     """
     if out is not None and out.is_dir():
-        raise JobError(
-            f"{out}: this is a folder; name a file for the scores, such as metrics.json."
-        )
+        raise JobError(f"{out}: this is a folder; name a file for the scores, such as metrics.json.")
     capture = read_capture(cameras, photos=photos_folder, fewest=1, ignored=ignored)
     scene, settings = load_job(job)
     if not job.is_complete():
-        print(
-            f"{job.root}: this job is not finished; its checkpoint is evaluated.", file=sys.stderr
-        )
+        print(f"{job.root}: this job is not finished; its checkpoint is evaluated.", file=sys.stderr)
     photos = held_out_photos(job, capture, settings)
     behind = background_shown(photos, background_of_job(job))
     views, materials = {}, MaterialScores()

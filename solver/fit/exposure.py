@@ -63,9 +63,7 @@ class Exposures:
         )
 
 
-def photo_views(
-    cameras: Sequence[Camera], photos: Sequence[Photo], log_gain: Tensor | None
-) -> list[View]:
+def photo_views(cameras: Sequence[Camera], photos: Sequence[Photo], log_gain: Tensor | None) -> list[View]:
     """Photos as the asset looks at them, of cameras in the scene's world.
 
     Args:
@@ -97,9 +95,7 @@ def brought_to(view: RenderedView, photo: Photo, background: str, kind: str) -> 
     factor = LeastSquaresFactor()
     factor.add(shown, photo.pixels[..., :3], told.astype(np.float64))
     gain = factor.value if kind == "white_balance" else factor.common
-    return dataclasses.replace(
-        view, radiance=view.radiance * gain, surrounded=view.surrounded * gain
-    )
+    return dataclasses.replace(view, radiance=view.radiance * gain, surrounded=view.surrounded * gain)
 
 
 def exposures_for(kind: str, photos: int, device="cpu") -> Exposures | None:

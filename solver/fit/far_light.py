@@ -77,9 +77,7 @@ class FarLight:
         brightest = F.adaptive_max_pool2d(radiance.amax(0, keepdim=True) * known, size)
         return mean.clamp(min=LEAST_LIGHT), share[0], brightest[0]
 
-    def difference(
-        self, scene: Scene, tables: StepTables, random: RandomNumbers, keys: Tensor
-    ) -> Tensor:
+    def difference(self, scene: Scene, tables: StepTables, random: RandomNumbers, keys: Tensor) -> Tensor:
         """How far the light is from what is known, in random directions (see `light_difference`).
 
         Args:

@@ -61,9 +61,7 @@ class Ground:
         first, second = support.axes()
         centre = region.mean(0)
         centre = centre - support.above(centre) * support.normal
-        return cls(
-            support, centre - half * (first + second), first, second, 2 * half / cells, cells
-        )
+        return cls(support, centre - half * (first + second), first, second, 2 * half / cells, cells)
 
     @property
     def points(self) -> np.ndarray:

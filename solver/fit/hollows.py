@@ -255,9 +255,7 @@ class Carving:
             seen[i] = np.isfinite(depth) & (depth <= nearest.ravel()[place] + 1.5 * self.edge)
         return seen, opened / max(shown, 1)
 
-    def _spread(
-        self, cells: np.ndarray, seen: np.ndarray, shift: np.ndarray | None = None
-    ) -> np.ndarray:
+    def _spread(self, cells: np.ndarray, seen: np.ndarray, shift: np.ndarray | None = None) -> np.ndarray:
         """[cells] how far from their median most photos' colours are; NaN: too few see a cell.
 
         Args:

@@ -112,9 +112,7 @@ def isolated(
             capture = _with_better_cameras(job, capture, found, progress)
             capture = replace(capture, points=found.points)
     if standing and backdrop is None:
-        return _on_support(
-            job, capture, photos, region, settings.light.floor, progress, finding_support
-        )
+        return _on_support(job, capture, photos, region, settings.light.floor, progress, finding_support)
     return Isolated(capture, photos)
 
 
@@ -139,9 +137,7 @@ def _with_better_cameras(
 ) -> Capture:
     """The capture with better cameras, if what its photos have in common tells of them."""
     if found.remedy is not None:
-        raise CaptureError(
-            capture.source, "camera poses", another_convention(found.beside), found.remedy
-        )
+        raise CaptureError(capture.source, "camera poses", another_convention(found.beside), found.remedy)
     if found.refined is None:
         return capture
     write_adjusted(job.cameras_path, found.refined)
@@ -177,9 +173,7 @@ def _on_support(
         "(fit.cut_out_standing=no makes none)"
     )
     capture = replace(capture, region=found.box)
-    return _isolated_by(
-        capture, photos, found.outlines, floor_below(found.standing) if close else None
-    )
+    return _isolated_by(capture, photos, found.outlines, floor_below(found.standing) if close else None)
 
 
 def _isolated_by(
@@ -197,9 +191,7 @@ def _isolated_by(
     return Isolated(capture, cut, SeenLight(held, around, floor))
 
 
-def _as_they_were(
-    job: JobFolder, settings: Settings, capture: Capture, photos: list[Photo]
-) -> Isolated:
+def _as_they_were(job: JobFolder, settings: Settings, capture: Capture, photos: list[Photo]) -> Isolated:
     shapes = [photo.pixels.shape[:2] for photo in photos]
     outlines = read_masks(job.masks_dir, capture.cameras, shapes)
     if outlines is None:
@@ -208,7 +200,5 @@ def _as_they_were(
             "put them back, or start a new job."
         )
     if settings.light.floor:
-        return _isolated_by(
-            capture, photos, outlines, floor_below(read_standing(job.standing_path))
-        )
+        return _isolated_by(capture, photos, outlines, floor_below(read_standing(job.standing_path)))
     return Isolated(capture, [before_support(p, o) for p, o in zip(photos, outlines, strict=True)])

@@ -19,9 +19,7 @@ SQUARES = (16, 8, 4, 2)
 """edges, in texels, of the squares that may have one colour, the coarsest first"""
 
 
-def coarsest_colours(
-    radiance: Tensor, error: Callable[[Tensor], float], tolerance: float
-) -> Tensor:
+def coarsest_colours(radiance: Tensor, error: Callable[[Tensor], float], tolerance: float) -> Tensor:
     """The light [3, H, 2H] with the coarsest colours under which photos are as good as under its own.
 
     Args:

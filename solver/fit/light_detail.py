@@ -71,9 +71,7 @@ class OpenDetail:
             return
         draws = draw_together, draw_colours_together
         pulls = self._settings.smoothness, self._settings.colour_smoothness
-        for draw, sigma, share, pull in zip(
-            draws, self._sigmas(light), self.share, pulls, strict=True
-        ):
+        for draw, sigma, share, pull in zip(draws, self._sigmas(light), self.share, pulls, strict=True):
             if pull > 0:
                 draw(light, sigma, share * min(self.EVERY * rate * pull, 1.0))
 
@@ -85,9 +83,7 @@ class OpenDetail:
 
 
 @torch.no_grad()
-def open_detail(
-    scene: Scene, loss: ChunkLoss, steps: list[Step], sigmas: Sequence[float]
-) -> Tensor:
+def open_detail(scene: Scene, loss: ChunkLoss, steps: list[Step], sigmas: Sequence[float]) -> Tensor:
     """Shares [len(sigmas), H, 2H], from 0 to 1, of detail finer than Gaussians of so many texels that
     pixels of steps leave open, per texel of a scene's light.
 

@@ -41,9 +41,7 @@ def light_from_room(room: Room, height: int) -> EnvironmentMap:
 
 
 @torch.no_grad()
-def whole_light(
-    colour: Tensor, known: Tensor, height: int, unseen: float | None = None
-) -> EnvironmentMap:
+def whole_light(colour: Tensor, known: Tensor, height: int, unseen: float | None = None) -> EnvironmentMap:
     """A light of `height` rows of which a part is known; small gaps have the colours around them.
 
     Args:

@@ -25,9 +25,7 @@ Behind = Tensor | Surroundings
 what else there is in the scene, where a photo shows that"""
 
 
-def photometric(
-    buffers: RayBuffers, batch: RayBatch, behind: Behind, gain: Tensor | None = None
-) -> Tensor:
+def photometric(buffers: RayBuffers, batch: RayBatch, behind: Behind, gain: Tensor | None = None) -> Tensor:
     """Mean squared error of sRGB pixels, without the noise of their own rays.
 
     A noisy pixel's squared error has its variance in it, of which lamps that are too dim and lobes that

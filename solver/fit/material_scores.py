@@ -41,9 +41,7 @@ class MaterialScores:
             scores["f0_mae"] = weighted_mae(view.f0, f0, cover)
             # Kept until the last view, so only where the photo shows the object.
             seen = cover > 0
-            fitted = {
-                name: term(view.albedo[seen], view.f0[seen]) for name, term in ALBEDOS.items()
-            }
+            fitted = {name: term(view.albedo[seen], view.f0[seen]) for name, term in ALBEDOS.items()}
             for name, factor in self._factors.items():
                 factor.add(fitted[name], albedo[seen], cover[seen])
             self._brightest = max(self._brightest, float((albedo * cover[..., None]).max()))

@@ -99,9 +99,7 @@ def start_from_points(
         found.append((density * density_near(outside, room.size), room.planes, room.lines))
     with torch.no_grad():
         for target, planes, lines in found:
-            for parameter, factor in zip(
-                (planes, lines), decompose(target, planes.shape[-1]), strict=True
-            ):
+            for parameter, factor in zip((planes, lines), decompose(target, planes.shape[-1]), strict=True):
                 parameter.copy_(factor)
 
 

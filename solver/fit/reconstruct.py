@@ -48,9 +48,7 @@ PREVIEW_PAUSE = 20.0
 """time between two previews, at least, in times that the last one took"""
 
 
-def run_job(
-    job: JobFolder, progress: Progress, control: Control, began: float | None = None
-) -> Path:
+def run_job(job: JobFolder, progress: Progress, control: Control, began: float | None = None) -> Path:
     """Run or resume a job to its manifest.
 
     Args:
@@ -79,9 +77,7 @@ def _run(job: JobFolder, progress: Progress, control: Control, began: float) -> 
 
     request = job.request
     settings = settings_for(request.preset, request.overrides)
-    device = (
-        device_at_hand(request.device) if job.has_checkpoint() else choose_device(request.device)
-    )
+    device = device_at_hand(request.device) if job.has_checkpoint() else choose_device(request.device)
     progress.stage("photos")
     if request.device not in ("auto", device):
         progress.warning(f"this machine has no '{request.device}'; the job continues on '{device}'")
@@ -186,9 +182,7 @@ def _run(job: JobFolder, progress: Progress, control: Control, began: float) -> 
 
 
 def _tell_of_missing_masks(capture: Capture, photos: list[Photo], progress: Progress) -> None:
-    without = [
-        c.name for c, photo in zip(capture.cameras, photos, strict=True) if not photo.has_alpha
-    ]
+    without = [c.name for c, photo in zip(capture.cameras, photos, strict=True) if not photo.has_alpha]
     if 0 < len(without) < len(photos):
         progress.warning(not_all_masked(without, len(photos)))
 

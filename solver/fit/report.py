@@ -89,9 +89,7 @@ def write_job_report(
         kind += ", each at its photo's exposure"
     numbers = {
         **numbers,
-        f"PSNR, dB (mean of {len(cameras)} {kind})": round(
-            float(np.mean([s[0] for s in scores])), 2
-        ),
+        f"PSNR, dB (mean of {len(cameras)} {kind})": round(float(np.mean([s[0] for s in scores])), 2),
         f"SSIM (mean of {len(cameras)} {kind})": round(float(np.mean([s[1] for s in scores])), 4),
     }
     write_json_atomic(job.result_dir / "report.json", {**numbers, "warnings": warnings})

@@ -78,9 +78,7 @@ def what_changed(tensors: dict[str, Tensor], now: Tensor, names: Sequence[str]) 
     off = [names[i] for i in _others(tensors, now)]
     if not off:
         return None
-    return (
-        f"photos changed since the job began ({listed(off)}), so its result mixes old and new ones"
-    )
+    return f"photos changed since the job began ({listed(off)}), so its result mixes old and new ones"
 
 
 def _others(tensors: dict[str, Tensor], now: Tensor) -> list[int]:

@@ -39,9 +39,7 @@ def nearest_distance(cameras: list[Camera], centre: np.ndarray) -> float:
     return float(0.15 * np.median(np.linalg.norm(positions - centre, axis=1)))
 
 
-def seen_points(
-    cameras: list[Camera], points: np.ndarray, nearest: float, fewest: float
-) -> np.ndarray:
+def seen_points(cameras: list[Camera], points: np.ndarray, nearest: float, fewest: float) -> np.ndarray:
     """Boolean [N] of world points [N, 3] that cameras look at and none has right before it.
 
     Args:

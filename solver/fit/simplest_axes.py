@@ -67,9 +67,7 @@ def simplest_axes(
                 errors.append(error)
                 told(ON_LATTICE * len(errors) / len(lattice))
         chosen = lattice[np.argsort(errors, kind="stable")[:BEST]]
-        refined = _all_refined(
-            shape, chosen, pool, lambda done: told(ON_LATTICE + (1 - ON_LATTICE) * done)
-        )
+        refined = _all_refined(shape, chosen, pool, lambda done: told(ON_LATTICE + (1 - ON_LATTICE) * done))
     error, turn = min(refined, key=lambda found: found[0])
     if shape.log_error(np.eye(3)) - error < WORTH:
         return None
@@ -145,9 +143,7 @@ class _Shape:
         """Logarithm of the share of the shape's energy that `RANK` components miss, in the mean of the
         three axes [3, 3] that lines may lie along."""
         at = (self._nodes @ axes + self._middle).T
-        distance = ndimage.map_coordinates(
-            self._distance, at, order=1, mode="nearest", output=np.float32
-        )
+        distance = ndimage.map_coordinates(self._distance, at, order=1, mode="nearest", output=np.float32)
         ramp = RAMP + np.clip(-distance / self._spacing, -RAMP, RAMP)
         ramp = ramp.reshape((NODES,) * 3)
         # A single cell is lost in its distances' smoothing.

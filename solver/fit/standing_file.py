@@ -53,9 +53,7 @@ def read_standing(path: Path) -> Standing | None:
         with np.load(path, allow_pickle=False) as file:
             read = {name: file[name] for name in file.files}
         support = Support(read["normal"], float(read["height"]))
-        ground = Ground(
-            support, read["origin"], *read["axes"], float(read["edge"]), int(read["cells"])
-        )
+        ground = Ground(support, read["origin"], *read["axes"], float(read["edge"]), int(read["cells"]))
         colours = (read[name].astype(np.float32) for name in ("colour", "spread"))
         counts = (ColourCounts(read[name].astype(np.float64)) for name in Odds._fields)
         return Standing(

@@ -253,9 +253,7 @@ def background_of(photos: list[Photo], wanted: str = "auto") -> str:
         SettingsError: impossible with these photos.
     """
     if wanted == "random" and not all(photo.has_alpha for photo in photos):
-        raise SettingsError(
-            "Setting 'fit.background': 'random' needs photos with alpha; choose another."
-        )
+        raise SettingsError("Setting 'fit.background': 'random' needs photos with alpha; choose another.")
     if wanted != "auto":
         return wanted
     if all(photo.has_alpha for photo in photos):

@@ -50,9 +50,7 @@ class StepPixels:
     Args: see `Trainer`.
     """
 
-    def __init__(
-        self, bank: RayBank, background: str, turns: Tensor | None, generator: torch.Generator
-    ):
+    def __init__(self, bank: RayBank, background: str, turns: Tensor | None, generator: torch.Generator):
         self._bank, self._background, self._turns = bank, background, turns
         self._generator = generator
 

@@ -127,9 +127,7 @@ class _Stereo:
         towards = np.stack([view.directions.mean(0) for view in self.views])
         towards /= np.linalg.norm(towards, axis=1, keepdims=True)
         apart = np.degrees(np.arccos((towards @ towards.T).clip(-1, 1)))
-        self.near = [
-            [i for i in np.argsort(row) if APART[0] < row[i] < APART[1]][:NEXT] for row in apart
-        ]
+        self.near = [[i for i in np.argsort(row) if APART[0] < row[i] < APART[1]][:NEXT] for row in apart]
         pairs = {tuple(sorted((i, j))) for i, near in enumerate(self.near) for j in near}
         self.pairs = dict(zip(pairs, pool.map(self._correlation, pairs), strict=True))
 

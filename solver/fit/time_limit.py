@@ -66,9 +66,7 @@ class Finish:
         """What is smaller for a limit's sake, one clause; None: nothing is."""
         less = []
         if self.texture_size < settings.asset.texture_size:
-            less.append(
-                f"textures have {self.texture_size} texels per edge (`export` bakes finer ones)"
-            )
+            less.append(f"textures have {self.texture_size} texels per edge (`export` bakes finer ones)")
         if self.report_pixels < MOST_PIXELS:
             less.append("the report's pictures are small")
         return f"because of the time limit, {' and '.join(less)}" if less else None
@@ -139,9 +137,7 @@ def seconds_from_fog(lookup: float) -> float:
     return LEAST_STEPS_FROM_FOG * _LOOKUPS_PER_FOG_STEP * lookup
 
 
-def limit_of_fit(
-    whole: float, left: float, finish: Finish, trainer: Trainer, progress: Progress
-) -> float:
+def limit_of_fit(whole: float, left: float, finish: Finish, trainer: Trainer, progress: Progress) -> float:
     """Seconds for the fit, of those `left` of the `whole` limit; a step takes fewer rays where a fog would
     need more to become an object."""
     limit = seconds_to_fit(whole, left, finish.seconds, trainer.fog)

@@ -142,9 +142,7 @@ class Trainer:
         field, least = self.scene.field, self.settings.field.occupancy_min_alpha
         if self.emission(self.fraction) == 1:
             least *= THIN_FOG_SHARE
-        self.scene.occupancy.refresh(
-            field, least, self.settings.render.step * field.voxel, dilation=1
-        )
+        self.scene.occupancy.refresh(field, least, self.settings.render.step * field.voxel, dilation=1)
         self._end_period()
 
     def _end_period(self) -> None:
@@ -271,9 +269,7 @@ class Trainer:
 
     def _plan(self, grid: int) -> StepPlan:
         sizes = self.batching.chunks(grid * grid)
-        retraced = [
-            self.batching.retraced_of(size / sum(sizes), size * grid * grid) for size in sizes
-        ]
+        retraced = [self.batching.retraced_of(size / sum(sizes), size * grid * grid) for size in sizes]
         return StepPlan(sizes, grid, retraced, self.fraction)
 
     def _gradients(self, plan: StepPlan) -> tuple[list[Taken], bool]:

@@ -45,9 +45,7 @@ class JobFolder:
         self.manifest_path = self.result_dir / MANIFEST
 
     @classmethod
-    def create(
-        cls, root: Path | str, request: JobRequest, may_hold: Collection[str] = ()
-    ) -> JobFolder:
+    def create(cls, root: Path | str, request: JobRequest, may_hold: Collection[str] = ()) -> JobFolder:
         """A new job in a new or empty folder.
 
         Args:
@@ -87,9 +85,7 @@ class JobFolder:
                 "continue it with --resume or give another folder."
             )
         if job.root.is_dir() and not holds_nothing(job.root, may_hold):
-            raise JobError(
-                f"{job.root}: the folder is not empty and holds no job; give a new folder."
-            )
+            raise JobError(f"{job.root}: the folder is not empty and holds no job; give a new folder.")
         return job
 
     @classmethod
@@ -110,9 +106,7 @@ class JobFolder:
         try:
             content = json.loads(read_replaced(self.request_path))
         except (OSError, ValueError) as error:
-            raise JobError(
-                f"{self.request_path}: unreadable ({error}); start a new job."
-            ) from error
+            raise JobError(f"{self.request_path}: unreadable ({error}); start a new job.") from error
         return JobRequest.from_json(content, self.request_path)
 
     @property
@@ -144,9 +138,7 @@ class JobFolder:
         except FileNotFoundError as error:
             if not self.request_path.is_file():
                 raise JobError(f"{self.root}: this is not a job folder; choose one.") from error
-            raise JobError(
-                f"{self.root}: the job has no complete result yet; resume it."
-            ) from error
+            raise JobError(f"{self.root}: the job has no complete result yet; resume it.") from error
         except (OSError, ValueError) as error:
             raise JobError(
                 f"{self.manifest_path}: it cannot be read ({error}); run the job again."

@@ -22,9 +22,7 @@ _FORM = "{desc:<34} {percentage:3.0f}% |{bar:30}| {elapsed}"
 def plain_bar() -> Iterator[Callable[[float, str], None]]:
     """A bar for what is no job, if stderr is a terminal; yields whom to tell the share done of what."""
     off = not sys.stderr.isatty()
-    with tqdm(
-        total=1000, file=sys.stderr, bar_format=_FORM, dynamic_ncols=True, disable=off
-    ) as bar:
+    with tqdm(total=1000, file=sys.stderr, bar_format=_FORM, dynamic_ncols=True, disable=off) as bar:
 
         def told(done: float, text: str) -> None:
             bar.set_description_str(text, refresh=False)
@@ -64,9 +62,7 @@ class Progress:
         self._stage, self._stage_began = name, time.monotonic()
         names = list(self._shares)
         self._events.emit("stage", name=name, index=names.index(name), count=len(names))
-        state = {"fit": "running", "asset": "finishing", "report": "finishing"}.get(
-            name, "preparing"
-        )
+        state = {"fit": "running", "asset": "finishing", "report": "finishing"}.get(name, "preparing")
         self._heartbeat.update(state)
         self.fraction(0.0, text or name)
 

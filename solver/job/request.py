@@ -88,10 +88,7 @@ class JobRequest:
         limit = self.time_limit
         good = {
             "capture": isinstance(self.capture, str) and self.capture != "",
-            **{
-                name: isinstance(getattr(self, name), str)
-                for name in ("preset", "device", "code_version")
-            },
+            **{name: isinstance(getattr(self, name), str) for name in ("preset", "device", "code_version")},
             "seed": type(self.seed) is int and 0 <= self.seed <= MOST_SEED,
             "time_limit": limit is None or (_is_number(limit) and limit > 0),
             **{

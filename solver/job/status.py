@@ -30,9 +30,7 @@ class Heartbeat:
             "pid": os.getpid(), "started": process_start_time(os.getpid()), "machine": machine(),
         }  # fmt: skip
 
-    def update(
-        self, state: str, step: int = 0, steps: int = 0, seconds_left: float | None = None
-    ) -> None:
+    def update(self, state: str, step: int = 0, steps: int = 0, seconds_left: float | None = None) -> None:
         """Say that the job is alive and in `state`."""
         entry = {"state": state, "step": step, "steps": steps, "seconds_left": seconds_left}
         with self._lock:

@@ -61,9 +61,7 @@ def adam_step_torch(
     gradient.zero_()
 
 
-def mean_root_square(
-    gradient: Tensor, moments: Moments, square_decay: float, count: int
-) -> float | Tensor:
+def mean_root_square(gradient: Tensor, moments: Moments, square_decay: float, count: int) -> float | Tensor:
     """Mean of the roots of the running square that a contiguous tensor will have after the step with this
     gradient, what it started from undone; in memory where nothing is to wait for it."""
     scale = 1 / (1 - square_decay**count)

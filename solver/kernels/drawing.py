@@ -70,9 +70,7 @@ def plan_rays(
         streams: the hash's seeds for how many rays the samples get, and for that turn.
     """
     if not has_kernels(keys.device):
-        parts = drawing_torch.plan_rays(
-            keys, mass, rays, points, streams, SAMPLE_BITS, RAYS_PER_SAMPLE
-        )
+        parts = drawing_torch.plan_rays(keys, mass, rays, points, streams, SAMPLE_BITS, RAYS_PER_SAMPLE)
         return Plan(*parts)
     counts, together, share = torch.empty_like(keys), torch.empty_like(keys), torch.empty_like(mass)
     run = kernels("drawing", keys.device)

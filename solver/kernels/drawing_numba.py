@@ -98,9 +98,7 @@ def leave(keys, offsets, seed, points, sample_bits, keys_per_sample, sample, ray
 
 
 @numba.njit(cache=True, nogil=True)
-def choose(
-    weights, passing, mass, sample, clear, least_total, budget, u, scores, indices, probability
-):
+def choose(weights, passing, mass, sample, clear, least_total, budget, u, scores, indices, probability):
     """Systematic sampling of about `budget` of K rays by what blockers may send along them.
 
     Args:

@@ -63,9 +63,7 @@ def filled_up(offsets: Tensor, *arrays: Tensor) -> tuple[Tensor, ...]:
     if not is_reserved():
         return arrays
     real = torch.arange(len(arrays[0]), device=offsets.device) < offsets[-1:]
-    return tuple(
-        torch.where(real.view(-1, *[1] * (array.dim() - 1)), array, array[:1]) for array in arrays
-    )
+    return tuple(torch.where(real.view(-1, *[1] * (array.dim() - 1)), array, array[:1]) for array in arrays)
 
 
 def is_reserved() -> bool:

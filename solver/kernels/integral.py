@@ -99,7 +99,5 @@ def rectangle_mean(table: Tensor, rows: Tensor, centre: Tensor, size: Tensor) ->
             the seam and over the poles. Gradients flow to all but the rows.
     """
     if fast(centre):
-        return _RectangleMean.apply(
-            table.contiguous(), rows, centre.contiguous(), size.contiguous()
-        )
+        return _RectangleMean.apply(table.contiguous(), rows, centre.contiguous(), size.contiguous())
     return integral_torch.rectangle_mean(table, rows, centre, size).to(centre.dtype)

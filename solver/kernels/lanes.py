@@ -54,9 +54,7 @@ def spread(builder: ir.IRBuilder, number: ir.Value, vector: ir.VectorType) -> ir
     return builder.shuffle_vector(first, nothing, places_of(*[0] * vector.count))
 
 
-def as_kind(
-    kind: types.Type, context, builder: ir.IRBuilder, value: ir.Value, of: types.Type
-) -> ir.Value:
+def as_kind(kind: types.Type, context, builder: ir.IRBuilder, value: ir.Value, of: types.Type) -> ir.Value:
     """A value of a type of lanes; a number is put into all of them, in their precision."""
     if of is kind:
         return value
@@ -134,8 +132,7 @@ def address(context, builder, array, value, index, places) -> ir.Value:
     """Of array[index]; indices are not wrapped around."""
     unpacked = cgutils.unpack_tuple(builder, places, len(index))
     whole = [
-        context.cast(builder, place, kind, types.intp)
-        for place, kind in zip(unpacked, index, strict=True)
+        context.cast(builder, place, kind, types.intp) for place, kind in zip(unpacked, index, strict=True)
     ]
     found = context.make_array(array)(context, builder, value)
     return cgutils.get_item_pointer(context, builder, array, found, whole, wraparound=False)

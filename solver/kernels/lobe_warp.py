@@ -45,9 +45,7 @@ def half_vector(view: wp.vec3, alpha: float, u0: float, u1: float):
     square = wp.max(s[0] * s[0] + s[1] * s[1], 1.0e-14)
     inverse = 1.0 / wp.sqrt(square)
     upright = square <= 1.0e-12
-    t1 = wp.vec3(
-        wp.where(upright, 1.0, -s[1] * inverse), wp.where(upright, 0.0, s[0] * inverse), 0.0
-    )
+    t1 = wp.vec3(wp.where(upright, 1.0, -s[1] * inverse), wp.where(upright, 0.0, s[0] * inverse), 0.0)
     t2 = wp.cross(s, t1)
     radius = wp.sqrt(u0)
     p1 = radius * wp.cos(TURN * u1)

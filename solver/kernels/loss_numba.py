@@ -113,9 +113,7 @@ def pixel_loss_backward(
                 g_seen[n, half, c] = to_each * by_radiance
                 g_seen[n, half, 3] += to_each * by_share
                 if step != 0.0:
-                    _, own_radiance, own_share = _shown(
-                        seen[n, half, c], seen[n, half, 3], behind[n, c]
-                    )
+                    _, own_radiance, own_share = _shown(seen[n, half, c], seen[n, half, 3], behind[n, c])
                     away = g * (-0.5 * step if half == 0 else 0.5 * step)
                     g_seen[n, half, c] += away * own_radiance
                     g_seen[n, half, 3] += away * own_share

@@ -53,9 +53,7 @@ def pixel_loss(
 
 
 @wp.kernel
-def off_palette(
-    albedo: Vectors, mean: Numbers, share: Numbers, spread: float, half: int, loss: Numbers
-):
+def off_palette(albedo: Vectors, mean: Numbers, share: Numbers, spread: float, half: int, loss: Numbers):
     """How unlike a pixel's albedo is to that of another half a batch away; see `fit.priors`."""
     n = wp.tid()
     other = n - half

@@ -148,9 +148,7 @@ def through_grid(origin: wp.vec3, direction: wp.vec3, start: float, step: float,
             u = y - float(j)
             v = z - float(k)
             low = wp.lerp(column(blocking, i, j, k, v), column(blocking, i, j + 1, k, v), u)
-            high = wp.lerp(
-                column(blocking, i + 1, j, k, v), column(blocking, i + 1, j + 1, k, v), u
-            )
+            high = wp.lerp(column(blocking, i + 1, j, k, v), column(blocking, i + 1, j + 1, k, v), u)
             root = wp.lerp(low, high, x - float(i))
             before = depth
             depth += DEPTH_UNIT * root * root

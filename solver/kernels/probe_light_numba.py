@@ -56,9 +56,7 @@ def put_corners(points, s, per_spacing, row, clear, rows, shares):
 
 
 @kernel
-def irradiance_between(
-    points, row, clear, per_spacing, table, normals, form, out, rows, shares, blended
-):
+def irradiance_between(points, row, clear, per_spacing, table, normals, form, out, rows, shares, blended):
     """Irradiance [S, 3]; the rows and shares [S, 8] it was blended of, and coefficients [S, 27].
 
     `row`, `clear` [N, N, N]: of the nodes. `table` [1 + R, 27].
@@ -86,9 +84,7 @@ def irradiance_between(
                 out[s, channel] = max(value, ZERO)
 
 
-def irradiance_between_backward(
-    normals, form, out, rows, shares, blended, cotangent, g_table, g_normals
-):
+def irradiance_between_backward(normals, form, out, rows, shares, blended, cotangent, g_table, g_normals):
     """Adjoint of `irradiance_between` with respect to the table (added) and normals."""
     g_blended = np.empty_like(blended)
     _to_samples(normals, form, out, blended, cotangent, g_blended, g_normals)

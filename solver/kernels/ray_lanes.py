@@ -62,9 +62,7 @@ def _called(name: str) -> Callable:
 
     def generate(builder, value):
         of = value.type
-        full = (
-            f"llvm.{name}.v{of.count}f32" if isinstance(of, ir.VectorType) else f"llvm.{name}.f64"
-        )
+        full = f"llvm.{name}.v{of.count}f32" if isinstance(of, ir.VectorType) else f"llvm.{name}.f64"
         function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(of, [of]), full)
         return builder.call(function, [value])
 
@@ -146,9 +144,7 @@ def where(_, test, a, b):
     def generate(context, builder, signature, values):
         test, *both = values
         if isinstance(kind, Lanes):
-            both = [
-                as_kind(kind, context, builder, *pair) for pair in zip(both, (a, b), strict=True)
-            ]
+            both = [as_kind(kind, context, builder, *pair) for pair in zip(both, (a, b), strict=True)]
         else:
             both = [context.cast(builder, *pair, kind) for pair in zip(both, (a, b), strict=True)]
         return builder.select(test, *both)
@@ -184,10 +180,7 @@ def codes_at(_, codes, x, y, z):
         read = [_bytes(builder, found.data, places, first) for first in range(0, kind.count, LANES)]
         while len(read) > 1:
             joined = places_of(*range(2 * read[0].type.count))
-            read = [
-                builder.shuffle_vector(*pair, joined)
-                for pair in zip(*[iter(read)] * 2, strict=True)
-            ]
+            read = [builder.shuffle_vector(*pair, joined) for pair in zip(*[iter(read)] * 2, strict=True)]
         return read[0]
 
     return kind(codes, x, y, z), generate

@@ -7,9 +7,7 @@ import torch
 
 # A graph (`fit.replay`) reads those that were there when it was made, for no more steps than there is room.
 @lru_cache(maxsize=1024)
-def constant_on(
-    device: torch.device, values: tuple, dtype: torch.dtype = torch.float32
-) -> torch.Tensor:
+def constant_on(device: torch.device, values: tuple, dtype: torch.dtype = torch.float32) -> torch.Tensor:
     """A tensor of (nested tuples of) numbers on a device; it is kept, and not to be changed."""
     return torch.tensor(values, dtype=dtype, device=device)
 

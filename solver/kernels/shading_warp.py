@@ -139,9 +139,7 @@ def scattered(
         weights[k, c] = (f0[s, c] + (1.0 - f0[s, c]) * m5) * bent
     solid_angle = float(0.0)
     if averaged:
-        solid_angle = solid_angle_of(
-            held(local[2]), held(half[2]), held(alpha[s]), float(counts[s])
-        )
+        solid_angle = solid_angle_of(held(local[2]), held(half[2]), held(alpha[s]), float(counts[s]))
     solid_angles[k] = solid_angle
 
 

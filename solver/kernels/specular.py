@@ -75,9 +75,7 @@ class _Specular(torch.autograd.Function):
             g_weights.contiguous(), g_normals, g_alphas, g_f0s, to_light,
         )  # fmt: skip
         buffer, g_table = gradient_buffer(table)
-        kernels("integral", table.device).rectangle_mean_backward(
-            rows, centre, size, to_light, buffer
-        )
+        kernels("integral", table.device).rectangle_mean_backward(rows, centre, size, to_light, buffer)
         return g_normals, g_alphas, g_f0s, g_table, *[None] * 13
 
 

@@ -246,9 +246,7 @@ def specular(
 ) -> None:  # fmt: skip
     rays = len(u)
     owners = _owners(first, rays)
-    launch(
-        _leave, rays, normals, views, alphas, f0s, shares, u, owners, masking, directions, weights
-    )
+    launch(_leave, rays, normals, views, alphas, f0s, shares, u, owners, masking, directions, weights)
     launch(
         _look, rays, normals, views, alphas, together, u, owners, averaged, widening, spread, shifts,
         wp.vec3(*up), points, reach, box_low, box_axes, box_scale, cell, blocking,

@@ -101,9 +101,7 @@ def vm_sum_backward(points, planes, lines, cotangent, least, grad_planes, grad_l
 
 
 @kernel
-def _products_backward(
-    points, planes, lines, cotangent, each, order, firsts, grad_planes, grad_lines
-):
+def _products_backward(points, planes, lines, cotangent, each, order, firsts, grad_planes, grad_lines):
     """Cotangents of each product [N, 3·C], or [N, 1] of their sum, which are those of all of them."""
     size, channels, bands = planes.shape[1], planes.shape[3], firsts.shape[1] - 1
     whole = channels - channels % LANES
@@ -151,11 +149,7 @@ def _gradient_backward(points, planes, lines, cotangent, order, firsts, grad_pla
                 gb = HALF * cotangent[n, AXIS_B[k]]
                 gc = HALF * cotangent[n, AXIS_C[k]]
                 for ch in range(0, whole, LANES):
-                    spread_differences(
-                        planes, lines, grad_planes, part, k, a, b, c, ga, gb, gc, ch, many
-                    )
+                    spread_differences(planes, lines, grad_planes, part, k, a, b, c, ga, gb, gc, ch, many)
                 for ch in range(whole, channels):
-                    spread_differences(
-                        planes, lines, grad_planes, part, k, a, b, c, ga, gb, gc, ch, ZERO
-                    )
+                    spread_differences(planes, lines, grad_planes, part, k, a, b, c, ga, gb, gc, ch, ZERO)
     add_up(parts, grad_lines)

@@ -59,9 +59,7 @@ def correlate(factor: Tensor, taps: tuple[float, ...], axis: int) -> Tensor:
     size = factor.shape[axis]
     first, last = factor.narrow(axis, 0, 1), factor.narrow(axis, size - 1, 1)
     padded = torch.cat([first] * radius + [factor] + [last] * radius, dim=axis)
-    terms = [
-        padded.narrow(axis, offset, size) * tap for offset, tap in enumerate(taps) if tap != 0.0
-    ]
+    terms = [padded.narrow(axis, offset, size) * tap for offset, tap in enumerate(taps) if tap != 0.0]
     return sum(terms[1:], terms[0])
 
 

@@ -218,9 +218,7 @@ vm_sum = launched(_sum, "points")
 
 def vm_sum_backward(points, planes, lines, cotangent, least, grad_planes, grad_lines) -> None:
     dim = len(points), planes.shape[3]
-    launch(
-        _sum_backward, dim, points, planes, lines, cotangent, least.view(1), grad_planes, grad_lines
-    )
+    launch(_sum_backward, dim, points, planes, lines, cotangent, least.view(1), grad_planes, grad_lines)
 
 
 def vm_products(points, planes, lines, out) -> None:

@@ -150,9 +150,7 @@ def _run_choices() -> None:
     seen(_leaf(4, 3), _leaf(4), _leaf(4), rays, rays, ones, 1e-12, 2.0).sum().backward()
     corner_sums(_leaf(4, 3).double(), rays[:, None], ones[:, None].double()).sum().backward()
     mean_root_square(ones[:, None], Moments(ones[:, None], ones[:, None]), 0.99, 1)
-    kernels("map_blur", ones.device).blur(
-        torch.rand(3, 4, 8), torch.ones(3) / 3, torch.empty(3, 4, 8)
-    )
+    kernels("map_blur", ones.device).blur(torch.rand(3, 4, 8), torch.ones(3) / 3, torch.empty(3, 4, 8))
 
 
 class Group(NamedTuple):

@@ -15,12 +15,7 @@ def kernel_cache() -> Path | None:
     """Beside the environment, where a person's own folder bears a name that Warp's compilers cannot open
     and the environment's does not; None: Warp's own choice."""
     own = os.environ.get("LOCALAPPDATA", "")
-    if (
-        os.name != "nt"
-        or own.isascii()
-        or "WARP_CACHE_PATH" in os.environ
-        or not sys.prefix.isascii()
-    ):
+    if os.name != "nt" or own.isascii() or "WARP_CACHE_PATH" in os.environ or not sys.prefix.isascii():
         return None
     return Path(sys.prefix).parent / "warp"
 

@@ -90,9 +90,7 @@ def _shifted(down: float, across: float) -> Tensor:
     """Sides [J, 4] of a rectangle of every patch, shifted by shares of a patch's size; the poles stay."""
     sides = []
     for row, count in enumerate(_columns()):
-        top, bottom = (
-            (edge + down * (0 < edge < PATCH_ROWS)) / PATCH_ROWS for edge in (row, row + 1)
-        )
+        top, bottom = ((edge + down * (0 < edge < PATCH_ROWS)) / PATCH_ROWS for edge in (row, row + 1))
         for column in range(count):
             sides.append([top, bottom, (column + across) / count, (column + 1 + across) / count])
     return torch.tensor(sides, dtype=torch.float64)

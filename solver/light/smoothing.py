@@ -37,9 +37,7 @@ def _blurred(maps: Tensor, taps: Tensor) -> Tensor:
         return out
     reach, kernel = len(taps) // 2, sent(taps, maps.device)
     values = F.pad(maps[:, None], (reach, reach, 0, 0), mode="circular")
-    values = F.pad(
-        F.conv2d(values, kernel.view(1, 1, 1, -1)), (0, 0, reach, reach), mode="replicate"
-    )
+    values = F.pad(F.conv2d(values, kernel.view(1, 1, 1, -1)), (0, 0, reach, reach), mode="replicate")
     return F.conv2d(values, kernel.view(1, 1, -1, 1))[:, 0]
 
 

@@ -16,9 +16,7 @@ MS_SSIM_MIN_SIDE = 161
 """five scales with an 11-tap window need this many pixels"""
 
 
-def true_where_told(
-    prediction: np.ndarray, truth: np.ndarray, told: np.ndarray | None
-) -> np.ndarray:
+def true_where_told(prediction: np.ndarray, truth: np.ndarray, told: np.ndarray | None) -> np.ndarray:
     """The truth, and the prediction where it says nothing, so that neither is better or worse for that."""
     return truth if told is None else np.where(told[..., None], truth, prediction)
 
@@ -77,9 +75,7 @@ def lpips(prediction: np.ndarray, truth: np.ndarray) -> float | None:
     network = _lpips_network()
     if network is None:
         return None
-    pair = [
-        torch.from_numpy(_channels_first(image)).float() * 2 - 1 for image in (prediction, truth)
-    ]
+    pair = [torch.from_numpy(_channels_first(image)).float() * 2 - 1 for image in (prediction, truth)]
     with torch.no_grad():
         return float(network(*pair))
 

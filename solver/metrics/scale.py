@@ -11,9 +11,7 @@ class LeastSquaresFactor:
         self._product = np.zeros(3)
         self._square = np.zeros(3)
 
-    def add(
-        self, prediction: np.ndarray, truth: np.ndarray, weight: np.ndarray | None = None
-    ) -> None:
+    def add(self, prediction: np.ndarray, truth: np.ndarray, weight: np.ndarray | None = None) -> None:
         """Take in linear values [..., 3], weighted by [...]."""
         weight = np.ones(prediction.shape[:-1]) if weight is None else weight
         weight = weight[..., None].astype(np.float64)

@@ -80,9 +80,7 @@ def check(
         _stands(capture, settings, region),
         all(look.coverage is not None for look in looks),
     )
-    needed = estimate(
-        asked, preset, masked, turned=turned, standing=stands, settings=settings, card=card
-    )
+    needed = estimate(asked, preset, masked, turned=turned, standing=stands, settings=settings, card=card)
     found = [note(text) for text in (*capture.warnings, idle) if text]
     found += (
         photos.blur(looks)

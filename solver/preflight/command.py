@@ -28,9 +28,7 @@ def add_check(commands: argparse._SubParsersAction) -> None:
     check = add_command(commands, "check", "look for problems in a capture, in seconds")
     add_capture(check, KINDS)
     check.add_argument("--preset", help="draft, standard or paper; default: the job's, or draft")
-    check.add_argument(
-        "--device", choices=DEVICES, help="device to run on; default: the job's, or auto"
-    )
+    check.add_argument("--device", choices=DEVICES, help="device to run on; default: the job's, or auto")
     output = check.add_mutually_exclusive_group()
     output.add_argument("--json", action="store_true", help="one JSON object on stdout")
     output.add_argument("--events", action="store_true", help="events on stdout, no bar")

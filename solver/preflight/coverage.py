@@ -67,9 +67,7 @@ def coverage(capture: Capture) -> list[Finding]:
     count = len(capture.cameras)
     found = []
     if count < FEWEST:
-        found.append(
-            warning(f"there are only {count} photos; take {GOOD} or more, all around the object")
-        )
+        found.append(warning(f"there are only {count} photos; take {GOOD} or more, all around the object"))
     away = looking_away(capture)
     if len(away) > MOST_AWAY * count:
         do = "does" if len(away) == 1 else "do"

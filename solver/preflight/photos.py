@@ -96,9 +96,7 @@ def duplicates(looks: list[Look]) -> list[Finding]:
     flat = thumbnails.std(axis=1) < 2.0
     for index, look in enumerate(looks):
         difference = np.abs(thumbnails[:index] - thumbnails[index])
-        same = (difference.mean(axis=1) < SAME_MEAN) & (
-            difference.max(axis=1, initial=0) < SAME_MOST
-        )
+        same = (difference.mean(axis=1) < SAME_MEAN) & (difference.max(axis=1, initial=0) < SAME_MOST)
         for other in np.flatnonzero(same & ~flat[:index])[:1]:
             degrees = _turn(looks[other], look)
             if degrees < SAME_POSE_DEGREES:
@@ -128,9 +126,7 @@ def masks(looks: list[Look], stands: bool = False) -> list[Finding]:
         behind = {"plain": "a plain backdrop", "far": "scenery that is far away"}.get(
             backdrop, f"plain {backdrop}"
         )
-        found = [
-            note(f"behind the object is {behind}; what stands out from it is taken as the mask")
-        ]
+        found = [note(f"behind the object is {behind}; what stands out from it is taken as the mask")]
     else:
         count = f"{len(looks) - len(without)} of {len(looks)}"
         found = [note(counted(f"{count} photos has|have a mask or alpha"))]
@@ -205,8 +201,7 @@ def pixels_across(looks: list[Look], capture: Capture) -> float:
     centre, edge = capture.region.mean(0), float((capture.region[1] - capture.region[0]).max())
     distance = [max(float(np.linalg.norm(c.position - centre)), 1e-9) for c in capture.cameras]
     seen = [
-        min(edge / d * c.fx, max(c.width, c.height))
-        for d, c in zip(distance, capture.cameras, strict=True)
+        min(edge / d * c.fx, max(c.width, c.height)) for d, c in zip(distance, capture.cameras, strict=True)
     ]
     return float(np.median(seen))
 

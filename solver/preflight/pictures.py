@@ -19,9 +19,7 @@ LONGEST = 800
 """pixels of a copy's longer side, at most"""
 
 
-def write_pictures(
-    capture: Capture, folder: Path, tell: Callable[[int, int], None]
-) -> dict[str, str]:
+def write_pictures(capture: Capture, folder: Path, tell: Callable[[int, int], None]) -> dict[str, str]:
     """Write a small copy of each HEIC, AVIF and raw photo of a capture, as its camera saw it.
 
     Args:

@@ -22,9 +22,7 @@ def white_balance(capture: Capture) -> list[Finding]:
     Raises:
         CaptureError: one cannot be read.
     """
-    raw = [
-        c.image_path for c in capture.cameras if c.image_path is not None and is_raw(c.image_path)
-    ]
+    raw = [c.image_path for c in capture.cameras if c.image_path is not None and is_raw(c.image_path)]
     count = sum(camera.image_path is not None for camera in capture.cameras)
     if 0 < len(raw) < count:
         return [

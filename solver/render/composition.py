@@ -47,9 +47,7 @@ class Composition(nn.Module):
     room = turntable = None
     origin = np.zeros(3)
 
-    def __init__(
-        self, parts: list[Scene], placements: list[Placement], environment: EnvironmentMap
-    ):
+    def __init__(self, parts: list[Scene], placements: list[Placement], environment: EnvironmentMap):
         super().__init__()
         self.parts = nn.ModuleList(parts)
         self.placements = placements

@@ -81,9 +81,7 @@ def render_view(
         ]
         angle = rays[0].new_full((len(rays[0]),), camera.pixel_angle / settings.pixel_grid)
         keys = keys_of_rays(torch.arange(chunk.start, chunk.stop, device=device), each)
-        part = render_rays(
-            scene, tables, settings, random, *rays, keys, jitter=False, pixel_angle=angle
-        )
+        part = render_rays(scene, tables, settings, random, *rays, keys, jitter=False, pixel_angle=angle)
         parts.append(pixels_of(part, each))
         room = surroundings(scene, tables, *rays, angle)
         around.append(mean_of_rays(room.around(part.radiance, part.opacity), each))

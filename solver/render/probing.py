@@ -65,9 +65,7 @@ def _light_of(scene) -> tuple[Tensor, Tensor]:
         return environment.tables().table, environment.patch_lobes()
     # It is somewhere else in every photo: the mean over a turn.
     angles = np.linspace(0, 2 * np.pi, TURNS, endpoint=False)
-    turns = [
-        torch.from_numpy(turntable.rotation(a)).to(scene.device, torch.float32) for a in angles
-    ]
+    turns = [torch.from_numpy(turntable.rotation(a)).to(scene.device, torch.float32) for a in angles]
     tables = [environment.tables(turn=turn).table for turn in turns]
     return sum(tables) / len(tables), patches(scene.device).lobes
 

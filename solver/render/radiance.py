@@ -63,9 +63,7 @@ def render_rays(
     count = len(origins)
     offset = random.uniform(OFFSET, keys) if jitter else origins.new_full((count,), 0.5)
     near = origins.new_zeros(count)
-    steps = scene.sample(
-        origins, directions, near, offset, settings.step, settings.min_transmittance
-    )
+    steps = scene.sample(origins, directions, near, offset, settings.step, settings.min_transmittance)
     weights, transmittance = composite(steps.depth, steps.offsets)
     ray = steps.ray
     traced = [0, 0]
@@ -99,9 +97,7 @@ def render_rays(
         "alpha": materials.alpha, "f0": materials.f0, "backfacing": away.clamp(min=0) ** 2,
     }  # fmt: skip
     if settings.neighbour_distance > 0 and settings.emission < 1:
-        shown["bending"], shown["unevenness"] = smoothness(
-            scene, tables, settings, random, kept, shading
-        )
+        shown["bending"], shown["unevenness"] = smoothness(scene, tables, settings, random, kept, shading)
     with torch.no_grad():
         distance = torch.zeros_like(near).index_add(0, ray, weights * steps.distance)
     return RayBuffers(

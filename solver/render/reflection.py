@@ -58,9 +58,7 @@ def scatter(
     """
     sample = plan.sample
     leave = _leave_at_once if at_hand("scattered", normals) else _leave
-    half, light, direction, weight, solid_angle = leave(
-        surface.materials, normals, view, plan, settings
-    )
+    half, light, direction, weight, solid_angle = leave(surface.materials, normals, view, plan, settings)
     if settings.neural > 0:
         part = None if part is None else part[sample]
         alpha = surface.materials.alpha.detach()[sample]
@@ -140,9 +138,7 @@ def secondary_origins(
         reach = normals.new_full((len(normals),), reach)
     if at_hand("lifted", normals):
         inputs = normals, samples.points, reach, sample, direction
-        return rowwise(
-            "lifted", inputs, (SELF_SHADOW_COSINE, FARTHEST_START), ((3,), ()), len(sample)
-        )
+        return rowwise("lifted", inputs, (SELF_SHADOW_COSINE, FARTHEST_START), ((3,), ()), len(sample))
     normal, reach = normals[sample], reach[sample]
     origins = samples.points[sample] + reach[:, None] * normal
     cosine = (normal * direction).sum(-1).clamp(min=SELF_SHADOW_COSINE)

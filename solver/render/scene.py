@@ -232,9 +232,7 @@ class Scene(nn.Module):
         field = self.field
         corner = field.from_box(field.centre.new_zeros(1, 3))[0]
         axes = field.centre.new_empty(0, 3) if field.axes is None else field.axes
-        return Blockers(
-            corner, axes, 2 * field.half_size, self.cell, self.occupancy.blocking, reach
-        )
+        return Blockers(corner, axes, 2 * field.half_size, self.cell, self.occupancy.blocking, reach)
 
     @property
     def cell(self) -> float:

@@ -118,9 +118,7 @@ def test_floaters_go_and_separate_bodies_stay():
 
 def test_a_small_part_that_photos_show_stays_but_no_dust():
     """A fixed bug: what thin things leave behind, a wire or a piece of a handle, was dropped."""
-    field = Balls(
-        ((-0.3, 0, 0), 0.5), ((0.6, 0.3, 0), 0.04), ((0.6, -0.3, 0), 0.04), ((0, 0.9, 0), 0.014)
-    )
+    field = Balls(((-0.3, 0, 0), 0.5), ((0.6, 0.3, 0), 0.04), ((0.6, -0.3, 0), 0.04), ((0, 0.9, 0), 0.014))
     mesh = marching_cubes(field, 128, LEVEL)
     assert len(mesh.split()) == 4
     kept = drop_floaters(mesh, 0.01, lambda points, normals: points[:, 1] > 0)
@@ -357,9 +355,7 @@ def test_two_assets_in_one_scene_have_names_of_their_own(built):
     named = [document[kind][0]["name"] for kind in ("nodes", "meshes", "materials")]
     assert named == ["tea pot"] * 3
     images = [image["name"] for image in document["images"]]
-    assert images == [
-        f"tea pot_{kind}" for kind in ("base_colour", "metallic_roughness", "normal", "f0")
-    ]
+    assert images == [f"tea pot_{kind}" for kind in ("base_colour", "metallic_roughness", "normal", "f0")]
 
 
 def test_glb_has_the_tangents_its_normal_map_was_made_for(built):

@@ -38,14 +38,10 @@ def test_seen_from_its_centre_the_light_stays_as_it_is():
 def test_seen_from_one_point_it_is_what_that_point_sees():
     light, point = light_on(FLOOR), torch.tensor([[-0.3, 0.2, 0.2]])
     found = mean_from(light, FLOOR, Mirrors(point, torch.ones(1, COARSE, 2 * COARSE)))
-    down = torch.nn.functional.normalize(
-        torch.tensor([[0.3, 0.1, -1.0], [-0.5, 0.4, -0.9]]), dim=-1
-    )
+    down = torch.nn.functional.normalize(torch.tensor([[0.3, 0.1, -1.0], [-0.5, 0.4, -0.9]]), dim=-1)
     there, sharp = point.expand(2, 3), torch.zeros(2)
     expected = light.lookup(light.tables(), down, sharp, points=there)
-    torch.testing.assert_close(
-        found.lookup(found.tables(), down, sharp), expected, rtol=0.03, atol=0.02
-    )
+    torch.testing.assert_close(found.lookup(found.tables(), down, sharp), expected, rtol=0.03, atol=0.02)
 
 
 def test_a_ball_mirrors_what_is_low_with_its_sides_and_what_is_high_with_its_top():

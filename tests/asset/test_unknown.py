@@ -102,9 +102,7 @@ def test_the_underside_is_baked_as_what_is_around_it_and_not_as_the_noise_in_the
         def materials(self, points):
             random = np.random.default_rng(3)
             shown = points[:, 2] > -0.3
-            albedo = np.where(
-                shown[:, None], (0.6, 0.3, 0.1), random.uniform(0, 1, (len(points), 3))
-            )
+            albedo = np.where(shown[:, None], (0.6, 0.3, 0.1), random.uniform(0, 1, (len(points), 3)))
             alpha = np.where(shown, 0.25, random.uniform(0, 1, len(points)))
             return (
                 np.float32(albedo),
@@ -117,9 +115,7 @@ def test_the_underside_is_baked_as_what_is_around_it_and_not_as_the_noise_in_the
 
     settings = AssetSettings(cells=64, triangles=4000, texture_size=128)
     light, silent = np.ones((4, 8, 3), np.float32), lambda fraction, text: None
-    build_asset(
-        Standing(((0.0, 0, 0), 0.6)), light, LEVEL, tmp_path, settings, silent, "cup", np.eye(4)
-    )
+    build_asset(Standing(((0.0, 0, 0), 0.6)), light, LEVEL, tmp_path, settings, silent, "cup", np.eye(4))
     pictures = [decode(tmp_path / name).pixels / 255 for name in ("albedo.png", "roughness.png")]
     albedo = srgb_to_linear(pictures[0])
     np.testing.assert_allclose(albedo, np.broadcast_to((0.6, 0.3, 0.1), albedo.shape), atol=0.01)
@@ -127,9 +123,7 @@ def test_the_underside_is_baked_as_what_is_around_it_and_not_as_the_noise_in_the
 
 
 @pytest.mark.parametrize("angle, photos, known", [(0, 1, True), (75, 1, False), (75, 2, True)])
-def test_one_photo_that_faces_a_place_tells_what_it_is_made_of_or_some_at_flat_angles(
-    angle, photos, known
-):
+def test_one_photo_that_faces_a_place_tells_what_it_is_made_of_or_some_at_flat_angles(angle, photos, known):
     camera = cameras()[0]
     towards = camera.position / np.linalg.norm(camera.position)
     aside = np.cross(towards, (0.3, 0.5, 0.8))

@@ -61,9 +61,7 @@ def test_each_scene_says_how_it_was_measured():
 def test_what_it_takes_now_to_get_as_far_as_before():
     before = {"a": {"about": "", "rows": rows((10, 25, 9), (20, 30, 8), (40, 29.9, 7))}}
     now = {"a": {"about": "", "rows": rows((4, 29, 7), (5, 30, 6), (9, 33, 5))}}
-    assert comparison(now, before)[2:] == [
-        "| a | 30.00 | 20.0 | 5.0 | 4.0 | 7.00 | 40.0 | 4.0 | 10.0 |"
-    ]
+    assert comparison(now, before)[2:] == ["| a | 30.00 | 20.0 | 5.0 | 4.0 | 7.00 | 40.0 | 4.0 | 10.0 |"]
     # What is worse now has no time at which it is as good.
     assert comparison(before, now)[2:] == ["| a | 33.00 | 9.0 | – | – | 5.00 | 9.0 | – | – |"]
     assert comparison(now, {"b": before["a"]})[2:] == []

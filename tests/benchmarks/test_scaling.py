@@ -40,8 +40,7 @@ def test_the_page_and_the_picture_show_what_was_measured(tmp_path):
 def test_what_comes_before_a_step_is_no_part_of_it(tmp_path):
     at = {1: 100.0, 10: 101.0, 20: 101.5, 30: 102.0, 39: 102.45, 40: 109.0}
     events = [
-        {"ev": "progress", "stage": "fit", "step": step, "steps": 40, "t": t}
-        for step, t in at.items()
+        {"ev": "progress", "stage": "fit", "step": step, "steps": 40, "t": t} for step, t in at.items()
     ]
     text = "\n".join(map(json.dumps, [{"ev": "stage", "name": "fit", "t": 90.0}, *events]))
     (tmp_path / "events.jsonl").write_text(text + "\n")

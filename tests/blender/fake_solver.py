@@ -204,9 +204,7 @@ def solve(photos: Path, out: Path) -> int:
                 events.emit("bye", exit_code=3)
                 return 3
     if mode == "fail":
-        events.emit(
-            "error", code=2, message=f"{photos}, photos: {names[0]} is plain; photograph it."
-        )
+        events.emit("error", code=2, message=f"{photos}, photos: {names[0]} is plain; photograph it.")
         events.emit("bye", exit_code=2)
         return 2
     fake_capture.write_cameras(out / "transforms_train.json", names)

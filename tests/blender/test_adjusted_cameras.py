@@ -43,9 +43,7 @@ def test_cameras_move_to_where_the_job_has_them_in_the_captures_own_space(
     root.scale, root.location = (2, 2, 2), (0, 5, 0)
     before = poses(capture)
     how = (
-        {"photos": paths_of_photos(capture)}
-        if made == "in Blender"
-        else {"capture": capture["nmf_source"]}
+        {"photos": paths_of_photos(capture)} if made == "in Blender" else {"capture": capture["nmf_source"]}
     )
     job = finished_job(tmp_path / "job", **how)
     adjust(job)
@@ -57,9 +55,7 @@ def test_cameras_move_to_where_the_job_has_them_in_the_captures_own_space(
         np.testing.assert_allclose(pose, expected, atol=1e-5)
 
 
-def test_a_camera_that_has_become_another_stays_and_the_others_move(
-    capture, adjust, tmp_path, capfd
-):
+def test_a_camera_that_has_become_another_stays_and_the_others_move(capture, adjust, tmp_path, capfd):
     """A fixed bug: it ended in a traceback, with half of the result in the scene."""
     job = finished_job(tmp_path / "job", paths_of_photos(capture))
     adjust(job)
@@ -69,9 +65,7 @@ def test_a_camera_that_has_become_another_stays_and_the_others_move(
     assert f"Cameras moved to fit their photos: {len(items) - 1}" in capfd.readouterr().out
 
 
-def test_a_camera_that_a_person_has_moved_stays_and_a_second_time_moves_none(
-    capture, adjust, tmp_path
-):
+def test_a_camera_that_a_person_has_moved_stays_and_a_second_time_moves_none(capture, adjust, tmp_path):
     job = finished_job(tmp_path / "job", paths_of_photos(capture))
     adjust(job)
     mine = next(item for item in capture.all_objects if item.type == "CAMERA")

@@ -47,9 +47,7 @@ def test_photos_stand_behind_cameras_at_once_and_their_copies_follow(copies, dis
 
 
 @pytest.mark.parametrize("job", ["RENDER", "OBJECT_BAKE"])
-def test_copies_are_made_once_blender_has_rendered_or_baked(
-    copies, distorted, extension, monkeypatch, job
-):
+def test_copies_are_made_once_blender_has_rendered_or_baked(copies, distorted, extension, monkeypatch, job):
     """A fixed bug: pictures changed while Blender baked from them."""
     bpy.ops.nmf.import_capture(filepath=str(distorted))
     running = {job}
@@ -101,9 +99,7 @@ def test_undo_in_between_leaves_no_camera_without_its_copy(copies, distorted):
             assert copy.packed_file is not None and max(copy.pixels[:]) > 0.5
 
 
-def test_a_file_that_was_saved_too_early_gets_its_copies_when_it_is_opened(
-    copies, distorted, tmp_path
-):
+def test_a_file_that_was_saved_too_early_gets_its_copies_when_it_is_opened(copies, distorted, tmp_path):
     bpy.ops.nmf.import_capture(filepath=str(distorted))
     copies._tick()
     bpy.app.timers.unregister(copies._tick)

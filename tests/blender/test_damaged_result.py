@@ -71,9 +71,7 @@ def test_a_damaged_result_leaves_the_one_that_was_installed_before(install, resu
     assert blocks() == before and len(item.data.vertices) == vertices
 
 
-def test_a_damaged_result_leaves_the_files_of_the_one_that_was_installed_before(
-    install, result_job
-):
+def test_a_damaged_result_leaves_the_files_of_the_one_that_was_installed_before(install, result_job):
     """A fixed bug: they were written over, and the object was pink once its file was opened again."""
     install()
     files = {file: file.read_bytes() for file in (result_job / "textures").iterdir()}

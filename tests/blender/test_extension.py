@@ -28,9 +28,7 @@ def test_unregistering_leaves_nothing_and_registering_works_again(extension):
     assert not hasattr(bpy.types.Scene, "nmf")
     entries = getattr(bpy.types.TOPBAR_MT_file_import.draw, "_draw_funcs", [])
     assert not [f for f in entries if "neural_microfacet" in f.__module__ or "nmf" in f.__name__]
-    assert not [
-        m for m in ("_tick",) if bpy.app.timers.is_registered(extension("jobs.monitor")._tick)
-    ]
+    assert not [m for m in ("_tick",) if bpy.app.timers.is_registered(extension("jobs.monitor")._tick)]
     registration.register()
     assert hasattr(bpy.types, "NMF_OT_reconstruct") and hasattr(bpy.types.Scene, "nmf")
 
@@ -43,9 +41,7 @@ def test_every_operator_and_property_explains_itself(extension):
             assert text and not text.endswith("."), cls
     for prop in bpy.types.Scene.bl_rna.properties["nmf"].fixed_type.properties:
         if prop.identifier not in ("rna_type", "name"):
-            assert prop.name and prop.description and not prop.description.endswith("."), (
-                prop.identifier
-            )
+            assert prop.name and prop.description and not prop.description.endswith("."), prop.identifier
 
 
 def shown_properties(extension):
@@ -113,9 +109,7 @@ def test_an_archive_of_photos_is_imported_with_the_cameras_beside_it(duck, tmp_p
     assert all(Path(i.filepath).is_relative_to(tmp_path / "photos") for i in images)
 
 
-def test_an_archive_of_photos_is_headless_taken_as_its_folder(
-    extension, duck, tmp_path, fake_solver
-):
+def test_an_archive_of_photos_is_headless_taken_as_its_folder(extension, duck, tmp_path, fake_solver):
     shutil.make_archive(str(tmp_path / "photos"), "zip", duck)
     shutil.copy(duck / "transforms_train.json", tmp_path)
     command = ["reconstruct", str(tmp_path / "transforms_train.json"), str(tmp_path / "x.blend")]
@@ -263,9 +257,7 @@ def test_headless_refuses_to_overwrite(extension, duck, tmp_path, fake_solver, c
 
 
 @pytest.mark.parametrize("mode, code", [("fail", 2), ("die", 139)])
-def test_headless_passes_on_the_solvers_exit_code(
-    extension, duck, tmp_path, fake_solver, mode, code
-):
+def test_headless_passes_on_the_solvers_exit_code(extension, duck, tmp_path, fake_solver, mode, code):
     fake_solver(mode)
     assert extension("headless").main(["reconstruct", str(duck), str(tmp_path / "x.blend")]) == code
 
@@ -309,10 +301,7 @@ def test_headless_resumes_only_what_was_asked(extension, duck, tmp_path, fake_so
     (other / "transforms_train.json").write_text(json.dumps(content))
     before = out.read_bytes()
     assert extension("headless").main([again[0], str(other), *again[2:]]) == 2
-    assert (
-        "this job was made from other photos" in capsys.readouterr().err
-        and out.read_bytes() == before
-    )
+    assert "this job was made from other photos" in capsys.readouterr().err and out.read_bytes() == before
     assert extension("headless").main([*again, "--time-limit", "77"]) == 0
     assert json.loads((job / "job.json").read_text())["time_limit"] == 77
 
@@ -337,9 +326,7 @@ def test_headless_says_that_a_blend_was_cut_off_and_keeps_the_older_one(
 def test_headless_does_not_start_without_cycles(extension, duck, tmp_path, fake_solver, capsys):
     addon_utils.disable("cycles")
     try:
-        assert (
-            extension("headless").main(["reconstruct", str(duck), str(tmp_path / "x.blend")]) == 1
-        )
+        assert extension("headless").main(["reconstruct", str(duck), str(tmp_path / "x.blend")]) == 1
     finally:
         addon_utils.enable("cycles")
     assert "Cycles is switched off" in capsys.readouterr().err
@@ -347,9 +334,7 @@ def test_headless_does_not_start_without_cycles(extension, duck, tmp_path, fake_
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="no folder that nobody can write to")
-def test_headless_does_not_start_where_it_cannot_save(
-    extension, duck, tmp_path, fake_solver, capsys
-):
+def test_headless_does_not_start_where_it_cannot_save(extension, duck, tmp_path, fake_solver, capsys):
     job = tmp_path / "job"
     command = ["reconstruct", str(duck), "/proc/x.blend", "--job", str(job)]
     assert extension("headless").main(command) == 2

@@ -18,9 +18,7 @@ def results():
 
 def written(monitor):
     """Cameras' places [N, 3] and the region of the job that was begun."""
-    cameras = json.loads(
-        (monitor.job.root / "capture" / "transforms_train.json").read_text("utf-8")
-    )
+    cameras = json.loads((monitor.job.root / "capture" / "transforms_train.json").read_text("utf-8"))
     places = [np.array(frame["transform_matrix"])[:3, 3] for frame in cameras["frames"]]
     return np.stack(places), monitor.job.request.region
 
@@ -45,9 +43,7 @@ def hide(capture, how):
 
 
 @pytest.mark.parametrize("how", ["collection", "above", "objects"])
-def test_cameras_that_no_viewport_shows_are_where_they_stand(
-    capture, monitor, fake_solver, tick, how
-):
+def test_cameras_that_no_viewport_shows_are_where_they_stand(capture, monitor, fake_solver, tick, how):
     bpy.ops.nmf.reconstruct()
     places, region = written(monitor)
     tick()
@@ -184,9 +180,7 @@ def test_a_job_of_any_scene_is_taken_up_from_a_file(capture, monitor, fake_solve
     assert bpy.context.scene.name == "Other" and monitor.job.root == root
 
 
-def test_a_linked_scene_of_the_same_name_does_not_change_the_job(
-    capture, fake_solver, tick, tmp_path
-):
+def test_a_linked_scene_of_the_same_name_does_not_change_the_job(capture, fake_solver, tick, tmp_path):
     scene = bpy.context.scene
     bpy.ops.nmf.reconstruct()
     tick()
@@ -241,9 +235,7 @@ def test_an_image_that_is_in_no_file_is_named_and_can_be_saved(
 ):
     item = extension("scene.capture_collection").photo_cameras(capture)[0]
     pasted = item.data.background_images[0].image = bpy.data.images.new("Clipboard", 16, 16)
-    with pytest.raises(
-        RuntimeError, match="Error: Clipboard, photo of r_0: the image is not saved"
-    ):
+    with pytest.raises(RuntimeError, match="Error: Clipboard, photo of r_0: the image is not saved"):
         bpy.ops.nmf.reconstruct()
     pasted.filepath_raw = str(tmp_path / "pasted.png")
     pasted.save()
@@ -275,9 +267,7 @@ def test_the_report_and_the_folder_are_those_of_the_result_that_is_active(
     assert opened == [result_job / report, last, result_job, last / report, last]
 
 
-def test_a_region_box_turned_as_a_quaternion_counts_as_moved_and_is_set_straight(
-    extension, capture
-):
+def test_a_region_box_turned_as_a_quaternion_counts_as_moved_and_is_set_straight(extension, capture):
     """A fixed bug: Check Capture moved it off the object, and left it turned."""
     region = extension("scene.region")
     box = region.region_box(capture)

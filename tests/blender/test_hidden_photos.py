@@ -92,9 +92,7 @@ def test_copies_find_their_photos_beside_the_folder_of_the_blend(extension, capt
     assert extension("scene.hidden_photos").show_pictures(capture, pictures) == 3
 
 
-def test_the_panel_offers_to_show_what_blender_cannot_until_it_is_shown(
-    draw, task, capture, fake_solver
-):
+def test_the_panel_offers_to_show_what_blender_cannot_until_it_is_shown(draw, task, capture, fake_solver):
     bpy.context.scene.nmf.capture = capture
     assert ("operator", "nmf.show_photos") in draw("capture")[0]
     bpy.ops.nmf.show_photos()
@@ -143,9 +141,7 @@ def test_photos_that_blender_shows_need_no_copies(extension, tmp_path):
         bpy.ops.nmf.show_photos()
 
 
-def test_a_damaged_photo_through_a_distorted_lens_is_imported_with_nothing_to_see(
-    extension, tmp_path
-):
+def test_a_damaged_photo_through_a_distorted_lens_is_imported_with_nothing_to_see(extension, tmp_path):
     file = fake_capture.write_capture(tmp_path)
     photo = tmp_path / "photos" / "r_0.png"
     photo.write_bytes(photo.read_bytes()[:60])
@@ -186,9 +182,7 @@ def test_raw_photos_whose_size_the_solver_alone_can_read_are_imported_shown_and_
     assert {(frame["w"], frame["h"]) for frame in written["frames"]} == {SIZE}
 
 
-def test_a_raw_photo_behind_a_camera_of_another_origin_is_told_to_have_no_size_here(
-    extension, raw_capture
-):
+def test_a_raw_photo_behind_a_camera_of_another_origin_is_told_to_have_no_size_here(extension, raw_capture):
     scene = extension("scene.capture_collection")
     del cameras_of(raw_capture)[0].data[extension("scene.cameras").SIZE]
     with pytest.raises(ValueError, match="IMG_.*cannot be read in Blender; let Solve Cameras"):

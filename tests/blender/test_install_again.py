@@ -162,9 +162,7 @@ def test_what_the_person_made_of_a_result_is_left_alone(install):
 
 
 def paint(item):
-    item.active_material.node_tree.nodes["Principled BSDF"].inputs[
-        "Coat Weight"
-    ].default_value = 0.5
+    item.active_material.node_tree.nodes["Principled BSDF"].inputs["Coat Weight"].default_value = 0.5
     return item.active_material
 
 
@@ -376,9 +374,7 @@ def test_what_was_painted_in_another_file_stays(install, result_job):
 def test_a_result_that_is_made_anew_counts_as_nothing_painted(install, result_job):
     install()
     fake_result.write_result(result_job)
-    (result_job / "result" / "albedo.png").write_bytes(
-        (result_job / "result" / "f0.png").read_bytes()
-    )
+    (result_job / "result" / "albedo.png").write_bytes((result_job / "result" / "f0.png").read_bytes())
     before = counts()
     install()
     assert counts() == before

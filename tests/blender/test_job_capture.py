@@ -118,9 +118,7 @@ def test_a_result_folder_and_an_exported_one_can_be_chosen(capture, extension, t
     assert (item.name, item.parent) == ("duck for you", None)
 
 
-def test_a_script_that_names_no_job_gets_an_error_and_not_what_lies_in_its_folder(
-    result_job, monkeypatch
-):
+def test_a_script_that_names_no_job_gets_an_error_and_not_what_lies_in_its_folder(result_job, monkeypatch):
     monkeypatch.chdir(result_job)
     with pytest.raises(RuntimeError, match="There is no path; give the folder of a finished job"):
         bpy.ops.nmf.install_result()

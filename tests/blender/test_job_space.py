@@ -48,9 +48,7 @@ def test_a_result_stands_before_its_cameras_although_the_captures_transform_was_
         np.testing.assert_allclose(camera.matrix_world.normalized(), expected, atol=1e-4)
 
 
-def test_a_result_goes_with_its_capture_that_was_moved_by_its_empty(
-    extension, capture, fake_solver, tick
-):
+def test_a_result_goes_with_its_capture_that_was_moved_by_its_empty(extension, capture, fake_solver, tick):
     root = extension("scene.capture_collection").root_of(capture)
     bpy.ops.nmf.reconstruct()
     moved = Matrix.LocRotScale((3, 1, 2), Euler((0.2, 0.4, 0.6)), (2, 2, 2))

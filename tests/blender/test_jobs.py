@@ -329,9 +329,7 @@ def test_a_result_waits_for_object_mode(capture, monitor, fake_solver, tick):
     assert [i for i in bpy.data.objects if i.get("nmf_job")] and monitor.model.text == "Done"
 
 
-def test_a_monitor_that_fails_says_so_and_hangs_up(
-    capture, monitor, fake_solver, part, monkeypatch
-):
+def test_a_monitor_that_fails_says_so_and_hangs_up(capture, monitor, fake_solver, part, monkeypatch):
     fake_solver("slow")
     bpy.ops.nmf.reconstruct()
     process = monitor.process

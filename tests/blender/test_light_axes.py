@@ -187,9 +187,7 @@ def test_light_axes_last_over_saving_and_opening(placed):
     np.testing.assert_allclose(relative(item), before, atol=1e-4)
 
 
-def test_a_result_is_counted_from_its_origin_also_in_the_captures_own_space(
-    capture, extension, result_job
-):
+def test_a_result_is_counted_from_its_origin_also_in_the_captures_own_space(capture, extension, result_job):
     file = result_job / "result" / "manifest.json"
     manifest = json.loads(file.read_text())
     file.write_text(json.dumps({**manifest, "origin": [1000.0, 2000.0, 0.0]}))
@@ -197,9 +195,7 @@ def test_a_result_is_counted_from_its_origin_also_in_the_captures_own_space(
     root.matrix_world = TURNED
     item = extension("scene.install").install_result(bpy.context, result_job, capture).object
     bpy.context.view_layer.update()
-    np.testing.assert_allclose(
-        item.matrix_world.translation, TURNED @ Vector((1000, 2000, 0)), atol=1e-3
-    )
+    np.testing.assert_allclose(item.matrix_world.translation, TURNED @ Vector((1000, 2000, 0)), atol=1e-3)
 
 
 def test_a_result_of_the_command_line_stands_among_its_cameras_whose_empty_was_applied(

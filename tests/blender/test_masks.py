@@ -35,18 +35,14 @@ def masks_of(job):
     return {(cameras.parent / frame["mask_path"]).resolve() for frame in frames}
 
 
-def test_masks_of_photos_that_were_unpacked_elsewhere_are_found(
-    project, monitor, fake_solver, tick
-):
+def test_masks_of_photos_that_were_unpacked_elsewhere_are_found(project, monitor, fake_solver, tick):
     pack_and_unpack(project)
     bpy.ops.nmf.reconstruct()
     assert masks_of(monitor.job) == set((project / "capture" / "masks").iterdir())
     tick()
 
 
-def test_they_are_found_after_the_project_has_moved_as_well(
-    project, monitor, fake_solver, tick, tmp_path
-):
+def test_they_are_found_after_the_project_has_moved_as_well(project, monitor, fake_solver, tick, tmp_path):
     pack_and_unpack(project)
     bpy.ops.wm.save_mainfile()
     bpy.ops.wm.read_homefile(use_empty=True)

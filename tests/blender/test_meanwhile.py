@@ -115,9 +115,7 @@ def test_a_file_saved_elsewhere_finds_its_job(capture, monitor, fake_solver, tic
     assert monitor.model.resumable
 
 
-def test_the_same_file_opened_again_still_gets_the_result(
-    capture, monitor, fake_solver, tick, tmp_path
-):
+def test_the_same_file_opened_again_still_gets_the_result(capture, monitor, fake_solver, tick, tmp_path):
     fake_solver("normal", pause=0.03)
     bpy.ops.nmf.reconstruct()
     bpy.ops.wm.save_mainfile()
@@ -143,9 +141,7 @@ def test_a_job_of_another_process_is_looked_at_until_it_ends(
     assert monitor.model.state == "cancelled" and monitor.model.resumable
 
 
-def test_a_job_that_another_process_ends_well_offers_its_object(
-    capture, monitor, fake_solver, tick
-):
+def test_a_job_that_another_process_ends_well_offers_its_object(capture, monitor, fake_solver, tick):
     fake_solver("normal", pause=0.1)
     bpy.ops.nmf.reconstruct()
     tick(lambda: monitor.model.psnr is not None)
@@ -199,9 +195,7 @@ def test_textures_light_and_photos_are_found_after_the_project_has_moved(
     assert len(sizes) == 10 and (0, 0) not in sizes.values(), sizes
 
 
-def test_cameras_in_no_collection_are_reconstructed(
-    extension, monitor, fake_solver, tick, tmp_path
-):
+def test_cameras_in_no_collection_are_reconstructed(extension, monitor, fake_solver, tick, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     folder = fake_capture.write_capture(tmp_path / "photos").parent
     for number in range(3):
@@ -272,23 +266,17 @@ def test_a_linked_capture_cannot_be_scaled_here(linked_capture, extension):
         bpy.ops.nmf.set_scale(distance=2.0)
 
 
-def test_what_a_check_of_a_linked_capture_found_is_in_the_panel(
-    linked_capture, task, fake_solver, draw
-):
+def test_what_a_check_of_a_linked_capture_found_is_in_the_panel(linked_capture, task, fake_solver, draw):
     bpy.ops.nmf.check_capture()
     task.finish()
     assert task.model.text == "Check: 1 warning"
     assert "r_0: " in draw("capture")[1]
-    with pytest.raises(
-        RuntimeError, match="the capture is in another file; fit the region box there"
-    ):
+    with pytest.raises(RuntimeError, match="the capture is in another file; fit the region box there"):
         bpy.ops.nmf.fit_region_box()
 
 
 @pytest.mark.parametrize("is_override", [False, True], ids=["linked", "overridden"])
-def test_a_capture_of_another_file_gets_its_region_box_there(
-    linked_capture, extension, is_override
-):
+def test_a_capture_of_another_file_gets_its_region_box_there(linked_capture, extension, is_override):
     collection = bpy.data.collections[linked_capture]
     if is_override:
         layer = bpy.context.view_layer
@@ -296,9 +284,7 @@ def test_a_capture_of_another_file_gets_its_region_box_there(
     bpy.context.scene.nmf.capture = collection
     bpy.data.objects.remove(extension("scene.region").region_box(collection))
     before = set(bpy.data.objects)
-    with pytest.raises(
-        RuntimeError, match="the capture is in another file; add the region box there"
-    ):
+    with pytest.raises(RuntimeError, match="the capture is in another file; add the region box there"):
         bpy.ops.nmf.add_region_box()
     assert set(bpy.data.objects) == before
 
@@ -385,9 +371,7 @@ def test_nothing_is_decoded_to_write_a_job(capture, fake_solver, tick):
     for image in bpy.data.images:
         image.buffers_free()
     bpy.ops.nmf.reconstruct()
-    assert not any(
-        image.has_data for image in bpy.data.images if image.filepath.endswith("r_0.png")
-    )
+    assert not any(image.has_data for image in bpy.data.images if image.filepath.endswith("r_0.png"))
     tick()
 
 

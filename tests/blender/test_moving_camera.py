@@ -77,9 +77,7 @@ def name(number):
 
 
 @pytest.mark.parametrize("put_behind", [put_sequence_behind, put_clip_behind])
-def test_a_moving_camera_becomes_one_for_each_picture_where_it_stood(
-    extension, film, camera, put_behind
-):
+def test_a_moving_camera_becomes_one_for_each_picture_where_it_stood(extension, film, camera, put_behind):
     put_behind(camera, film)
     scene = bpy.context.scene
     scene.frame_set(4, subframe=0.25)
@@ -96,9 +94,7 @@ def test_a_moving_camera_becomes_one_for_each_picture_where_it_stood(
         assert path == film.with_stem(name(FIRST_NUMBER + frame - 1))
 
 
-def test_a_camera_that_no_viewport_shows_and_the_scene_does_not_look_through_moves_as_well(
-    film, camera
-):
+def test_a_camera_that_no_viewport_shows_and_the_scene_does_not_look_through_moves_as_well(film, camera):
     put_sequence_behind(camera, film)
     bpy.context.scene.camera = None
     camera.hide_viewport = True
@@ -141,9 +137,7 @@ def test_a_camera_that_stands_still_and_a_film_that_is_gone_are_refused(film, ca
     assert not (tmp_path / "nmf_jobs").exists() and len(bpy.data.cameras) == 1
 
 
-def test_a_camera_without_a_film_has_no_button_and_a_film_is_no_photo(
-    extension, film, camera, draw
-):
+def test_a_camera_without_a_film_has_no_button_and_a_film_is_no_photo(extension, film, camera, draw):
     assert ("operator", "nmf.use_moving_camera") not in draw("capture")[0]
     assert not bpy.ops.nmf.use_moving_camera.poll()
     put_sequence_behind(camera, film)
@@ -202,9 +196,7 @@ def shown_by_blender(clip, frames, folder):
 
 
 @pytest.mark.parametrize("start, offset", [(1, 0), (4, 3)])
-def test_frames_of_a_video_are_numbered_as_blender_counts_them(
-    extension, camera, tmp_path, start, offset
-):
+def test_frames_of_a_video_are_numbered_as_blender_counts_them(extension, camera, tmp_path, start, offset):
     # As phones record: fewer frames at times.
     ticks = [0, 1, 2, 3, 6, 7, 8, 9, 15, 16, 17, 18, 19, 20, 21, 22]
     greys = [np.full((HEIGHT, WIDTH, 3), 20 + 12 * n, np.uint8) for n in range(len(ticks))]
@@ -275,9 +267,7 @@ def test_the_lens_of_the_tracker_is_the_solvers(extension, tmp_path, name):
         u, v = distort(*ours, np.array([[x, -y, 1.0]]))
         pixel = np.array(marker) * size
         focal = 30 / 36 * size
-        np.testing.assert_allclose(
-            [centre[0] + focal * u[0], centre[1] - focal * v[0]], pixel, atol=0.03
-        )
+        np.testing.assert_allclose([centre[0] + focal * u[0], centre[1] - focal * v[0]], pixel, atol=0.03)
         assert np.hypot(*(centre + focal * np.array([x, y]) - pixel)) > 0.3, "the lens does nothing"
 
 
@@ -328,9 +318,7 @@ def test_a_video_that_is_stored_on_its_side_is_refused(task, fake_solver, camera
     assert "80 × 48 pixels, but Blender says 48 × 80" in task.model.error
 
 
-def test_a_camera_that_is_renamed_while_its_photos_are_taken_is_found(
-    task, fake_solver, camera, video
-):
+def test_a_camera_that_is_renamed_while_its_photos_are_taken_is_found(task, fake_solver, camera, video):
     bpy.ops.nmf.use_moving_camera(first=4, last=20)
     camera.name = "Hero"
     task.finish()

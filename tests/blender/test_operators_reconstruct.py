@@ -36,9 +36,7 @@ def test_the_job_is_written_from_what_the_panel_says(capture, monitor, fake_solv
     }  # fmt: skip
     assert all(low < high for low, high in zip(*request["region"].values(), strict=True))
     camera_file = Path(request["capture"])
-    assert (
-        camera_file.parent == tmp_path / "nmf_jobs" / folder_of(bpy.context.scene).name / "capture"
-    )
+    assert camera_file.parent == tmp_path / "nmf_jobs" / folder_of(bpy.context.scene).name / "capture"
     assert len(json.loads(camera_file.read_text(encoding="utf-8"))["frames"]) == 3
     tick()
     assert monitor.model.state == "done"
@@ -82,9 +80,7 @@ def test_each_reconstruction_has_a_folder_of_its_own(capture, fake_solver, tick,
     assert len([item for item in bpy.data.objects if item.get("nmf_job")]) == 3
 
 
-def test_without_a_saved_file_jobs_go_to_the_extensions_folder(
-    extension, fake_solver, tick, tmp_path
-):
+def test_without_a_saved_file_jobs_go_to_the_extensions_folder(extension, fake_solver, tick, tmp_path):
     path = fake_capture.write_capture(tmp_path / "photos")
     bpy.ops.nmf.import_capture(filepath=str(path))
     bpy.ops.nmf.reconstruct()

@@ -12,11 +12,7 @@ from drawing import Layout
 
 def test_without_a_capture_the_first_step_is_to_import_one(draw):
     drawn, words = draw("capture")
-    assert (
-        ("operator", "nmf.import_capture") in drawn
-        and "transforms.json" in words
-        and "COLMAP" in words
-    )
+    assert ("operator", "nmf.import_capture") in drawn and "transforms.json" in words and "COLMAP" in words
     assert not [item for item in drawn if item[0] == "prop"]
 
 
@@ -116,9 +112,7 @@ def draw_setup(extension):
     return run
 
 
-def test_what_a_check_of_the_solver_found_stands_in_the_preferences(
-    draw_setup, extension, monkeypatch
-):
+def test_what_a_check_of_the_solver_found_stands_in_the_preferences(draw_setup, extension, monkeypatch):
     module = extension("setup_monitor")
     state = module.SetupState(is_check=True, log=["Cores 2", "CUDA not available"])
     monkeypatch.setattr(module, "_state", state)

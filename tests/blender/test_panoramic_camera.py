@@ -102,9 +102,7 @@ def capture_of_panoramas(extension, tmp_path):
     return collection, cameras
 
 
-def test_a_panorama_comes_in_as_a_panoramic_camera_and_goes_back_as_it_was(
-    extension, capture_of_panoramas
-):
+def test_a_panorama_comes_in_as_a_panoramic_camera_and_goes_back_as_it_was(extension, capture_of_panoramas):
     collection, cameras = capture_of_panoramas
     bpy.context.view_layer.update()
     items = sorted((i for i in collection.objects if i.type == "CAMERA"), key=lambda i: i.name)

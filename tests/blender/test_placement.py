@@ -35,9 +35,7 @@ def test_a_distorted_photo_is_shown_without_its_distortion_and_solved_with_it(ex
 
 
 @pytest.mark.parametrize("bits", [8, 16])
-def test_an_undistorted_photo_has_the_photos_colours_also_when_the_file_is_opened_again(
-    tmp_path, bits
-):
+def test_an_undistorted_photo_has_the_photos_colours_also_when_the_file_is_opened_again(tmp_path, bits):
     path = fake_capture.write_capture(tmp_path / "photos")
     for photo in (tmp_path / "photos" / "photos").iterdir():
         fake_capture.write_pixels(photo, np.full((16, 16, 3), (0.5, 0.2, 0.8)), bits)
@@ -98,9 +96,7 @@ def test_a_folder_is_imported_by_what_it_holds(extension, tmp_path):
     assert bpy.ops.nmf.import_capture(filepath=str(path.parent)) == {"FINISHED"}
 
 
-def test_a_script_that_names_no_path_gets_an_error_and_not_what_lies_in_its_folder(
-    tmp_path, monkeypatch
-):
+def test_a_script_that_names_no_path_gets_an_error_and_not_what_lies_in_its_folder(tmp_path, monkeypatch):
     path = fake_capture.write_capture(tmp_path / "photos")
     monkeypatch.chdir(path.parent)
     for words in ({}, {"filepath": ""}, {"directory": "", "files": [{"name": ""}]}):
@@ -185,9 +181,7 @@ def test_the_recovered_light_turns_with_the_capture(extension, capture, result_j
     assert turned.inputs["Rotation"].default_value[2] == pytest.approx(math.pi / 2, abs=1e-5)
 
 
-def test_a_result_made_from_the_captures_file_stands_where_its_cameras_do(
-    extension, result_job, tmp_path
-):
+def test_a_result_made_from_the_captures_file_stands_where_its_cameras_do(extension, result_job, tmp_path):
     """A job of the command line is in the file's coordinates; here they are turned, scaled and moved."""
     scene, install = extension("scene.capture_collection"), extension("scene.install")
     origin = np.array([412345.0, 5212345.0, 120.0])
@@ -213,9 +207,7 @@ def test_a_result_made_from_the_captures_file_stands_where_its_cameras_do(
     np.testing.assert_allclose(turn.to_matrix(), placed[:3, :3] / 0.4, atol=1e-4)
 
 
-def test_a_result_of_cameras_as_they_stand_in_blender_needs_no_frame(
-    extension, capture, result_job
-):
+def test_a_result_of_cameras_as_they_stand_in_blender_needs_no_frame(extension, capture, result_job):
     install = extension("scene.install")
     asset = install.install_result(bpy.context, result_job, capture)
     assert asset.object.parent == extension("scene.capture_collection").root_of(capture)

@@ -55,9 +55,7 @@ def test_the_root_package_imports_without_blender():
         "module = importlib.util.module_from_spec(spec); spec.loader.exec_module(module); "
         "print(callable(module.register), callable(module.unregister))"
     )
-    answer = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
+    answer = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert answer.stdout.split() == ["True", "True"]
 
 
@@ -78,9 +76,7 @@ def test_register_unregister_register_leaves_nothing_behind(unregistered):
 def test_the_command_line_command_comes_and_goes(unregistered, monkeypatch):
     known = []
     with monkeypatch.context() as patch:
-        patch.setattr(
-            bpy.utils, "register_cli_command", lambda name, run: known.append(name) or name
-        )
+        patch.setattr(bpy.utils, "register_cli_command", lambda name, run: known.append(name) or name)
         patch.setattr(bpy.utils, "unregister_cli_command", known.remove)
         unregistered.register()
         assert known == ["nmf"]

@@ -13,9 +13,7 @@ def test_an_imported_capture_is_written_back_as_it_was(extension, duck, tmp_path
     collection = extension("scene.import_captures").import_capture(bpy.context, duck)
     root = scene.root_of(collection)
     # The person turns, moves and scales the capture: capture space must not notice.
-    root.matrix_world = Matrix.LocRotScale(
-        Vector((1, 2, 3)), Euler((0.3, -0.2, 1.0)), Vector((2, 2, 2))
-    )
+    root.matrix_world = Matrix.LocRotScale(Vector((1, 2, 3)), Euler((0.3, -0.2, 1.0)), Vector((2, 2, 2)))
     bpy.context.view_layer.update()
     path = scene.write_capture(collection, tmp_path / "job ü")
     from neural_microfacet_fields.solver.capture.read import read_capture
@@ -58,9 +56,7 @@ def test_principal_point_pixel_aspect_and_lens_survive(extension, tmp_path, size
     item = cameras.add_camera(camera, photo)
     bpy.context.scene.collection.objects.link(item)
     other = cameras.to_solver(item, Matrix.Identity(4))
-    np.testing.assert_allclose(
-        (other.fx, other.fy, other.cx, other.cy), (70, 63, 30, 26), rtol=1e-5
-    )
+    np.testing.assert_allclose((other.fx, other.fy, other.cx, other.cy), (70, 63, 30, 26), rtol=1e-5)
     assert other.lens == "opencv"
     np.testing.assert_allclose(other.distortion, camera.distortion, atol=1e-7)
 
@@ -91,9 +87,7 @@ def _shown_at(pixel, camera, frame):
 
 
 @pytest.mark.parametrize("frame", [(1920, 1080), (1080, 1920), (100, 100)])
-@pytest.mark.parametrize(
-    "size, fy", [((64, 48), 70), ((48, 64), 70), ((64, 64), 70), ((64, 48), 60)]
-)
+@pytest.mark.parametrize("size, fy", [((64, 48), 70), ((48, 64), 70), ((64, 64), 70), ((64, 48), 60)])
 def test_the_scene_lies_under_the_photo_whatever_is_rendered(extension, tmp_path, frame, size, fy):
     from bpy_extras.object_utils import world_to_camera_view
     from neural_microfacet_fields.solver.capture.camera import Camera
@@ -107,9 +101,7 @@ def test_the_scene_lies_under_the_photo_whatever_is_rendered(extension, tmp_path
     bpy.context.view_layer.update()
     for point in ((0.1, 0.2, -1.0), (-0.2, 0.1, -1.5)):
         shown = _shown_at(camera.project(np.array([point]))[0][0], camera, shape)
-        np.testing.assert_allclose(
-            world_to_camera_view(scene, item, Vector(point))[:2], shown, atol=1e-5
-        )
+        np.testing.assert_allclose(world_to_camera_view(scene, item, Vector(point))[:2], shown, atol=1e-5)
 
 
 def test_a_render_that_matches_has_the_size_of_the_photo_behind_the_camera(extension, duck):
@@ -182,17 +174,13 @@ def test_the_region_box_is_read_in_capture_space(extension, duck):
     np.testing.assert_allclose(region["max"], (1.5, 2, 3), atol=1e-5)
 
 
-def test_a_turned_region_box_is_told_when_the_reconstruction_begins(
-    extension, capture, fake_solver, capfd
-):
+def test_a_turned_region_box_is_told_when_the_reconstruction_begins(extension, capture, fake_solver, capfd):
     extension("scene.region").region_box(capture).rotation_euler.z = 0.3
     assert bpy.ops.nmf.reconstruct() == {"FINISHED"}
     assert "is rotated, so the region is the unrotated box" in capfd.readouterr().out
 
 
-def test_a_duplicated_camera_is_told_when_the_reconstruction_begins(
-    extension, capture, fake_solver, capfd
-):
+def test_a_duplicated_camera_is_told_when_the_reconstruction_begins(extension, capture, fake_solver, capfd):
     first = extension("scene.capture_collection").photo_cameras(capture)[0]
     copy = first.copy()
     capture.objects.link(copy)
@@ -294,9 +282,7 @@ def test_a_missing_file_of_a_result_changes_nothing(extension, result_job):
 @pytest.mark.parametrize(
     "damaged", [lambda data: data[:-7], lambda data: data.replace(b"element vertex ", b"element vertex x")]
 )  # fmt: skip
-def test_a_cut_off_mesh_and_one_with_an_unreadable_count_change_nothing(
-    extension, result_job, damaged
-):
+def test_a_cut_off_mesh_and_one_with_an_unreadable_count_change_nothing(extension, result_job, damaged):
     from neural_microfacet_fields.solver.job.request import JobError
 
     mesh = result_job / "result" / "mesh.ply"
@@ -316,9 +302,7 @@ def test_the_material_has_an_exact_output_for_cycles_and_a_portable_one(extensio
     group = exact.inputs["Surface"].links[0].from_node.node_tree
     metallic = next(n for n in group.nodes if n.type == "BSDF_METALLIC")
     assert (metallic.distribution, metallic.fresnel_type) == ("GGX", "F82")
-    spaces = {
-        n.label: n.image.colorspace_settings.name for n in tree.nodes if n.type == "TEX_IMAGE"
-    }
+    spaces = {n.label: n.image.colorspace_settings.name for n in tree.nodes if n.type == "TEX_IMAGE"}
     assert spaces == {
         "Albedo": "sRGB",
         "F0": "sRGB",
@@ -465,9 +449,7 @@ def test_gltf_export_keeps_f0_and_metalness(extension, result_job, tmp_path):
 
 @pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])
 @pytest.mark.parametrize("size, aspect", [((64, 48), 1.25), ((48, 56), 1.25), ((48, 56), 0.8)])
-def test_a_camera_is_read_as_blender_projects_it_whatever_its_fit_and_pixels(
-    extension, fit, size, aspect
-):
+def test_a_camera_is_read_as_blender_projects_it_whatever_its_fit_and_pixels(extension, fit, size, aspect):
     data = bpy.data.cameras.new("c")
     item = bpy.data.objects.new("c", data)
     bpy.context.scene.collection.objects.link(item)

@@ -259,9 +259,7 @@ def test_a_computer_that_there_are_no_packages_for_is_told(
 
 
 @pytest.mark.parametrize("missing", ["", "msvcp140.dll", "vcruntime140_1.dll"])
-def test_a_windows_without_the_packages_libraries_is_told_what_to_install(
-    part, monkeypatch, missing
-):
+def test_a_windows_without_the_packages_libraries_is_told_what_to_install(part, monkeypatch, missing):
     script, loaded = part("setup_runtime"), []
 
     def load(name):
@@ -300,9 +298,7 @@ def test_a_python_that_is_too_new_for_some_packages_is_told(part, monkeypatch):
     assert "from 3.11 to 3.13 as Build With" in script.why_without_packages()
 
 
-def test_a_python_that_makes_environments_without_a_python_is_not_taken(
-    part, tmp_path, monkeypatch
-):
+def test_a_python_that_makes_environments_without_a_python_is_not_taken(part, tmp_path, monkeypatch):
     """As venv does on Windows where its launcher was left out."""
     script, steps = part("setup_runtime"), []
     monkeypatch.setattr(script, "run", lambda command, failure, listen=None: steps.append(command))
@@ -379,9 +375,7 @@ def test_the_pinned_requirements_name_a_version_each(part):
 
 
 def test_pip_arguments_keep_the_backslashes_of_paths_and_blanks_in_quotes(part):
-    words = part("setup_runtime").words_of(
-        r'--find-links C:\wheels\torch --index-url "D:\my wheels"'
-    )
+    words = part("setup_runtime").words_of(r'--find-links C:\wheels\torch --index-url "D:\my wheels"')
     assert words == ["--find-links", r"C:\wheels\torch", "--index-url", r"D:\my wheels"]
     with pytest.raises(Exception, match="pip Arguments: a quote is not closed in"):
         part("setup_runtime").words_of('--find-links "D:')

@@ -23,9 +23,7 @@ def photos(tmp_path):
     return folder
 
 
-def test_solved_cameras_are_imported_with_their_photos(
-    extension, task, photos, fake_solver, tmp_path
-):
+def test_solved_cameras_are_imported_with_their_photos(extension, task, photos, fake_solver, tmp_path):
     assert bpy.ops.nmf.solve_cameras(directory=str(photos), single_camera=True) == {"FINISHED"}
     task.finish(lambda: task.model.stage == "matching" or not task.running)
     assert "Comparing photos" in task.model.text
@@ -84,9 +82,7 @@ def test_archives_of_masks_and_of_what_is_to_be_ignored_go_to_the_solver_as_thei
     for name in ("silhouettes", "hands"):
         shutil.make_archive(str(photos.with_name(name)), "zip", photos)
     whole = str(photos.with_name("hands.zip"))
-    result = bpy.ops.nmf.solve_cameras(
-        directory=str(photos), masks="../silhouettes.zip", ignored=whole
-    )
+    result = bpy.ops.nmf.solve_cameras(directory=str(photos), masks="../silhouettes.zip", ignored=whole)
     assert result == {"FINISHED"}
     task.finish()
     (begun,) = (tmp_path / "nmf_jobs").glob("*/solve.json")
@@ -150,24 +146,18 @@ def test_one_picture_of_what_is_to_be_ignored_is_for_all_photos_of_a_video(
 ):
     (tmp_path / "Walk ö.MOV").write_bytes(b"frames")
     shutil.copy(photos / "r_1.png", tmp_path / "leg.png")
-    bpy.ops.nmf.solve_cameras(
-        filepath=str(tmp_path / "Walk ö.MOV"), video_photos=4, ignored="leg.png"
-    )
+    bpy.ops.nmf.solve_cameras(filepath=str(tmp_path / "Walk ö.MOV"), video_photos=4, ignored="leg.png")
     task.finish()
     cameras = extension("scene.capture_collection").photo_cameras(bpy.context.scene.nmf.capture)
     solver = [extension("scene.cameras").to_solver(item, Matrix()) for item in cameras]
     assert {camera.ignored_path for camera in solver} == {tmp_path / "leg.png"}
 
 
-def test_pictures_to_ignore_that_are_of_no_use_are_told_before_the_solver_starts(
-    task, photos, tmp_path
-):
+def test_pictures_to_ignore_that_are_of_no_use_are_told_before_the_solver_starts(task, photos, tmp_path):
     with pytest.raises(RuntimeError, match=r"nowhere, ignore: there is no such folder or picture"):
         bpy.ops.nmf.solve_cameras(directory=str(photos), ignored="nowhere")
     (tmp_path / "walk.mp4").write_bytes(b"frames")
-    with pytest.raises(
-        RuntimeError, match="a video's photos have no pictures there yet; give one picture"
-    ):
+    with pytest.raises(RuntimeError, match="a video's photos have no pictures there yet; give one picture"):
         bpy.ops.nmf.solve_cameras(filepath=str(tmp_path / "walk.mp4"), ignored=str(photos))
     assert not task.running
 
@@ -181,9 +171,7 @@ def test_the_file_browser_asks_for_masks_and_keeps_them_for_the_next_time():
         assert not settings.properties[name].is_skip_save
 
 
-@pytest.mark.parametrize(
-    "chosen, model", [({}, "OPENCV"), ({"camera_model": "PINHOLE"}, "PINHOLE")]
-)
+@pytest.mark.parametrize("chosen, model", [({}, "OPENCV"), ({"camera_model": "PINHOLE"}, "PINHOLE")])
 def test_the_lens_model_goes_to_the_solver(task, photos, fake_solver, tmp_path, chosen, model):
     bpy.ops.nmf.solve_cameras(directory=str(photos), **chosen)
     task.finish()
@@ -276,9 +264,7 @@ def test_what_a_check_said_stands_beside_its_capture_until_it_is_undone(
     assert "Check: " not in draw("capture")[1]
 
 
-def test_what_a_solve_said_goes_with_its_cameras_and_comes_back_with_them(
-    draw, task, photos, fake_solver
-):
+def test_what_a_solve_said_goes_with_its_cameras_and_comes_back_with_them(draw, task, photos, fake_solver):
     bpy.ops.ed.undo_push(message="before the solve")
     bpy.ops.nmf.solve_cameras(directory=str(photos))
     task.finish()
@@ -383,9 +369,7 @@ def test_a_check_ends_well_in_another_scene(extension, task, capture, fake_solve
 
 
 def test_without_masks_there_is_nothing_to_fit_the_box_to(extension, capture):
-    with pytest.raises(
-        RuntimeError, match="Press Check Capture first, with photos that have masks"
-    ):
+    with pytest.raises(RuntimeError, match="Press Check Capture first, with photos that have masks"):
         bpy.ops.nmf.fit_region_box()
 
 

@@ -42,14 +42,10 @@ def test_sampled_light_directions_follow_their_pdf(angle, alpha):
     phi = ((np.arange(columns * fine) + 0.5) / (columns * fine) * 2 - 1) * math.pi
     z, phi = np.meshgrid(z, phi, indexing="ij")
     s = np.sqrt(1 - z * z)
-    directions = torch.from_numpy(
-        np.stack([s * np.cos(phi), s * np.sin(phi), z], -1).reshape(-1, 3)
-    )
+    directions = torch.from_numpy(np.stack([s * np.cos(phi), s * np.sin(phi), z], -1).reshape(-1, 3))
     v = view_at(angle, len(directions))
     half = torch.nn.functional.normalize(v + directions, dim=-1)
-    pdf = visible_normal_pdf(
-        v[:, 2], half[:, 2].clamp(min=0), torch.full((len(v),), alpha).double()
-    )
+    pdf = visible_normal_pdf(v[:, 2], half[:, 2].clamp(min=0), torch.full((len(v),), alpha).double())
     pdf = torch.where(half[:, 2] > 0, pdf, 0.0).numpy().reshape(rows, fine, columns, fine)
     expected = pdf.sum((1, 3)) * (2 / (rows * fine)) * (2 * math.pi / (columns * fine)) * count
     assert abs(expected.sum() / count - 1) < 0.01

@@ -51,9 +51,7 @@ def orbit(count: int = 14, degrees: float = 200.0, distance: float = 2.6) -> lis
 def box_camera(pose: np.ndarray, name: str = "c", path: Path | None = None, scale: float = 1.0):
     """A pinhole camera of the scene's photos."""
     width, height = round(WIDTH * scale), round(HEIGHT * scale)
-    return Camera(
-        name, path, pose, width, height, FOCAL * scale, FOCAL * scale, width / 2, height / 2
-    )
+    return Camera(name, path, pose, width, height, FOCAL * scale, FOCAL * scale, width / 2, height / 2)
 
 
 class BoxScene:

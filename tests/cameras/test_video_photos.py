@@ -157,9 +157,7 @@ def test_who_cancels_is_told_so_even_if_a_photo_is_held_by_somebody(walk, tmp_pa
 def test_an_hdr_video_gives_linear_photos_brighter_than_white(tmp_path):
     picture = np.full((48, 64, 3), round(0.75 * 65535), np.uint16)
     picture[:24] = round(0.95 * 65535)
-    video = write_video(
-        tmp_path / "a.mp4", [picture] * 9, matrix=9, said=9, transfer=18, primaries=9
-    )
+    video = write_video(tmp_path / "a.mp4", [picture] * 9, matrix=9, said=9, transfer=18, primaries=9)
     names = take_photos(video, tmp_path / "photos", 3, lambda done, text: None)
     colour, alpha = read_exr(tmp_path / "photos" / names[0])
     assert alpha is None and names[0].endswith(".exr")
@@ -207,18 +205,14 @@ def test_another_number_of_photos_is_taken_anew(walk, tmp_path):
 
 
 @pytest.mark.parametrize("count", ["2", "1001"])
-def test_an_impossible_number_of_photos_is_refused_before_anything_is_written(
-    walk, count, tmp_path
-):
+def test_an_impossible_number_of_photos_is_refused_before_anything_is_written(walk, count, tmp_path):
     result = solve(walk[0], "--video-photos", count, "--out", tmp_path / "cameras")
     assert result.returncode == 2 and "3 to 1000" in result.stderr
     assert not (tmp_path / "cameras").exists()
 
 
 @pytest.mark.parametrize("option", ["--masks", "--ignore"])
-def test_pictures_that_need_names_of_photos_are_refused_before_these_are_taken(
-    walk, option, tmp_path
-):
+def test_pictures_that_need_names_of_photos_are_refused_before_these_are_taken(walk, option, tmp_path):
     (tmp_path / "hands").mkdir()
     Image.new("L", (32, 32)).save(tmp_path / "hands" / "frame_000001.png")
     result = solve(walk[0], option, tmp_path / "hands", "--out", tmp_path / "cameras")
@@ -246,9 +240,7 @@ def test_a_file_that_is_no_video_is_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("no")
     result = solve(tmp_path / "notes.txt")
     assert (
-        result.returncode == 2
-        and "not a known kind of video" in result.stderr
-        and ".mp4" in result.stderr
+        result.returncode == 2 and "not a known kind of video" in result.stderr and ".mp4" in result.stderr
     )
     (tmp_path / "a.mp4").write_text("no")
     result = solve(tmp_path / "a.mp4")

@@ -66,9 +66,7 @@ def test_matched_rays_lie_in_epipolar_planes_of_the_true_poses_and_not_of_others
     assert off > 0.05
     # Turned by an angle about the normal's own plane, a ray is off by that angle at most.
     angle = np.radians(3)
-    twist = np.array(
-        [[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]]
-    )
+    twist = np.array([[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]])
     turned = off_epipolar(rays(points), rays(seen) @ twist.T, between)
     assert 1e-4 < np.median(turned) <= np.sin(angle) and turned.max() <= np.sin(angle) + 1e-9
 
@@ -131,9 +129,7 @@ def test_photos_around_what_looks_alike_from_behind_are_not_folded(alike, tmp_pa
     assert any("contradict each other" in line for line in events)
 
 
-def test_one_is_told_where_names_are_no_order_that_could_tell_what_looks_alike(
-    alike, tmp_path, solve
-):
+def test_one_is_told_where_names_are_no_order_that_could_tell_what_looks_alike(alike, tmp_path, solve):
     folder, truth = alike
     shuffled, some = tmp_path / "photos", truth[:20]
     shuffled.mkdir()

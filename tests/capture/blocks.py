@@ -43,9 +43,7 @@ def photo(number, pose=None, name=None, turn=None, inside=""):
     return f"<Photo><Id>{number}</Id><ImagePath>{name}</ImagePath>{inside}{text}<NearDepth>1.5</NearDepth></Photo>"
 
 
-def group(
-    photos, kind="Perspective", focal=FOCAL, axes="XRightYDown", point=POINT, lens=None, inside=""
-):
+def group(photos, kind="Perspective", focal=FOCAL, axes="XRightYDown", point=POINT, lens=None, inside=""):
     lens = f"<Distortion>{tags(BROWN)}</Distortion>" if lens is None else lens
     place = point if isinstance(point, str) else tags(dict(zip("xy", point, strict=True)))
     return (

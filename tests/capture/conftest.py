@@ -36,9 +36,7 @@ def solved():
         names = names or [f"r_{i}.png" for i in range(5)]
         reconstruction = pycolmap.Reconstruction()
         reconstruction.add_camera_with_trivial_rig(
-            pycolmap.Camera(
-                camera_id=1, model=model, width=WIDTH, height=HEIGHT, params=list(parameters)
-            )
+            pycolmap.Camera(camera_id=1, model=model, width=WIDTH, height=HEIGHT, params=list(parameters))
         )
         for index, name in enumerate(names):
             image = pycolmap.Image(name=name, camera_id=1, image_id=index + 1)

@@ -82,9 +82,7 @@ MAKERS = {
     "Meshroom": lambda folder, solved: test_meshroom.write(folder, test_meshroom.scene(folder=".")),
     "OpenMVG": lambda folder, solved: test_openmvg.write(folder, test_openmvg.scene(root=".")),
     "OpenSfM": lambda folder, solved: test_opensfm.write(folder, test_opensfm.scene()),
-    "OpenDroneMap": lambda folder, solved: test_opendronemap.write(
-        folder, test_opendronemap.shots()
-    ),
+    "OpenDroneMap": lambda folder, solved: test_opendronemap.write(folder, test_opendronemap.shots()),
     "Metashape": lambda folder, solved: test_metashape.write(folder, test_metashape.simple()),
     "RealityCapture": lambda folder, solved: test_realitycapture.write_table(
         folder, test_realitycapture.table()

@@ -15,9 +15,7 @@ NASTY = st.sampled_from(
 )  # fmt: skip
 VALUES = st.recursive(
     NASTY | st.floats() | st.text(max_size=5) | st.integers(),
-    lambda inner: (
-        st.lists(inner, max_size=8) | st.dictionaries(st.text(max_size=4), inner, max_size=4)
-    ),
+    lambda inner: st.lists(inner, max_size=8) | st.dictionaries(st.text(max_size=4), inner, max_size=4),
     max_leaves=8,
 )
 

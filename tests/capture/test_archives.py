@@ -53,9 +53,7 @@ def of_names(archive, *names, content=b"x"):
 
 def files_below(folder):
     return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file()
+        str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()
     }
 
 
@@ -88,9 +86,7 @@ def test_an_archive_reads_as_its_folder_does(tmp_path, make, name, above):
 def test_an_archive_is_no_camera_file_though_one_lies_in_it_uncompressed(tmp_path, content):
     """Python's zipfile and others pack so unless they are told otherwise."""
     of_names(tmp_path / "cameras.zip", "cameras.xml", content=content)
-    with pytest.raises(
-        CaptureError, match="no camera file in this folder; give cameras.zip itself"
-    ):
+    with pytest.raises(CaptureError, match="no camera file in this folder; give cameras.zip itself"):
         read_capture(tmp_path)
 
 
@@ -165,18 +161,14 @@ def test_what_an_archive_has_once_unpacked_is_not_unpacked_again(tmp_path):
 ])  # fmt: skip
 def test_no_path_leads_out_of_the_archives_folder(tmp_path, name):
     archive = with_member(tmp_path / "bad.zip", name)
-    with pytest.raises(
-        CaptureError, match="it would be outside the archive's folder; pack it again"
-    ):
+    with pytest.raises(CaptureError, match="it would be outside the archive's folder; pack it again"):
         unpacked(archive)
     assert os.listdir(tmp_path) == ["bad.zip"]
 
 
 @pytest.mark.parametrize("kind", [stat.S_IFLNK, stat.S_IFIFO, stat.S_IFBLK])
 def test_links_and_devices_are_refused(tmp_path, kind):
-    archive = with_member(
-        tmp_path / "bad.zip", "a.png", b"/etc/passwd", external_attr=(kind | 0o777) << 16
-    )
+    archive = with_member(tmp_path / "bad.zip", "a.png", b"/etc/passwd", external_attr=(kind | 0o777) << 16)
     with pytest.raises(CaptureError, match="this is not a file"):
         unpacked(archive)
     assert os.listdir(tmp_path) == ["bad.zip"]
@@ -217,9 +209,7 @@ def test_an_archive_that_a_disk_has_no_room_for_is_refused(tmp_path, monkeypatch
     archive = packed(make_capture(tmp_path / "o"), tmp_path / "lego.zip")
     free = shutil.disk_usage(tmp_path)._replace(free=archives._SPARE)
     monkeypatch.setattr(archives.shutil, "disk_usage", lambda path: free)
-    with pytest.raises(
-        CaptureError, match="it takes .* GB of disk space, and 0.3 GB are free; free space"
-    ):
+    with pytest.raises(CaptureError, match="it takes .* GB of disk space, and 0.3 GB are free; free space"):
         unpacked(archive)
     assert not (tmp_path / "lego").exists()
 
@@ -272,9 +262,7 @@ def test_a_process_that_another_has_overtaken_leaves_what_that_one_unpacked(tmp_
 
 
 @pytest.mark.parametrize("moment", ["_unpack", "_is_made"])
-def test_processes_that_begin_at_once_do_not_refuse_what_the_other_makes(
-    tmp_path, monkeypatch, moment
-):
+def test_processes_that_begin_at_once_do_not_refuse_what_the_other_makes(tmp_path, monkeypatch, moment):
     folder = make_capture(tmp_path / "o")
     archive = packed(folder, tmp_path / "lego.zip")
     own = getattr(archives, moment)
@@ -290,9 +278,7 @@ def test_processes_that_begin_at_once_do_not_refuse_what_the_other_makes(
     assert files_below(tmp_path / "lego") == files_below(folder)
 
 
-def test_who_is_overtaken_and_then_has_no_room_leaves_what_the_other_has_begun(
-    tmp_path, monkeypatch
-):
+def test_who_is_overtaken_and_then_has_no_room_leaves_what_the_other_has_begun(tmp_path, monkeypatch):
     archive = packed(make_capture(tmp_path / "o"), tmp_path / "lego.zip")
 
     def overtaken(folder, mark):
@@ -315,9 +301,7 @@ def test_half_of_another_archive_is_not_mixed_with_this_one(tmp_path):
     (tmp_path / "scan" / MARK).write_text("scan.zip 1 1")
     (tmp_path / "scan" / "a.png").write_bytes(b"other")
     (tmp_path / "scan" / "7.part").write_bytes(b"oth")
-    with pytest.raises(
-        CaptureError, match="where another archive is half unpacked; move or delete that"
-    ):
+    with pytest.raises(CaptureError, match="where another archive is half unpacked; move or delete that"):
         unpacked(archive)
     (tmp_path / "scan" / "a.png").unlink()
     assert (unpacked(archive) / "b.png").read_bytes() == b"x"
@@ -335,9 +319,7 @@ def test_what_is_not_unpacked_completely_is_read_by_nobody(tmp_path):
             CaptureError, match="not completely unpacked; give its archive again to continue"
         ):
             photos_below(place)
-    with pytest.raises(
-        CaptureError, match="not completely unpacked; give its archive again to continue"
-    ):
+    with pytest.raises(CaptureError, match="not completely unpacked; give its archive again to continue"):
         read_capture(folder / "transforms_train.json")
 
 
@@ -437,9 +419,7 @@ def test_an_archive_around_a_video_is_unpacked(tmp_path):
         photos_below(folder)
 
 
-@settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_no_archive_crashes_or_writes_elsewhere(tmp_path_factory, data):
     place = tmp_path_factory.mktemp("archives")

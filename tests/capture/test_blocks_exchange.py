@@ -158,9 +158,7 @@ def test_photos_have_the_lens_of_their_group(tmp_path):
     ]
     capture = read_capture(write(tmp_path, document(groups)))
     to_camera = np.linalg.inv(poses())
-    check_projection(
-        capture, lambda i, x: reference(other if i % 2 else BROWN, to_camera[i], x), poses()
-    )
+    check_projection(capture, lambda i, x: reference(other if i % 2 else BROWN, to_camera[i], x), poses())
 
 
 @pytest.mark.parametrize(
@@ -182,9 +180,7 @@ def test_photos_are_found_by_paths_of_another_machine(tmp_path, base, name):
 
 def test_of_photos_of_one_name_the_one_behind_the_common_path_is_meant(tmp_path):
     save_photos(tmp_path / "other")
-    capture = read_capture(
-        write(tmp_path, simple(base="<BaseImagePath>D:\\data\\photos</BaseImagePath>"))
-    )
+    capture = read_capture(write(tmp_path, simple(base="<BaseImagePath>D:\\data\\photos</BaseImagePath>")))
     assert {item.image_path.parent for item in capture.cameras} == {tmp_path / "photos"}
 
 
@@ -274,9 +270,7 @@ def test_a_malformed_file_gets_an_error_with_file_field_and_remedy(tmp_path, tex
     assert caught.value.remedy and "\n" not in str(caught.value)
 
 
-FUZZ = settings(
-    max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+FUZZ = settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 POINTS = "<TiePoint><Position><x>1</x><y>2</y><z>3</z></Position></TiePoint>"
 FISHEYE = (
     "<FisheyeFocalMatrix><M_00>60</M_00><M_01>0</M_01><M_10>0</M_10><M_11>60</M_11></FisheyeFocalMatrix>"

@@ -76,7 +76,9 @@ def test_the_specifications_own_numbers_agree(tmp_path):
         "<M_10>-0.001631068695467463</M_10><M_11>0.9999802528616577</M_11><M_12>-0.00606906089589293</M_12>"
         "<M_20>0.0008701565192966738</M_20><M_21>-0.006067647409696231</M_21><M_22>-0.9999812130648239</M_22>"
     )
-    angles = "<Omega>179.6523471469934</Omega><Phi>0.04985630236313049</Phi><Kappa>179.9065465708369</Kappa>"
+    angles = (
+        "<Omega>179.6523471469934</Omega><Phi>0.04985630236313049</Phi><Kappa>179.9065465708369</Kappa>"
+    )
     place = np.eye(4)
     place[:3, 3] = 651999.7159189156, 6863073.633923346, 1318.897690166719
     found = []
@@ -89,20 +91,15 @@ def test_the_specifications_own_numbers_agree(tmp_path):
          "<x>4683.755692</x><y>7223.0141002</y>", turn),
     ):  # fmt: skip
         photos = [
-            photo(i, place, name, written)
-            for i, name in enumerate(("071_2810.jpg", "b.jpg", "c.jpg"))
+            photo(i, place, name, written) for i, name in enumerate(("071_2810.jpg", "b.jpg", "c.jpg"))
         ]
-        text = document(
-            [group(photos, focal=focal, point=point, lens="")], ("Lambert 93", "EPSG:2154")
-        )
+        text = document([group(photos, focal=focal, point=point, lens="")], ("Lambert 93", "EPSG:2154"))
         (tmp_path / "block.xml").write_text(text.replace(*size))
         found.append(read_capture(tmp_path).cameras[0])
     for item in found:
         assert item.fx == pytest.approx(1399.105582, rel=1e-8)
         assert (item.cx, item.cy) == pytest.approx((468.4255692, 722.35141002), abs=1e-5)
-        np.testing.assert_allclose(
-            item.camera_to_world, found[0].camera_to_world, atol=1e-9, rtol=1e-12
-        )
+        np.testing.assert_allclose(item.camera_to_world, found[0].camera_to_world, atol=1e-9, rtol=1e-12)
         # The photos of an aerial survey look down.
         assert item.view_direction @ (0, 0, -1) > 0.99
 
@@ -111,9 +108,7 @@ def test_the_specifications_own_numbers_agree(tmp_path):
 def test_cameras_axes_may_be_any(tmp_path, axes):
     to_opencv = np.array(AXES[axes])
     offset = to_opencv.T @ (1.5, -2.25, 0)  # mm, along those axes
-    cameras = [
-        photo(i, pose, turn=matrix(to_opencv.T @ pose[:3, :3].T)) for i, pose in enumerate(poses())
-    ]
+    cameras = [photo(i, pose, turn=matrix(to_opencv.T @ pose[:3, :3].T)) for i, pose in enumerate(poses())]
     text = document(
         [
             group(
@@ -125,9 +120,7 @@ def test_cameras_axes_may_be_any(tmp_path, axes):
     capture = read_capture(write(tmp_path, text))
     centre = (WIDTH - 1) / 2 + 3, (HEIGHT - 1) / 2 - 4.5
     to_camera = np.linalg.inv(poses())
-    check_projection(
-        capture, lambda i, x: reference(BROWN, to_camera[i], x, centre=centre), poses()
-    )
+    check_projection(capture, lambda i, x: reference(BROWN, to_camera[i], x, centre=centre), poses())
 
 
 @pytest.mark.parametrize(
@@ -176,7 +169,5 @@ def test_a_fisheyes_focal_length_is_that_on_its_axis(tmp_path):
 )
 def test_a_fisheye_that_there_is_not_here_is_refused(tmp_path, numbers):
     text = simple(kind="Fisheye", lens=f"<FisheyeDistortion>{numbers}</FisheyeDistortion>")
-    with pytest.raises(
-        CaptureError, match="no lens here that is the same .*; export the undistorted"
-    ):
+    with pytest.raises(CaptureError, match="no lens here that is the same .*; export the undistorted"):
         read_capture(write(tmp_path, text))

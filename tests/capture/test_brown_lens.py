@@ -90,9 +90,7 @@ def test_an_equisolid_fisheyes_image_grows_as_the_sine_of_half_the_angle():
 
 def test_an_equisolid_fisheye_is_that_of_another_program():
     # PlaCamera, test_frame_camera.cpp, "MatchesMetashapeProjectionFamilies"
-    item = camera(
-        (0.0,) * 7 + (2.0,), width=800, height=600, fx=400.0, fy=400.0, cx=407.5, cy=295.75
-    )
+    item = camera((0.0,) * 7 + (2.0,), width=800, height=600, fx=400.0, fy=400.0, cx=407.5, cy=295.75)
     pixel, _ = item.project(np.array([[0.25, 0.1, -1.0]]))
     np.testing.assert_allclose(pixel, [(504.9019766555284, 256.78920933778863)], atol=1e-11)
 

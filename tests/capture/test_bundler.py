@@ -87,9 +87,7 @@ def test_lists_with_focal_lengths_and_names_with_blanks_are_read(tmp_path, solve
     agrees(read_capture(tmp_path), reconstruction, tmp_path / "images")
 
 
-def test_without_a_list_as_many_photos_are_taken_in_the_order_of_their_names(
-    tmp_path, solved, agrees
-):
+def test_without_a_list_as_many_photos_are_taken_in_the_order_of_their_names(tmp_path, solved, agrees):
     reconstruction = solved(tmp_path / "images", "RADIAL", CENTRED["RADIAL"])
     export(reconstruction, tmp_path / "bundle.out", None)
     agrees(read_capture(tmp_path), reconstruction, tmp_path / "images")
@@ -164,9 +162,7 @@ def model(tmp_path_factory, solved):
     return {file: file.read_bytes() for file in files}
 
 
-@settings(
-    max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_a_broken_file_is_a_capture_or_an_error(model, data):
     for file, content in model.items():

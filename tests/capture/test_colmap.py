@@ -87,9 +87,7 @@ def test_a_model_with_distortion_means_the_photos_as_taken(tmp_path, solved):
     assert read_capture(tmp_path).cameras[0].image_path.parent == tmp_path / "images"
 
 
-def test_a_model_elsewhere_takes_the_photos_it_is_given_whatever_model_lies_beside_them(
-    tmp_path, solved
-):
+def test_a_model_elsewhere_takes_the_photos_it_is_given_whatever_model_lies_beside_them(tmp_path, solved):
     model = solved(tmp_path / "project" / "images")
     write(model, tmp_path / "project" / "sparse" / "0")
     file = write(model, tmp_path / "project" / "models" / "0") / "images.bin"
@@ -111,9 +109,7 @@ def test_chunks_that_were_exported_side_by_side_are_told_apart(tmp_path, solved)
     """As Metashape's script for Gaussian splatting writes them; folders of one capture are no several."""
     for name in ("Chunk 1", "Chunk 2"):
         write(solved(tmp_path / name / "images"), tmp_path / name / "sparse" / "0")
-    with pytest.raises(
-        CaptureError, match=r"several captures \(Chunk 1, Chunk 2\); give the folder"
-    ):
+    with pytest.raises(CaptureError, match=r"several captures \(Chunk 1, Chunk 2\); give the folder"):
         read_capture(tmp_path)
     assert len(read_capture(tmp_path / "Chunk 2").cameras) == 5
     shutil.rmtree(tmp_path / "Chunk 2" / "images")
@@ -125,9 +121,7 @@ def test_a_model_with_distortion_does_not_take_photos_without(tmp_path, solved):
     write(model, tmp_path / "sparse" / "0")
     write(model, tmp_path / "dense" / "sparse")
     for given in (tmp_path, tmp_path / "sparse" / "0" / "images.bin"):
-        with pytest.raises(
-            CaptureError, match="belong to another model, in .*images; give .*dense"
-        ):
+        with pytest.raises(CaptureError, match="belong to another model, in .*images; give .*dense"):
             read_capture(given)
     capture = read_capture(tmp_path / "dense")
     assert capture.cameras[0].image_path.parent == tmp_path / "dense" / "images"
@@ -202,9 +196,7 @@ def test_photos_beside_the_model_or_in_a_folder_of_another_name_are_found(tmp_pa
 
 
 @pytest.mark.parametrize("extension", ["bin", "txt"])
-def test_of_a_projects_models_the_largest_is_read_unless_another_is_named(
-    tmp_path, solved, extension
-):
+def test_of_a_projects_models_the_largest_is_read_unless_another_is_named(tmp_path, solved, extension):
     small = solved(tmp_path / "images", names=["a.png", "b.png", "c.png"])
     write(small, tmp_path / "sparse" / "0", extension)
     write(solved(tmp_path / "images"), tmp_path / "sparse" / "1", extension)
@@ -226,9 +218,7 @@ def test_a_text_model_without_the_lines_of_observations_is_read(tmp_path, solved
 def test_observations_are_passed_over(tmp_path, solved, agrees):
     reconstruction = solved(tmp_path / "images")
     for image in reconstruction.images.values():
-        image.points2D = pycolmap.Point2DList(
-            [pycolmap.Point2D(np.array([i, 2.5 * i])) for i in range(40)]
-        )
+        image.points2D = pycolmap.Point2DList([pycolmap.Point2D(np.array([i, 2.5 * i])) for i in range(40)])
     for index, number in enumerate(list(reconstruction.points3D)[:40]):
         for image in (1, 2, 3):
             element = pycolmap.TrackElement(image, index)

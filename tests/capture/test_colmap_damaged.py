@@ -170,9 +170,7 @@ def test_hostile_lengths_within_a_record_allocate_nothing(tmp_path, solved, coun
 
 def test_a_million_points_are_read_in_seconds(tmp_path):
     record = struct.Struct("<Q3d3BdQ4I")
-    block = b"".join(
-        record.pack(i, i, 2.0 * i, 3.0, 1, 2, 3, 0.5, 2, 1, 2, 3, 4) for i in range(10_000)
-    )
+    block = b"".join(record.pack(i, i, 2.0 * i, 3.0, 1, 2, 3, 0.5, 2, 1, 2, 3, 4) for i in range(10_000))
     file = tmp_path / "points3D.bin"
     file.write_bytes(struct.pack("<Q", 1_200_000) + block * 120)
     begin = time.monotonic()

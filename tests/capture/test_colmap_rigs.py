@@ -22,9 +22,7 @@ def rig_of_two(photos, save):
     rig = pycolmap.Rig(rig_id=1)
     for number in (1, 2):
         reconstruction.add_camera(
-            pycolmap.Camera(
-                camera_id=number, model="PINHOLE", width=64, height=48, params=[70, 60, 30, 25]
-            )
+            pycolmap.Camera(camera_id=number, model="PINHOLE", width=64, height=48, params=[70, 60, 30, 25])
         )
         sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, number)
         if number == 1:
@@ -56,9 +54,7 @@ def rig_of_two(photos, save):
 
 @pytest.mark.parametrize("extension", WRITERS)
 @pytest.mark.parametrize("own_poses", [True, False])
-def test_photos_of_a_rig_stand_where_colmap_has_them(
-    tmp_path, solved, agrees, extension, own_poses
-):
+def test_photos_of_a_rig_stand_where_colmap_has_them(tmp_path, solved, agrees, extension, own_poses):
     solved(tmp_path / "spare", names=["x.png"])
     photo = tmp_path / "spare" / "x.png"
 

@@ -90,9 +90,7 @@ def test_a_matrix_that_dtu_publishes_is_the_camera_that_mvsnet_makes_of_it(tmp_p
     lens = np.array([fx, fy, cx + 0.5, cy + 0.5]) / SMALLER
     np.testing.assert_allclose([camera.fx, camera.fy, camera.cx, camera.cy], lens, atol=1e-3)
     to_world = camera.camera_to_world * [1, -1, -1, 1]
-    np.testing.assert_allclose(
-        np.linalg.inv(to_world)[:3, :3], np.array(extrinsic)[:, :3], atol=1e-4
-    )
+    np.testing.assert_allclose(np.linalg.inv(to_world)[:3, :3], np.array(extrinsic)[:, :3], atol=1e-4)
     np.testing.assert_allclose(np.linalg.inv(to_world)[:3, 3], np.array(extrinsic)[:, 3], atol=1e-2)
 
 
@@ -101,9 +99,7 @@ def test_a_matrix_that_dtu_publishes_is_the_camera_that_mvsnet_makes_of_it(tmp_p
     fx=st.floats(20, 5000), fy=st.floats(20, 5000), cx=st.floats(1, 3000), cy=st.floats(1, 3000),
     seed=st.integers(0, 1000),
 )  # fmt: skip
-def test_a_projection_of_any_scale_and_sign_is_taken_apart(
-    tmp_path_factory, scale, fx, fy, cx, cy, seed
-):
+def test_a_projection_of_any_scale_and_sign_is_taken_apart(tmp_path_factory, scale, fx, fy, cx, cy, seed):
     pose = poses(1, seed)[0]
     whole = scale * np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]) @ np.linalg.inv(pose)[:3]
     lens, to_world = of_projection(None, "", whole)
@@ -128,9 +124,7 @@ def test_of_several_scans_one_is_to_be_named(tmp_path):
 
 def test_who_gives_a_scan_is_told_where_its_cameras_are(tmp_path):
     make(tmp_path)
-    with pytest.raises(
-        CaptureError, match="give .*Calibration.cal18, and this folder as the photos'"
-    ):
+    with pytest.raises(CaptureError, match="give .*Calibration.cal18, and this folder as the photos'"):
         read_capture(tmp_path / SCAN)
     assert len(read_capture(tmp_path / CAL, photos=tmp_path / SCAN).cameras) == COUNT
 

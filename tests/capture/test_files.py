@@ -87,9 +87,7 @@ def test_a_line_of_gigabytes_is_refused_without_being_held(tmp_path, filling):
         out.write(b"# a list\n" + filling * (LONGEST_LINE + 5))
         out.truncate(1 << 30)  # of what was not written, disks have nothing
     tracemalloc.start()
-    with pytest.raises(
-        CaptureError, match=r"points3D.txt, line 2: (this is not text|.*more than 16 MB)"
-    ):
+    with pytest.raises(CaptureError, match=r"points3D.txt, line 2: (this is not text|.*more than 16 MB)"):
         list(read_lines(file))
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
@@ -112,9 +110,7 @@ def test_no_reader_holds_a_line_of_gigabytes(tmp_path, name):
     photos = [f"{stem}.png" for stem in names()]
     beside = {
         "sparse/cameras.txt": "1 PINHOLE 96 64 70 60 48 32\n",
-        "sparse/images.txt": "".join(
-            f"{i + 1} 1 0 0 0 {i} 0 4 1 {p}\n\n" for i, p in enumerate(photos)
-        ),
+        "sparse/images.txt": "".join(f"{i + 1} 1 0 0 0 {i} 0 4 1 {p}\n\n" for i, p in enumerate(photos)),
         "sparse/points3D.txt": "",
         "list.txt": "\n".join(photos),
         "sensors/sensors.txt": "# kapture format: 1.1\ncam, , camera, PINHOLE, 96, 64, 70, 60, 48, 32\n",

@@ -16,9 +16,7 @@ MIDDLE = (47.0, 33.0)
 
 
 def camera(lens="opencv_fisheye", distortion=(0.0,) * 4, path=None, name="c", focal=20.0):
-    return Camera(
-        name, path, pose(0.4), WIDTH, HEIGHT, focal, focal, *MIDDLE, lens, tuple(distortion)
-    )
+    return Camera(name, path, pose(0.4), WIDTH, HEIGHT, focal, focal, *MIDDLE, lens, tuple(distortion))
 
 
 def radii():
@@ -40,14 +38,10 @@ def disc(radius, seed=0, level=0.2):
         ("division", (-0.3,), True), (EQUIRECTANGULAR, (), False),
     ],
 )  # fmt: skip
-def test_fisheyes_see_at_a_right_angle_to_their_axis_and_perspectives_do_not(
-    lens, distortion, sideways
-):
+def test_fisheyes_see_at_a_right_angle_to_their_axis_and_perspectives_do_not(lens, distortion, sideways):
     item = camera(lens, distortion)
     if lens == EQUIRECTANGULAR:
-        item = Camera(
-            "c", None, pose(0.4), WIDTH, HEIGHT, *of_whole_sphere(WIDTH, HEIGHT), EQUIRECTANGULAR
-        )
+        item = Camera("c", None, pose(0.4), WIDTH, HEIGHT, *of_whole_sphere(WIDTH, HEIGHT), EQUIRECTANGULAR)
     assert sees_sideways(item) == sideways
 
 

@@ -106,9 +106,7 @@ def test_many_rigs_that_are_all_in_each_other_end(tmp_path):
     still = pose_words(np.eye(4))
     rigs = [f"{a}, {b}, {still}" for a in names_of_rigs for b in names_of_rigs]
     rigs.append(f"rig0, cam, {still}")
-    check_projection(
-        read_capture(make(tmp_path / "known", device="rig11", rigs=rigs)), reference, poses()
-    )
+    check_projection(read_capture(make(tmp_path / "known", device="rig11", rigs=rigs)), reference, poses())
     assert outcome(make(tmp_path / "unknown", device="car", rigs=rigs)) is None
 
 
@@ -126,8 +124,7 @@ def test_rigs_in_a_circle_and_empty_poses_are_no_pose(tmp_path):
     file.write_text("\n".join([*lines[:-1], f"{COUNT - 1}, cam, , , , , 1, 2, 3"]))
     capture = read_capture(folder)
     assert (
-        "1 of 5 photos has no pose and is left out (the first: mapping/IMG_0004.png)"
-        in capture.warnings[0]
+        "1 of 5 photos has no pose and is left out (the first: mapping/IMG_0004.png)" in capture.warnings[0]
     )
 
 

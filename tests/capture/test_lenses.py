@@ -60,9 +60,7 @@ def test_the_pixel_of_a_direction_has_that_direction(lens, data):
     distortion = data.draw(DISTORTIONS[lens])
     angle = np.repeat(np.linspace(0, 1.2, 12), 8)
     turn = np.tile(np.arange(8) * 0.8, 12)
-    directions = np.stack(
-        [np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle)], -1
-    )
+    directions = np.stack([np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle)], -1)
     x, y = distort(lens, distortion, directions)
     seen = np.isfinite(x)
     assert seen[:8].all()
@@ -87,9 +85,7 @@ def test_a_pixel_is_found_where_newtons_steps_go_to_and_fro():
 def test_a_pixel_beyond_the_widest_view_of_a_fov_lens_has_no_direction():
     omega = 0.9
     limit = np.arctan(WIDEST * 2 * np.tan(omega / 2)) / omega
-    directions, met = undistort(
-        "fov", (omega,), np.array([1 - 1e-9, 1 + 1e-9]) * limit, np.zeros(2)
-    )
+    directions, met = undistort("fov", (omega,), np.array([1 - 1e-9, 1 + 1e-9]) * limit, np.zeros(2))
     assert met.tolist() == [True, False]
     assert np.isfinite(directions).all()
 

@@ -216,9 +216,7 @@ def test_all_versions_state_the_same_lens_in_their_own_way(tmp_path, version):
 @pytest.mark.parametrize("which", [0, 1])
 def test_alicevisions_own_files_of_all_versions_state_one_camera(tmp_path, version, which):
     lens = json.loads(DATA.read_text())[version][which]
-    content = scene(
-        tuple(int(part) for part in version.split(".")), lens={**lens, "intrinsicId": "300"}
-    )
+    content = scene(tuple(int(part) for part in version.split(".")), lens={**lens, "intrinsicId": "300"})
     folder = tmp_path
     save_photos(folder / "photos", size=(1023, 512))  # a quarter of 4092 × 2048
     item = read_capture(write(folder, content)).cameras[0]
@@ -264,9 +262,7 @@ def test_views_without_a_pose_are_left_out_with_a_warning(tmp_path):
 
 def test_numbers_may_be_numbers(tmp_path):
     content = scene()
-    content["views"] = [
-        {**view, "viewId": 1, "poseId": int(view["poseId"])} for view in content["views"]
-    ]
+    content["views"] = [{**view, "viewId": 1, "poseId": int(view["poseId"])} for view in content["views"]]
     for pose in content["poses"]:
         center = pose["pose"]["transform"]["center"]
         pose["pose"]["transform"]["center"] = [float(value) for value in center]
@@ -366,7 +362,5 @@ def test_deeply_nested_files_end_in_an_error(tmp_path):
 
 def test_alicevisions_binary_form_is_named(tmp_path):
     (tmp_path / "sfmData.sfm").write_bytes(b"\x14\0\0\0ASFM" + bytes(64))
-    with pytest.raises(
-        CaptureError, match="binary form, which is not supported; convert it to JSON by"
-    ):
+    with pytest.raises(CaptureError, match="binary form, which is not supported; convert it to JSON by"):
         read_capture(tmp_path)

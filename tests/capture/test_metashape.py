@@ -162,19 +162,13 @@ def test_of_a_chunk_that_scale_bars_alone_place_the_scale_is_kept_and_up_is_foun
     assert capture.up is None and capture.metric
     expected = poses()
     expected[:, :3, 3] *= 0.25
-    np.testing.assert_allclose(
-        [c.camera_to_world[:3, 3] for c in capture.cameras], expected[:, :3, 3]
-    )
+    np.testing.assert_allclose([c.camera_to_world[:3, 3] for c in capture.cameras], expected[:, :3, 3])
     matrix = suggest_placement(capture)
-    np.testing.assert_allclose(
-        matrix[:3, :3] @ estimate_up(list(capture.cameras)), (0, 0, 1), atol=1e-9
-    )
+    np.testing.assert_allclose(matrix[:3, :3] @ estimate_up(list(capture.cameras)), (0, 0, 1), atol=1e-9)
     assert np.linalg.det(matrix[:3, :3]) == pytest.approx(1)
 
 
-@pytest.mark.parametrize(
-    "place", [(-2499366.4, -4256836.5, 4029217.9), (431000.0, 5200000.0, 300.0)]
-)
+@pytest.mark.parametrize("place", [(-2499366.4, -4256836.5, 4029217.9), (431000.0, 5200000.0, 300.0)])
 def test_chunks_far_from_the_origin_stay_in_their_own_coordinates(tmp_path, place):
     turn = rotation(np.random.default_rng(5))
     capture = read_capture(write(tmp_path, simple(component=chunk_transform(turn, 12.354, place))))
@@ -270,9 +264,7 @@ def test_members_of_rigs_stand_where_their_sensor_is_beside_the_first_camera(tmp
     expected[1::2] = expected[1::2] @ offset()
     expected[:, :3, 3] = 2.5 * expected[:, :3, 3] + 1
     to_camera, lenses = np.linalg.inv(expected), (FRAME, dict(FRAME, f=70.0))
-    check_projection(
-        capture, lambda i, x: reference(lenses[i % 2], "frame", to_camera[i], x), expected
-    )
+    check_projection(capture, lambda i, x: reference(lenses[i % 2], "frame", to_camera[i], x), expected)
 
 
 @pytest.mark.parametrize("left", ["rotation", "location"])
@@ -293,9 +285,7 @@ def test_members_of_a_rig_that_was_not_aligned_are_not_aligned(tmp_path):
 ROLLS = '<property name="layer_index" value="0"/><property name="rolling_shutter" value="{}"/>'
 
 
-@pytest.mark.parametrize(
-    "value, said", [("true", True), ("1", True), ("false", False), ("", False)]
-)
+@pytest.mark.parametrize("value, said", [("true", True), ("1", True), ("false", False), ("", False)])
 def test_of_a_rolling_shutter_it_is_said_that_it_is_left_aside(tmp_path, value, said):
     plain = '<property name="layer_index" value="0"/>'
     capture = read_capture(write(tmp_path, simple().replace(plain, ROLLS.format(value))))
@@ -347,9 +337,7 @@ def test_only_the_largest_of_unplaced_components_is_read(tmp_path):
 
 def test_cameras_of_a_component_without_a_place_are_left_out_beside_placed_ones(tmp_path):
     text = simple(component=chunk_transform(np.eye(3), 2.0, np.ones(3)))
-    text = text.replace(
-        'id="4" sensor_id="0" component_id="0"', 'id="4" sensor_id="0" component_id="1"'
-    )
+    text = text.replace('id="4" sensor_id="0" component_id="0"', 'id="4" sensor_id="0" component_id="1"')
     text = text.replace('id="3" sensor_id="0" component_id="0"', 'id="3" sensor_id="0"')
     cameras = {item.name: item for item in read_capture(write(tmp_path, text)).cameras}
     assert sorted(cameras) == names()[:4]
@@ -393,8 +381,7 @@ def test_of_several_chunks_the_one_with_the_most_cameras_is_read(tmp_path):
 
 def test_photos_are_found_by_windows_paths_of_another_machine(tmp_path):
     cameras = [
-        camera(i, m, label=f"D:\\Scans\\Vase\\photos\\{names()[i]}.JPG")
-        for i, m in enumerate(poses())
+        camera(i, m, label=f"D:\\Scans\\Vase\\photos\\{names()[i]}.JPG") for i, m in enumerate(poses())
     ]
     capture = read_capture(write(tmp_path, document(sensor(0, calibration(FRAME)), cameras)))
     assert sorted(item.name for item in capture.cameras) == names()
@@ -407,9 +394,7 @@ def of_two_cards(folder, groups=CARDS, label="{}"):
     """Photos of the same names in two folders; cameras in groups, 0 … 2 of the first, 3 … 5 of the other."""
     for card in CARDS:
         save_photos(folder / "photos" / card, names(3))
-    cameras = [
-        camera(i, matrix, label=label.format(names(3)[i % 3])) for i, matrix in enumerate(poses(6))
-    ]
+    cameras = [camera(i, matrix, label=label.format(names(3)[i % 3])) for i, matrix in enumerate(poses(6))]
     if groups is not None:
         for i, group in enumerate(groups):
             cameras[3 * i] = f'<group id="{i}" label="{group}" type="folder">{cameras[3 * i]}'
@@ -421,9 +406,7 @@ def of_two_cards(folder, groups=CARDS, label="{}"):
 
 @pytest.mark.parametrize("groups", [CARDS, CARDS[::-1], ("DCIM/100", "DCIM/101")])
 @pytest.mark.parametrize("label", ["{}", "{}.JPG"])
-def test_of_photos_of_one_name_the_one_in_the_folder_of_the_groups_name_is_meant(
-    tmp_path, groups, label
-):
+def test_of_photos_of_one_name_the_one_in_the_folder_of_the_groups_name_is_meant(tmp_path, groups, label):
     capture = read_capture(of_two_cards(tmp_path, groups, label))
     assert len(capture.cameras) == 6 and not capture.warnings
     for item, pose in zip(capture.cameras, poses(6), strict=True):
@@ -485,9 +468,7 @@ def test_a_malformed_file_gets_an_error_with_file_field_and_remedy(tmp_path, tex
     assert caught.value.remedy and "\n" not in str(caught.value)
 
 
-FUZZ = settings(
-    max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+FUZZ = settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @FUZZ
@@ -495,9 +476,7 @@ FUZZ = settings(
 def test_hostile_values_end_in_a_capture_or_an_error(tmp_path, data):
     save_photos(tmp_path / "photos", names(6))
     text = simple(component=chunk_transform(np.eye(3), 1.0, np.ones(3)))
-    root = ElementTree.fromstring(
-        data.draw(st.sampled_from([text, rig(offset()), corrected("0 1")]))
-    )
+    root = ElementTree.fromstring(data.draw(st.sampled_from([text, rig(offset()), corrected("0 1")])))
     element = data.draw(st.sampled_from(list(root.iter())))
     value = data.draw(HOSTILE_TEXT)
     if element.attrib and data.draw(st.booleans()):
@@ -543,9 +522,7 @@ def test_files_that_define_entities_are_refused(tmp_path):
 def test_files_are_read_in_the_encoding_that_they_state(tmp_path, encoding):
     stems = [f"Öl & Söhne {i}" for i in range(COUNT)]
     save_photos(tmp_path / "Fotos (neu)", stems, extension=".JPG")
-    cameras = [
-        camera(i, matrix, label=stems[i].replace("&", "&amp;")) for i, matrix in enumerate(poses())
-    ]
+    cameras = [camera(i, matrix, label=stems[i].replace("&", "&amp;")) for i, matrix in enumerate(poses())]
     text = document(sensor(0, calibration(FRAME)), cameras)
     text = text.replace("UTF-8", encoding.removesuffix("-sig"))
     (tmp_path / "cameras.xml").write_bytes(text.encode(encoding))

@@ -108,9 +108,7 @@ def test_of_dtus_folders_it_is_said_which_to_give(tmp_path):
     write_mvsnet(tmp_path, poses(), (2892.33, 2883.18, 823.205, 619.071), cams="Cameras")
     with pytest.raises(CaptureError, match="give .*Cameras.train, and this folder as the photos'"):
         read_capture(scan)
-    with pytest.raises(
-        CaptureError, match="cameras are for, or .*Cameras.train for those that DTU's"
-    ):
+    with pytest.raises(CaptureError, match="cameras are for, or .*Cameras.train for those that DTU's"):
         read_capture(cameras, photos=scan)
     assert len(read_capture(cameras / "train", photos=scan).cameras) == COUNT
 
@@ -118,9 +116,7 @@ def test_of_dtus_folders_it_is_said_which_to_give(tmp_path):
 @pytest.mark.parametrize("scale", [0.5, 2.5, 10.0])
 def test_a_lens_for_photos_of_any_other_size_is_refused(tmp_path, scale):
     folder = make(tmp_path, lens=np.array((80, 82, 49, 31.5)) * scale)
-    with pytest.raises(
-        CaptureError, match=r"00000000_cam.txt, intrinsic: its centre .* of another"
-    ):
+    with pytest.raises(CaptureError, match=r"00000000_cam.txt, intrinsic: its centre .* of another"):
         read_capture(folder)
 
 
@@ -136,10 +132,7 @@ def test_cameras_without_a_pose_are_left_out(tmp_path):
     file.write_text("\n".join([lines[0], *["nan nan nan nan"] * 4, *lines[5:]]))
     capture = read_capture(folder)
     assert [camera.name for camera in capture.cameras] == STEMS[:2] + STEMS[3:]
-    assert (
-        "1 of 5 photos has no pose and is left out (the first: images/00000002)"
-        in capture.warnings[0]
-    )
+    assert "1 of 5 photos has no pose and is left out (the first: images/00000002)" in capture.warnings[0]
 
 
 @pytest.mark.parametrize(
@@ -166,9 +159,7 @@ def test_an_empty_or_huge_camera_is_named(tmp_path):
     folder = make(tmp_path)
     file = folder / "cams" / "00000001_cam.txt"
     file.write_text("")
-    with pytest.raises(
-        CaptureError, match="00000001_cam.txt, extrinsic: this is not a 4 × 4 matrix"
-    ):
+    with pytest.raises(CaptureError, match="00000001_cam.txt, extrinsic: this is not a 4 × 4 matrix"):
         read_capture(folder)
     file.write_text("extrinsic " + "0 " * (1 << 20))
     with pytest.raises(CaptureError, match="00000001_cam.txt: it has more than 1 MB"):

@@ -42,9 +42,7 @@ def make(folder, cameras=None, scale=1, **options):
     (folder / "camera").mkdir(parents=True, exist_ok=True)
     for name, content in zip(IDS, cameras, strict=False):
         (folder / "camera" / f"{name}.json").write_text(json.dumps(content))
-    (folder / "scene.json").write_text(
-        '{"scale": 0.03, "center": [1, 2, 3], "near": 0.1, "far": 1}'
-    )
+    (folder / "scene.json").write_text('{"scale": 0.03, "center": [1, 2, 3], "near": 0.1, "far": 1}')
     save_photos(folder / "rgb" / f"{scale}x", IDS, (WIDTH // scale, HEIGHT // scale))
     return folder
 
@@ -80,9 +78,7 @@ def test_the_lens_follows_photos_of_another_scale(tmp_path):
 
 def test_photos_for_validation_are_left_out(tmp_path):
     folder = make(tmp_path)
-    (folder / "dataset.json").write_text(
-        json.dumps({"ids": IDS, "train_ids": IDS[:4], "val_ids": IDS[4:]})
-    )
+    (folder / "dataset.json").write_text(json.dumps({"ids": IDS, "train_ids": IDS[:4], "val_ids": IDS[4:]}))
     capture = read_capture(folder)
     assert [camera.name for camera in capture.cameras] == IDS[:4]
     assert capture.warnings == ("1 photo for validation is left out (dataset.json)",)

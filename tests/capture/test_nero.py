@@ -41,9 +41,7 @@ def make(folder, count=COUNT, **options):
 def test_points_project_where_the_file_has_them(tmp_path, protocol, kind):
     capture = read_capture(make(tmp_path, protocol=protocol, kind=kind))
     assert capture.format == "NeRO" and not capture.warnings
-    assert [camera.image_path.name for camera in capture.cameras] == [
-        f"{i}.png" for i in range(COUNT)
-    ]
+    assert [camera.image_path.name for camera in capture.cameras] == [f"{i}.png" for i in range(COUNT)]
     for camera, pose in zip(capture.cameras, poses(), strict=True):
         local = np.random.default_rng(0).uniform((-1, -1, 2), (1, 1, 5), (20, 3))
         pixels, _ = camera.project(local @ pose[:3, :3].T + pose[:3, 3])

@@ -248,9 +248,7 @@ def test_names_that_no_file_can_have_are_not_in_the_folder(tmp_path, uri):
 def test_of_several_calibrations_none_is_taken(tmp_path):
     files = project()
     files["project.opf"]["items"].append(files["project.opf"]["items"][3])
-    with pytest.raises(
-        CaptureError, match="there are 2 calibrations in it; export a project with one"
-    ):
+    with pytest.raises(CaptureError, match="there are 2 calibrations in it; export a project with one"):
         read_capture(write(tmp_path, files))
 
 

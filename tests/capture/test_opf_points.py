@@ -53,9 +53,7 @@ def test_a_node_without_a_matrix_has_y_up_and_a_node_may_be_far_away(tmp_path):
     turned = points() @ np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
     np.testing.assert_allclose(read_capture(folder).points, turned)
     far = [*TO_Y_UP[:12], 10, 30, -20, 1]
-    folder = with_points(
-        tmp_path / "far", gltf(matrix=far, start=8), b"12345678" + points().tobytes()
-    )
+    folder = with_points(tmp_path / "far", gltf(matrix=far, start=8), b"12345678" + points().tobytes())
     np.testing.assert_allclose(read_capture(folder).points, points() + [10, 20, 30], rtol=1e-6)
 
 

@@ -56,11 +56,7 @@ def lead_out(folder, form):
 
         def outside(found, file=file):
             text = form.format(place=place, name=found[1])
-            return (
-                json.dumps(text)[1:-1]
-                if file.suffix in (".json", ".opf", ".sfm", ".geojson")
-                else text
-            )
+            return json.dumps(text)[1:-1] if file.suffix in (".json", ".opf", ".sfm", ".geojson") else text
 
         # A name stands between quotation marks, tags, commas or blanks, perhaps behind its folders.
         text, count = re.subn(rf"""(?<![^\s"'>,])(?:[^\s"'<>,]*/)?({named})(?![^\s"'<,])""", outside,

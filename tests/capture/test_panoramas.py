@@ -61,9 +61,7 @@ def test_pixels_come_back_from_their_directions():
     x, y = np.meshgrid(np.linspace(-np.pi, np.pi, 41)[:-1], np.linspace(-1.57, 1.57, 21))
     directions, met = undistort(EQUIRECTANGULAR, (), x.ravel(), y.ravel())
     assert met.all()
-    np.testing.assert_allclose(
-        distort(EQUIRECTANGULAR, (), directions), [x.ravel(), y.ravel()], atol=1e-12
-    )
+    np.testing.assert_allclose(distort(EQUIRECTANGULAR, (), directions), [x.ravel(), y.ravel()], atol=1e-12)
 
 
 def test_beyond_the_sphere_there_is_the_nearest_of_its_directions():
@@ -90,9 +88,7 @@ def test_a_panorama_sees_every_point_at_its_distance():
 
 
 def test_colmap_projects_and_looks_through_pixels_the_same():
-    theirs = pycolmap.Camera(
-        model="EQUIRECTANGULAR", width=WIDTH, height=HEIGHT, params=[WIDTH, HEIGHT]
-    )
+    theirs = pycolmap.Camera(model="EQUIRECTANGULAR", width=WIDTH, height=HEIGHT, params=[WIDTH, HEIGHT])
     local = all_around()
     camera = panorama(np.diag([1.0, -1, -1, 1]))
     found, _ = camera.project(local)
@@ -190,9 +186,7 @@ def of_nerfstudio(values, width, height):
     across = (column.ravel() - width / 2) / values.get("fl_x", width / 2)
     down = -(row.ravel() - height / 2) / values.get("fl_y", height)
     theta, phi = -np.pi * across, np.pi * (0.5 - down)
-    return np.stack(
-        [-np.sin(theta) * np.sin(phi), np.cos(phi), -np.cos(theta) * np.sin(phi)], axis=-1
-    )
+    return np.stack([-np.sin(theta) * np.sin(phi), np.cos(phi), -np.cos(theta) * np.sin(phi)], axis=-1)
 
 
 @pytest.mark.parametrize(

@@ -44,9 +44,7 @@ def upright_panoramas(count=12, height=0.6, seed=0, width=128):
         turn = Rotation.from_euler("ZX", (rng.uniform(0, 360), 90), degrees=True)
         pose[:3, :3] = turn.as_matrix()
         pose[:3, 3] = 2 * np.cos(angle), 2 * np.sin(angle), height
-        cameras.append(
-            panorama(Camera(f"c{angle:.2f}", None, pose, 8, 8, 8, 8, 4, 4), width, width // 2)
-        )
+        cameras.append(panorama(Camera(f"c{angle:.2f}", None, pose, 8, 8, 8, 8, 4, 4), width, width // 2))
     return cameras
 
 

@@ -31,9 +31,7 @@ P3_TO_REC709 = [[1.2249, -0.2247, 0.0], [-0.0420, 1.0419, 0.0], [-0.0196, -0.078
 ONE_CODE = 3.0  # of 8 bits, to YCbCr and back
 
 
-@pytest.mark.parametrize(
-    "name", ["plain.heic", "p3.heic", "alpha.heic", "grey.heic", "ten_bits.heic"]
-)
+@pytest.mark.parametrize("name", ["plain.heic", "p3.heic", "alpha.heic", "grey.heic", "ten_bits.heic"])
 def test_heic_is_decoded_to_the_codes_that_were_written(name):
     decoded = decode(HEIC / name)
     truth = ramp()[..., :1] if name == "grey.heic" else ramp()
@@ -83,9 +81,7 @@ def test_display_p3_without_a_profile_becomes_rec_709():
 
 
 def test_light_that_is_coded_for_hdr_screens_is_refused_with_the_way_out():
-    with pytest.raises(
-        CaptureError, match=r"pq.heic.*HDR screens \(PQ\).*convert the photos to JPEG"
-    ):
+    with pytest.raises(CaptureError, match=r"pq.heic.*HDR screens \(PQ\).*convert the photos to JPEG"):
         load(HEIC / "pq.heic")
 
 
@@ -106,9 +102,7 @@ def test_avif_is_turned_as_its_file_says(orientation, tmp_path):
 @pytest.mark.parametrize("lossless", [True, False])
 @pytest.mark.parametrize("alpha", [True, False])
 @pytest.mark.parametrize("name", ["a.webp", "a.avif"])
-def test_webp_and_avif_keep_straight_alpha_and_say_so_in_their_header(
-    name, alpha, lossless, tmp_path
-):
+def test_webp_and_avif_keep_straight_alpha_and_say_so_in_their_header(name, alpha, lossless, tmp_path):
     pixels = np.dstack([ramp(), np.full((48, 80), 128, np.uint8)])
     how = {"lossless": lossless}
     if name == "a.avif":
@@ -158,13 +152,9 @@ def intact(tmp_path_factory):
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
-@settings(
-    max_examples=200, deadline=5000, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=200, deadline=5000, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), keep=st.floats(0.3, 1), at=st.floats(0, 1), patch=st.binary(max_size=6))
-def test_damaged_photos_end_in_a_photo_or_an_error_of_one_line(
-    tmp_path, intact, data, keep, at, patch
-):
+def test_damaged_photos_end_in_a_photo_or_an_error_of_one_line(tmp_path, intact, data, keep, at, patch):
     name = data.draw(st.sampled_from(sorted(intact)))
     whole = bytearray(intact[name][: round(keep * len(intact[name]))])
     start = int(at * min(len(whole), 900))
@@ -198,9 +188,7 @@ def test_of_a_heic_and_its_copy_in_one_folder_the_copy_counts(tmp_path):
             Image.fromarray(ramp()).save(tmp_path / f"IMG_{index}.jpg")
     finder = PhotoFinder(tmp_path)
     assert [path.name for path in finder.pictures()] == ["IMG_0.HEIC", "IMG_1.jpg", "IMG_2.jpg"]
-    assert (
-        finder.find("IMG_1").name == "IMG_1.jpg" and finder.find("IMG_1.HEIC").name == "IMG_1.HEIC"
-    )
+    assert finder.find("IMG_1").name == "IMG_1.jpg" and finder.find("IMG_1.HEIC").name == "IMG_1.HEIC"
 
 
 def test_a_copy_in_another_folder_is_what_cameras_were_solved_with(tmp_path):
@@ -219,9 +207,7 @@ def box(kind, *contents):
 def phone_header(turns):
     """The header of a phone's photo: tiles of 512 × 512 (item 1), put together as item 49, and turned."""
     size = [box(b"ispe", struct.pack(">III", 0, *sides)) for sides in ((512, 512), (4032, 3024))]
-    properties = box(
-        b"ipco", *size, box(b"irot", bytes([turns])), box(b"auxC", b"\0" * 4 + b"depth\0")
-    )
+    properties = box(b"ipco", *size, box(b"irot", bytes([turns])), box(b"auxC", b"\0" * 4 + b"depth\0"))
     items = struct.pack(">HBB", 1, 1, 1) + struct.pack(">HBBB", 49, 2, 0x80 | 2, 0x80 | 3)
     associations = box(b"ipma", struct.pack(">II", 0, 2), items)
     primary = box(b"pitm", struct.pack(">IH", 0, 49))

@@ -75,9 +75,7 @@ def test_a_header_that_claims_a_huge_picture_costs_nothing(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", ["a.exr", "a.tif"])
-def test_a_photo_of_more_channels_than_memory_is_refused_before_it_is_decoded(
-    tmp_path, monkeypatch, name
-):
+def test_a_photo_of_more_channels_than_memory_is_refused_before_it_is_decoded(tmp_path, monkeypatch, name):
     write(tmp_path / name, np.zeros((6, 10, 60), np.float32))
     assert decode(tmp_path / name).pixels.size
     monkeypatch.setattr(decoding, "_MOST_VALUES", 6 * 10 * 4)
@@ -120,9 +118,7 @@ def test_radiance_files_whose_pixels_lie_in_another_order_are_refused(tmp_path, 
 
 
 @pytest.mark.parametrize("big", [False, True])
-def test_a_tiff_that_begins_with_a_thumbnail_is_refused_and_one_that_ends_with_it_is_not(
-    tmp_path, big
-):
+def test_a_tiff_that_begins_with_a_thumbnail_is_refused_and_one_that_ends_with_it_is_not(tmp_path, big):
     whole, small = ramp(np.uint8, 3, (24, 40)), ramp(np.uint8, 3, (6, 10))
     for name, pages in (("a.tif", ((small, 1), (whole, 0))), ("b.tif", ((whole, 0), (small, 1)))):
         with tifffile.TiffWriter(tmp_path / name, bigtiff=big) as file:
@@ -156,16 +152,12 @@ def intact(tmp_path_factory):
     return files
 
 
-@settings(
-    max_examples=150, deadline=5000, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=150, deadline=5000, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     name=st.sampled_from(["a.png", "a.jpg", "a.tif", "a.exr", "a.hdr"]),
     keep=st.floats(0, 1), at=st.floats(0, 1), patch=st.binary(max_size=6),
 )  # fmt: skip
-def test_damaged_photos_end_in_a_photo_or_an_error_of_one_line(
-    tmp_path, intact, name, keep, at, patch
-):
+def test_damaged_photos_end_in_a_photo_or_an_error_of_one_line(tmp_path, intact, name, keep, at, patch):
     data = bytearray(intact[name][: round(keep * len(intact[name]))])
     start = int(at * min(len(data), 400))
     data[start : start + len(patch)] = patch
@@ -231,12 +223,8 @@ def test_an_orientation_that_cannot_be_read_is_none(tmp_path):
     assert image_orientation(tmp_path / "nowhere.jpg") == 1
 
 
-@pytest.mark.parametrize(
-    "stored", [(3, 2, 9, 5), (-2, -1, 12, 8), (4, -3, 20, 3), (0, 0, 9, 7)], ids=str
-)
-def test_an_openexr_file_that_holds_a_part_or_more_is_the_picture_of_its_display_window(
-    stored, tmp_path
-):
+@pytest.mark.parametrize("stored", [(3, 2, 9, 5), (-2, -1, 12, 8), (4, -3, 20, 3), (0, 0, 9, 7)], ids=str)
+def test_an_openexr_file_that_holds_a_part_or_more_is_the_picture_of_its_display_window(stored, tmp_path):
     x0, y0, x1, y1 = stored
     rows, columns = np.mgrid[y0 : y1 + 1, x0 : x1 + 1].astype(np.float32)
     held = np.stack([100 + columns, 200 + rows, columns, np.ones_like(rows)], axis=-1)

@@ -25,8 +25,7 @@ def save(file, value=128, size=8):
 
 def write_cameras(folder, names, **extra):
     frames = [
-        {"file_path": name, "transform_matrix": pose(i).tolist(), **extra}
-        for i, name in enumerate(names)
+        {"file_path": name, "transform_matrix": pose(i).tolist(), **extra} for i, name in enumerate(names)
     ]
     file = folder / "transforms.json"
     file.write_text(json.dumps({"camera_angle_x": 0.7, "frames": frames}))
@@ -130,9 +129,7 @@ def test_names_in_the_encodings_of_windows_are_found(name, page, tmp_path):
         save(tmp_path / folder / "1.png")
     photos = [save(tmp_path / name / f"{i} {name}.png") for i in range(3)]
     finder = PhotoFinder(tmp_path)
-    told = [
-        f"{name}/{path.name}".encode(page).decode("utf-8", "surrogateescape") for path in photos
-    ]
+    told = [f"{name}/{path.name}".encode(page).decode("utf-8", "surrogateescape") for path in photos]
     assert [finder.find(stated) for stated in told] == photos
     stated = f"{name}/1.png".encode(page).decode("utf-8", "surrogateescape")
     assert finder.find(stated) == tmp_path / name / "1.png"
@@ -158,9 +155,7 @@ def test_photos_in_a_folder_that_is_a_link_are_found_and_links_in_circles_end(tm
     except OSError:
         pytest.skip("no links here")
     capture = read_capture(write_cameras(project, [f"C:/photos/{i}.jpg" for i in range(3)]))
-    assert [c.image_path for c in capture.cameras] == [
-        project / "photos" / f"{i}.png" for i in range(3)
-    ]
+    assert [c.image_path for c in capture.cameras] == [project / "photos" / f"{i}.png" for i in range(3)]
     assert len(PhotoFinder(project).pictures()) == 3
 
 
@@ -179,9 +174,7 @@ def test_pictures_beside_a_model_do_not_keep_it_from_its_photos(tmp_path):
     for i in range(3):
         save(tmp_path / "colmap" / "masks" / f"{i}.png", 255, size=16)
         save(tmp_path / "colmap" / "textures" / f"t{i}.png")
-    capture = read_capture(
-        write_cameras(tmp_path / "colmap", [f"D:/elsewhere/{i}.png" for i in range(3)])
-    )
+    capture = read_capture(write_cameras(tmp_path / "colmap", [f"D:/elsewhere/{i}.png" for i in range(3)]))
     assert [camera.image_path for camera in capture.cameras] == photos
 
 
@@ -329,9 +322,7 @@ def test_masks_of_which_none_has_a_photos_name_are_told(tmp_path):
         save(tmp_path / "masks" / f"cut out {i}.png")
     file = write_cameras(tmp_path, [f"images/{i}.jpg" for i in range(3)])
     assert "not used; name them like the photos" in " ".join(read_capture(file).warnings)
-    with pytest.raises(
-        CaptureError, match="no mask there has a photo's name.*name masks like the photos"
-    ):
+    with pytest.raises(CaptureError, match="no mask there has a photo's name.*name masks like the photos"):
         read_capture(file, masks=tmp_path / "masks")
 
 
@@ -446,9 +437,7 @@ def test_photos_and_links_to_them_are_the_same_photos(tmp_path):
         ("train/rgb", "test/rgb"), ("validation/images", "training/images"),
     ],
 )  # fmt: skip
-def test_a_photo_of_another_split_is_none_though_it_is_the_only_one_of_its_name(
-    tmp_path, told, there
-):
+def test_a_photo_of_another_split_is_none_though_it_is_the_only_one_of_its_name(tmp_path, told, there):
     """As of BlenderNeRF, which lists test cameras whose photos it does not render."""
     for i in range(3):
         save(tmp_path / there / f"r_{i}.png")
@@ -465,9 +454,7 @@ def test_a_photo_of_another_split_is_none_though_it_is_the_only_one_of_its_name(
         ("D:/scans/mug", "normal"), ("D:/scans/mug", "exposure_normal"), ("images", "great_depths"),
     ],
 )  # fmt: skip
-def test_a_photo_in_a_folder_of_any_name_is_found_where_a_file_tells_no_other_use(
-    tmp_path, told, there
-):
+def test_a_photo_in_a_folder_of_any_name_is_found_where_a_file_tells_no_other_use(tmp_path, told, there):
     photo = save(tmp_path / there / "r_1.png")
     assert PhotoFinder(tmp_path).find(f"{told}/r_1.png".lstrip("/")) == photo
 
@@ -478,9 +465,7 @@ def test_a_photo_in_a_folder_of_any_name_is_found_where_a_file_tells_no_other_us
 def test_maps_of_the_photos_names_are_not_taken_for_photos_that_are_missing(tmp_path, folder):
     picture = save(tmp_path / folder / "frame_1.png")
     assert PhotoFinder(tmp_path).find("images/frame_1.png") is None
-    assert (
-        PhotoFinder(tmp_path).find("frame_1.png") == picture
-    )  # a file that tells no folder means this
+    assert PhotoFinder(tmp_path).find("frame_1.png") == picture  # a file that tells no folder means this
     assert PhotoFinder(tmp_path).find(f"{folder}/frame_1.png") == picture
 
 

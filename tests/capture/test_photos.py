@@ -35,9 +35,7 @@ def test_whole_numbers_are_srgb(tmp_path, name, dtype, channels):
     pixels = ramp(dtype, channels)
     photo = load(write(tmp_path / name, pixels))
     expected = srgb_to_linear(pixels / np.iinfo(dtype).max)
-    np.testing.assert_allclose(
-        photo.pixels[..., :3], np.broadcast_to(expected, (6, 10, 3)), atol=1e-6
-    )
+    np.testing.assert_allclose(photo.pixels[..., :3], np.broadcast_to(expected, (6, 10, 3)), atol=1e-6)
     assert (photo.pixels[..., 3] == 1).all() and not photo.has_alpha and not photo.is_hdr
     assert photo.pixels.dtype == np.float32 and photo.pixels.base is None
 
@@ -85,9 +83,7 @@ def test_pictures_with_palettes_or_shades_load_as_what_they_show(tmp_path, mode)
     picture = Image.fromarray(np.repeat(UPRIGHT[..., None], 3, axis=-1)).convert(mode)
     picture.save(tmp_path / "a.png")
     shown = np.asarray(picture.convert("RGB")) / 255
-    np.testing.assert_allclose(
-        load(tmp_path / "a.png").pixels[..., :3], srgb_to_linear(shown), atol=1e-5
-    )
+    np.testing.assert_allclose(load(tmp_path / "a.png").pixels[..., :3], srgb_to_linear(shown), atol=1e-5)
 
 
 def test_a_declared_colour_space_counts_more_than_the_files_kind(tmp_path):
@@ -122,9 +118,7 @@ def test_chromaticities_of_openexr_are_converted(tmp_path):
     pixels = np.broadcast_to(colour, (4, 4, 3)).copy()
     photo = load(write_exr(tmp_path / "a.exr", pixels, chromaticities=ACES_AP0))
     np.testing.assert_allclose(photo.pixels[0, 0, :3], REC709_FROM_AP0 @ colour, atol=1e-4)
-    white = load(
-        write_exr(tmp_path / "w.exr", np.ones((4, 4, 3), np.float32), chromaticities=ACES_AP0)
-    )
+    white = load(write_exr(tmp_path / "w.exr", np.ones((4, 4, 3), np.float32), chromaticities=ACES_AP0))
     np.testing.assert_allclose(white.pixels[..., :3], 1, atol=2e-4)
 
 
@@ -148,9 +142,7 @@ def test_channels_of_openexr_are_told_by_name_in_whatever_order(tmp_path):
     OpenEXR.File({}, channels).write(str(tmp_path / "b.exr"))
     assert read_exr_channels(tmp_path / "b.exr").shape == (4, 4, 1)
     for reading in (load, read_exr):
-        with pytest.raises(
-            CaptureError, match="b.exr, channels: it has no R, G and B, only ViewLayer"
-        ):
+        with pytest.raises(CaptureError, match="b.exr, channels: it has no R, G and B, only ViewLayer"):
             reading(tmp_path / "b.exr")
 
 

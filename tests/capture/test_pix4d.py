@@ -128,9 +128,7 @@ def test_points_project_as_pix4d_projects_them(tmp_path, given_as):
 @pytest.mark.parametrize("equation", ["camera model m = K [R|t] X\n", ""])
 def test_another_projection_or_none_is_refused(tmp_path, equation):
     text = document().replace("camera model m = K [R|-Rt] X\n", equation)
-    with pytest.raises(
-        CaptureError, match=r"this is not Pix4D's projection, K \[R\|-Rt\] X; the file"
-    ):
+    with pytest.raises(CaptureError, match=r"this is not Pix4D's projection, K \[R\|-Rt\] X; the file"):
         read_capture(write(tmp_path, text))
 
 
@@ -141,13 +139,9 @@ def test_a_file_that_pix4d_wrote_has_the_projections_it_wrote(tmp_path):
     for camera in read_capture(tmp_path).cameras:
         assert camera.lens == "pinhole"
         points = np.array([[x, y, 0.5] for x in (10.0, 15, 20) for y in (-32.0, -28, -24)])
-        x, y, w = (
-            np.reshape(ITS_PMATRICES[camera.name], (3, 4)) @ np.column_stack([points, np.ones(9)]).T
-        )
+        x, y, w = np.reshape(ITS_PMATRICES[camera.name], (3, 4)) @ np.column_stack([points, np.ones(9)]).T
         # They are written with six digits behind the point.
-        np.testing.assert_allclose(
-            camera.project(points)[0], np.stack([x, y], 1) / w[:, None], atol=0.01
-        )
+        np.testing.assert_allclose(camera.project(points)[0], np.stack([x, y], 1) / w[:, None], atol=0.01)
 
 
 def test_undistorted_photos_have_no_distortion_and_others_are_preferred(tmp_path):
@@ -205,9 +199,7 @@ def test_what_is_wrong_with_a_file_is_named(tmp_path, old, new, problem):
 
 def test_a_file_cut_off_is_named(tmp_path):
     text = "\n".join(document().splitlines()[:-3])
-    with pytest.raises(
-        CaptureError, match="line 49: 'IMG_0004.png 96 64' breaks off; the file seems"
-    ):
+    with pytest.raises(CaptureError, match="line 49: 'IMG_0004.png 96 64' breaks off; the file seems"):
         read_capture(write(tmp_path, text))
     with pytest.raises(CaptureError, match="there are none in it"):
         read_capture(write(tmp_path, TITLES))

@@ -66,9 +66,7 @@ def test_placing_moves_cameras_points_and_what_they_project_to_alike():
     capture = capture_of(ring(), points=points)
     moved = placed(capture, similarity(1))
     for before, after in zip(capture.cameras, moved.cameras, strict=True):
-        np.testing.assert_allclose(
-            before.project(points)[0], after.project(moved.points)[0], atol=1e-6
-        )
+        np.testing.assert_allclose(before.project(points)[0], after.project(moved.points)[0], atol=1e-6)
 
 
 def test_a_region_that_a_file_states_moves_along_and_any_other_is_found_anew():

@@ -60,9 +60,7 @@ def test_axes_and_lenses_are_taken_as_polycam_has_them(tmp_path):
     item = read_capture(make_polycam(tmp_path)).cameras[3]
     np.testing.assert_allclose(item.position, (3, 1.5, 2))
     np.testing.assert_allclose(item.view_direction, (0, 0, -1))
-    pixel, depth = item.project(
-        np.array([[3, 2.5, 0]])
-    )  # a metre above the axis is up in the photo
+    pixel, depth = item.project(np.array([[3, 2.5, 0]]))  # a metre above the axis is up in the photo
     np.testing.assert_allclose(pixel[0], (20.5, 14.5 - 51 / 2))
     np.testing.assert_allclose(depth, 2)
     assert (item.fx, item.fy, item.width, item.height) == (50, 51, 40, 30)
@@ -85,9 +83,7 @@ def test_blurred_photos_are_left_out_with_a_warning_unless_most_are(tmp_path):
     capture = read_capture(make_polycam(tmp_path / "a", edit=one))
     assert [c.name for c in capture.cameras] == ["1000", "1001", "1003", "1004"]
     assert "1 photo that Polycam scores as blurred is left out" in capture.warnings[0]
-    all_blurred = make_polycam(
-        tmp_path / "b", edit=lambda i, content: content.update(blur_score=3.0)
-    )
+    all_blurred = make_polycam(tmp_path / "b", edit=lambda i, content: content.update(blur_score=3.0))
     assert len(read_capture(all_blurred).cameras) == 5
 
 
@@ -129,9 +125,7 @@ def test_other_json_is_not_taken_for_polycams(tmp_path):
     assert not polycam.recognises(tmp_path / "none.json")
 
 
-@settings(
-    max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(key=st.sampled_from([*camera_json(0)]), value=VALUES, keep=st.floats(0.3, 1.5))
 def test_hostile_cameras_end_in_a_capture_or_an_error(tmp_path_factory, key, value, keep):
     folder = make_polycam(

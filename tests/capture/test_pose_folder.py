@@ -142,9 +142,7 @@ def test_the_folder_its_poses_or_any_one_of_its_files_stand_for_all(tmp_path, gi
     assert [camera.name for camera in capture.cameras] == NSVF
 
 
-@pytest.mark.parametrize(
-    "given_as", ["", "extrinsic", "extrinsic/0_train_0003.txt", "intrinsics.txt"]
-)
+@pytest.mark.parametrize("given_as", ["", "extrinsic", "extrinsic/0_train_0003.txt", "intrinsics.txt"])
 def test_nsvfs_matrices_may_be_from_the_world_to_the_camera(tmp_path, given_as):
     folder = make_nsvf(tmp_path)
     shutil.rmtree(folder / "pose")
@@ -234,9 +232,7 @@ def test_the_lens_follows_photos_that_were_made_smaller(tmp_path):
     assert "another size for 5 of 5 photos" in capture.warnings[0]
     camera = capture.cameras[0]
     assert (camera.width, camera.height) == (648, 484)
-    np.testing.assert_allclose(
-        (camera.fx, camera.cx, camera.cy), np.array((lens[0], *lens[2:])) / 2, 1e-3
-    )
+    np.testing.assert_allclose((camera.fx, camera.cx, camera.cy), np.array((lens[0], *lens[2:])) / 2, 1e-3)
 
 
 @pytest.mark.parametrize("columns", [12, 16])
@@ -294,9 +290,7 @@ def test_cut_and_shuffled_files_end_in_a_capture_or_an_error(tmp_path, data, mak
 
 
 @RANDOM_TESTS
-@given(
-    content=st.binary(max_size=300), name=st.sampled_from(["intrinsics.txt", f"pose/{NSVF[2]}.txt"])
-)
+@given(content=st.binary(max_size=300), name=st.sampled_from(["intrinsics.txt", f"pose/{NSVF[2]}.txt"]))
 def test_any_bytes_end_in_an_error(tmp_path, content, name):
     folder = make_nsvf(tmp_path)
     (folder / name).write_bytes(content)

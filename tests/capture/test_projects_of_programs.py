@@ -28,9 +28,7 @@ def test_one_is_told_what_to_export_from_a_project_and_from_a_folder_that_has_on
     file.write_bytes(content)
     with pytest.raises(CaptureError, match=f"{name}: this is a {told}"):
         read_capture(file)
-    with pytest.raises(
-        CaptureError, match=f"no camera file in this folder, since {name} is a {told}"
-    ):
+    with pytest.raises(CaptureError, match=f"no camera file in this folder, since {name} is a {told}"):
         read_capture(tmp_path)
 
 
@@ -42,9 +40,7 @@ def test_one_is_told_what_to_export_from_a_project_and_from_a_folder_that_has_on
          "OpenMVG's binary form; convert it to JSON by openMVG_main_ConvertSfM_DataFormat"),
     ],
 )  # fmt: skip
-def test_one_is_told_how_to_convert_what_meshroom_and_openmvg_write_first(
-    tmp_path, name, content, told
-):
+def test_one_is_told_how_to_convert_what_meshroom_and_openmvg_write_first(tmp_path, name, content, told):
     file = save_photos(tmp_path / "photos").parent / name
     file.write_bytes(content)
     for path, before in ((file, f"{name}: this is {told}"), (tmp_path, f"since {name} is {told}")):

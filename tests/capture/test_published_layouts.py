@@ -19,9 +19,7 @@ def picture(file, mode="RGB"):
 
 
 def transforms(file, names):
-    frames = [
-        {"file_path": name, "transform_matrix": pose(i).tolist()} for i, name in enumerate(names)
-    ]
+    frames = [{"file_path": name, "transform_matrix": pose(i).tolist()} for i, name in enumerate(names)]
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(json.dumps({"camera_angle_x": 0.7, "frames": frames}))
 

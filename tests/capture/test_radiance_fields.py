@@ -69,9 +69,7 @@ def splat_cameras():
 
 def make_splat(folder, cameras=None):
     programs.save_photos(folder / "photos")
-    (folder / "cameras.json").write_text(
-        json.dumps(splat_cameras() if cameras is None else cameras)
-    )
+    (folder / "cameras.json").write_text(json.dumps(splat_cameras() if cameras is None else cameras))
     return folder
 
 
@@ -210,9 +208,7 @@ def test_more_photos_than_cameras_belong_to_none(tmp_path, make, folder):
         read_capture(tmp_path)
     for file in (tmp_path / folder).iterdir():
         file.unlink()
-    with pytest.raises(
-        CaptureError, match=f"photos: there are none in the folder {folder} next to"
-    ):
+    with pytest.raises(CaptureError, match=f"photos: there are none in the folder {folder} next to"):
         read_capture(tmp_path)
 
 

@@ -130,9 +130,7 @@ def test_to_look_at_a_raw_photo_is_shown_in_srgb_at_half_its_size(tmp_path):
     assert decode(path, 65).pixels.shape == (64, 128, 3)
     colour, alpha = load_reduced(path, 64)
     assert alpha is None and colour.shape == (32, 64, 3)
-    np.testing.assert_allclose(
-        middles(colour, 16), 255 * linear_to_srgb(np.array(COLOURS)), atol=1.5
-    )
+    np.testing.assert_allclose(middles(colour, 16), 255 * linear_to_srgb(np.array(COLOURS)), atol=1.5)
     assert not may_have_alpha(path)
 
 
@@ -150,9 +148,7 @@ def test_raw_photos_are_known_by_what_is_in_them_whatever_they_are_called(tmp_pa
 def test_a_developed_tiff_that_is_called_raw_is_told(tmp_path):
     write(tmp_path / "a.tif", ramp()).rename(tmp_path / "a.nef")
     for read in (image_size, decode, read_header):
-        with pytest.raises(
-            CaptureError, match="a.nef: .*cannot be read; develop all to TIFF of 16 bits"
-        ):
+        with pytest.raises(CaptureError, match="a.nef: .*cannot be read; develop all to TIFF of 16 bits"):
             read(tmp_path / "a.nef")
 
 
@@ -163,9 +159,7 @@ def test_a_compression_that_libraw_lacks_is_told_with_the_way_out(tmp_path):
     at = content.index(jpeg_xl[:8])
     path.write_bytes(content[:at] + jpeg_xl + content[at + len(jpeg_xl) :])
     assert image_size(path) == (128, 64)
-    with pytest.raises(
-        CaptureError, match="a.dng: .*cannot be read; develop all to TIFF of 16 bits"
-    ):
+    with pytest.raises(CaptureError, match="a.dng: .*cannot be read; develop all to TIFF of 16 bits"):
         decode(path)
 
 
@@ -230,9 +224,7 @@ def test_cameras_of_photos_that_were_made_smaller_follow_but_not_those_of_anothe
     for number in range(3):
         write_dng(tmp_path / f"{number}.dng", patches(COLOURS))
     assert solved(tmp_path, 64, 32).cameras[0].fx == 200
-    with pytest.raises(
-        CaptureError, match=r"photo is 128 × 64 pixels, but transforms.json says 132 × 66"
-    ):
+    with pytest.raises(CaptureError, match=r"photo is 128 × 64 pixels, but transforms.json says 132 × 66"):
         solved(tmp_path, 132, 66)
 
 
@@ -240,23 +232,17 @@ def test_blender_leaves_the_size_to_the_solver(tmp_path, monkeypatch):
     for number in range(3):
         write_dng(tmp_path / f"{number}.dng", patches(COLOURS))
     monkeypatch.setattr(image_header, "find_spec", lambda name: None)
-    with pytest.raises(
-        image_header.UnknownSize, match="0.dng: .*let Solve Cameras find the cameras"
-    ):
+    with pytest.raises(image_header.UnknownSize, match="0.dng: .*let Solve Cameras find the cameras"):
         image_size(tmp_path / "0.dng")
     assert solved(tmp_path, 132, 66).cameras[0].width == 132
-    assert image_orientation(tmp_path / "0.dng") == 1 and not image_header.blender_shows(
-        tmp_path / "0.DNG"
-    )
+    assert image_orientation(tmp_path / "0.dng") == 1 and not image_header.blender_shows(tmp_path / "0.DNG")
 
 
 @pytest.mark.parametrize("length", [0, 3, 20, 200, 8000, -10])
 def test_a_cut_raw_photo_is_told(length, tmp_path):
     path = write_dng(tmp_path / "a.dng", patches(COLOURS))
     path.write_bytes(path.read_bytes()[:length])
-    with pytest.raises(
-        CaptureError, match="a.dng: .*(cut off; replace|this is no PNG|damaged)"
-    ) as caught:
+    with pytest.raises(CaptureError, match="a.dng: .*(cut off; replace|this is no PNG|damaged)") as caught:
         load_photo(camera_for(path, 128, 64))
     assert "\n" not in str(caught.value) and "b'" not in str(caught.value)
 
@@ -277,9 +263,7 @@ def test_files_of_all_makers_that_hold_nothing_are_told(content, tmp_path):
                 assert "\n" not in str(caught.value)
 
 
-@settings(
-    max_examples=150, deadline=5000, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=150, deadline=5000, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     keep=st.floats(0, 1),
     patched=st.lists(st.tuples(st.integers(0, 900), st.binary(max_size=6)), max_size=4),

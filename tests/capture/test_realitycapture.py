@@ -50,9 +50,7 @@ def table_pose(index):
     heading, pitch, roll = angles(index)
     down = np.array([[1, 0, 0], [0, -1, 0], [0, 0, -1.0]])  # columns: right, down (south), view
     pose = np.eye(4)
-    pose[:3, :3] = (
-        turned((0, 0, 1), -heading) @ turned((1, 0, 0), pitch) @ turned((0, 1, 0), roll) @ down
-    )
+    pose[:3, :3] = turned((0, 0, 1), -heading) @ turned((1, 0, 0), pitch) @ turned((0, 1, 0), roll) @ down
     pose[:3, 3] = poses()[index, :3, 3]
     return pose
 
@@ -241,9 +239,7 @@ def test_rows_without_a_photo_need_no_lens(tmp_path):
 def test_photos_of_another_size_than_an_opencv_compliant_table_has_are_named(tmp_path):
     text = opencv_table(LENS, (WIDTH, HEIGHT))
     for size in ((WIDTH // 2, HEIGHT // 2), (2 * WIDTH, 2 * HEIGHT)):
-        with pytest.raises(
-            CaptureError, match="px_pix.*not the centre.*size in which they were aligned"
-        ):
+        with pytest.raises(CaptureError, match="px_pix.*not the centre.*size in which they were aligned"):
             read_capture(write_table(tmp_path, text, size))
 
 
@@ -283,9 +279,7 @@ def test_points_of_sidecars_project_as_the_camera_math_says(tmp_path, lens, mode
 
 def test_epics_sample_matrix_is_a_camera_that_looks_along_minus_y_with_z_up(tmp_path):
     # xcr:Rotation="-1 0 0 0 0 -1 0 -1 0": rows are right, down, view.
-    text = sidecar(np.eye(4), LENS).replace(
-        "1.0 0.0 0.0 0.0 1.0 0.0 0.0 0.0 1.0", "-1 0 0 0 0 -1 0 -1 0"
-    )
+    text = sidecar(np.eye(4), LENS).replace("1.0 0.0 0.0 0.0 1.0 0.0 0.0 0.0 1.0", "-1 0 0 0 0 -1 0 -1 0")
     write_sidecars(tmp_path, lambda i: text.replace("0.0 0.0 0.0</xcr:P", f"0.0 0.0 {i}</xcr:P"))
     for item in read_capture(tmp_path).cameras:
         np.testing.assert_allclose(item.view_direction, (0, -1, 0), atol=1e-12)
@@ -415,9 +409,7 @@ def test_places_in_a_component_are_places(tmp_path, coordinates, extra):
 
 
 def test_of_several_components_the_largest_is_read_and_the_others_are_named(tmp_path):
-    write_sidecars(
-        tmp_path, lambda i: with_coordinates(i, "relative", f'xcr:ComponentId="{{{i == 1}}}"')
-    )
+    write_sidecars(tmp_path, lambda i: with_coordinates(i, "relative", f'xcr:ComponentId="{{{i == 1}}}"'))
     capture = read_capture(tmp_path)
     assert len(capture.cameras) == COUNT - 1
     assert any(f"{names()[1]}.xmp" in warning for warning in capture.warnings)
@@ -437,9 +429,7 @@ def test_places_in_a_rig_are_none_in_the_world(tmp_path):
 
 
 def test_photos_are_found_by_windows_paths_of_another_machine(tmp_path):
-    lines = [HEADER] + [
-        row(i, LENS, f"D:\\Scans\\Vase\\photos\\{names()[i]}.JPG") for i in range(COUNT)
-    ]
+    lines = [HEADER] + [row(i, LENS, f"D:\\Scans\\Vase\\photos\\{names()[i]}.JPG") for i in range(COUNT)]
     capture = read_capture(write_table(tmp_path, "\n".join(lines)))
     assert sorted(item.name for item in capture.cameras) == names()
 
@@ -518,9 +508,7 @@ def test_a_malformed_sidecar_is_named_with_field_and_remedy(tmp_path, change, fi
     assert caught.value.remedy and "\n" not in str(caught.value)
 
 
-FUZZ = settings(
-    max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+FUZZ = settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @FUZZ

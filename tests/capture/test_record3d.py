@@ -123,9 +123,7 @@ def test_other_json_is_not_taken_for_record3ds(tmp_path):
     assert not record3d.recognises(tmp_path / "none.json")
 
 
-@settings(
-    max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     key=st.sampled_from(["w", "h", "K", "poses", "pose", "perFrameIntrinsicCoeffs", "each"]),
     value=VALUES, keep=st.floats(0.3, 1.5),

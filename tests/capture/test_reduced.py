@@ -21,9 +21,7 @@ def test_a_mask_may_lie_as_the_photo_does_or_as_it_is_looked_at(upright, tmp_pat
     shown[:10, 20:] = 255
     turned = np.rot90(shown, -1)  # what EXIF's 6 makes of it
     Image.fromarray(turned if upright else shown).save(tmp_path / "mask.png")
-    np.testing.assert_array_equal(
-        load_reduced_mask(tmp_path / "mask.png", (40, 30), (30, 40), 6), turned
-    )
+    np.testing.assert_array_equal(load_reduced_mask(tmp_path / "mask.png", (40, 30), (30, 40), 6), turned)
 
 
 def test_a_mask_of_another_shape_is_refused_also_where_photos_are_only_looked_at(tmp_path):

@@ -61,9 +61,9 @@ def test_the_error_is_how_far_matches_must_move_to_be_of_one_point(points):
     found = epipolar_errors(cameras, pairs)
     for pair, error in zip(pairs, found, strict=True):
         first, second = (cameras[i] for i in (pair.first, pair.second))
-        turn = invert_pose(
-            pose_opencv_from_opengl(second.camera_to_world)
-        ) @ pose_opencv_from_opengl(first.camera_to_world)
+        turn = invert_pose(pose_opencv_from_opengl(second.camera_to_world)) @ pose_opencv_from_opengl(
+            first.camera_to_world
+        )
 
         def apart(move, a, b, turn=turn):
             to_first = a + scipy.linalg.null_space(a[None]) @ move[:2]

@@ -53,9 +53,7 @@ def test_frames_with_photos_are_a_capture_and_others_are_not_missed(tmp_path, gi
         "file": folder / "frame_00003.json",
     }[given_as]
     capture = read_capture(path)
-    assert [camera.name for camera in capture.cameras] == [
-        f"frame_{i:05d}" for i in range(0, 12, 2)
-    ]
+    assert [camera.name for camera in capture.cameras] == [f"frame_{i:05d}" for i in range(0, 12, 2)]
     assert (capture.format, capture.metric) == ("3D Scanner App", True)
     assert capture.up.tolist() == [0, 1, 0] and not capture.warnings
 
@@ -83,9 +81,7 @@ def test_what_a_frame_states_wrongly_is_named_with_its_file(tmp_path, field):
         read_capture(folder)
 
 
-@settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     field=st.sampled_from(["cameraPoseARFrame", "intrinsics"]), value=VALUES,
     keep=st.floats(0.3, 1.5),

@@ -13,9 +13,7 @@ from tests.capture import test_meshroom, test_openmvg, test_opensfm
 from tests.capture.programs import COUNT, HOSTILE, RANDOM_TESTS, outcome, places, poses, put
 
 
-@pytest.fixture(
-    params=[test_meshroom, test_openmvg, test_opensfm], ids=["Meshroom", "OpenMVG", "OpenSfM"]
-)
+@pytest.fixture(params=[test_meshroom, test_openmvg, test_opensfm], ids=["Meshroom", "OpenMVG", "OpenSfM"])
 def program(request):
     """How one of them writes a scene."""
     return request.param

@@ -41,15 +41,11 @@ def odometry(header=OLD, tail=lambda index: ""):
     for index, pose in enumerate(arkit_poses()):
         turned = Rotation.from_matrix(pose[:3, :3]) * Rotation.from_quat([1, 0, 0, 0])
         values = [*pose[:3, 3], *turned.as_quat()]
-        lines.append(
-            f"{1000 + index / 60}, {index:06d}, {', '.join(map(str, values))}{tail(index)}"
-        )
+        lines.append(f"{1000 + index / 60}, {index:06d}, {', '.join(map(str, values))}{tail(index)}")
     return "\n".join(lines) + "\n"
 
 
-def make(
-    folder, numbers=range(FRAMES), text=None, photos="rgb", size=(WIDTH, HEIGHT), form="{:06d}"
-):
+def make(folder, numbers=range(FRAMES), text=None, photos="rgb", size=(WIDTH, HEIGHT), form="{:06d}"):
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "odometry.csv").write_text(odometry() if text is None else text)
     (folder / "camera_matrix.csv").write_text(f"{FX}, 0.0, {CX}\n0.0, {FY}, {CY}\n0.0, 0.0, 1.0")
@@ -70,9 +66,7 @@ def check(capture, first=0, lens=lambda index: (FX, FY, CX, CY)):
         x, y, z = ((points - pose[:3, 3]) @ pose[:3, :3]).T
         fx, fy, cx, cy = lens(index)
         pixels, _ = camera.project(points)
-        np.testing.assert_allclose(
-            pixels, np.stack([cx - fx * x / z, cy + fy * y / z], 1), atol=1e-4
-        )
+        np.testing.assert_allclose(pixels, np.stack([cx - fx * x / z, cy + fy * y / z], 1), atol=1e-4)
 
 
 @pytest.mark.parametrize("given_as", ["", "scans", "scans/71de12f9", "scans/71de12f9/odometry.csv"])
@@ -121,15 +115,11 @@ def test_other_numbers_are_refused(tmp_path, numbers):
 
 def renumbered(number_of):
     """The table with other numbers of frames, in the same order."""
-    return re.sub(
-        r"(?<=, )\d{6}(?=, )", lambda match: f"{number_of(int(match[0])):06d}", odometry()
-    )
+    return re.sub(r"(?<=, )\d{6}(?=, )", lambda match: f"{number_of(int(match[0])):06d}", odometry())
 
 
 @pytest.mark.parametrize("number_of", [lambda i: 2 * i, lambda i: i + 5, lambda i: i + (i > 7)])
-def test_pictures_in_a_run_are_no_frames_whose_numbers_are_in_none_or_begin_elsewhere(
-    tmp_path, number_of
-):
+def test_pictures_in_a_run_are_no_frames_whose_numbers_are_in_none_or_begin_elsewhere(tmp_path, number_of):
     with pytest.raises(
         CaptureError,
         match=f"24 numbered pictures may be any of 24 frames.*-start_number {number_of(0)} ",
@@ -160,9 +150,7 @@ def test_pictures_elsewhere_may_be_given(tmp_path):
 
 @pytest.mark.parametrize("size", [(HEIGHT, WIDTH), (WIDTH // 2, HEIGHT // 2)])
 def test_pictures_that_were_turned_or_made_smaller_are_refused(tmp_path, size):
-    message = (
-        f"of {size[0]} × {size[1]} pixels, was turned or scaled down.*; extract all its frames"
-    )
+    message = f"of {size[0]} × {size[1]} pixels, was turned or scaled down.*; extract all its frames"
     with pytest.raises(CaptureError, match=message):
         read_capture(make(tmp_path, size=size))
 

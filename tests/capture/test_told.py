@@ -244,9 +244,7 @@ def test_pictures_that_cannot_be_used_are_named_with_what_to_do(tmp_path):
     def load():
         load_photos(read_capture(folder, ignored=tmp_path / "ignore.png"))
 
-    with pytest.raises(
-        CaptureError, match="ignore.png, ignored_path: .*20 × 8.*16 × 16.*the same shape"
-    ):
+    with pytest.raises(CaptureError, match="ignore.png, ignored_path: .*20 × 8.*16 × 16.*the same shape"):
         load()
     (tmp_path / "ignore.png").write_bytes((tmp_path / "ignore.png").read_bytes()[:40])
     with pytest.raises(CaptureError, match="ignore.png.*cannot be decoded"):

@@ -236,9 +236,7 @@ def test_frames_without_a_pose_are_left_out_with_one_warning(tmp_path, value):
 @pytest.mark.parametrize("value", [[], "", False, 0, [[math.nan]], [[0, 0], [0, 0]], {"a": 1}])
 def test_what_is_no_matrix_is_an_error(tmp_path, value):
     with pytest.raises(CaptureError, match=r"frames\[1\].transform_matrix.*4 × 4"):
-        read_capture(
-            make_capture(tmp_path, edit=lambda c: c["frames"][1].update(transform_matrix=value))
-        )
+        read_capture(make_capture(tmp_path, edit=lambda c: c["frames"][1].update(transform_matrix=value)))
 
 
 def test_where_only_some_frames_have_a_focal_length_the_first_without_one_is_named(tmp_path):
@@ -259,9 +257,7 @@ def test_a_model_that_is_empty_is_none(model, tmp_path):
         content.update(camera_model="OPENCV_FISHEYE", k1=0.1)
         content["frames"][1].update(camera_model=model)
 
-    assert (
-        read_capture(make_capture(tmp_path / "a", edit=change)).cameras[1].lens == "opencv_fisheye"
-    )
+    assert read_capture(make_capture(tmp_path / "a", edit=change)).cameras[1].lens == "opencv_fisheye"
     assert capture_with(tmp_path / "b", camera_model=model, k1=0.1).cameras[1].lens == "opencv"
 
 
@@ -405,9 +401,7 @@ def test_fields_of_view_may_be_in_degrees_and_of_either_side(tmp_path, values, f
 
 @pytest.mark.parametrize("degrees", [0, 180, -50, 400])
 def test_what_is_no_field_of_view_is_refused(tmp_path, degrees):
-    with pytest.raises(
-        CaptureError, match="x_fov: .* is not a field of view; give 0 to 180 degrees"
-    ):
+    with pytest.raises(CaptureError, match="x_fov: .* is not a field of view; give 0 to 180 degrees"):
         capture_with(tmp_path, **WIDE, x_fov=degrees)
 
 
@@ -458,9 +452,7 @@ def test_tangential_terms_of_a_fisheye_act_on_the_equidistant_picture(tmp_path):
     camera = capture_with(tmp_path, camera_model="OPENCV_FISHEYE", **terms).cameras[0]
     for x, y in np.random.default_rng(0).uniform(-0.5, 0.5, (20, 2)):
         r2, angle = x * x + y * y, math.hypot(x, y)
-        radial = (
-            1 + terms["k1"] * r2 + terms["k2"] * r2**2 + terms["k3"] * r2**3 + terms["k4"] * r2**4
-        )
+        radial = 1 + terms["k1"] * r2 + terms["k2"] * r2**2 + terms["k3"] * r2**3 + terms["k4"] * r2**4
         u = x * radial + 2 * terms["p1"] * x * y + terms["p2"] * (r2 + 2 * x * x)
         v = y * radial + 2 * terms["p2"] * x * y + terms["p1"] * (r2 + 2 * y * y)
         sine = math.sin(angle) / angle
@@ -483,9 +475,7 @@ def test_project_arias_lens_has_twelve_numbers_in_its_list(tmp_path):
         capture_with(tmp_path / "b", **{**content, "distortion_params": listed[:6]})
 
 
-@pytest.mark.parametrize(
-    "value", [[0.1] * 4, [0.1] * 5, [0.1] * 7, ["a"] * 6, [math.nan] * 6, {}, 0.1]
-)
+@pytest.mark.parametrize("value", [[0.1] * 4, [0.1] * 5, [0.1] * 7, ["a"] * 6, [math.nan] * 6, {}, 0.1])
 def test_a_list_of_a_lens_that_is_not_nerfstudios_six_numbers_is_named(value, tmp_path):
     with pytest.raises(CaptureError, match=r"frames\[0\].distortion_params"):
         capture_with(tmp_path, distortion_params=value)
@@ -581,9 +571,7 @@ def test_unusable_points_are_a_warning(tmp_path):
     assert capture_with(tmp_path / "a", ply_file_path=["a"]).points is None
 
 
-@settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     kind=st.sampled_from(["ascii", "binary_little_endian"]), keep=st.floats(0, 1), at=st.floats(0, 1),
     patch=st.binary(max_size=8),
@@ -607,9 +595,7 @@ KEYS = [
 KEYS_OF_FRAME = ["file_path", "transform_matrix", "mask_path", "fl_x", "w", "camera_model", "k2"]
 
 
-@settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(key=st.sampled_from(KEYS), frame_key=st.sampled_from(KEYS_OF_FRAME), value=VALUES, other=VALUES,
        keep=st.floats(0.5, 2))  # fmt: skip
 def test_hostile_files_end_in_a_capture_or_an_error(tmp_path, key, frame_key, value, other, keep):
@@ -627,9 +613,7 @@ def test_poses_of_a_file_that_names_photos_elsewhere_find_nothing(tmp_path):
     folder = make_capture(tmp_path / "a")
     frames = [
         {"file_path": name, "transform_matrix": pose(i).tolist()}
-        for i, name in enumerate(
-            ["../secret.png", str(tmp_path / "secret"), "../../etc/passwd", "r_0"]
-        )
+        for i, name in enumerate(["../secret.png", str(tmp_path / "secret"), "../../etc/passwd", "r_0"])
     ]
     content = {"camera_angle_x": math.pi / 4, "frames": frames}
     (folder / "transforms_train.json").write_text(json.dumps(content))
@@ -638,17 +622,13 @@ def test_poses_of_a_file_that_names_photos_elsewhere_find_nothing(tmp_path):
 
 
 def test_of_nerfstudios_lists_only_what_is_for_training_is_read(tmp_path):
-    capture = capture_with(
-        tmp_path, train_filenames=["./r_0", "./r_1", "./r_3"], test_filenames=["./r_2"]
-    )
+    capture = capture_with(tmp_path, train_filenames=["./r_0", "./r_1", "./r_3"], test_filenames=["./r_2"])
     assert [camera.name for camera in capture.cameras] == ["r_0", "r_1", "r_3"]
     (told,) = (text for text in capture.warnings if "train_filenames" in text)
     assert "1 photo for validation or tests left out" in told
 
 
-@pytest.mark.parametrize(
-    "stated", [["r_0", r".\r_1", "./r_3"], ["./r_0"], ["x"] * 4, [], 5, {}, [1, None]]
-)
+@pytest.mark.parametrize("stated", [["r_0", r".\r_1", "./r_3"], ["./r_0"], ["x"] * 4, [], 5, {}, [1, None]])
 def test_a_list_for_training_counts_however_its_paths_are_spelt_unless_it_is_none(tmp_path, stated):
     cameras = capture_with(tmp_path, train_filenames=stated).cameras
     assert len(cameras) == (3 if len(stated if isinstance(stated, list) else []) == 3 else 4)

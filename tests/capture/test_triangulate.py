@@ -22,9 +22,7 @@ def pattern():
 @pytest.mark.parametrize("lens", LENSES)
 def test_points_lie_on_what_is_printed_whatever_the_lens(pattern, lens):
     cameras = [camera_at(angle, lens) for angle in np.linspace(0, 1.2, 6)]
-    points = triangulate(
-        cameras, [picture_at(c, pattern) for c in cameras], lambda done: None
-    ).points
+    points = triangulate(cameras, [picture_at(c, pattern) for c in cameras], lambda done: None).points
     assert len(points) > 300
     # A pixel is 1 cm wide there.
     assert np.percentile(np.abs(points[:, 2]), 95) < 0.02

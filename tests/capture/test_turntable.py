@@ -29,9 +29,7 @@ def turned_before_cameras(stands=((3, 0, 0.4), (2.4, 0, 1.8)), photos=15, shaken
             pose = np.eye(4)
             pose[:3, :3] = Rotation.from_rotvec((0, 0, angle)).as_matrix()
             pose = pose @ look_at(stand)
-            pose[:3, :3] = (
-                Rotation.from_rotvec(shaken * rng.normal(size=3)).as_matrix() @ pose[:3, :3]
-            )
+            pose[:3, :3] = Rotation.from_rotvec(shaken * rng.normal(size=3)).as_matrix() @ pose[:3, :3]
             pose[:3, 3] += shaken * rng.normal(size=3)
             cameras.append(seen(pose))
     return cameras
@@ -106,9 +104,7 @@ def test_cameras_all_over_a_dome_stand_on_no_circles():
     for _ in range(200):
         angle, z = rng.uniform(0, 2 * np.pi), rng.uniform(0.05, 0.95)
         across = np.sqrt(1 - z * z)
-        cameras.append(
-            seen(look_at(4 * np.array([across * np.cos(angle), across * np.sin(angle), z])))
-        )
+        cameras.append(seen(look_at(4 * np.array([across * np.cos(angle), across * np.sin(angle), z]))))
     assert stands_of(cameras).share < ON_STANDS
 
 

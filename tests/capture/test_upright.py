@@ -36,9 +36,7 @@ def arc(degrees, slope, roll, seed, count=24, shake=3.0):
     for i, (nod, turn, sway) in enumerate(shakes):
         angle = np.radians(degrees) * i / (count - 1) + turn
         down = np.radians(slope) + nod
-        position = 3 * np.array(
-            [np.cos(angle) * np.cos(down), np.sin(angle) * np.cos(down), np.sin(down)]
-        )
+        position = 3 * np.array([np.cos(angle) * np.cos(down), np.sin(angle) * np.cos(down), np.sin(down)])
         pose = look_at(position, roll(i) + sway)
         cameras.append(camera_at(pose, f"c{i}"))
     return cameras
@@ -86,9 +84,7 @@ def test_cameras_that_all_stand_in_one_place_and_look_alike_have_their_own_up():
 
 def test_a_file_that_says_what_is_up_is_believed():
     cameras = ring()
-    capture = Capture(
-        Path("x"), tuple(cameras), region_seen_by(cameras), up=np.array([0.0, 2.0, 0.0])
-    )
+    capture = Capture(Path("x"), tuple(cameras), region_seen_by(cameras), up=np.array([0.0, 2.0, 0.0]))
     np.testing.assert_allclose(up_of(capture), (0, 1, 0))
 
 
@@ -103,9 +99,7 @@ def test_up_is_found_from_photos_that_all_lie_upside_down_in_their_files(tmp_pat
 
 
 @pytest.mark.parametrize("orientation, roll", [(6, -math.pi / 2), (8, math.pi / 2)])
-def test_portrait_photos_from_one_side_have_the_up_that_their_headers_say(
-    orientation, roll, tmp_path
-):
+def test_portrait_photos_from_one_side_have_the_up_that_their_headers_say(orientation, roll, tmp_path):
     exif = Image.Exif()
     exif[0x0112] = orientation
     Image.new("RGB", (60, 40)).save(tmp_path / "a.jpg", exif=exif)

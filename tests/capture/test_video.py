@@ -34,9 +34,7 @@ UNSAID = 2
     ],
 )
 @pytest.mark.parametrize("full", [False, True])
-def test_colours_are_those_that_were_coded_whatever_matrix_and_range(
-    tmp_path, matrix, said, height, full
-):
+def test_colours_are_those_that_were_coded_whatever_matrix_and_range(tmp_path, matrix, said, height, full):
     picture = plain(COLOUR, 64, height)
     path = write_video(tmp_path / "a.mp4", [picture], matrix=matrix, said=said, full=full)
     pixels = next(frames(path)).pixels()
@@ -55,9 +53,7 @@ def _signal(value):
 
 def test_hdr_of_a_phone_becomes_linear_light_with_diffuse_white_at_one(tmp_path):
     pictures = [_signal((0.75,) * 3), _signal((0.75, 0.5, 0.5))]
-    path = write_video(
-        tmp_path / "a.mp4", pictures, matrix=REC2020, said=REC2020, transfer=18, primaries=9
-    )
+    path = write_video(tmp_path / "a.mp4", pictures, matrix=REC2020, said=REC2020, transfer=18, primaries=9)
     white, red = (frame.pixels() for frame in frames(path))
     assert white.dtype == np.float32
     assert np.allclose(white, 1, atol=0.02)
@@ -137,9 +133,7 @@ def test_frames_are_turned_as_the_track_says(tmp_path, rotation):
     assert max(corners.values()) < 120
 
 
-@pytest.mark.parametrize(
-    ("pixel", "size"), [(Fraction(4, 3), (85, 48)), (Fraction(3, 4), (64, 64))]
-)
+@pytest.mark.parametrize(("pixel", "size"), [(Fraction(4, 3), (85, 48)), (Fraction(3, 4), (64, 64))])
 def test_pixels_become_square_without_losing_any(tmp_path, pixel, size):
     frame = next(frames(write_video(tmp_path / "a.mp4", [_marked()], pixel=pixel)))
     assert (frame.width, frame.height) == size

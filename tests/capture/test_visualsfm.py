@@ -15,9 +15,7 @@ from tests.capture.programs import numbers
 CENTRED = (70, 32, 24)
 
 
-def export(
-    reconstruction, file, distortion=0.0, name="{}", between=" ", head="NVM_V3", matrix=False
-):
+def export(reconstruction, file, distortion=0.0, name="{}", between=" ", head="NVM_V3", matrix=False):
     """What COLMAP's model_converter writes for VisualSFM."""
     images = [image for _, image in sorted(reconstruction.images.items())]
     lines = [head, "", str(len(images))]
@@ -28,9 +26,7 @@ def export(
         if matrix:
             place = [*pose.rotation.matrix().ravel(), *pose.translation]
         focal = reconstruction.cameras[image.camera_id].params[0]
-        lines.append(
-            name.format(image.name) + between + numbers([focal, *place, distortion]) + " 0"
-        )
+        lines.append(name.format(image.name) + between + numbers([focal, *place, distortion]) + " 0")
     lines += ["", str(len(reconstruction.points3D))]
     for point in reconstruction.points3D.values():
         lines.append(numbers(point.xyz) + " 9 9 9 2 0 0 1.5 2.5 1 0 3.5 4.5")
@@ -86,9 +82,7 @@ def test_colmaps_sign_of_the_distortion_agrees_to_first_order(tmp_path, solved, 
     camera = read_capture(file).cameras[0]
     image = next(i for i in reconstruction.images.values() if i.name == camera.image_path.name)
     point = np.array([0.8, 0.7, 0.6])
-    np.testing.assert_allclose(
-        camera.project(point[None])[0][0], image.project_point(point), atol=1e-4
-    )
+    np.testing.assert_allclose(camera.project(point[None])[0][0], image.project_point(point), atol=1e-4)
 
 
 def test_a_fixed_calibration_counts_for_all(tmp_path, solved, agrees):
@@ -177,9 +171,7 @@ def model(tmp_path_factory, solved):
     return file, file.read_bytes()
 
 
-@settings(
-    max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_a_broken_file_is_a_capture_or_an_error(model, data):
     file, content = model[0], bytearray(model[1])

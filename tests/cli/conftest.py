@@ -39,9 +39,7 @@ def _with_truth(capture, count, folder):
     """The first held-out cameras of a capture that have photos under all lights, in a folder of their own."""
     content = json.loads((capture / "transforms_test.json").read_text())
     relit = {path.name for path in (capture / "relight_sunset").glob("r_*.png")}
-    content["frames"] = [
-        f for f in content["frames"] if Path(f["file_path"]).name + ".png" in relit
-    ]
+    content["frames"] = [f for f in content["frames"] if Path(f["file_path"]).name + ".png" in relit]
     content["frames"] = content["frames"][:count]
     for name in ("env.exr", "relight_sunset.exr", "relight_studio.exr"):
         shutil.copy(capture / name, folder)

@@ -62,9 +62,7 @@ BAD = {
     "JSON cut in half": cut_in_half,
     "photos missing": without_photos,
     "no camera_angle_x": lambda path: make_capture(path, edit=lambda c: c.pop("camera_angle_x")),
-    "singular matrix": lambda path: make_capture(
-        path, edit=set_pose(np.diag([1.0, 0, 1, 1]).tolist())
-    ),
+    "singular matrix": lambda path: make_capture(path, edit=set_pose(np.diag([1.0, 0, 1, 1]).tolist())),
     "NaN in all poses": lambda path: make_capture(path, edit=without_poses),
     "an archive that is cut off": archive_that_is_cut_off,
 }

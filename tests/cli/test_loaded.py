@@ -20,6 +20,4 @@ def test_a_reconstruction_is_the_one_of_a_fresh_python(job, duck, tmp_path):
     again = fresh_solver("reconstruct", duck, "--out", tmp_path / "job", *TINY)
     assert again.returncode == 0, again.stderr
     for name in ("mesh.ply", "albedo.png", "environment.exr"):
-        assert (tmp_path / "job" / "result" / name).read_bytes() == (
-            job / "result" / name
-        ).read_bytes()
+        assert (tmp_path / "job" / "result" / name).read_bytes() == (job / "result" / name).read_bytes()

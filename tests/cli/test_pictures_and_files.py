@@ -187,9 +187,7 @@ def test_export_touches_nothing_beside_its_folder(job, tmp_path):
     assert (inside / "manifest.json").is_file() and not (inside / "copy").exists()
 
 
-def test_cameras_that_changed_since_are_refused_for_a_bake_and_where_a_job_goes_on(
-    job, duck, tmp_path
-):
+def test_cameras_that_changed_since_are_refused_for_a_bake_and_where_a_job_goes_on(job, duck, tmp_path):
     photos = shutil.copytree(duck, tmp_path / "photos")
     copy = shutil.copytree(job, tmp_path / "job")
     request = json.loads((copy / "job.json").read_text()) | {"capture": str(photos)}
@@ -282,9 +280,7 @@ def test_an_export_that_fails_leaves_nothing_that_looks_complete(job, tmp_path, 
         raise shutil.Error([(str(source / "asset.glb"), str(target), "No space left on device")])
 
     monkeypatch.setattr(shutil, "copytree", full)
-    with pytest.raises(
-        JobError, match="asset.glb could not be written .No space left.*another folder"
-    ):
+    with pytest.raises(JobError, match="asset.glb could not be written .No space left.*another folder"):
         export_result(JobFolder.open(job), tmp_path / "asset")
     assert list(tmp_path.iterdir()) == []
     monkeypatch.undo()

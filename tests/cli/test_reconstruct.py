@@ -26,15 +26,11 @@ def test_the_result_holds_all_that_the_manifest_names(job):
     for name in files:
         assert (job / "result" / name).stat().st_size > 50, name
     kinds = [json.loads(line)["ev"] for line in (job / "events.jsonl").read_text().splitlines()]
-    assert (
-        kinds[0] == "hello" and kinds[-1] == "bye" and "result" in kinds and "checkpoint" in kinds
-    )
+    assert kinds[0] == "hello" and kinds[-1] == "bye" and "result" in kinds and "checkpoint" in kinds
     assert json.loads((job / "status.json").read_text())["state"] == "done"
 
 
-def test_a_warning_is_told_off_a_terminal_and_every_warning_of_a_job_is_in_its_report(
-    job, tmp_path
-):
+def test_a_warning_is_told_off_a_terminal_and_every_warning_of_a_job_is_in_its_report(job, tmp_path):
     again = shutil.copytree(job, tmp_path / "job")
     shutil.rmtree(again / "result")
     request = json.loads((again / "job.json").read_text())
@@ -108,9 +104,7 @@ def test_blenders_way_of_starting_finds_points_in_photos_without_masks(tmp_path)
     command += [tmp_path / "transforms.json", "--out", tmp_path / "job", *TINY]
     command += ["--set", "fit.steps=2"]
     subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL, timeout=300, check=False)
-    events = [
-        json.loads(line) for line in (tmp_path / "job" / "events.jsonl").read_text().splitlines()
-    ]
+    events = [json.loads(line) for line in (tmp_path / "job" / "events.jsonl").read_text().splitlines()]
     assert "fit" in [event.get("name") for event in events if event["ev"] == "stage"]
     assert not [event["text"] for event in events if event["ev"] == "warning"]
     assert max(e["fraction"] for e in events if e.get("stage") == "geometry") > 0.3
@@ -135,9 +129,7 @@ def test_cameras_that_are_off_are_adjusted_once_and_a_job_that_goes_on_keeps_the
 
 def test_cameras_of_another_convention_end_with_what_to_do(tmp_path):
     cameras = [camera_at(angle) for angle in np.linspace(0, 1.2, 6)]
-    turned = [
-        replace(c, camera_to_world=pose_opengl_from_opencv(c.camera_to_world)) for c in cameras
-    ]
+    turned = [replace(c, camera_to_world=pose_opengl_from_opencv(c.camera_to_world)) for c in cameras]
     file = write_table(tmp_path, cameras, told=turned)
     result = solver("reconstruct", file, "--out", tmp_path / "job", *TINY)
     assert result.returncode == 2
@@ -157,9 +149,7 @@ def write_small_photos(folder, change):
     (folder / "transforms.json").write_text(json.dumps(content))
 
 
-@pytest.mark.parametrize(
-    "level, words", [(0, None), (255, "are white too, so no masks can be made")]
-)
+@pytest.mark.parametrize("level, words", [(0, None), (255, "are white too, so no masks can be made")])
 def test_a_plain_backdrop_makes_masks_or_a_warning(level, words, tmp_path):
     """The sample before black, and before white with half of its photos white as well."""
 
@@ -212,9 +202,7 @@ def test_what_is_to_be_ignored_is_given_kept_and_not_compared(tmp_path):
             assert result.returncode == 2 and "masks" in result.stderr, result.stderr
     assert json.loads((tmp_path / "ignoring" / "job.json").read_text())["ignored"] == str(given)
     assert scores["ignoring"] > 15 and scores["ignoring"] > scores["carved"], scores
-    result = solver(
-        "reconstruct", photos, "--ignore", photos, "--out", tmp_path / "ignoring", "--resume"
-    )
+    result = solver("reconstruct", photos, "--ignore", photos, "--out", tmp_path / "ignoring", "--resume")
     assert result.returncode == 2 and "was begun with the ignored" in result.stderr
 
 
@@ -266,9 +254,7 @@ def before_far(tmp_path_factory):
     return folder
 
 
-def test_an_object_before_what_is_far_away_is_told_from_it_fitted_resumed_and_scored(
-    before_far, tmp_path
-):
+def test_an_object_before_what_is_far_away_is_told_from_it_fitted_resumed_and_scored(before_far, tmp_path):
     job = tmp_path / "job"
     assert solver("reconstruct", before_far, "--out", job, *TINY).returncode == 0
     state = json.loads((job / "checkpoint" / "state.json").read_text())

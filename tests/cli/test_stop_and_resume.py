@@ -128,9 +128,7 @@ def test_a_fit_that_is_over_has_time_enough(tmp_path, job):
     progress.stage.side_effect = lambda stage, *_: setattr(control, "should_stop", stage == "asset")
     with pytest.raises(Cancelled):
         run_job(JobFolder.open(again), progress, control)
-    assert not [
-        told for told in progress.warning.call_args_list if "too short for a fit" in told.args[0]
-    ]
+    assert not [told for told in progress.warning.call_args_list if "too short for a fit" in told.args[0]]
 
 
 @pytest.mark.parametrize(
@@ -188,9 +186,7 @@ def test_a_checkpoint_can_be_read_by_whoever_can_read_the_rest_of_a_job(job):
     assert modes == {(job / "job.json").stat().st_mode}
 
 
-def test_a_fit_of_exposures_does_not_go_on_without_some_of_its_photos_or_with_others(
-    tmp_path, duck
-):
+def test_a_fit_of_exposures_does_not_go_on_without_some_of_its_photos_or_with_others(tmp_path, duck):
     capture = tmp_path / "capture"
     shutil.copytree(duck, capture, ignore=shutil.ignore_patterns("test*", "relight*", "*test.json"))
     few = [*TINY, "--set", "fit.steps=2", "--set", "fit.exposure=gain"]
@@ -203,9 +199,7 @@ def test_a_fit_of_exposures_does_not_go_on_without_some_of_its_photos_or_with_ot
     shutil.copyfile(second, first)
     result = solver("run", root)
     assert result.returncode == 2 and "Traceback" not in result.stderr
-    assert (
-        "exposures of other photos: 1 in the order" in result.stderr and "put back" in result.stderr
-    )
+    assert "exposures of other photos: 1 in the order" in result.stderr and "put back" in result.stderr
     first.write_bytes(kept)
     assert solver("run", root).returncode == 0
     state.write_text(state.read_text().replace('"done": true', '"done": false'))
@@ -276,9 +270,7 @@ def test_standard_streams_that_are_closed_change_nothing(command, code, duck):
 def test_no_file_gets_the_number_of_a_standard_stream_that_is_closed():
     script = "import os, solver.streams; solver.streams.open_standard_streams(); os._exit(os.dup(0) != 3)"
     assert (
-        subprocess.run(
-            f'"{sys.executable}" -c "{script}" <&- >&- 2>&-', shell=True, cwd=ROOT
-        ).returncode
+        subprocess.run(f'"{sys.executable}" -c "{script}" <&- >&- 2>&-', shell=True, cwd=ROOT).returncode
         == 0
     )
 
@@ -330,14 +322,10 @@ def test_a_pipe_that_breaks_elsewhere_is_told(monkeypatch, capsys):
 
 def test_a_decoder_is_another_job_wherever_this_one_is_run_later(tmp_path, job, duck):
     few = [*TINY, "--set", "fit.steps=2"]
-    missing = solver(
-        "reconstruct", duck, "--out", tmp_path / "a", *few, "--set", "fit.decoder=nowhere"
-    )
+    missing = solver("reconstruct", duck, "--out", tmp_path / "a", *few, "--set", "fit.decoder=nowhere")
     assert missing.returncode == 2 and "nowhere" in missing.stderr
     assert not (tmp_path / "a").exists()
     relative = os.path.relpath(job, ROOT)
-    given = solver(
-        "reconstruct", duck, "--out", tmp_path / "b", *few, "--set", f"fit.decoder={relative}"
-    )
+    given = solver("reconstruct", duck, "--out", tmp_path / "b", *few, "--set", f"fit.decoder={relative}")
     assert given.returncode == 0, given.stderr
     assert JobFolder.open(tmp_path / "b").request.overrides["fit.decoder"] == str(job)

@@ -112,9 +112,7 @@ class Placed(torch.Tensor):
             problems.add(f"{operation} of {shapes}")
         # What is changed in place is the result as well, and not a new tensor.
         same = {id(_numbers(tensor)): tensor for tensor in given}
-        result = operation(
-            *mapped(_numbers, args), **{k: mapped(_numbers, v) for k, v in kwargs.items()}
-        )
+        result = operation(*mapped(_numbers, args), **{k: mapped(_numbers, v) for k, v in kwargs.items()})
 
         def placed(made: torch.Tensor) -> torch.Tensor:
             return same[id(made)] if id(made) in same else Placed(made, device)

@@ -129,9 +129,7 @@ def test_a_fit_lit_by_a_floor_and_its_far_light_mix_nothing_with_the_processor(d
     light = SeenLight(shown, shown, floor)
     settings = settings_for("draft", SMALL)
     with pretended(device, with_warp):
-        trainer = new_trainer(
-            capture, photos, settings, 0, None, device, lambda fraction: None, light
-        )
+        trainer = new_trainer(capture, photos, settings, 0, None, device, lambda fraction: None, light)
         losses = [trainer.advance(step / STEPS)["image"] for step in range(STEPS)]
         light = light_from_afar(trainer.scene, list(capture.cameras)).image()
     assert np.isfinite(losses).all() and np.isfinite(light).all()
@@ -177,9 +175,7 @@ def test_a_job_on_a_card_is_stopped_resumed_baked_rendered_and_composed_with_the
         "asset.texture_size": "32", "render.pixel_grid": "1", "fit.refine_cameras": "no",
     }  # fmt: skip
     there, here = (
-        JobFolder.create(
-            tmp_path / name, JobRequest(str(ball_folder), device=name, overrides=overrides)
-        )
+        JobFolder.create(tmp_path / name, JobRequest(str(ball_folder), device=name, overrides=overrides))
         for name in (device, "cpu")
     )
     with pretended(device, with_warp):

@@ -55,9 +55,7 @@ def field_of_slope(direction, half_size=1.0):
     with torch.no_grad():
         field.density_planes.zero_()
         field.density_lines.fill_(1)
-        field.density_planes[0, :, :, 0] -= (
-            direction[0] * ramp[:, None] + direction[1] * ramp[None, :]
-        )
+        field.density_planes[0, :, :, 0] -= direction[0] * ramp[:, None] + direction[1] * ramp[None, :]
         field.density_planes[1, :, :, 0] -= direction[2] * ramp[None, :]
     return field
 
@@ -67,9 +65,7 @@ def test_normals_point_from_dense_to_empty(direction):
     field = field_of_slope(direction)
     points = 0.3 + 0.4 * torch.rand(20, 3)
     normals = field.normals(points, field.normal_factors())
-    torch.testing.assert_close(
-        normals, torch.tensor(direction).float().expand(20, 3), atol=1e-4, rtol=0
-    )
+    torch.testing.assert_close(normals, torch.tensor(direction).float().expand(20, 3), atol=1e-4, rtol=0)
 
 
 def test_upsampling_keeps_the_field_at_its_nodes():
@@ -139,9 +135,7 @@ def test_raw_density_on_a_grid_is_that_of_its_points(count):
     grid = field.raw_density_grid(count)
     ticks = torch.linspace(0, 1, count)
     points = torch.stack(torch.meshgrid(ticks, ticks, ticks, indexing="ij"), -1).reshape(-1, 3)
-    torch.testing.assert_close(
-        grid.reshape(-1), field.raw_density(points).detach(), atol=1e-5, rtol=1e-4
-    )
+    torch.testing.assert_close(grid.reshape(-1), field.raw_density(points).detach(), atol=1e-5, rtol=1e-4)
 
 
 def test_an_extinction_is_that_of_its_raw_density():

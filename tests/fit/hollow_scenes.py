@@ -72,9 +72,7 @@ def photographed(shape, colour):
     cameras, photos = [], []
     for i in range(VIEWS):
         z, turn = 0.05 + 0.9 * i / VIEWS, 2.4 * i
-        place = 3 * np.array(
-            [np.cos(turn) * (1 - z * z) ** 0.5, np.sin(turn) * (1 - z * z) ** 0.5, z]
-        )
+        place = 3 * np.array([np.cos(turn) * (1 - z * z) ** 0.5, np.sin(turn) * (1 - z * z) ** 0.5, z])
         matrix = look_at(place, np.zeros(3))
         camera = Camera(f"r_{i}", None, matrix, SIZE, SIZE, 115.0, 115.0, SIZE / 2, SIZE / 2)
         row, column = np.mgrid[0:SIZE, 0:SIZE] + 0.5

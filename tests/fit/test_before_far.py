@@ -174,10 +174,7 @@ def test_the_light_is_held_to_what_is_known_but_may_be_brighter_where_that_is_wh
     assert brighter == 0 and (gradient == 0).all()
     dimmer, gradient = difference(white, 0.1)
     share = FarLight(white).known.float().mean()  # of the map, which is not even on the sphere
-    assert (
-        dimmer == pytest.approx(float(share) * np.log(10) ** 2, rel=0.1)
-        and float(gradient.sum()) < 0
-    )
+    assert dimmer == pytest.approx(float(share) * np.log(10) ** 2, rel=0.1) and float(gradient.sum()) < 0
     assert SATURATED < 1
 
 

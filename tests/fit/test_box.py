@@ -120,9 +120,7 @@ def test_cameras_see_a_turned_start_as_they_do_a_straight_one():
     for name, axes in (("turned", AXES), ("straight", np.eye(3))):
         capture, photos = askew_brick(axes)
         trainer = new_trainer(capture, photos, TURNED, 0, None, "cpu", lambda fraction: None)
-        view = render_view(
-            trainer.scene, StepTables.of(trainer.scene), SMALL.render, capture.cameras[3]
-        )
+        view = render_view(trainer.scene, StepTables.of(trainer.scene), SMALL.render, capture.cameras[3])
         views[name] = view
         wrong[name] = ((view.opacity > 0.5) != (photos[3].pixels[..., 3] > 0.5)).mean()
     assert wrong["turned"] < wrong["straight"] + 0.01 < 0.08

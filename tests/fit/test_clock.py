@@ -96,9 +96,7 @@ def test_a_fits_first_step_does_not_count(time):
     for fraction in (0.1, 0.5):
         time.now = start + 200.0 * work_done(DRAFT, fraction)
         left = 200.0 * (1 - work_done(DRAFT, fraction))
-        assert watch.seconds_left(round(fraction * DRAFT.fit.steps)) == pytest.approx(
-            left, rel=0.01
-        )
+        assert watch.seconds_left(round(fraction * DRAFT.fit.steps)) == pytest.approx(left, rel=0.01)
 
 
 def test_on_a_card_all_steps_take_as_long_but_for_the_first(time):
@@ -133,7 +131,5 @@ def test_a_fog_gets_the_steps_it_needs_to_become_an_object_however_short_the_lim
     fog, hull = (FitClock(DRAFT, 0.0, 10.0, fog) for fog in (True, False))
     time.now += 10
     assert hull.fraction(50) == 1.0
-    assert (
-        fog.fraction(50) == 50 / LEAST_STEPS_FROM_FOG and fog.fraction(LEAST_STEPS_FROM_FOG) == 1.0
-    )
+    assert fog.fraction(50) == 50 / LEAST_STEPS_FROM_FOG and fog.fraction(LEAST_STEPS_FROM_FOG) == 1.0
     assert fog.seconds_left(50) == 0.0

@@ -32,9 +32,7 @@ def ball(backdrop, paint=None, views=12):
     """
     cameras, photos, coverages = [], [], []
     for i in range(views):
-        camera = Camera(
-            f"c{i}", None, pose(2 * np.pi * i / views), SIZE, SIZE, 120.0, 120.0, 32.0, 32.0
-        )
+        camera = Camera(f"c{i}", None, pose(2 * np.pi * i / views), SIZE, SIZE, 120.0, 120.0, 32.0, 32.0)
         row, column = (np.mgrid[0 : SIZE * FINE, 0 : SIZE * FINE] + 0.5) / FINE
         origins, directions = camera.rays(column.ravel(), row.ravel())
         along = -(origins * directions).sum(1)
@@ -78,8 +76,7 @@ def test_an_object_before_plain_white_or_black_gets_its_coverage_as_alpha(name, 
 def test_radiances_before_black_are_kept():
     capture, photos, _ = ball(0.0)
     bright = [
-        dataclasses.replace(p, is_hdr=True, pixels=p.pixels * np.float32((9, 9, 9, 1)))
-        for p in photos
+        dataclasses.replace(p, is_hdr=True, pixels=p.pixels * np.float32((9, 9, 9, 1))) for p in photos
     ]
     for photo, original in zip(cut_out(capture, bright), bright, strict=True):
         whole = photo.pixels[..., 3] == 1

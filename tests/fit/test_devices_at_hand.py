@@ -26,18 +26,14 @@ def driver(no_device, monkeypatch, tmp_path):
         program.write_text(f"import sys\nprint({words!r})\nsys.exit({code})\n", encoding="utf-8")
         real = subprocess.run
         monkeypatch.setattr(devices.shutil, "which", lambda name: str(program))
-        monkeypatch.setattr(
-            devices.subprocess, "run", lambda w, **o: real([sys.executable, *w], **o)
-        )
+        monkeypatch.setattr(devices.subprocess, "run", lambda w, **o: real([sys.executable, *w], **o))
 
     return says
 
 
 def test_without_a_card_jobs_run_on_the_processor_and_cards_are_refused(no_device):
     assert choose_device("auto") == choose_device("cpu") == device_at_hand("cuda") == "cpu"
-    with pytest.raises(
-        SettingsError, match="--device cuda: this machine has no such device; choose cpu"
-    ):
+    with pytest.raises(SettingsError, match="--device cuda: this machine has no such device; choose cpu"):
         choose_device("cuda")
     assert card_of("cpu") is None
 
@@ -53,10 +49,7 @@ def test_a_card_that_torch_is_not_made_for_is_told_with_the_way_out(driver, monk
 def test_a_card_whose_driver_is_too_old_is_told(driver, monkeypatch):
     monkeypatch.setattr(torch.version, "cuda", "13.0")
     driver("NVIDIA T4")
-    assert (
-        idle_card()
-        == "NVIDIA T4 is not used: PyTorch for CUDA 13.0 cannot; a newer driver may help"
-    )
+    assert idle_card() == "NVIDIA T4 is not used: PyTorch for CUDA 13.0 cannot; a newer driver may help"
 
 
 @pytest.mark.parametrize(("words", "code"), [("no devices were found", 6), ("", 0)])

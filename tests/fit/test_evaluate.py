@@ -82,9 +82,7 @@ def test_true_normals_are_the_same_from_every_file_they_may_lie_in(tmp_path):
     for bits, kind in ((8, np.uint8), (16, np.uint16)):
         half = 2 ** (bits - 1)
         coded = np.round(normals * (half - 1) + half).astype(kind)
-        (write_png if bits == 8 else write_fine_png)(
-            tmp_path / "a_normal.png", coded / (2**bits - 1)
-        )
+        (write_png if bits == 8 else write_fine_png)(tmp_path / "a_normal.png", coded / (2**bits - 1))
         np.testing.assert_allclose(true_normals(camera), normals, atol=0.51 / (half - 1))
     for stored in (normals, normals * 0.5 + 0.5):
         write_exr(tmp_path / "a_normal.exr", {"RGB": stored})

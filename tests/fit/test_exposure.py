@@ -112,9 +112,7 @@ def test_pictures_are_compared_with_photos_at_their_own_exposure(with_gains):
     assert exposed > plain + 5
     brighter = dataclasses.replace(photos[0], pixels=photos[0].pixels * (1.2, 1, 0.8, 1))
     white = brought_to(view, brighter, "white", "white_balance")
-    ratio = white.radiance.sum((0, 1)) / brought_to(view, photos[0], "white", "gain").radiance.sum(
-        (0, 1)
-    )
+    ratio = white.radiance.sum((0, 1)) / brought_to(view, photos[0], "white", "gain").radiance.sum((0, 1))
     np.testing.assert_allclose(ratio, (1.2, 1, 0.8), rtol=0.05)
 
 
@@ -123,9 +121,7 @@ def test_what_stood_before_black_is_shown_before_black():
         SMALL, fit=dataclasses.replace(SMALL.fit, background="black", emission_fade=(0.1, 0.2))
     )
     capture, photos = ball_capture()
-    opaque = [
-        np.concatenate([p.pixels[..., :3], np.ones_like(p.pixels[..., 3:])], -1) for p in photos
-    ]
+    opaque = [np.concatenate([p.pixels[..., :3], np.ones_like(p.pixels[..., 3:])], -1) for p in photos]
     photos = [Photo(pixels, False, False) for pixels in opaque]
     trainer = new_trainer(capture, photos, settings, 0, None, "cpu", lambda fraction: None)
     for i in range(200):

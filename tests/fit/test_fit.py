@@ -88,9 +88,7 @@ def test_the_visual_hull_of_a_ball_holds_the_ball_and_little_more():
     capture, photos = ball_capture(24)
     hull = carve(list(capture.cameras), masks_of(photos), capture.region, 40)
     ticks = (np.arange(40) + 0.5) / 20 - 1
-    distance = np.linalg.norm(
-        np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), -1), axis=-1
-    )
+    distance = np.linalg.norm(np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), -1), axis=-1)
     assert hull[distance < RADIUS - 0.1].all()
     equator = hull & (np.abs(ticks)[None, None] < 0.2)
     assert not equator[distance > RADIUS + 0.15].any()
@@ -175,9 +173,7 @@ def test_a_checkpoint_of_before_depths_at_corners_has_them_from_its_field_where_
     checkpoint.save_checkpoint(trainer, folder, 1.0, done=False)
     expected = checkpoint.load_scene(folder)[0].occupancy.corner_depth
     path = folder / "scene.safetensors"
-    path.write_bytes(
-        save({k: v for k, v in load(path.read_bytes()).items() if k != "corner_depth"})
-    )
+    path.write_bytes(save({k: v for k, v in load(path.read_bytes()).items() if k != "corner_depth"}))
     found = checkpoint.load_scene(folder)[0].occupancy.corner_depth
     assert float(expected.amax()) > 0 == float(expected[: len(expected) // 2].amax())
     torch.testing.assert_close(found, expected, rtol=1e-2, atol=1e-3)
@@ -209,9 +205,7 @@ def test_a_checkpoint_does_not_hold_on_to_its_file(tmp_path):
 def test_settings_that_do_not_fit_each_other_are_told_before_a_job_begins(overrides, words):
     with pytest.raises(SettingsError, match=words):
         settings_for("draft", overrides)
-    assert settings_for("draft", {"field.sizes": "32", "field.size_starts": "0"}).field.sizes == (
-        32,
-    )
+    assert settings_for("draft", {"field.sizes": "32", "field.size_starts": "0"}).field.sizes == (32,)
 
 
 def test_the_last_checkpoint_stays_where_a_full_disk_takes_no_other(tmp_path, monkeypatch):
@@ -303,13 +297,9 @@ def test_a_finished_fit_keeps_the_normals_it_ended_with(tmp_path):
 
 def test_presets_are_valid_and_settings_convert():
     assert all(isinstance(preset, Settings) for preset in PRESETS.values())
-    changed = settings_for(
-        "draft", {"fit.steps": "7", "field.sizes": "8,16,32", "render.visibility": "no"}
-    )
+    changed = settings_for("draft", {"fit.steps": "7", "field.sizes": "8,16,32", "render.visibility": "no"})
     assert (
-        changed.fit.steps == 7
-        and changed.field.sizes == (8, 16, 32)
-        and changed.render.visibility is False
+        changed.fit.steps == 7 and changed.field.sizes == (8, 16, 32) and changed.render.visibility is False
     )
 
 
@@ -356,9 +346,7 @@ def test_a_saturated_pixel_forgives_more_light_but_not_less():
             torch.full((1, 3), radiance), ones, None
         )
         clipped = torch.ones(1, 3, dtype=torch.bool)
-        batch = RayBatch(
-            None, None, torch.ones(1, 3), ones, ones > 0, clipped, ones, torch.zeros(1).long()
-        )
+        batch = RayBatch(None, None, torch.ones(1, 3), ones, ones > 0, clipped, ones, torch.zeros(1).long())
         return float(photometric(buffers, batch, torch.ones(1, 3)))
 
     assert loss(3.0) == 0 and loss(0.5) > 0.01
@@ -424,9 +412,7 @@ def test_opacity_is_held_to_alpha_only_where_that_is_known():
         None, None, torch.ones(2, 3), ones, torch.tensor([True, False]), torch.zeros(2, 3).bool(), ones,
         torch.zeros(2).long(),
     )  # fmt: skip
-    fit = dataclasses.replace(
-        SMALL.fit, mask_weight=2.0, opacity_weight=0.0, orientation_weight=0.0
-    )
+    fit = dataclasses.replace(SMALL.fit, mask_weight=2.0, opacity_weight=0.0, orientation_weight=0.0)
 
     def pull(use_masks):
         white = torch.ones(2, 3)
@@ -444,9 +430,7 @@ def test_smoothness_fades_to_its_end(fraction):
     empty, flat = torch.zeros(2, 3), torch.zeros(2)
     ones = torch.ones(2)
     batch = RayBatch(None, None, empty, ones, ones > 0, empty.bool(), ones, ones.long())
-    fit = dataclasses.replace(
-        SMALL.fit, bend_weight=2.0, unevenness_weight=0.5, smoothness_end=0.25
-    )
+    fit = dataclasses.replace(SMALL.fit, bend_weight=2.0, unevenness_weight=0.5, smoothness_end=0.25)
 
     def loss(bending, unevenness):
         buffers = RayBuffers(

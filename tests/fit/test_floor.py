@@ -99,10 +99,7 @@ def test_a_fit_lights_its_object_by_the_floor_at_every_resolution_of_the_light()
     trainer.advance(0.6)
     assert trainer.scene.environment.height > height
     assert trainer.scene.environment.floor == FLOOR
-    assert (
-        trainer_on(None).scene.environment.floor is None
-        and Isolated(None, []).light == NOTHING_SEEN
-    )
+    assert trainer_on(None).scene.environment.floor is None and Isolated(None, []).light == NOTHING_SEEN
 
 
 def test_the_light_on_the_floor_stays_with_what_photos_show_but_is_not_overwritten():

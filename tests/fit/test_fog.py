@@ -56,9 +56,7 @@ def test_a_point_that_shines_sends_its_own_colour_whatever_the_light():
 
 def test_emission_fades_for_a_fog_and_pictures_never_have_it():
     fit = FitSettings(emission_fade=(0.1, 0.3))
-    assert [emission_share(fit, f) for f in (0.0, 0.1, 0.2, 0.3, 1.0)] == pytest.approx(
-        [1, 1, 0.5, 0, 0]
-    )
+    assert [emission_share(fit, f) for f in (0.0, 0.1, 0.2, 0.3, 1.0)] == pytest.approx([1, 1, 0.5, 0, 0])
     assert emission_share(PAPER.fit, 0.0) == 0
     assert image_settings(RenderSettings(emission=1.0)).emission == 0
 
@@ -271,9 +269,7 @@ def test_a_fog_is_seen_whole_whatever_the_random_numbers():
 
     one, other = seen(0), seen(1)
     torch.testing.assert_close(one.radiance, other.radiance)
-    torch.testing.assert_close(
-        one.radiance, 0.3 * one.opacity[:, None].expand(-1, 3), rtol=0.01, atol=1e-3
-    )
+    torch.testing.assert_close(one.radiance, 0.3 * one.opacity[:, None].expand(-1, 3), rtol=0.01, atol=1e-3)
     one.radiance.sum().backward()
     assert scene.field.density_planes.grad.abs().max() > 0
     assert scene.field.heads.albedo.bias.grad.abs().max() > 0

@@ -30,9 +30,7 @@ def test_a_cup_loses_its_lid_and_keeps_its_walls():
 
 
 @pytest.mark.parametrize("shape, colour", [(cup, painted), (block, mirrored), (stump, flat_gloss)])
-def test_where_the_first_floor_is_no_better_than_the_lid_the_best_one_tells(
-    shape, colour, monkeypatch
-):
+def test_where_the_first_floor_is_no_better_than_the_lid_the_best_one_tells(shape, colour, monkeypatch):
     monkeypatch.setattr(hollows, "BETTER", 0.0)
     monkeypatch.setattr(hollows, "air_seen", lambda *given: np.zeros((CELLS,) * 3))
     cameras, photos, hull = photographed(shape, colour)

@@ -132,9 +132,7 @@ def test_a_plate_thinner_than_any_cell_is_an_object():
     cameras, masks = silhouettes(0.02)
     only = [mask & False for mask in masks]
     for camera, mask in zip(cameras, only, strict=True):
-        plate = np.random.default_rng(1).uniform(
-            (-0.3, -0.001, -0.3), (0.3, 0.001, 0.3), (20_000, 3)
-        )
+        plate = np.random.default_rng(1).uniform((-0.3, -0.001, -0.3), (0.3, 0.001, 0.3), (20_000, 3))
         column, row = camera.project(plate)[0].astype(int).T
         mask[row, column] = True
     box = hull_box(cameras, lambda: only, REGION, 48)

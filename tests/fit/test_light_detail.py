@@ -140,9 +140,7 @@ NONE = {"light.smoothness": "0", "light.colour_smoothness": "0"}
 
 
 def test_late_steps_take_lines_from_the_light_that_a_rough_ball_does_not_tell():
-    free, smooth = (
-        late_light(0.7, **settings)[:, 24:40].std(-1).mean() for settings in (NONE, STRONG)
-    )
+    free, smooth = (late_light(0.7, **settings)[:, 24:40].std(-1).mean() for settings in (NONE, STRONG))
     assert smooth < 0.5 * free
 
 

@@ -41,17 +41,13 @@ def looked_at(height, there):
 
 def test_where_a_room_is_known_all_round_the_light_is_the_room():
     light = light_from_room(walls(lambda d: d[:, 0] < 2), 64)
-    np.testing.assert_allclose(
-        light.image(), np.broadcast_to([0.3, 0.2, 0.1], (64, 128, 3)), rtol=1e-3
-    )
+    np.testing.assert_allclose(light.image(), np.broadcast_to([0.3, 0.2, 0.1], (64, 128, 3)), rtol=1e-3)
 
 
 @pytest.mark.parametrize("height", [32, 128])
 def test_what_no_photo_shows_is_grey_and_makes_white_surfaces_white(height):
     image = light_from_room(walls(lambda d: d[:, 2] < 0.3), height).image()
-    walled, sky = (
-        looked_at(height, there) for there in (lambda d: d[:, 2] < 0.2, lambda d: d[:, 2] > 0.8)
-    )
+    walled, sky = (looked_at(height, there) for there in (lambda d: d[:, 2] < 0.2, lambda d: d[:, 2] > 0.8))
     np.testing.assert_allclose(
         image[walled], np.broadcast_to([0.3, 0.2, 0.1], image[walled].shape), rtol=0.02
     )

@@ -218,9 +218,7 @@ def test_the_paper_preset_resumes_as_if_nothing_had_happened(tmp_path):
 def test_an_older_fit_resumes_without_the_terms_it_did_not_know(name):
     for preset in ("draft", "paper"):
         values = dataclasses.asdict(settings_for(preset))
-        assert (
-            getattr(checkpoint.settings_of({"settings": values}).fit, name) == values["fit"][name]
-        )
+        assert getattr(checkpoint.settings_of({"settings": values}).fit, name) == values["fit"][name]
         del values["fit"][name]
         assert getattr(checkpoint.settings_of({"settings": values}).fit, name) == 0
 
@@ -240,9 +238,7 @@ def test_what_photos_hardly_tell_of_the_light_stays_as_it_was():
 
 
 def test_an_analytical_derivative_survives_a_checkpoint(tmp_path):
-    settings = dataclasses.replace(
-        SMALL, field=dataclasses.replace(SMALL.field, smoothed_normals=False)
-    )
+    settings = dataclasses.replace(SMALL, field=dataclasses.replace(SMALL.field, smoothed_normals=False))
     checkpoint.save_checkpoint(start(settings), tmp_path / "checkpoint", 0.0, done=True)
     scene, *_ = checkpoint.load_scene(tmp_path / "checkpoint")
     assert scene.field.smoothed_normals is False

@@ -22,9 +22,7 @@ DENSITY = 4.0
 
 def started(points, density=DENSITY):
     capture, photos = room_capture()
-    settings = dataclasses.replace(
-        SMALL, field=dataclasses.replace(SMALL.field, points_density=density)
-    )
+    settings = dataclasses.replace(SMALL, field=dataclasses.replace(SMALL.field, points_density=density))
     capture = dataclasses.replace(capture, points=points)
     return new_trainer(capture, photos, settings, 0, None, "cpu", lambda done: None).scene
 

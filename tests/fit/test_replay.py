@@ -77,9 +77,7 @@ def on_the_processor(monkeypatch):
 
 def trainer_on(device, settings, replayed, **options):
     capture, photos = ball_capture()
-    trainer = new_trainer(
-        capture, photos, settings, 0, None, device, lambda fraction: None, **options
-    )
+    trainer = new_trainer(capture, photos, settings, 0, None, device, lambda fraction: None, **options)
     trainer.replay = Replay(trainer.scene.device) if replayed else None
     trainer.batching.recent, trainer.batching.rays_per_sample = [1.0] * RETRACED_MEMORY, 0.01
     return trainer
@@ -102,9 +100,7 @@ def gradients(trainer, step):
 def test_gradients_of_steps_that_are_replayed_are_those_of_others(device, preset, request):
     if device == "cpu":
         request.getfixturevalue("on_the_processor")
-    ordinary, trainer = (
-        trainer_on(device, SETTINGS[preset], replayed) for replayed in (False, True)
-    )
+    ordinary, trainer = (trainer_on(device, SETTINGS[preset], replayed) for replayed in (False, True))
     for some in (ordinary, trainer):
         some.fraction = 0.6
     trainer._begin_period(1)
@@ -144,8 +140,7 @@ def test_a_period_has_an_ordinary_step_and_then_graphs(on_the_processor):
         assert replay.run(found(5), nothing, VALUES) == ([3], True) and not replay.replays
         for factor in (2, 3):
             assert (
-                replay.run(found(5), nothing, factor * VALUES) == ([3 * factor], False)
-                and replay.replays
+                replay.run(found(5), nothing, factor * VALUES) == ([3 * factor], False) and replay.replays
             )
 
 
@@ -160,9 +155,7 @@ def test_lengths_are_by_the_most_that_was_seen_in_the_period_before(on_the_proce
     assert most == [120 + SPARE, 1080 + SPARE, 120 + SPARE]
 
 
-def test_a_step_that_does_other_things_than_the_first_one_is_no_graph(
-    on_the_processor, monkeypatch
-):
+def test_a_step_that_does_other_things_than_the_first_one_is_no_graph(on_the_processor, monkeypatch):
     class Recorded(CalledAgain):
         def __init__(self, call):
             super().__init__(call)

@@ -179,9 +179,7 @@ def test_masks_are_pictures_that_say_where_they_are_not_sure(tmp_path, glazed):
     shapes = [(HEIGHT, WIDTH)] * len(capture.cameras)
     assert read_masks(tmp_path, capture.cameras, shapes) is None
     write_masks(tmp_path, capture.cameras, found.outlines)
-    for wrote, read in zip(
-        found.outlines, read_masks(tmp_path, capture.cameras, shapes), strict=True
-    ):
+    for wrote, read in zip(found.outlines, read_masks(tmp_path, capture.cameras, shapes), strict=True):
         np.testing.assert_array_equal(wrote.shown, read.shown)
         np.testing.assert_array_equal(wrote.unsure, read.unsure)
     assert read_masks(tmp_path, capture.cameras, [(5, 5)] * len(shapes)) is None

@@ -98,9 +98,7 @@ def test_cells_are_compared_by_the_correlation_of_their_patches():
 def test_what_a_photo_shows_right_beside_a_hull_most_of_which_is_behind_it_lies_on_rays():
     """A fixed bug: rays were as wide as a depth below 0 says, so some were taken for one or for none."""
     cameras, photos, hull = photographed(cup, painted)
-    beside = replace(
-        cameras[0], camera_to_world=look_at(np.array([0.45, 0, 0]), np.array([3.0, 0, 0]))
-    )
+    beside = replace(cameras[0], camera_to_world=look_at(np.array([0.45, 0, 0]), np.array([3.0, 0, 0])))
     with ThreadPoolExecutor() as pool:
         cells = stereo._Stereo([beside], photos[:1], hull, BOX, pool)
     ray, seen = cells.views[0].ray, beside.in_frame(cells.points)

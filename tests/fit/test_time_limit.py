@@ -123,9 +123,7 @@ def test_a_lookup_takes_time_whatever_the_coarsest_clock_says(monkeypatch):
     assert finish.lookup > 0 and seconds_from_fog(finish.lookup) > 0
 
 
-def test_a_limit_counts_what_a_job_took_each_time_it_was_run_start_up_included(
-    duck, tmp_path, monkeypatch
-):
+def test_a_limit_counts_what_a_job_took_each_time_it_was_run_start_up_included(duck, tmp_path, monkeypatch):
     """A fixed bug: of runs that were stopped only the fit's seconds were known to those that went on."""
     overrides = dict(text.split("=") for text in [*TINY[1::2], "fit.steps=9000"])
     request = JobRequest(str(duck), overrides=overrides, time_limit=1000)

@@ -58,9 +58,7 @@ def test_what_photos_say_nothing_of_is_never_drawn(photo, restricted):
     capture, photos = before_a_hand(ignored=True)
     bank, generator = bank_of(capture, photos), torch.Generator().manual_seed(0)
     if restricted:
-        bank.restrict(
-            torch.from_numpy(np.concatenate([p.pixels[..., 3].ravel() >= 0 for p in photos]))
-        )
+        bank.restrict(torch.from_numpy(np.concatenate([p.pixels[..., 3].ravel() >= 0 for p in photos])))
     drawn = bank.draw(20_000, generator, photo)
     assert told_among(bank, photos)[drawn].all()
     first, last = (0, len(bank)) if photo is None else bank.first_pixel[photo : photo + 2]
@@ -192,9 +190,7 @@ def agreement_of(capture, photos, truth):
 def test_a_fit_of_photos_with_a_hand_that_is_ignored_is_as_good_as_without_it():
     capture, truth = ball_capture()
     clean = agreement_of(capture, truth, truth)
-    ignoring, not_ignoring = (
-        agreement_of(*before_a_hand(ignored), truth) for ignored in (True, False)
-    )
+    ignoring, not_ignoring = (agreement_of(*before_a_hand(ignored), truth) for ignored in (True, False))
     assert ignoring > clean - 1.0, (clean, ignoring, not_ignoring)
     assert ignoring > not_ignoring + 3.0, (clean, ignoring, not_ignoring)
 

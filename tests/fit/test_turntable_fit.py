@@ -138,9 +138,7 @@ def job(turned_ball, tmp_path):
 
 
 def brightness(folder):
-    return [
-        read_exr(folder / f"r_{index}_linear.exr")[0][..., :3].mean() for index in (0, VIEWS // 2)
-    ]
+    return [read_exr(folder / f"r_{index}_linear.exr")[0][..., :3].mean() for index in (0, VIEWS // 2)]
 
 
 def test_a_light_that_is_given_stands_still(job, tmp_path):
@@ -183,9 +181,7 @@ def test_a_check_tells_of_turntables_and_of_what_may_be_one(saved):
     cameras = turned_before_cameras(photos=8)
     (sure,) = turning(circles_of(saved(cameras, lambda index: room(index // 8))))
     assert "the light will go round with the cameras" in sure.text
-    (open_question,) = turning(
-        circles_of(saved(cameras, lambda index: np.full((32, 48, 3), 255.0)))
-    )
+    (open_question,) = turning(circles_of(saved(cameras, lambda index: np.full((32, 48, 3), 255.0))))
     assert "set Turntable to Yes" in open_question.text
     assert turning(circles_of(saved(cameras, room))) == []
     assert turning(circles_of(saved(carried(16), lambda index: room(0)))) == []
@@ -215,9 +211,7 @@ def test_no_turn_can_be_told_where_the_first_photo_is_from_right_above():
     above[2, 3] = 3.0
     cameras = tuple(dataclasses.replace(camera, camera_to_world=above) for _ in range(3))
     capture = Capture(Path("x"), cameras, np.array([[-1.0] * 3, [1.0] * 3]), up=np.eye(3)[2])
-    with pytest.raises(
-        SettingsError, match="light.turntable.*taken from straight above.*choose no"
-    ):
+    with pytest.raises(SettingsError, match="light.turntable.*taken from straight above.*choose no"):
         turntable_of(capture, "yes")
 
 

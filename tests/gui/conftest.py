@@ -22,9 +22,7 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.real_blender)
             if not Path(REAL_BLENDER).is_file():
                 item.add_marker(
-                    pytest.mark.skip(
-                        "no real Blender: NMF_REAL_BLENDER is not the path of real-blender.sh"
-                    )
+                    pytest.mark.skip("no real Blender: NMF_REAL_BLENDER is not the path of real-blender.sh")
                 )
 
 

@@ -30,9 +30,7 @@ def test_a_capture_becomes_a_blend(blender, capture, tmp_path, words):
 
 @pytest.mark.parametrize("words", COMMANDS.values(), ids=COMMANDS)
 def test_bad_input_is_told_in_the_exit_code(blender, tmp_path, words):
-    told = blender(
-        "headless", "--", *words, str(tmp_path / "nothing"), str(tmp_path / "out.blend"), code=2
-    )
+    told = blender("headless", "--", *words, str(tmp_path / "nothing"), str(tmp_path / "out.blend"), code=2)
     assert str(tmp_path / "nothing") in told
 
 

@@ -38,9 +38,7 @@ def report(tmp_path_factory, screenshots, in_window, cameras):
     tracks = np.stack([places[..., 0] / size[0], 1 - places[..., 1] / size[1]], axis=-1)
     stated = {"lens": 36.0 * cameras[0].fx / size[0].item(), "k1": K1, "tracks": tracks.tolist()}
     (folder / "film.json").write_text(json.dumps(stated))
-    in_window(
-        "film_steps.py", "film_4_end.png", NMF_GUI_FILM=str(folder / f"{cameras[0].name}.png")
-    )
+    in_window("film_steps.py", "film_4_end.png", NMF_GUI_FILM=str(folder / f"{cameras[0].name}.png"))
     return json.loads((screenshots / "film_report.json").read_text())
 
 

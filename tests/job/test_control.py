@@ -40,9 +40,7 @@ def start(tmp_path):
     """Start a job that works for `seconds`, or until it hears that it should stop."""
     children = []
 
-    def run(
-        seconds=20.0, stdin=subprocess.PIPE, work="time.sleep(0.01)", has_parent=True, **options
-    ):
+    def run(seconds=20.0, stdin=subprocess.PIPE, work="time.sleep(0.01)", has_parent=True, **options):
         program = WORK.format(
             root=str(ROOT), cancel=str(tmp_path / "cancel"), seconds=seconds, work=work,
             has_parent=has_parent,
@@ -71,9 +69,7 @@ def ending(child):
     return time.monotonic() - asked, text, child.wait(10)
 
 
-def test_a_folder_that_is_away_for_a_moment_ends_neither_heartbeat_nor_cancel(
-    tmp_path, monkeypatch
-):
+def test_a_folder_that_is_away_for_a_moment_ends_neither_heartbeat_nor_cancel(tmp_path, monkeypatch):
     """As on a network drive."""
     beats, away, exists = [], [True], Path.exists
 

@@ -21,11 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 values = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text()
 
 
-@given(
-    data=st.dictionaries(
-        st.text().filter(lambda k: k not in ("v", "t", "ev", "self", "kind")), values
-    )
-)
+@given(data=st.dictionaries(st.text().filter(lambda k: k not in ("v", "t", "ev", "self", "kind")), values))
 def test_an_event_comes_back_as_it_was_sent(data, tmp_path_factory):
     path = tmp_path_factory.mktemp("events") / "events.jsonl"
     stream = EventStream(path)
@@ -49,9 +45,7 @@ from solver.session import session
 with session(Path("/dev/full"), Path({str(tmp_path / "status.json")!r}), Path({str(tmp_path / "cancel")!r}), True, True):
     pass
 """
-    run = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=False
-    )
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert [parse_event(line).kind for line in run.stdout.splitlines()] == ["hello"]
     heard = io.StringIO()
     stream = EventStream(tmp_path / "events.jsonl", heard)

@@ -31,9 +31,7 @@ requests = st.builds(
     time_limit=st.none() | st.floats(1, 1e6),
     region=st.none() | st.just({"min": [-1.0, -2.0, -3.0], "max": [1.0, 2.0, 3.0]}),
     placement=st.none()
-    | st.just(
-        [[0.0, -2.0, 0.0, 5.0], [2.0, 0.0, 0.0, 6.0], [0.0, 0.0, 2.0, 7.0], [0.0, 0.0, 0.0, 1.0]]
-    ),
+    | st.just([[0.0, -2.0, 0.0, 5.0], [2.0, 0.0, 0.0, 6.0], [0.0, 0.0, 2.0, 7.0], [0.0, 0.0, 0.0, 1.0]]),
     overrides=st.dictionaries(st.text(max_size=10), st.text(max_size=10) | number, max_size=3),
     code_version=st.text(max_size=10),
 )
@@ -195,9 +193,7 @@ def test_a_failed_write_leaves_the_old_file_and_no_litter(tmp_path, monkeypatch)
 
 
 @pytest.mark.parametrize("is_folder", [False, True])
-def test_what_a_reader_holds_on_windows_is_replaced_once_it_lets_go(
-    tmp_path, monkeypatch, is_folder
-):
+def test_what_a_reader_holds_on_windows_is_replaced_once_it_lets_go(tmp_path, monkeypatch, is_folder):
     source, target, denied = tmp_path / "new", tmp_path / "there", []
     source.mkdir() if is_folder else source.touch()
     replace, slept, clock = os.replace, [], [0.0]

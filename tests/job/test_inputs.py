@@ -59,9 +59,7 @@ def test_masks_of_fitted_photos_are_none_of_others_with_the_same_names(tmp_path)
 
     add_masks_of("train")
     job = JobFolder.create(tmp_path / "job", JobRequest(capture=str(duck), masks=str(masks)))
-    with pytest.raises(
-        CaptureError, match=r"r_0\.png.*would be the mask of.*named like their photos'"
-    ):
+    with pytest.raises(CaptureError, match=r"r_0\.png.*would be the mask of.*named like their photos'"):
         held_out_of(job, capture_of(job))
     add_masks_of("test")
     found = {camera.mask_path.parent.name for camera in held_out_of(job, capture_of(job)).cameras}

@@ -69,9 +69,7 @@ def test_a_beat_renews_the_time_and_nothing_else(tmp_path, monkeypatch):
     heartbeat.beat()  # a file that cannot be written does not end the job
 
 
-def test_a_status_that_another_program_holds_on_windows_is_written_by_a_later_beat(
-    tmp_path, monkeypatch
-):
+def test_a_status_that_another_program_holds_on_windows_is_written_by_a_later_beat(tmp_path, monkeypatch):
     clock, held = [1000.0], []
     monkeypatch.setattr(status.time, "monotonic", lambda: clock[0])
     write = status.write_json_atomic

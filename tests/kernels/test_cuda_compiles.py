@@ -23,8 +23,6 @@ def test_all_that_have_kernels_are_compiled_before_a_fit():
 @pytest.mark.parametrize("architecture", [75, 90])
 def test_kernels_compile_for_cards_from_turing_to_hopper(family, architecture, tmp_path):
     module = importlib.import_module(f"solver.kernels.{family}_warp")
-    wp.compile_aot_module(
-        module, device="cpu", arch=architecture, module_dir=tmp_path, use_ptx=True
-    )
+    wp.compile_aot_module(module, device="cpu", arch=architecture, module_dir=tmp_path, use_ptx=True)
     made = list(tmp_path.glob("*.ptx"))
     assert made and f".target sm_{architecture}" in made[0].read_text()

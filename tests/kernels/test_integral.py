@@ -111,12 +111,8 @@ def test_prefix_sums_agree_with_their_twin_in_values_and_gradients():
 def test_twin_gradients_by_position_and_size_agree_with_finite_differences():
     environment = random_map()
     tables = environment.tables()
-    centre = torch.tensor(
-        [[10.3, 7.7], [0.3, 4.4], [5.2, 0.9]], dtype=torch.float64, requires_grad=True
-    )
-    size = torch.tensor(
-        [[3.1, 2.2], [4.3, 1.7], [6.1, 3.3]], dtype=torch.float64, requires_grad=True
-    )
+    centre = torch.tensor([[10.3, 7.7], [0.3, 4.4], [5.2, 0.9]], dtype=torch.float64, requires_grad=True)
+    size = torch.tensor([[3.1, 2.2], [4.3, 1.7], [6.1, 3.3]], dtype=torch.float64, requires_grad=True)
     from solver.kernels import integral_torch
 
     table = tables.table.detach()
@@ -132,9 +128,7 @@ def test_a_sun_leaves_no_negative_radiance_elsewhere():
     environment = EnvironmentMap.from_radiance(radiance)
     torch.manual_seed(2)
     centre = torch.rand(5000, 2) * torch.tensor([128.0, 64.0])
-    mean = rectangle_mean(
-        environment.tables().table, environment.row_prefix, centre, torch.ones(5000, 2)
-    )
+    mean = rectangle_mean(environment.tables().table, environment.row_prefix, centre, torch.ones(5000, 2))
     assert (mean > 0.9e-3).all()
 
 

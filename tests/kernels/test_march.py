@@ -26,9 +26,7 @@ def homogeneous(raw):
     return planes, lines
 
 
-@pytest.mark.parametrize(
-    "cells, filled, step", [(6, 0.4, 0.02), (40, 0.002, 0.011), (40, 0.05, 0.05)]
-)
+@pytest.mark.parametrize("cells, filled, step", [(6, 0.4, 0.02), (40, 0.002, 0.011), (40, 0.05, 0.05)])
 @pytest.mark.parametrize("path, device", PATHS)
 def test_march_agrees_with_its_twin(cells, filled, step, path, device):
     origins, directions = rays()

@@ -51,9 +51,7 @@ def shaded(path, device, settings, floor=False, trace=None, axes=None):
     """Radiance, and gradients to normals, α, F0 and the light, on a path of a device."""
     scene = lumpy(axes=axes).to(device)
     # Half-clear things all around, so that rays are dimmed, and some can be traced further.
-    depths = 0.5 * torch.rand(
-        scene.occupancy.blocking.shape, generator=torch.Generator().manual_seed(1)
-    )
+    depths = 0.5 * torch.rand(scene.occupancy.blocking.shape, generator=torch.Generator().manual_seed(1))
     scene.occupancy.blocking = blocking_grid(depths * (depths > 0.4)).to(device)
     scene.environment = EnvironmentMap.from_radiance(
         0.2 + (2 * equirect_directions(32, 64).float()).exp()
@@ -97,9 +95,7 @@ def test_kernels_agree_with_their_twin_in_values_and_gradients(
     ours = shaded(path, device, settings, floor)
     theirs = shaded("torch", device, settings, floor)
     assert theirs[0].max() > 0.5 and (theirs[0][5] == 0).all()
-    for name, a, b in zip(
-        ("radiance", "normals", "alpha", "f0", "light"), ours, theirs, strict=True
-    ):
+    for name, a, b in zip(("radiance", "normals", "alpha", "f0", "light"), ours, theirs, strict=True):
         scale = float(b.abs().mean())
         assert scale > 0 and torch.isfinite(a).all(), name
         torch.testing.assert_close(
@@ -116,9 +112,7 @@ def test_kernels_agree_with_their_twin_where_the_box_is_turned(path, device):
     assert (theirs[0] - straight[0]).abs().max() > 0.1
     for name, a, b in zip(("radiance", "normals", "alpha", "f0"), ours, theirs, strict=False):
         scale = float(b.abs().mean())
-        torch.testing.assert_close(
-            a, b, rtol=5e-3, atol=5e-3 * scale, msg=lambda m, n=name: f"{n}: {m}"
-        )
+        torch.testing.assert_close(a, b, rtol=5e-3, atol=5e-3 * scale, msg=lambda m, n=name: f"{n}: {m}")
 
 
 @pytest.mark.parametrize("path, device", PATHS)
@@ -131,9 +125,7 @@ def test_gradients_of_what_is_traced_further_come_through_directions_and_weights
     assert (theirs[0] - alone[0]).abs().max() > 0.1 and (theirs[1] - alone[1]).abs().max() > 0.1
     for name, a, b in zip(("radiance", "normals", "alpha", "f0"), ours, theirs, strict=False):
         scale = float(b.abs().mean())
-        torch.testing.assert_close(
-            a, b, rtol=5e-3, atol=5e-3 * scale, msg=lambda m, n=name: f"{n}: {m}"
-        )
+        torch.testing.assert_close(a, b, rtol=5e-3, atol=5e-3 * scale, msg=lambda m, n=name: f"{n}: {m}")
 
 
 def test_rays_of_other_samples_are_refused():

@@ -16,9 +16,7 @@ def places():
     anywhere = torch.rand(6, 16, 2, generator=generator) * torch.tensor([WIDTH, HEIGHT])
     row, column = torch.meshgrid(torch.arange(HEIGHT), torch.arange(WIDTH), indexing="ij")
     centres = torch.stack([column, row], -1) + 0.5
-    edges = torch.tensor(
-        [[0.0, 3.3], [WIDTH, 3.3], [5.2, 0.0], [5.2, HEIGHT], [0.0, 0.0], [0.3, 0.2]]
-    )
+    edges = torch.tensor([[0.0, 3.3], [WIDTH, 3.3], [5.2, 0.0], [5.2, HEIGHT], [0.0, 0.0], [0.3, 0.2]])
     edges = torch.cat([edges, torch.zeros(10, 2)])[None]
     return torch.cat([anywhere, centres, edges])
 
@@ -45,9 +43,7 @@ def test_the_adjoint_is_that_of_the_lookup():
     out = look_up(start, places())
     cotangent = torch.rand(out.shape, generator=torch.Generator().manual_seed(4))
     (grad,) = torch.autograd.grad(out, start, cotangent)
-    np.testing.assert_allclose(
-        (out * cotangent).sum().item(), (grad * start).sum().item(), rtol=1e-5
-    )
+    np.testing.assert_allclose((out * cotangent).sum().item(), (grad * start).sum().item(), rtol=1e-5)
 
 
 def test_a_texels_centre_has_its_value():
@@ -56,9 +52,7 @@ def test_a_texels_centre_has_its_value():
 
 
 def test_what_lies_half_a_turn_away_goes_on_beyond_a_pole():
-    at_pole = torch.tensor(
-        [[[5.2, 0.0], [5.2 + WIDTH / 2, 0.0], [5.2, HEIGHT], [5.2 - WIDTH / 2, HEIGHT]]]
-    )
+    at_pole = torch.tensor([[[5.2, 0.0], [5.2 + WIDTH / 2, 0.0], [5.2, HEIGHT], [5.2 - WIDTH / 2, HEIGHT]]])
     found = look_up(values(), at_pole)[:, 0]
     torch.testing.assert_close(found[:, 0], found[:, 1])
     torch.testing.assert_close(found[:, 2], found[:, 3])

@@ -46,9 +46,7 @@ def test_three_numbers_are_moved_from_and_to_any_place_and_nowhere_else():
 
 @compiled
 def turn(table, rows, n):
-    write_columns(
-        rows, n, read(table, 0, 0), read(table, 0, 1), read(table, 1, 0), read(table, 1, 1)
-    )
+    write_columns(rows, n, read(table, 0, 0), read(table, 0, 1), read(table, 1, 0), read(table, 1, 1))
 
 
 def test_four_are_written_as_columns_of_one_place_and_nowhere_else():

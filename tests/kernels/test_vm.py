@@ -86,9 +86,7 @@ def test_bands_have_all_points_in_the_order_of_their_rows_and_never_reach_each_o
         assert sorted(order[axis]) == list(range(count)) and firsts[axis, -1] == count
         rows = np.minimum(points[order[axis], axis].astype(int), size - 2)
         assert (np.diff(rows) >= 0).all()
-        of_bands = [
-            rows[a:b] for a, b in zip(firsts[axis], firsts[axis, 1:], strict=False) if a < b
-        ]
+        of_bands = [rows[a:b] for a, b in zip(firsts[axis], firsts[axis, 1:], strict=False) if a < b]
         # Differences add to the row before a point's own, and to the second behind it.
         for band, at_the_same_time in zip(of_bands, of_bands[2:], strict=False):
             assert band.max() + 2 < at_the_same_time.min() - 1

@@ -71,9 +71,7 @@ def test_a_device_that_warp_cannot_use_is_told(monkeypatch):
 def test_kernels_on_windows_are_kept_where_its_compilers_can_open_them(
     monkeypatch, system, own, environment, cache, is_told
 ):
-    monkeypatch.setattr(
-        warp_folder, "os", SimpleNamespace(name=system, environ={"LOCALAPPDATA": own})
-    )
+    monkeypatch.setattr(warp_folder, "os", SimpleNamespace(name=system, environ={"LOCALAPPDATA": own}))
     monkeypatch.setattr(warp_folder.sys, "prefix", environment)
     found = warp_folder.kernel_cache()
     assert (None if found is None else found.as_posix()) == cache

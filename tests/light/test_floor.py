@@ -78,9 +78,7 @@ def test_a_floor_counted_from_elsewhere_shows_the_same():
     origin = np.array([3.0, -2.0, 5.0])
     moved = FLOOR.counted_from(origin)
     there = points - torch.from_numpy(origin)
-    torch.testing.assert_close(
-        towards(moved, there, directions), towards(FLOOR, points, directions)
-    )
+    torch.testing.assert_close(towards(moved, there, directions), towards(FLOOR, points, directions))
 
 
 def test_turns_of_a_ray_move_its_place_as_finite_differences_say():
@@ -126,9 +124,7 @@ def test_mirrors_anywhere_show_the_stripes_where_they_are(light):
 def test_gradients_to_directions_are_finite_differences():
     points, directions = rays(40)
     shifts = FLOOR.shifts(points)
-    assert torch.autograd.gradcheck(
-        lambda d: FLOOR.seen(shifts, d).directions, directions.requires_grad_()
-    )
+    assert torch.autograd.gradcheck(lambda d: FLOOR.seen(shifts, d).directions, directions.requires_grad_())
 
 
 def test_a_wide_look_at_the_floor_is_the_mean_of_what_its_rays_see(light):
@@ -143,6 +139,4 @@ def test_a_wide_look_at_the_floor_is_the_mean_of_what_its_rays_see(light):
     tables = light.tables()
     each = light.lookup(tables, fan, torch.zeros(len(fan)), points=point.expand(len(fan), 3))
     whole = light.lookup(tables, down[None], torch.tensor([side**2]), points=point)
-    assert math.isclose(
-        float(whole[0, 0].detach()), float(each[:, 0].mean().detach()), rel_tol=0.05
-    )
+    assert math.isclose(float(whole[0, 0].detach()), float(each[:, 0].mean().detach()), rel_tol=0.05)

@@ -55,9 +55,7 @@ def test_steps_are_blurred_ever_less_until_a_share_of_the_fit_and_never_in_the_p
     light = settings_for(preset).light
     widths = [light_step_width(light, 64, i / 20) for i in range(21)]
     assert widths[0] == 3.0 and widths[end:] == [0.0] * (21 - end)
-    assert all(
-        later < earlier for earlier, later in zip(widths[:end], widths[1 : end + 1], strict=True)
-    )
+    assert all(later < earlier for earlier, later in zip(widths[:end], widths[1 : end + 1], strict=True))
     assert light_step_width(settings_for("paper").light, 512, 0.0) == 0
     assert light_step_width(light, 4, 0.0) == 0.5, "a small map is not blurred around itself"
 

@@ -119,9 +119,7 @@ def test_the_least_squares_factor_is_found_per_channel():
     other = LeastSquaresFactor()
     other.add(noisy, truth)
     for channel in range(3):
-        expected = np.linalg.lstsq(noisy[:, channel : channel + 1], truth[:, channel], rcond=None)[
-            0
-        ]
+        expected = np.linalg.lstsq(noisy[:, channel : channel + 1], truth[:, channel], rcond=None)[0]
         np.testing.assert_allclose(other.value[channel], expected[0])
     assert LeastSquaresFactor().value.tolist() == [1, 1, 1]
     # One factor for all channels: of all their numbers as if they were one image.

@@ -35,9 +35,7 @@ def write(folder, pictures, edit=None, masked=True):
         if edit is not None:
             colour, mask = edit(index, colour, mask)
         if masked and mask is not None:
-            colour = np.concatenate([colour, np.where(mask, 255, 0)[..., None]], -1).astype(
-                np.uint8
-            )
+            colour = np.concatenate([colour, np.where(mask, 255, 0)[..., None]], -1).astype(np.uint8)
         path = folder / f"{camera.name}.png"
         Image.fromarray(colour).save(path)
         named.append(replace(camera, image_path=Path(path.name)))

@@ -93,9 +93,7 @@ def test_what_cannot_be_read_ends_with_code_2_and_one_sentence(pictures, tmp_pat
         check(capture_at(around(4)), "fast")
 
 
-def test_a_card_that_lies_idle_is_told_unless_somebody_chose_the_processor(
-    pictures, tmp_path, monkeypatch
-):
+def test_a_card_that_lies_idle_is_told_unless_somebody_chose_the_processor(pictures, tmp_path, monkeypatch):
     write(tmp_path, pictures)
     module = sys.modules[check.__module__]
     monkeypatch.setattr(module, "choose_device", lambda device: "cpu")

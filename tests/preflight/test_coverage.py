@@ -31,9 +31,7 @@ def test_cameras_on_one_side_leave_a_gap_behind():
 def test_cameras_that_look_away_from_one_another_are_told_what_can_be_reconstructed():
     poses = around(24)
     for distance in (0.2, 2.6):
-        outward = [
-            pose @ np.diag([-1.0, 1, -1, 1]) for pose in around(24, (0.4, 0.5), distance=distance)
-        ]
+        outward = [pose @ np.diag([-1.0, 1, -1, 1]) for pose in around(24, (0.4, 0.5), distance=distance)]
         capture = capture_at(outward)
         capture = replace(capture, region=region_seen_by(list(capture.cameras)))
         told = texts(capture)

@@ -55,9 +55,7 @@ def test_estimates_grow_with_photos_and_shrink_with_cores(count, cores, preset):
 def test_a_light_that_turns_takes_time_but_where_it_is_taken_to_stand_still():
     capture = capture_at(around(20))
     for preset, slower in (("draft", True), ("paper", False)):
-        still, turned = (
-            estimate(capture, preset, True, 2, turned=t).seconds for t in (False, True)
-        )
+        still, turned = (estimate(capture, preset, True, 2, turned=t).seconds for t in (False, True))
         assert (turned > 1.5 * still) == slower and turned >= still
 
 
@@ -97,9 +95,7 @@ def test_a_fog_on_a_coarser_grid_takes_less_time():
 def test_on_a_card_the_estimate_is_the_cards_and_says_so():
     capture = capture_at(around(60))
     for preset in ("draft", "standard", "paper"):
-        slow, fast = (
-            estimate(capture, preset, True, 2, card=card) for card in (None, "NVIDIA RTX 4000")
-        )
+        slow, fast = (estimate(capture, preset, True, 2, card=card) for card in (None, "NVIDIA RTX 4000"))
         assert fast.seconds < slow.seconds / 3 and fast.bytes == slow.bytes
         assert "NVIDIA RTX 4000" in fast.line() and "processor" in slow.line()
     still, turned = (

@@ -105,9 +105,7 @@ def test_masks_with_nothing_in_common_are_told_before_the_fit_fails(pictures, tm
     assert any("inside the masks of all photos" in f.text for f in warnings(report.findings))
 
 
-def test_without_masks_a_check_tells_of_what_the_object_may_stand_on(
-    pictures, tmp_path, uncompared
-):
+def test_without_masks_a_check_tells_of_what_the_object_may_stand_on(pictures, tmp_path, uncompared):
     capture = write(tmp_path, pictures, masked=False)
     low, high = capture.region
     plane = np.random.default_rng(0).uniform(low, high, (300, 3))

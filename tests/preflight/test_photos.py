@@ -29,9 +29,7 @@ def test_good_captures_have_no_warnings_with_and_without_masks(pictures, tmp_pat
 
 
 @pytest.mark.parametrize("kept", [1 << 28, 0])
-def test_photos_are_decoded_once_as_far_as_memory_for_them_goes(
-    kept, pictures, tmp_path, monkeypatch
-):
+def test_photos_are_decoded_once_as_far_as_memory_for_them_goes(kept, pictures, tmp_path, monkeypatch):
     decoded = []
 
     def load(path, *arguments):
@@ -84,9 +82,7 @@ def brighter(stops):
 
 
 def test_overexposed_and_dark_photos_are_named(pictures, tmp_path):
-    capture = write(
-        tmp_path, pictures, only(at3=brighter(3.5), at9=brighter(-1.5), at15=brighter(0.3))
-    )
+    capture = write(tmp_path, pictures, only(at3=brighter(3.5), at9=brighter(-1.5), at15=brighter(0.3)))
     found = warnings(check(capture).findings)
     assert {f.photo for f in found} == {"IMG_003", "IMG_009"}
     bright = " ".join(f.text for f in found if f.photo == "IMG_003")
@@ -175,9 +171,7 @@ def test_cut_outs_on_black_are_told_to_be_no_masks_and_many_empty_ones_are_one_f
         capture = write(tmp_path / kind, pictures, masked=False)
         for camera, (colour, mask) in zip(cameras, shots, strict=True):
             shown = np.where(mask[..., None] & (kind == "cut out"), colour // 2, 0)
-            Image.fromarray(shown.astype(np.uint8)).save(
-                tmp_path / kind / "masks" / f"{camera.name}.png"
-            )
+            Image.fromarray(shown.astype(np.uint8)).save(tmp_path / kind / "masks" / f"{camera.name}.png")
         said = [f.text for f in warnings(check(read_capture(tmp_path / kind)).findings)]
         if kind == "empty":
             assert f"{len(cameras)} masks are empty" in " ".join(said)

@@ -45,9 +45,7 @@ def test_of_cameras_that_are_off_it_says_so_and_what_becomes_of_them(cameras, tm
 
 
 def test_of_matrices_in_another_convention_it_says_which(cameras, tmp_path):
-    turned = [
-        replace(c, camera_to_world=pose_opengl_from_opencv(c.camera_to_world)) for c in cameras
-    ]
+    turned = [replace(c, camera_to_world=pose_opengl_from_opencv(c.camera_to_world)) for c in cameras]
     _, (found,) = found_of(tmp_path, cameras, turned)
     assert found.level == "warning" and "negate the second and third column" in found.text
 
@@ -69,9 +67,7 @@ def test_photos_that_were_cut_out_are_not_compared():
     assert not [f for f in report.findings if "beside" in f.text]
 
 
-def test_few_pairs_are_compared_and_two_cameras_back_to_back_are_none(
-    cameras, tmp_path, monkeypatch
-):
+def test_few_pairs_are_compared_and_two_cameras_back_to_back_are_none(cameras, tmp_path, monkeypatch):
     compared = []
 
     def compare(cameras, pictures, pairs, progress):

@@ -29,12 +29,8 @@ def write_raw(folder, neutrals, orientation=1, turned=False):
     for number, camera in enumerate(capture_at(around(len(neutrals))).cameras):
         colours = np.random.default_rng(number).uniform(0.1, 0.8, (8, 3))
         name = f"IMG_{number}.dng"
-        write_dng(
-            folder / name, patches(colours), neutral=neutrals[number], orientation=orientation
-        )
-        camera = replace(camera, name=f"IMG_{number}", image_path=None, mask_path=None).resized(
-            *size
-        )
+        write_dng(folder / name, patches(colours), neutral=neutrals[number], orientation=orientation)
+        camera = replace(camera, name=f"IMG_{number}", image_path=None, mask_path=None).resized(*size)
         cameras.append(replace(camera, image_path=folder / name))
     write_transforms(folder / "transforms_train.json", cameras)
     return read_capture(folder)
@@ -75,9 +71,7 @@ def test_a_cut_raw_photo_ends_a_check_by_name(tmp_path):
     capture = write_raw(tmp_path, [SUNNY] * 4)
     photo = tmp_path / "IMG_2.dng"
     photo.write_bytes(photo.read_bytes()[:-100])
-    with pytest.raises(
-        CaptureError, match="IMG_2.dng: the raw photo is cut off; replace the photo"
-    ):
+    with pytest.raises(CaptureError, match="IMG_2.dng: the raw photo is cut off; replace the photo"):
         check(capture)
 
 

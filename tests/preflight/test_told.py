@@ -46,9 +46,7 @@ def test_what_is_dark_and_ignored_is_not_underexposed(masked, pictures, tmp_path
 def test_an_ignored_picture_that_cannot_be_used_ends_a_check_by_its_name(pictures, tmp_path):
     (tmp_path / "photos").mkdir()
     capture = ignoring(write(tmp_path / "photos", pictures), tmp_path / "ignore.png", {3})
-    Image.new("L", (capture.cameras[0].width, capture.cameras[0].height), 255).save(
-        tmp_path / "ignore.png"
-    )
+    Image.new("L", (capture.cameras[0].width, capture.cameras[0].height), 255).save(tmp_path / "ignore.png")
     with pytest.raises(CaptureError, match="ignore.png, ignored_path: all of the photo 'IMG_003'"):
         check(capture)
     (tmp_path / "ignore.png").unlink()

@@ -10,9 +10,7 @@ from solver.render.scene import Scene
 SIZE = 24
 
 
-def ball(
-    radius=0.5, environment=None, albedo=0.5, roughness=0.4, f0=0.1, sharpness=400.0, axes=None
-):
+def ball(radius=0.5, environment=None, albedo=0.5, roughness=0.4, f0=0.1, sharpness=400.0, axes=None):
     """A ball at the origin in a box of half size 1, of one material, fitted by construction.
 
     `axes`: those of the box, with which all that is added to the ball turns.

@@ -180,9 +180,7 @@ def test_without_the_integral_image_a_lookup_is_a_point():
     points = dataclasses.replace(ONE_BOUNCE, integral_image=False)
 
     def values(settings):
-        return torch.stack(
-            [shaded(scene, settings, view, 16, s).radiance[0, 0] for s in range(100)]
-        )
+        return torch.stack([shaded(scene, settings, view, 16, s).radiance[0, 0] for s in range(100)])
 
     assert values(points).std() > 3 * values(ONE_BOUNCE).std()
 

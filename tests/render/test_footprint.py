@@ -81,9 +81,7 @@ def test_spread_of_a_placed_scene_turns_with_it():
         return torch.einsum("nei,nej->nij", edges, edges)
 
     expected = turn @ gram(here) @ turn.T
-    torch.testing.assert_close(
-        gram(there), expected, atol=1e-2 * float(expected.abs().max()), rtol=0
-    )
+    torch.testing.assert_close(gram(there), expected, atol=1e-2 * float(expected.abs().max()), rtol=0)
 
 
 def test_a_blurred_lookup_has_the_variance_of_square_and_parallelogram():

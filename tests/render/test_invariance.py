@@ -72,9 +72,7 @@ def test_a_picture_does_not_depend_on_how_its_pixels_are_batched(neural, changes
     whole = picture(scene, camera(), settings)
     pieces = picture(scene, camera(), settings, rays_per_chunk=37)
     for name in ("radiance", "opacity", "normal", "albedo", "alpha", "f0"):
-        np.testing.assert_allclose(
-            getattr(whole, name), getattr(pieces, name), atol=2e-4, err_msg=name
-        )
+        np.testing.assert_allclose(getattr(whole, name), getattr(pieces, name), atol=2e-4, err_msg=name)
 
 
 def quarter_turned(scene):

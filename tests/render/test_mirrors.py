@@ -110,8 +110,7 @@ def test_a_rougher_metal_throws_softer_light():
     light = lamp_at(-1.0, 0.9, 0.5)
     points, normals = facing_the_wall()
     smooth, rough = (
-        irradiance_of(beside_a_mirror(light, roughness), points, normals)[:, 0]
-        for roughness in (0.05, 0.7)
+        irradiance_of(beside_a_mirror(light, roughness), points, normals)[:, 0] for roughness in (0.05, 0.7)
     )
     assert float(rough.std() / rough.mean()) < 0.8 * float(smooth.std() / smooth.mean())
 

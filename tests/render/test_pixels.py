@@ -67,9 +67,7 @@ def test_secondary_rays_are_shared_among_those_through_a_pixel():
     assert image_settings(RenderSettings(pixel_grid=2), 1).secondary_rays == 1
 
 
-@pytest.mark.parametrize(
-    "model, distortion", [("pinhole", ()), ("opencv", (-0.2, 0.05, 1e-3, 2e-3))]
-)
+@pytest.mark.parametrize("model, distortion", [("pinhole", ()), ("opencv", (-0.2, 0.05, 1e-3, 2e-3))])
 def test_a_banks_rays_are_the_cameras_also_in_the_last_row_and_column(model, distortion):
     pose = np.eye(4)
     pose[:3, 3] = 1, 2, 3

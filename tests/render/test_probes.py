@@ -108,9 +108,7 @@ def test_in_the_crevice_below_a_globe_it_is_dark():
     scene = scene_of(globe_on_a_slab, environment=light)
     around = torch.linspace(0, 2 * math.pi, 25)[:-1]
     circle = torch.stack([around.cos(), around.sin()], -1)
-    points = torch.cat(
-        [torch.nn.functional.pad(r * circle, (0, 1), value=-0.3) for r in (0.1, 0.15)]
-    )
+    points = torch.cat([torch.nn.functional.pad(r * circle, (0, 1), value=-0.3) for r in (0.1, 0.15)])
     normals = torch.tensor([[0.0, 0.0, 1.0]]).expand(len(points), 3)
     expected = by_brute_force(globe_on_a_slab, light, points[::12], normals[::12])
     refresh_probes(scene)

@@ -78,9 +78,7 @@ def test_the_gradient_of_roughness_knows_that_rays_of_wider_lobes_stand_for_more
     def to_log_alpha(log_change, widening):
         log_change = torch.tensor(log_change, requires_grad=True)
         materials = Materials(f0, (alpha * log_change.exp()).expand(COUNT), f0)
-        settings = RenderSettings(
-            neural=0.0, retraced_rays=0, visibility=False, widening_gradient=widening
-        )
+        settings = RenderSettings(neural=0.0, retraced_rays=0, visibility=False, widening_gradient=widening)
         radiance = reflected(
             scene, StepTables.of(scene), settings, RandomNumbers(3), samples,
             Surface(normals, torch.zeros(COUNT, 4), materials, 0.1), normals, view,
@@ -117,9 +115,7 @@ def test_what_a_small_budget_retraces_is_all_of_it_on_average():
         return 2 + torch.sin(3 * directions), torch.zeros(len(directions))
 
     arguments = setting(0.3)
-    few, all_of_them = (
-        RenderSettings(neural=0.0, retraced_rays=budget) for budget in (40, 8 * COUNT)
-    )
+    few, all_of_them = (RenderSettings(neural=0.0, retraced_rays=budget) for budget in (40, 8 * COUNT))
     random = RandomNumbers(3)
     difference = [
         radiance_of(arguments, few, random.at(step), trace).mean()

@@ -74,9 +74,7 @@ def test_edges_are_left_alone_and_wobbles_are_not():
 
 def test_bending_has_the_gradient_of_its_differences():
     torch.manual_seed(0)
-    normals = [
-        F.normalize(torch.randn(6, 3, dtype=torch.float64), dim=-1).requires_grad_() for _ in "123"
-    ]
+    normals = [F.normalize(torch.randn(6, 3, dtype=torch.float64), dim=-1).requires_grad_() for _ in "123"]
     assert torch.autograd.gradcheck(bending, normals)
 
 

@@ -157,18 +157,14 @@ def test_a_picture_of_an_object_in_its_room_is_one_of_both():
     settings = image_settings(RenderSettings(neural=0.0, retraced_rays=0), 8)
     view = render_view(scene, StepTables.of(scene), settings, camera)
     column, row = np.meshgrid(np.arange(size) + 0.5, np.arange(size) + 0.5)
-    origins, directions = (
-        torch.from_numpy(v).float() for v in camera.rays(column.ravel(), row.ravel())
-    )
+    origins, directions = (torch.from_numpy(v).float() for v in camera.rays(column.ravel(), row.ravel()))
     with torch.no_grad():
         seen = surroundings(
             scene, StepTables.of(scene), origins, directions,
             torch.full((len(origins),), camera.pixel_angle),
         )  # fmt: skip
     inside = view.radiance + (1 - view.opacity[..., None]) * seen.behind.view(size, size, 3).numpy()
-    whole = (
-        seen.before.view(size, size, 3).numpy() + seen.passing.view(size, size, 1).numpy() * inside
-    )
+    whole = seen.before.view(size, size, 3).numpy() + seen.passing.view(size, size, 1).numpy() * inside
     np.testing.assert_allclose(view.surrounded, whole, atol=1e-5)
 
 

@@ -30,9 +30,7 @@ NAME = "BlocksExchange XML"
 EXTENSIONS = (".xml",)
 PATTERNS = ("*.xml", "AT/*.xml", "*/*.xml")
 
-_GEOCENTRIC = re.compile(
-    r"EPSG:4978\b|\+proj=geocent|^GEOCCS|^GEOD\w*CRS.*\bCartesian\b", re.I | re.S
-)
+_GEOCENTRIC = re.compile(r"EPSG:4978\b|\+proj=geocent|^GEOCCS|^GEOD\w*CRS.*\bCartesian\b", re.I | re.S)
 _LOCAL = re.compile(r"LOCAL|ENG(INEERING)?CRS|$", re.I)
 _ABSOLUTE = re.compile(r"[A-Za-z]:|[\\/]")
 _MAIN = "1"
@@ -130,9 +128,7 @@ def _mask(path: Path, photos: PhotoFinder, picture: Path, photo: Element, base: 
     return photos.mask_of(picture, stated, beside=path)
 
 
-def _camera_to_world(
-    path: Path, where: str, axes: np.ndarray, turn: Element, place: Element
-) -> np.ndarray:
+def _camera_to_world(path: Path, where: str, axes: np.ndarray, turn: Element, place: Element) -> np.ndarray:
     """[4, 4] with OpenCV's axes.
 
     Args:

@@ -36,9 +36,7 @@ _POWERS = {"P0": 0.0, "P1": 1.0, "P2": 0.0, "P3": 0.0, "P4": 0.0}
 _QUARTER = math.pi / 2
 
 
-def value_of(
-    path: Path, where: str, element: Element, name: str, default: float | None = None
-) -> float:
+def value_of(path: Path, where: str, element: Element, name: str, default: float | None = None) -> float:
     """The number in an element below another.
 
     Args:

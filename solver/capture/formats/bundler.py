@@ -44,9 +44,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     lines = ((where, line) for where, line in read_lines(path) if line)
     version = next((line for _, line in lines), "")
     if not version.startswith(_HEADER.decode() + "0.3"):
-        raise CaptureError(
-            path, "line 1", f"'{shown(version)}' is not version 0.3", "export version 0.3"
-        )
+        raise CaptureError(path, "line 1", f"'{shown(version)}' is not version 0.3", "export version 0.3")
     where, line = next(lines, (2, ""))
     counts = line.split()
     if len(counts) != 2 or not all(w.isascii() and w.isdigit() and len(w) < 20 for w in counts):
@@ -58,9 +56,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     names = _names(path, camera_count, photos, warnings.append)
     unsolved = [name for name, values in zip(names, cameras, strict=True) if values[0] <= 0]
     if unsolved:
-        what = counted(
-            f"{len(unsolved)} of {camera_count} photos was|were not solved and is|are left out"
-        )
+        what = counted(f"{len(unsolved)} of {camera_count} photos was|were not solved and is|are left out")
         warnings.append(f"{path.name}: {what} (the first: {shown(unsolved[0])})")
     for index, (name, values) in enumerate(zip(names, cameras, strict=True)):
         if values[0] > 0:

@@ -30,8 +30,7 @@ from ..pinhole import of_projection
 NAME = "DTU"
 EXTENSIONS = (".txt",)
 PATTERNS = tuple(
-    f"{folder}pos_*.txt"
-    for folder in ("", "cal18/", "[Cc]alibration/cal18/", "*/Calibration/cal18/")
+    f"{folder}pos_*.txt" for folder in ("", "cal18/", "[Cc]alibration/cal18/", "*/Calibration/cal18/")
 )
 
 _NUMBERED = re.compile(r"(.*?)([0-9]{1,6})")
@@ -75,9 +74,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         if parts is not None and parts[1] == kind:
             files[int(parts[2])] = file
     called, there = _photos(list(files), photos)
-    found = [
-        _camera(file, called.format(number), there.get(number)) for number, file in files.items()
-    ]
+    found = [_camera(file, called.format(number), there.get(number)) for number, file in files.items()]
     # The robot was at more places for some scans than for others, so that a photo is not there is no fault.
     of_use = [camera for camera in found if photos.serves(camera.photo)]
     return assemble(path, NAME, of_use if len(of_use) >= photos.fewest else found, photos)

@@ -34,9 +34,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read all cameras, and the sparse points beside the file."""
     content = read_json(path)
     if not isinstance(content, list) or len(content) > _MOST_CAMERAS:
-        raise CaptureError(
-            path, "", "this is not a list of cameras", "give the cameras.json of a splat"
-        )
+        raise CaptureError(path, "", "this is not a list of cameras", "give the cameras.json of a splat")
     found = [_found(Entry(path, f"[{i}]", entry), photos) for i, entry in enumerate(content)]
     points = None
     if (path.parent / _POINTS).is_file():

@@ -142,9 +142,7 @@ def _from_world(time: str, key: str, poses: _Poses, rigs: _Rigs) -> np.ndarray |
 
 def _lens(path: Path, where: str, row: list[str]) -> Intrinsics:
     if row[2].lower() != "camera" or len(row) < 6:
-        raise CaptureError(
-            path, where, f"'{shown(', '.join(row))}' is not a camera with a lens", _AGAIN
-        )
+        raise CaptureError(path, where, f"'{shown(', '.join(row))}' is not a camera with a lens", _AGAIN)
     width, height, *parameters = (number(path, where, word) for word in row[4:])
     return intrinsics_of(path, Sensor(where, row[3], int(width), int(height), tuple(parameters)))
 

@@ -33,9 +33,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the poses of all photos."""
     table = read_npy(path)
     if table.ndim != 2 or table.shape[1] != 17:
-        raise CaptureError(
-            path, "", "this is not a table of 17 columns", "give LLFF's poses_bounds.npy"
-        )
+        raise CaptureError(path, "", "this is not a table of 17 columns", "give LLFF's poses_bounds.npy")
     there = photos_in_order(path, "rows", len(table), _PHOTO_FOLDERS, photos)
     found = []
     for index, (row, photo) in enumerate(zip(table, there, strict=True)):

@@ -121,9 +121,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         photo = photos.find(stated, beside=path)
         if photos.serves(photo) and key not in read_lenses:
             read_lenses[key] = _intrinsics(lenses[key], version)
-        found.append(
-            Found(view.where, stated, photo, pose_opengl_from_opencv(pose), read_lenses.get(key))
-        )
+        found.append(Found(view.where, stated, photo, pose_opengl_from_opencv(pose), read_lenses.get(key)))
     warnings = without_pose(
         path, "poses", lost, len(found) + len(lost),
         "give the file that the node StructureFromMotion has written",

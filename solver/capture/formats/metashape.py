@@ -55,9 +55,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read exported cameras; those that are disabled, not aligned or panoramas of another kind than all
     directions are left out with a warning.
     """
-    chunks = [
-        chunk for chunk in read_xml(path).iter("chunk") if chunk.find(".//camera") is not None
-    ]
+    chunks = [chunk for chunk in read_xml(path).iter("chunk") if chunk.find(".//camera") is not None]
     if not chunks:
         raise CaptureError(path, "chunk", "there are no cameras in it")
     chunk, warnings = max(chunks, key=lambda chunk: len(chunk.findall(".//camera/transform"))), []
@@ -122,9 +120,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             else f"none of its {len(unaligned)} cameras is aligned",
             "align the photos in Metashape and export the cameras again",
         )  # fmt: skip
-    return assemble(
-        path, NAME, found, photos, up=worlds.up, metric=worlds.metric, warnings=tuple(warnings)
-    )
+    return assemble(path, NAME, found, photos, up=worlds.up, metric=worlds.metric, warnings=tuple(warnings))
 
 
 def _why_not(camera: Element, panoramas: set[str | None], rigs: _Rigs) -> str | None:

@@ -134,9 +134,7 @@ def read_lens(path: Path, sensor: Element) -> Intrinsics:
 def _size(path: Path, where: str, resolution: Element | None) -> tuple[int, int]:
     if resolution is None:
         raise CaptureError(path, where, "it has no resolution")
-    width, height = (
-        number(path, f"{where}, {side}", resolution.get(side)) for side in ("width", "height")
-    )
+    width, height = (number(path, f"{where}, {side}", resolution.get(side)) for side in ("width", "height"))
     return int(width), int(height)
 
 
@@ -153,6 +151,4 @@ def _check_known(path: Path, where: str, calibration: Element) -> None:
         name = element.tag if isinstance(element.tag, str) else ""
         if _COEFFICIENT.fullmatch(name) and name not in _KNOWN:
             if number(path, f"{where}, {name}", element.text or "0"):
-                raise CaptureError(
-                    path, f"{where}, {name}", "this coefficient is not known", _REMEDY
-                )
+                raise CaptureError(path, f"{where}, {name}", "this coefficient is not known", _REMEDY)

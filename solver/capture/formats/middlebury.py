@@ -36,9 +36,7 @@ def recognises(file: Path) -> bool:
     following = next((line for line in rest if line.strip()), b"")
     words = following.rsplit(maxsplit=_NUMBERS)
     try:
-        return (
-            int(first) > 0 and len(words) > _NUMBERS and bool([float(word) for word in words[1:]])
-        )
+        return int(first) > 0 and len(words) > _NUMBERS and bool([float(word) for word in words[1:]])
     except ValueError:
         return False
 

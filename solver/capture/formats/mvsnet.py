@@ -58,9 +58,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             lost.append(camera.stated)
         else:
             found.append(camera)
-    warnings = without_pose(
-        path, "extrinsic", lost, len(files), "solve or export the cameras again"
-    )
+    warnings = without_pose(path, "extrinsic", lost, len(files), "solve or export the cameras again")
     return assemble(path, NAME, found, photos, warnings=warnings)
 
 

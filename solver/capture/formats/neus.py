@@ -38,9 +38,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the projections of all photos; the sphere becomes the region."""
     projections = _numbered(path, "world_mat_")
     if not projections:
-        raise CaptureError(
-            path, "world_mat_0", "there are no projections in it", "give cameras_sphere.npz"
-        )
+        raise CaptureError(path, "world_mat_0", "there are no projections in it", "give cameras_sphere.npz")
     there = photos_in_order(path, "world_mat", len(projections), _PHOTO_FOLDERS, photos)
     masks = _by_number(folder_called(path.parent, "mask"))
     found = [

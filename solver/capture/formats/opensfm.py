@@ -77,9 +77,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the reconstruction with the most shots."""
     content = read_json(path)
     if not isinstance(content, list) or not content:
-        raise CaptureError(
-            path, "", "there is no list of reconstructions", "solve the photos again"
-        )
+        raise CaptureError(path, "", "there is no list of reconstructions", "solve the photos again")
     scenes = [Entry(path, f"[{i}]", scene) for i, scene in enumerate(content)]
     all_shots = [scene.inner("shots", {}) for scene in scenes]
     scene, shots = max(zip(scenes, all_shots, strict=True), key=lambda pair: len(pair[1]))
@@ -188,9 +186,7 @@ def intrinsics_of(entry: Entry) -> Intrinsics:
         equidistant = share == 0
     lens = _lens(k, equidistant)
     if lens is None:
-        raise _no_lens(
-            entry, f"'{kind}' with k5 or k6, s1 or s3 beside tangential terms or a prism"
-        )
+        raise _no_lens(entry, f"'{kind}' with k5 or k6, s1 or s3 beside tangential terms or a prism")
     return Intrinsics(width, height, fx, fy, cx, cy, *lens)
 
 

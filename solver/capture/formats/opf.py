@@ -91,9 +91,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     )
     if moving:
         what = counted(f"{moving} camera|cameras moved while its|their photo|photos was|were")
-        warnings += (
-            f"{calibration.path.name}: {what} read out (rolling shutter); that is not used",
-        )
+        warnings += (f"{calibration.path.name}: {what} read out (rolling shutter); that is not used",)
     up = None if _is_local(path, items) else (0.0, 0.0, 1.0)
     points, problems = _points(path, items)
     return assemble(path, NAME, found, photos, points=points, up=up, warnings=warnings + problems)

@@ -51,9 +51,7 @@ def read_gltf_points(file: Path, folder: Path) -> np.ndarray:
                 moved = points @ matrix[:3, :3].T + matrix[:3, 3]
                 found.append(moved @ Z_UP[:3, :3].T)
         if sum(map(len, found)) > _MOST_IN_ALL:
-            raise CaptureError(
-                file, node.where, "it has more nodes with points than any project", _AGAIN
-            )
+            raise CaptureError(file, node.where, "it has more nodes with points than any project", _AGAIN)
     return np.concatenate(found)
 
 
@@ -77,13 +75,9 @@ def _positions(where: str, content: Entry, accessor: Entry, folder: Path) -> np.
     uri = buffer.get("uri")
     data = file_below(folder, file.parent, unquote(uri)) if isinstance(uri, str) else None
     if data is None:
-        raise CaptureError(
-            file, "buffers", f"'{shown(uri)}' is not in the project's folder", _AGAIN
-        )
+        raise CaptureError(file, "buffers", f"'{shown(uri)}' is not in the project's folder", _AGAIN)
     if start + count * _BYTES > data.stat().st_size:
-        raise CaptureError(
-            data, "", f"{file.name} states {count} points in it, it has fewer", _AGAIN
-        )
+        raise CaptureError(data, "", f"{file.name} states {count} points in it, it has fewer", _AGAIN)
     if not count:
         return np.zeros((0, 3))
     table = np.memmap(data, "<f4", "r", start, (count, 3))

@@ -72,9 +72,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         )  # fmt: skip
     _, equation = next(lines, (0, ""))
     if _EQUATION not in equation.replace(" ", "").lower():
-        raise CaptureError(
-            path, shown(equation), "this is not Pix4D's projection, K [R|-Rt] X", _REMEDY
-        )
+        raise CaptureError(path, shown(equation), "this is not Pix4D's projection, K [R|-Rt] X", _REMEDY)
     found = []
     while block := list(islice(lines, _LINES)):
         found.append(_camera(path, block, photos))

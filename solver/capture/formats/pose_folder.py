@@ -79,9 +79,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             intrinsics = lens_on(photo, *lens)
         where = f"{file.parent.name}/{file.name}"
         found.append(Found(where, stated, photo, pose_opengl_from_opencv(pose), intrinsics))
-    warnings = without_pose(
-        lens_file, "poses", lost, len(used), "solve or export the cameras again"
-    )
+    warnings = without_pose(lens_file, "poses", lost, len(used), "solve or export the cameras again")
     if len(used) < len(files):
         what = f"{len(files) - len(used)} photo|photos for validation and tests (1_…, 2_…) is|are left out"
         warnings += (f"{place.name}: {counted(what)}",)

@@ -82,7 +82,5 @@ def _intrinsics(content: Entry, index: int, size: tuple[int, int]) -> Intrinsics
 def _matrix(path: Path, where: str, pose: np.ndarray) -> np.ndarray:
     """Camera-to-world [3, 4] of qx qy qz qw tx ty tz."""
     if not 1e-3 < np.linalg.norm(pose[:4]) < 1e3:
-        raise CaptureError(
-            path, where, "its quaternion is not a rotation", "export the recording again"
-        )
+        raise CaptureError(path, where, "its quaternion is not a rotation", "export the recording again")
     return np.column_stack([rotation_from_quaternion(pose[[3, 0, 1, 2]]), pose[4:]])

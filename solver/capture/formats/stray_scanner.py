@@ -82,9 +82,7 @@ def _pose(path: Path, where: str, row: dict[str, str]) -> np.ndarray:
     """Camera to world [4, 4] with OpenGL's axes."""
     x, y, z, *quaternion = (number(path, f"{where}, {name}", row.get(name)) for name in _POSE)
     check_quaternion(path, where, quaternion, _REMEDY)
-    return pose_opengl_from_opencv(
-        rigid(rotation_from_quaternion(np.roll(quaternion, 1)), (x, y, z))
-    )
+    return pose_opengl_from_opencv(rigid(rotation_from_quaternion(np.roll(quaternion, 1)), (x, y, z)))
 
 
 def _intrinsics(path: Path, where: str, row: dict[str, str], photo: Path) -> Intrinsics:

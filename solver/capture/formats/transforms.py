@@ -47,9 +47,7 @@ _ANGLES = {"camera_angle_x", "camera_angle_y", "x_fov", "y_fov"}
 def is_transforms(content: Any) -> bool:
     """True if parsed JSON looks like a transforms file."""
     return (
-        isinstance(content, dict)
-        and "frames" in content
-        and not ("views" in content or "poses" in content)
+        isinstance(content, dict) and "frames" in content and not ("views" in content or "poses" in content)
     )
 
 
@@ -137,9 +135,7 @@ def _for_training(content: dict, photos: PhotoFinder) -> set[tuple[str, ...]]:
     return kept if photos.wanted and len(kept) >= photos.fewest else set()
 
 
-def write_transforms(
-    path: Path, cameras: list[Camera], extra: dict[str, Any] | None = None
-) -> None:
+def write_transforms(path: Path, cameras: list[Camera], extra: dict[str, Any] | None = None) -> None:
     """Write cameras as a transforms file with intrinsics per frame; read back by `read`.
 
     Photos are named by the cameras' paths: where these are absolute, the file may stand anywhere on
@@ -169,9 +165,7 @@ def write_transforms(
     path.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")
 
 
-def _points(
-    path: Path, stated: Any, photos: PhotoFinder
-) -> tuple[np.ndarray | None, tuple[str, ...]]:
+def _points(path: Path, stated: Any, photos: PhotoFinder) -> tuple[np.ndarray | None, tuple[str, ...]]:
     """Sparse points [N, 3] of the world as written, and what is to be said about their file."""
     if not isinstance(stated, str) or not stated or "\0" in stated:
         return None, ()

@@ -38,9 +38,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     version = next((line for _, line in lines), "")
     head = version.split()
     if not head or head[0] not in ("NVM_V3", "NVM_V3_R9T"):
-        raise CaptureError(
-            path, "line 1", f"'{shown(version)}' is not version 3", "export version 3"
-        )
+        raise CaptureError(path, "line 1", f"'{shown(version)}' is not version 3", "export version 3")
     calibration = None
     if len(head) > 1 and head[1] == "FixedK":
         calibration = numbers(path, "line 1, FixedK", head[2:], 4)
