@@ -150,6 +150,7 @@ def _draw_task(layout: UILayout, context: Context) -> None:
 
 
 def _is_undone(context: Context) -> bool:
+    """Whether what the last task has done is not to be seen in the tab's capture."""
     holds_for, collection = side_task.holds_for, active_capture(context)
     is_told = side_task.model.state != "done" or holds_for is None
     return not is_told and (collection is None or not holds_for(collection))

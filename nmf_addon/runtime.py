@@ -126,6 +126,7 @@ def clean_environment() -> dict[str, str]:
 
 
 def _base_of(environment: Path) -> Path | None:
+    """Folder of the Python that a virtual environment was made with (`home` of pyvenv.cfg)."""
     try:
         text = (environment / "pyvenv.cfg").read_text(encoding="utf-8")
     except OSError:

@@ -131,6 +131,7 @@ class Monitor:
         return not wait
 
     def _install(self) -> None:
+        """Install the result by its operator, so that one Undo takes it back."""
         self.waits_to_install = False
         try:
             _install_result(self.job)
@@ -190,6 +191,7 @@ def _is_there(job: JobFolder) -> bool:
 
 
 def _scenes_with_jobs() -> list[bpy.types.Scene]:
+    """The file's own scenes that name a job, that of the context first."""
     scenes = (scene for scene in bpy.data.scenes if scene.nmf.job and not scene.library)
     return sorted(scenes, key=lambda scene: scene != bpy.context.scene)
 
@@ -206,6 +208,7 @@ def _install_result(job: JobFolder) -> None:
 
 
 def _where(job: JobFolder) -> str:
+    """That a job is done, and where its object is if the person looks at another scene, or how it comes."""
     windows = bpy.context.window_manager.windows
     scene = windows[0].scene if windows else bpy.context.scene
     item = installed_before(job, scene)
@@ -216,6 +219,7 @@ def _where(job: JobFolder) -> str:
 
 
 def _is_moving_something(window: bpy.types.Window) -> bool:
+    """True between G, R or S and the click that ends it: what is selected has to stay so."""
     steps = [step for o in window.modal_operators for step in (o, *o.macros)]
     return any(step.bl_idname.startswith("TRANSFORM_OT_") for step in steps)
 

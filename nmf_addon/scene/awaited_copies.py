@@ -77,6 +77,7 @@ def _tick() -> float | None:
 
 @persistent
 def _go_on(*_) -> None:
+    """Make what is awaited by an import, a file that was opened, or a state that Undo came back to."""
     if not bpy.app.timers.is_registered(_tick) and awaiting(bpy.data.objects):
         bpy.app.timers.register(_tick, first_interval=PAUSE, persistent=True)
 

@@ -65,6 +65,7 @@ def _keep(data: bpy.types.Camera, name: str, files: str, mask: Path, photo: Path
 
 
 def _beside(mask: Path, photo: Path) -> str:
+    """A mask as seen from its photo's folder, so that both may move."""
     try:
         return os.path.relpath(mask, photo.parent)
     except ValueError:  # another drive
@@ -72,6 +73,7 @@ def _beside(mask: Path, photo: Path) -> str:
 
 
 def _mask_of(data: bpy.types.Camera, photo: Path, name: str, files: str) -> Path | None:
+    """The mask of a photo: beside that, or where both lay before the photo was packed and unpacked."""
     if not data.get(name):
         return None
     beside = Path(os.path.normpath(photo.parent / data[name]))

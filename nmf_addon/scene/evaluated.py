@@ -34,6 +34,7 @@ def settle(collection: Collection) -> None:
 
 
 def _view_layer_of(shown: Collection | Object) -> ViewLayer:
+    """The view layer that the person looks at, or one of a scene that has what that has not."""
     context = bpy.context
     there = [scene for scene in bpy.data.scenes if _is_in(shown, scene)]
     return context.view_layer if context.scene in there or not there else there[0].view_layers[0]
@@ -46,6 +47,7 @@ def _is_in(shown: Collection | Object, scene: Scene) -> bool:
 
 
 def _in_the_way(shown: Collection | Object) -> list[Collection | Object]:
+    """What may hide it: itself, what is in it, and collections around all that."""
     if isinstance(shown, Object):
         collections, items = set(), {shown}
     else:

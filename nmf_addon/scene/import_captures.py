@@ -105,6 +105,7 @@ def _unseen_empty(name: str, root: Object) -> Object:
 
 
 def _load_photos(cameras: list[Camera]) -> dict[Path, Image]:
+    """Images of the cameras' photos; those that were loaded go again if one cannot be."""
     images = {}
     with nothing_left_behind(bpy.data.images):
         for camera in cameras:
@@ -119,6 +120,7 @@ def _load_photos(cameras: list[Camera]) -> dict[Path, Image]:
 
 
 def _add_points(collection: Collection, points: np.ndarray, root: Object) -> Object:
+    """Sparse points as a mesh of vertices, to see the object in while fitting the box."""
     points = points[:: max(-(-len(points) // MOST_POINTS), 1)]
     mesh = bpy.data.meshes.new(f"{collection.name} Points")
     mesh.vertices.add(len(points))

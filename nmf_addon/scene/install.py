@@ -136,6 +136,7 @@ def _light(
     world: World, item: Object, job: JobFolder, manifest: dict,
     collection: Collection | None,
 ) -> None:  # fmt: skip
+    """Let a result's light turn with its capture, or with what stands the result upright."""
     root = root_of(collection) if collection is not None else None
     above = item.parent
     if root is None or above is None or (above != root and above.parent == root):
@@ -153,6 +154,7 @@ def _home(collection: Collection | None, scene: Scene, view_layer: ViewLayer) ->
 
 
 def _is_shown(collection: Collection, layer: LayerCollection) -> bool:
+    """True if what is in a collection is seen and rendered in a view layer, or in this part of one."""
     shown = layer.collection
     if layer.exclude or layer.hide_viewport or shown.hide_viewport or shown.hide_render:
         return False
@@ -164,11 +166,13 @@ def _view_layer(context: Context, scene: Scene) -> ViewLayer:
 
 
 def _upright(manifest: dict) -> Matrix | None:
+    """What stands the mesh upright where its capture is not there to do so; None if it does already."""
     matrix = Matrix(manifest.get("placement", Matrix.Identity(4)))
     return None if matrix == Matrix.Identity(4) else matrix
 
 
 def _in_capture(job: JobFolder, manifest: dict, collection: Collection) -> Matrix | None:
+    """Where in the capture's space the coordinates of a result are; None if they are the same."""
     matrix = job_space(job, collection)
     origin = np.array(manifest.get("origin", (0.0, 0.0, 0.0)), dtype=np.float64)
     if matrix is None and not origin.any():

@@ -71,6 +71,7 @@ def _is_imported_from(collection: Collection, capture: Path) -> bool:
 
 
 def _photos(cameras: Path) -> set[Path]:
+    """Photos that a job's camera file names; none if Blender has not written one there."""
     try:
         frames = json.loads(cameras.read_text(encoding="utf-8"))["frames"]
         return {Path(frame["file_path"]).resolve() for frame in frames}
