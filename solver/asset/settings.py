@@ -10,6 +10,8 @@ class AssetSettings:
     cells: int = 300
     """cells per axis of the marching cubes grid, at most: the field's voxels, each cut into as many as that
     allows"""
+    smoothing: int = 5
+    """rounds that take the ripples of those cells away; 0: none"""
     triangles: int = 40_000
     """triangles after decimation"""
     texture_size: int = 1024

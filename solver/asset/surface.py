@@ -13,6 +13,8 @@ from .settings import AssetSettings
 
 EMPTY = 1e-3
 """share of a surface's extinction that is taken for that of places where nothing can be"""
+SHRINK, GROW = 0.5, 0.53
+"""of the way to its neighbours' middle, that a vertex goes and then comes back"""
 DUST_SHARE = 1e-3
 """of the largest part's area, below which a part is a few cells that nobody misses"""
 
@@ -65,7 +67,7 @@ def extract_surface(field: SurfaceField, level: float, settings: AssetSettings) 
         mesh = drop_floaters(mesh, settings.shred_share)
     else:
         mesh = drop_floaters(mesh, settings.floater_share, field.known)
-    return decimate(mesh, settings.triangles)
+    return decimate(smooth(mesh, settings.smoothing), settings.triangles)
 
 
 def marching_cubes(field: SurfaceField, cells: int, level: float) -> trimesh.Trimesh:
@@ -151,6 +153,12 @@ def _shares(
     )
     ends = np.cumsum([len(part.vertices) for part in parts])[:-1]
     return [part.mean() for part in np.split(known(vertices, normals), ends)]
+
+
+def smooth(mesh: trimesh.Trimesh, rounds: int) -> trimesh.Trimesh:
+    """The mesh, in place, without what waves from vertex to vertex, and as large as before (Taubin 1995,
+    doi:10.1145/218380.218473): marching cubes leaves ripples of its cells (docs/decisions/0003)."""
+    return trimesh.smoothing.filter_taubin(mesh, SHRINK, GROW, 2 * rounds)
 
 
 def decimate(mesh: trimesh.Trimesh, triangles: int) -> trimesh.Trimesh:

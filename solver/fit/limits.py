@@ -34,7 +34,7 @@ MOST = {
     "fit.pixel_grid_start": 1, "fit.final_learning_rate": 1, "fit.smoothness_end": 1,
     "fit.palette_end": 1, "fit.palette_narrowing": 1, "fit.f0_start": 1, "fit.neural_start": 1,
     "fit.light_floor": 1, "fit.light_floor_without_room": 1, "fit.neural_fade": 1, "fit.emission_fade": 1,
-    "asset.cells": 2048, "asset.texture_size": 16384, "asset.floater_share": 1,
+    "asset.cells": 2048, "asset.smoothing": 1000, "asset.texture_size": 16384, "asset.floater_share": 1,
     "asset.shred_share": 1, "asset.unseen_share": 1,
 }  # fmt: skip
 RISING = ("field.sizes", "field.size_starts", "fit.neural_fade", "fit.emission_fade")

@@ -19,6 +19,7 @@ from solver.asset.surface import (
     drop_floaters,
     extract_surface,
     marching_cubes,
+    smooth,
 )
 from solver.asset.tangent import encode_normals, texel_frames
 from solver.asset.unwrap import UnwrappedMesh, rasterise, unwrap
@@ -159,6 +160,48 @@ def test_with_masks_the_side_that_no_photo_shows_closes_the_mesh():
     for surrounded, closed in ((False, True), (True, False)):
         field.surrounded = surrounded
         assert extract_surface(field, LEVEL, SETTINGS).is_watertight == closed
+
+
+def off_radius(mesh):
+    """Mean angle, °, between a ball's faces and its radius."""
+    outward = mesh.triangles_center / np.linalg.norm(mesh.triangles_center, axis=1, keepdims=True)
+    return np.degrees(np.arccos(np.clip((mesh.face_normals * outward).sum(1), -1, 1))).mean()
+
+
+def rough_ball(waves):
+    """Of radius 1, with random heights of a tenth of an edge or, where `waves`, with broad poles."""
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    height = 0.1 * ball.vertices[:, 2] ** 2
+    if not waves:
+        height = 0.1 * ball.edges_unique_length.mean() * np.random.default_rng(0).normal(size=len(height))
+    return trimesh.Trimesh(ball.vertices * (1 + height)[:, None], ball.faces, process=False)
+
+
+def test_smoothing_takes_ripples_away_and_nothing_of_size_or_shape():
+    ball = rough_ball(waves=False)
+    volume, before = ball.volume, off_radius(ball)
+    assert off_radius(smooth(ball, 5)) < 0.4 * before
+    assert ball.volume == pytest.approx(volume, rel=3e-3)
+    shape = smooth(rough_ball(waves=True), 5).vertices
+    radius = np.linalg.norm(shape, axis=1)
+    np.testing.assert_allclose(radius, 1 + 0.1 * (shape[:, 2] / radius) ** 2, atol=1e-3)
+
+
+def test_a_thin_rod_is_as_thick_after_smoothing():
+    rod = trimesh.creation.cylinder(radius=0.02, height=1, sections=8)
+    rod = rod.subdivide_to_size(0.02)
+    assert smooth(rod.copy(), 5).volume == pytest.approx(rod.volume, rel=0.1)
+
+
+def test_the_extracted_surface_is_smoothed_unless_a_setting_says_no():
+    field = Balls(((0.0, 0, 0), 0.6))
+    field.raw_density = lambda count: (
+        Balls.raw_density(field, count) + 0.2 * np.random.default_rng(0).normal(size=(count,) * 3)
+    )
+    rough, even = (
+        extract_surface(field, LEVEL, AssetSettings(cells=64, smoothing=rounds)) for rounds in (0, 5)
+    )
+    assert off_radius(even) < 0.6 * off_radius(rough)
 
 
 def test_decimation_reaches_its_target_and_keeps_the_shape():
