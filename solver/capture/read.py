@@ -20,7 +20,8 @@ from .picture_names import JOBS_FOLDER, pictures_below
 _NAMES = (
     "transforms colmap metashape realitycapture meshroom openmvg opensfm opendronemap blocks_exchange "
     "opf pix4d polycam record3d scanner_app stray_scanner bundler visualsfm neus sdfstudio neilf "
-    "gaussians llff mvsnet dtu middlebury pose_folder nerfies nero nerfactor kapture lit_objects"
+    "gaussians llff mvsnet dtu middlebury pose_folder nerfies nero nerfactor kapture lit_objects "
+    "camera_dictionary"
 )
 FORMATS = tuple(import_module(f"{__package__}.formats.{name}") for name in _NAMES.split())
 """readers, the likeliest first"""

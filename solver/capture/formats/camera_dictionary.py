@@ -1,0 +1,48 @@
+"""Cameras by their photos' names: PhySG's and IRON's `cam_dict_norm.json`, NeRF++'s `kai_cameras.json`.
+
+For each photo's name `K` and `W2C`, 16 numbers each, are a lens's matrix, in pixels counted from the corner
+of the first one of a photo of `img_size`, and one from the world to the camera, with OpenCV's axes. Photos
+lie in `image`, `images` or `rgb` beside the file.
+https://github.com/Kai-46/nerfplusplus (colmap_runner/extract_sfm.py)
+"""
+
+from pathlib import Path
+
+from ..fields import Entry, rigid_pose
+from ..files import json_head
+from ..frames import pose_of_opencv
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
+from ..picture_names import parts_of
+from ..pinhole import pinhole_of
+
+NAME = "Camera dictionary"
+EXTENSIONS = (".json",)
+PATTERNS = tuple(
+    f"{folder}{name}"
+    for folder in ("", "train/", "posed_images/")
+    for name in ("cam_dict_norm.json", "cam_dict.json", "kai_cameras_normalized.json", "kai_cameras.json")
+)
+
+
+def recognises(file: Path) -> bool:
+    """True for JSON whose first camera has such matrices."""
+    head = json_head(file)
+    return b'"W2C"' in head and b'"K"' in head
+
+
+def read(path: Path, photos: PhotoFinder) -> Capture:
+    """Read the cameras of all photos."""
+    content = Entry.of_file(path)
+    return assemble(path, NAME, [_camera(content, name, photos) for name in content], photos)
+
+
+def _camera(content: Entry, name: str, photos: PhotoFinder) -> Found:
+    path, entry, file = content.path, content.inner(name), parts_of(name)[-1:]
+    folders = [path.parent / folder for folder in ("image", "images", "rgb")]
+    folder = next(filter(Path.is_dir, folders), None)
+    photo = photos.find_in(folder, *file) if folder and file else photos.find(name, beside=path)
+    k, from_world = (entry.numbers(key, 16).reshape(4, 4) for key in ("K", "W2C"))
+    pose = pose_of_opencv(rigid_pose(path, entry.field("W2C"), from_world))
+    width, height = map(int, entry.numbers("img_size", 2))
+    lens = pinhole_of(path, entry.field("K"), k[:3, :3])
+    return Found(entry.field("W2C"), name, photo, pose, Intrinsics(width, height, *lens))
