@@ -276,7 +276,8 @@ def test_of_a_ball_on_a_table_a_job_makes_a_ball_alone(tmp_path):
     written(tmp_path / "capture", capture, photos)
     small = ["field.sizes=24,40", "field.size_starts=0,0.4", "light.heights=16", "fit.rays=256",
              "field.hull_cells=48", "asset.texture_size=64", "asset.cells=48",
-             "fit.cut_out_before_far=no", "field.turn_box=no", "render.pixel_grid=1"]  # fmt: skip
+             "fit.cut_out_before_far=no", "field.turn_box=no", "render.pixel_grid=1",
+             "render.diffuse_visibility=no"]  # fmt: skip
     sets = [part for setting in small for part in ("--set", setting)]
     job = tmp_path / "job"
     command = ["reconstruct", str(tmp_path / "capture"), "--out", str(job), "--set", "fit.steps=60"]
