@@ -187,6 +187,27 @@ def test_smoothing_takes_ripples_away_and_nothing_of_size_or_shape():
     np.testing.assert_allclose(radius, 1 + 0.1 * (shape[:, 2] / radius) ** 2, atol=1e-3)
 
 
+def test_smoothing_depends_neither_on_the_place_nor_on_how_faces_are_wound():
+    """Fixed bugs: an edge of four faces went towards the world's origin, and a border along itself."""
+    boxes = [trimesh.creation.box() for _ in range(2)]
+    boxes[1].apply_translation((1, 1, 0))
+    touching = trimesh.util.concatenate(boxes)
+    touching.merge_vertices()
+    assert len(touching.vertices) == 14, "else they share no edge"
+    away = touching.copy()
+    away.apply_translation((100, 0, 0))
+    away.vertices = [*away.vertices, (100, 0, 0)]  # of no face, as marching cubes leave some
+    moved = smooth(away, 5).vertices[:-1] - (100, 0, 0)
+    np.testing.assert_allclose(moved, smooth(touching, 5).vertices, atol=1e-9)
+
+    cut = rough_ball(waves=False)
+    cut.update_faces(cut.triangles_center[:, 2] > 0)
+    cut.remove_unreferenced_vertices()
+    other = cut.copy()
+    other.invert()
+    np.testing.assert_allclose(smooth(other, 5).vertices, smooth(cut, 5).vertices, atol=1e-9)
+
+
 def test_a_thin_rod_is_as_thick_after_smoothing():
     rod = trimesh.creation.cylinder(radius=0.02, height=1, sections=8)
     rod = rod.subdivide_to_size(0.02)
