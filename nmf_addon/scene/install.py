@@ -5,24 +5,14 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from bpy.types import (
-    Collection,
-    Context,
-    LayerCollection,
-    Material,
-    Mesh,
-    Object,
-    Scene,
-    ViewLayer,
-    World,
-)
+from bpy.types import Collection, Context, LayerCollection, Material, Mesh, Object, Scene, ViewLayer, World
 from mathutils import Matrix
 
 from ...solver.capture.placement import counted_from
 from ...solver.job.folder import JobFolder
 from ..names import JOBS_OF_UNSAVED, user_folder
 from .adjusted_cameras import adjust_cameras
-from .applied import apply_as_to, remember_built
+from .applied import remember_built
 from .capture_collection import root_of, scene_of
 from .edited import is_edited, mark_as_made
 from .images import images_of, nothing_left_behind
@@ -30,7 +20,7 @@ from .job_space import job_space
 from .light_axes import light_by
 from .material import build_material
 from .pictures import named_pictures
-from .replace import check_not_edited, edited_of, installed_before, is_of, mark, replace_asset
+from .replace import check_not_edited, edited_of, installed_before, is_of, mark, renewals, replace_asset
 from .result import job_of_result, read_manifest, read_ply
 from .selection import make_active
 from .world import build_world
@@ -87,21 +77,21 @@ def install_result(
     ):
         mesh = build_mesh(name, positions, normals, uvs, faces)
         remember_built(mesh)
-        if earlier is not None:
-            apply_as_to(earlier.data, mesh)
         material = build_material(name, pictures, manifest["textures"])
         mesh.materials.append(material)
+        renewed = [] if earlier is None else renewals(earlier, mesh)
         world = build_world(f"{name} Light", pictures["environment"])
         if job.root.is_relative_to(user_folder(JOBS_OF_UNSAVED, create=False)):
             # That goes with the extension, and what is made of the result may outlive that.
             for image in (*images_of(material), *images_of(world)):
                 image.pack()
         item = earlier or _place(context, scene, job, mesh, manifest, collection)
-    left = [] if earlier is None else replace_asset(earlier, mesh, material, world, edited)
-    mark(job, item, mesh, material, world)
+    left = [] if earlier is None else replace_asset(earlier, renewed, material, world, edited)
+    meshes = {mesh, *(new for _, new in renewed)}
+    mark(job, item, material, world, *meshes)
     moved = adjust_cameras(job, collection) if collection is not None else 0
     _light(world, item, job, manifest, collection)
-    for block in (world, material, mesh):
+    for block in (world, material, *meshes):
         mark_as_made(block)
     shown = context.scene if context.scene in item.users_scene else item.users_scene[0]
     before = shown.world

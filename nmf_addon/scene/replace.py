@@ -8,7 +8,8 @@ from bpy.types import ID, Material, Mesh, Scene, World
 
 from ...solver.job.folder import JobFolder
 from ...solver.job.request import JobError
-from .edited import AS_MADE, is_edited
+from .applied import apply_as_to
+from .edited import AS_MADE, fingerprint_of, is_edited
 from .images import images_of
 
 JOB = "nmf_job"
@@ -91,15 +92,26 @@ def _worlds(item: bpy.types.Object) -> list[World]:
     return [w for w in bpy.data.worlds if _is_ours(w, job) and w not in kept]
 
 
+def renewals(item: bpy.types.Object, mesh: Mesh) -> list[tuple[Mesh, Mesh]]:
+    """Copies of an object's mesh, and last that, each with a new one to which is applied what was to it."""
+    alike = fingerprint_of(item.data)
+    pairs = [(copy, mesh if copy[AS_MADE] == alike else mesh.copy()) for copy in _copies(item)]
+    pairs.append((item.data, mesh))
+    for new, earlier in {new: earlier for earlier, new in pairs}.items():
+        apply_as_to(earlier, new)
+    return pairs
+
+
 def replace_asset(
-    item: bpy.types.Object, mesh: Mesh, material: Material, world: World,
+    item: bpy.types.Object, meshes: list[tuple[Mesh, Mesh]], material: Material, world: World,
     edited: list[ID],
 ) -> list[str]:  # fmt: skip
-    """Put a new mesh, material and World in the place of those that an object was installed with.
+    """Put new meshes, a material and World in the place of those that an object was installed with.
 
-    Whatever else uses the earlier ones, or copies of the mesh as it was, uses the new ones then.
+    Whatever else uses the earlier ones uses the new ones then.
 
     Args:
+        meshes: `renewals` of the object.
         edited: `edited_of` the object, before what is new has taken the place of its pictures.
 
     Returns: names under which the file keeps those that a person has edited.
@@ -107,8 +119,7 @@ def replace_asset(
     earlier_mesh, materials, worlds = item.data, _materials(item), _worlds(item)
     slots = list(earlier_mesh.materials)
     images = {image for block in (*materials, *worlds) for image in images_of(block)}
-    # Last the one whose name the new one takes.
-    pairs = [(bpy.data.meshes, earlier, mesh) for earlier in (*_copies(item), earlier_mesh)]
+    pairs = [(bpy.data.meshes, *pair) for pair in meshes]
     pairs += [(bpy.data.materials, earlier, material) for earlier in materials]
     pairs += [(bpy.data.worlds, earlier, world) for earlier in worlds]
     for blocks, earlier, new in pairs:

@@ -464,3 +464,22 @@ def test_a_mesh_that_was_sculpted_at_a_corner_moves_nothing_that_comes_after_it(
     before = corners(item)
     item.data.vertices[0].co *= 3
     np.testing.assert_array_equal(corners(install()), before)
+
+
+@pytest.mark.parametrize("applied", ["original", "copy"])
+def test_a_copy_of_an_object_stays_as_large_whichever_of_them_was_applied(install, extension, applied):
+    """A fixed bug: what was applied to the one was applied to the other, too, and counted twice there."""
+    item, is_edited = install(), extension("scene.edited").is_edited
+    copy = duplicate(item)
+    pair = {"original": item, "copy": copy}
+    for one in pair.values():
+        one.scale = (2, 2, 2)
+    bpy.ops.object.select_all(action="DESELECT")
+    pair[applied].select_set(True)
+    apply_transform(pair[applied])
+    before = {name: corners(one) for name, one in pair.items()}
+    for _ in range(2):
+        assert install() == item
+        for name, one in pair.items():
+            np.testing.assert_allclose(corners(one), before[name], atol=1e-5)
+            assert not is_edited(one.data) or applied == name == "copy"
