@@ -8,12 +8,7 @@ from ..nmf_addon.jobs.create import create_job, new_job_root
 from ..nmf_addon.jobs.model import model_of_folder
 from ..nmf_addon.jobs.monitor import WAITS, monitor
 from ..nmf_addon.properties import chosen_overrides
-from ..nmf_addon.scene.capture_collection import (
-    active_capture,
-    remember_job,
-    shown_twice,
-    to_capture_space,
-)
+from ..nmf_addon.scene.capture_collection import active_capture, remember_job, shown_twice, to_capture_space
 from ..nmf_addon.scene.images import stored_path
 from ..nmf_addon.scene.region import region_problem
 from ..solver.job.folder import JobFolder

@@ -32,14 +32,7 @@ from .job.resume import take_up
 from .job.status import process_is_alive, read_status
 from .preflight.command import add_check, add_pictures
 from .session import KNOWN_FAILURES, explain, session
-from .streams import (
-    escape_missing_letters,
-    flush_stdout,
-    naming_stdout,
-    nobody_reads,
-    print_result,
-    say,
-)
+from .streams import escape_missing_letters, flush_stdout, naming_stdout, nobody_reads, print_result, say
 from .threads import prepare_runtimes
 
 MOST_RAYS = 1 << 16

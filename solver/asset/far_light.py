@@ -12,12 +12,7 @@ import torch
 from ..capture.camera import Camera
 from ..capture.capture import evenly_taken
 from ..kernels.sphere import look_up
-from ..light.environment import (
-    EnvironmentMap,
-    equirect_coordinates,
-    equirect_directions,
-    resized_map,
-)
+from ..light.environment import EnvironmentMap, equirect_coordinates, equirect_directions, resized_map
 from ..light.floor import Floor
 from ..render.scene import Scene
 from .sight import cosines_seen_by

@@ -5,13 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from .camera import Camera, positions_of
-from .frames import (
-    invert_pose,
-    pose_of_opencv,
-    pose_opencv_from_opengl,
-    pose_opengl_from_opencv,
-    unit,
-)
+from .frames import invert_pose, pose_of_opencv, pose_opencv_from_opengl, pose_opengl_from_opencv, unit
 from .photo_matches import LONGEST, PairMatches
 
 FEWEST_MATCHES = 15

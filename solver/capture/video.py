@@ -20,13 +20,7 @@ from av.video.frame import VideoFrame
 from av.video.reformatter import ColorRange, Colorspace, ColorTrc, Interpolation
 from av.video.stream import VideoStream
 
-from .colour import (
-    linear_from_hlg,
-    linear_from_pq,
-    linear_to_srgb,
-    rec709_from_primaries,
-    srgb_to_linear,
-)
+from .colour import linear_from_hlg, linear_from_pq, linear_to_srgb, rec709_from_primaries, srgb_to_linear
 from .errors import CaptureError
 from .image_header import MOST_PIXELS
 

@@ -6,14 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ..kernels.skipping import (
-    blocking_grid,
-    cells_at,
-    dilated,
-    free_distance,
-    of_corners,
-    values_at,
-)
+from ..kernels.skipping import blocking_grid, cells_at, dilated, free_distance, of_corners, values_at
 from .field import MicrofacetField
 
 LEAST_PASSING = 1e-9

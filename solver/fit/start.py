@@ -40,13 +40,7 @@ from .seen_space import (
 from .settings import FieldSettings, Settings
 from .trainer import Trainer
 from .turned_light import turntable_of
-from .visual_hull import (
-    BELONG_TOGETHER,
-    NOTHING_IN_COMMON,
-    signed_distance,
-    start_from_hull,
-    whole_hull,
-)
+from .visual_hull import BELONG_TOGETHER, NOTHING_IN_COMMON, signed_distance, start_from_hull, whole_hull
 
 SEEN_CELLS = 64
 EXTINCTION = 35.0

@@ -9,16 +9,7 @@ import torch
 import warp as wp
 
 from .integral_warp import rectangle_mean
-from .lobe_warp import (
-    ABOVE,
-    PI,
-    TURN,
-    fresnel_power,
-    masked_share,
-    reflected,
-    solid_angle_of,
-    to_world,
-)
+from .lobe_warp import ABOVE, PI, TURN, fresnel_power, masked_share, reflected, solid_angle_of, to_world
 from .march_warp import through_grid
 from .skipping import SELF_SHADOW_COSINE
 from .vectors_warp import Codes, Grid, Integers, Numbers, Vectors, vector

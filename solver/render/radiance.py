@@ -7,14 +7,7 @@ from torch import Tensor
 
 from ..kernels.march import composite
 from .depths import Depths, all_depths, random_depths
-from .random_numbers import (
-    DEPTH,
-    OFFSET,
-    SECONDARY_DEPTH,
-    SECONDARY_OFFSET,
-    RandomNumbers,
-    sample_keys,
-)
+from .random_numbers import DEPTH, OFFSET, SECONDARY_DEPTH, SECONDARY_OFFSET, RandomNumbers, sample_keys
 from .scene import RenderSettings, Samples, Scene, Steps, StepTables
 from .shade import shade
 from .smoothness import smoothness
