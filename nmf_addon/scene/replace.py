@@ -79,8 +79,8 @@ def _copies(item: bpy.types.Object) -> list[Mesh]:
     """Copies of an object's mesh (Shift+D) that show its material, and that nobody has edited."""
     return [
         mesh for mesh in bpy.data.meshes
-        if mesh != item.data and mesh.users and _is_ours(mesh, item[JOB]) and not is_edited(mesh)
-        and set(mesh.materials) & set(_materials(item))
+        if mesh != item.data and mesh.users and _is_ours(mesh, item[JOB])
+        and AS_MADE in mesh and not is_edited(mesh) and set(mesh.materials) & set(_materials(item))
     ]  # fmt: skip
 
 

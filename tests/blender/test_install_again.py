@@ -483,3 +483,14 @@ def test_a_copy_of_an_object_stays_as_large_whichever_of_them_was_applied(instal
         for name, one in pair.items():
             np.testing.assert_allclose(corners(one), before[name], atol=1e-5)
             assert not is_edited(one.data) or applied == name == "copy"
+
+
+def test_a_copy_that_tells_not_whether_it_was_edited_is_left_alone(install):
+    """Of a result that was installed before that was remembered."""
+    item = install()
+    copy = duplicate(item)
+    for one in (item, copy):
+        del one.data["nmf_as_made"]
+    copy.data.vertices[0].co.x = 77
+    assert install() == item
+    assert copy.data != item.data and copy.data.vertices[0].co.x == 77
