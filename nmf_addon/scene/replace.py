@@ -22,7 +22,7 @@ def installed_before(job: JobFolder, scene: Scene) -> bpy.types.Object | None:
     """The object that a job was installed as, if it still is in a scene; that of `scene`, if it has one."""
     for item in (*scene.objects, *bpy.data.objects):
         editable = item.type == "MESH" and not item.library and not item.data.library
-        if editable and item.users_scene and is_of(item, job):
+        if editable and is_of(item, job) and item.users_scene:
             return item
     return None
 

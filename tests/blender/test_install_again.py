@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import time
 from pathlib import Path
 
 import addon_utils
@@ -494,3 +495,15 @@ def test_a_copy_that_tells_not_whether_it_was_edited_is_left_alone(install):
     copy.data.vertices[0].co.x = 77
     assert install() == item
     assert copy.data != item.data and copy.data.vertices[0].co.x == 77
+
+
+def test_a_job_is_looked_for_in_a_large_scene_in_no_time(install, extension, result_job):
+    """A fixed bug: Undo, after which the tab looks for it, took seconds."""
+    replace = extension("scene.replace")
+    job = extension("scene.result").job_of_result(result_job)
+    mesh = bpy.data.meshes.new("leaf")
+    for _ in range(5000):
+        bpy.context.scene.collection.objects.link(bpy.data.objects.new("leaf", mesh))
+    start = time.perf_counter()
+    assert replace.installed_before(job, bpy.context.scene) is None
+    assert time.perf_counter() - start < 1
