@@ -29,7 +29,7 @@ def apply_as_to(earlier: Mesh, mesh: Mesh) -> None:
     allowed = FITS * np.ptp(now, axis=0).max()
     matrix, _, rank, _ = np.linalg.lstsq(before, now, rcond=None)
     is_same = np.abs(before[:, :3] - now).max() <= allowed
-    if rank < 4 or is_same or np.abs(before @ matrix - now).max() > allowed:
+    if rank < 4 or is_same or not np.abs(before @ matrix - now).max() <= allowed:  # or no number
         return
     motion = Matrix((*matrix.T.tolist(), (0, 0, 0, 1)))
     mesh.transform(motion)

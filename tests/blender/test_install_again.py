@@ -507,3 +507,10 @@ def test_a_job_is_looked_for_in_a_large_scene_in_no_time(install, extension, res
     start = time.perf_counter()
     assert replace.installed_before(job, bpy.context.scene) is None
     assert time.perf_counter() - start < 1
+
+
+def test_a_mesh_with_a_vertex_that_is_nowhere_moves_nothing_that_comes_after_it(install):
+    item = install()
+    before = corners(item)
+    item.data.vertices[0].co.x = float("nan")
+    np.testing.assert_array_equal(corners(install()), before)
