@@ -67,3 +67,9 @@ def test_a_malformed_file_gets_an_error_with_file_field_and_remedy(tmp_path, lin
         read_capture(tmp_path)
     assert caught.value.file.name == file.name and field in caught.value.field
     assert caught.value.remedy
+
+
+def test_empty_lines_around_the_numbers_do_not_count(tmp_path):
+    for file in make(tmp_path).glob("camera_*.txt"):
+        file.write_text(f"\n{file.read_text()}\n\n")
+    assert len(read_capture(tmp_path).cameras) == COUNT

@@ -31,7 +31,7 @@ _FILE = re.compile(r"(.*)camera_(\d+)\.txt")
 def recognises(file: Path) -> bool:
     """True for eight lines of three numbers in a file that is called as such a camera's."""
     if _FILE.fullmatch(file.name) is not None:
-        rows = [line.split() for line in text_head(file, 1 << 12).splitlines()]
+        rows = [line.split() for line in text_head(file, 1 << 12).strip().splitlines()]
         with suppress(ValueError):
             return np.array(rows, dtype=float).shape == (8, 3)
     return False
