@@ -65,10 +65,7 @@ def run_scene(scene: Path, program: str, work: Path) -> dict:
     if program != AS_IT_IS:
         source = work / "project"
         matrix = write_project(program, train, source, seed=PROGRAMS.index(program))
-    return {
-        "capture": scene.name, "program": program,
-        **score(source, None, placed(test, matrix), work),
-    }  # fmt: skip
+    return {"capture": scene.name, "program": program, **score(source, None, placed(test, matrix), work)}
 
 
 def run_real(folder: Path, work: Path) -> dict:

@@ -52,8 +52,7 @@ def measure(scene: Path, folder: Path, point: dict, steps: int, preset: str) -> 
     capture = capture_of(scene, folder / "capture", point["resolution"], point["views"])
     for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ[name] = str(point["cores"])
-    row = {"scene": scene.name, "setting": json.dumps(point), "preset": preset, "seed": 0,
-           "device": "cpu"}  # fmt: skip
+    row = {"scene": scene.name, "setting": json.dumps(point), "preset": preset, "seed": 0, "device": "cpu"}
     sizes = {"field.sizes": str(point["grid"]), "field.size_starts": "0"}
     fit(row, capture, folder / "job", NO_PREVIEWS | TOKEN_ASSET | sizes | {"fit.steps": steps})
     stages = row["stages"]
@@ -96,10 +95,9 @@ def page(rows: dict[str, list[dict]], about: str, picture: str) -> str:
         lines += ["", f"| {axis} | ms a step | s before the first | peak GB |",
                   "| ---: | ---: | ---: | ---: |"]  # fmt: skip
         lines += [
-            f"| {row[axis]} | {row['milliseconds']:.0f} | {row['before']:.1f} | "
-            f"{row['gigabytes']:.2f} |"
+            f"| {row[axis]} | {row['milliseconds']:.0f} | {row['before']:.1f} | {row['gigabytes']:.2f} |"
             for row in found
-        ]  # fmt: skip
+        ]
     return "\n".join(lines) + "\n"
 
 

@@ -38,9 +38,7 @@ from solver.kernels.backend import forced_path  # noqa: E402
 from solver.kernels.warm_up import compile_kernels  # noqa: E402
 
 REPLAYED = "warp, replayed"
-PATHS = {
-    "cpu": ("torch", "numba", "warp"), "cuda": ("torch", "warp", REPLAYED), "mps": ("torch",),
-}  # fmt: skip
+PATHS = {"cpu": ("torch", "numba", "warp"), "cuda": ("torch", "warp", REPLAYED), "mps": ("torch",)}
 WARM_UP, ROUNDS = 2, 3
 SHORT = 2
 """steps of the only round of a short run"""
@@ -57,9 +55,7 @@ def main() -> None:
     parser.add_argument("--short", action="store_true", help="two paths, a few steps each")
     parser.add_argument("--set", action="append", default=[], metavar="section.field=value")
     options = parser.parse_args()
-    settings = settings_for(
-        options.preset, dict(text.split("=", 1) for text in options.set)
-    )  # fmt: skip
+    settings = settings_for(options.preset, dict(text.split("=", 1) for text in options.set))
     capture = read_capture(options.capture)
     photos = load_photos(capture)
     paths, rounds, steps = PATHS[options.device], ROUNDS, options.steps

@@ -14,9 +14,8 @@ class NMF_OT_match_solver(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     bounces: bpy.props.IntProperty(
-        name="Bounces", description="Reflections between surfaces that the solver traces", default=2,
-        min=1,
-    )  # fmt: skip
+        name="Bounces", description="Reflections between surfaces that the solver traces", default=2, min=1
+    )
 
     @reporting(RuntimeError)
     def execute(self, context: bpy.types.Context) -> set[str] | None:

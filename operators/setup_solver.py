@@ -85,6 +85,4 @@ def _may_start(operator: type[Operator]) -> bool:
     return not state.running
 
 
-classes = (
-    NMF_OT_setup_solver, NMF_OT_cancel_setup, NMF_OT_copy_setup_log, NMF_OT_check_solver,
-)  # fmt: skip
+classes = (NMF_OT_setup_solver, NMF_OT_cancel_setup, NMF_OT_copy_setup_log, NMF_OT_check_solver)

@@ -91,9 +91,7 @@ class NMF_OT_solve_cameras(Operator):
     def draw(self, context: Context) -> None:
         column = self.layout.column()
         column.use_property_split, column.use_property_decorate = True, False
-        for name in (
-            "sequential", "single_camera", "camera_model", "video_photos", "masks", "ignored",
-        ):  # fmt: skip
+        for name in ("sequential", "single_camera", "camera_model", "video_photos", "masks", "ignored"):
             column.prop(self, name)
         column.label(text="Pick the photos' folder, their archive or a video", icon="INFO")
 

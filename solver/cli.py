@@ -206,9 +206,8 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _run_job(
-    job: JobFolder, began: float, events: bool = False, has_parent: bool = False,
-    begun: Begun | None = None,
-) -> int:  # fmt: skip
+    job: JobFolder, began: float, events: bool = False, has_parent: bool = False, begun: Begun | None = None
+) -> int:
     """Run a job with its heartbeat, events and log; the last line on stdout is the manifest."""
     if process_is_alive(read_status(job.status_path)):
         raise JobError(f"{job.root}: another process is working on this job; cancel it first.")

@@ -30,7 +30,7 @@ def write_small_duck(folder):
             content.update(w=content["w"] // EVERY, h=content["h"] // EVERY)
             content["frames"] = [
                 frame for frame in content["frames"] if (folder / f"{frame['file_path']}.png").exists()
-            ]  # fmt: skip
+            ]
             target.write_text(json.dumps(content))
         elif path.is_file():
             shutil.copy(path, target)

@@ -68,6 +68,6 @@ def test_numpys_products_stay_on_one_core_unless_the_person_said_more(asked, exp
     if asked:
         environment["OPENBLAS_NUM_THREADS"] = asked
     done = subprocess.run(
-        [sys.executable, "-c", AFTER_A_PRODUCT], cwd=ROOT, env=environment, capture_output=True, text=True,
-    )  # fmt: skip
+        [sys.executable, "-c", AFTER_A_PRODUCT], cwd=ROOT, env=environment, capture_output=True, text=True
+    )
     assert int(done.stdout) == expected, done.stderr

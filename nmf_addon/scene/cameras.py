@@ -19,9 +19,7 @@ SENSOR_WIDTH = 36.0  # mm; only its ratio to the focal length matters
 LENS, DISTORTION, ASPECT, MASK = "nmf_lens", "nmf_distortion", "nmf_fy_over_fx", "nmf_mask"
 MASK_FILES = "nmf_mask_files"
 """where the mask lay when the camera was imported, for a photo that is no longer beside it"""
-IGNORED, IGNORED_FILES, IGNORED_IS_BLACK = (
-    "nmf_ignored", "nmf_ignored_files", "nmf_ignored_is_black",
-)  # fmt: skip
+IGNORED, IGNORED_FILES, IGNORED_IS_BLACK = ("nmf_ignored", "nmf_ignored_files", "nmf_ignored_is_black")
 """the same of what is to be ignored of the photo; and whether that is black there"""
 SIZE = "nmf_size"
 """the camera's width and height, pixels; its photo's may be swapped in the file (EXIF orientation)"""
@@ -224,9 +222,8 @@ def to_solver(item: Object, to_capture: Matrix) -> Camera:
 
 
 def camera_of(
-    data: bpy.types.Camera, pose: Matrix, width: int, height: int, aspect: float | None = None,
-    **others,
-) -> Camera:  # fmt: skip
+    data: bpy.types.Camera, pose: Matrix, width: int, height: int, aspect: float | None = None, **others
+) -> Camera:
     """The solver's camera of what Blender's says, for a photo of a size in pixels.
 
     Args:

@@ -56,7 +56,6 @@ def _in_the_way(shown: Collection | Object) -> list[Collection | Object]:
         # lines to it from all that hang on it; and nobody asks where the axes of lights are.
         items -= {item.parent for item in items} | {item for item in items if AXES in item}
     around = {
-        c for c in bpy.data.collections
-        if collections & set(c.children_recursive) or items & set(c.objects)
-    }  # fmt: skip
+        c for c in bpy.data.collections if collections & set(c.children_recursive) or items & set(c.objects)
+    }
     return [*collections, *around, *items]

@@ -14,10 +14,7 @@ from .panoramic_camera import PANORAMIC_TYPE
 
 def hidden_cameras(collection: bpy.types.Collection) -> list[bpy.types.Object]:
     """Cameras with nothing to see behind the scene, for Blender cannot decode their photo."""
-    return [
-        item for item in collection.all_objects
-        if item.type == "CAMERA" and _is_hidden(item)
-    ]  # fmt: skip
+    return [item for item in collection.all_objects if item.type == "CAMERA" and _is_hidden(item)]
 
 
 def show_pictures(collection: bpy.types.Collection, pictures: dict[str, str]) -> int:

@@ -61,9 +61,8 @@ def import_captures(
 
 
 def _add_capture(
-    context: Context, capture: Capture, images: dict[Path, Image],
-    matrix: np.ndarray,
-) -> Collection:  # fmt: skip
+    context: Context, capture: Capture, images: dict[Path, Image], matrix: np.ndarray
+) -> Collection:
     capture = placed(capture, matrix)
     collection = bpy.data.collections.new(_capture_name(capture))
     collection[SOURCE], collection[WARNINGS] = str(capture.source), list(capture.warnings)

@@ -123,9 +123,8 @@ def _place(
 
 
 def _light(
-    world: World, item: Object, job: JobFolder, manifest: dict,
-    collection: Collection | None,
-) -> None:  # fmt: skip
+    world: World, item: Object, job: JobFolder, manifest: dict, collection: Collection | None
+) -> None:
     """Let a result's light turn with its capture, or with what stands the result upright."""
     root = root_of(collection) if collection is not None else None
     above = item.parent

@@ -51,7 +51,7 @@ def _moved_since(job: JobFolder, collection: Collection) -> np.ndarray | None:
     poses = {
         photo_path(photo_of(item)).resolve(): np.array((to_capture @ item.matrix_world).normalized())
         for item in photo_cameras(collection)
-    }  # fmt: skip
+    }
     pairs = {given.image_path.resolve(): (given, found) for given, found in cameras_of(job)}
     common = [path for path in pairs if path in poses]
     if len(common) < 2:  # of one camera no scale could be told

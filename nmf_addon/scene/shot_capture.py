@@ -47,9 +47,8 @@ def photos_in(shot: Shot, folder: Path) -> dict[int, Path]:
 
 
 def capture_shot(
-    context: Context, item: Object, shot: Shot, photos: dict[int, Path],
-    file: Path,
-) -> Collection:  # fmt: skip
+    context: Context, item: Object, shot: Shot, photos: dict[int, Path], file: Path
+) -> Collection:
     """Make a capture of a camera and its photos, where it stands in the scene.
 
     Args:

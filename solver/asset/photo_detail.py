@@ -197,9 +197,8 @@ def _residual(surface: Surface, shown: np.ndarray, view: View) -> tuple[np.ndarr
 
 
 def _reflected_light(
-    bins: _Bins, sigma: float, colours: np.ndarray, shown: np.ndarray, f0: np.ndarray,
-    clear: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    bins: _Bins, sigma: float, colours: np.ndarray, shown: np.ndarray, f0: np.ndarray, clear: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """The light [K, 3] that places would mirror to a camera with an F0 of 1, and how much [K] of what is
     around each is `clear` [K].
 

@@ -118,9 +118,8 @@ def cut_unseen(mesh: trimesh.Trimesh, field: SurfaceField, share: float) -> trim
 
 
 def drop_floaters(
-    mesh: trimesh.Trimesh, share: float,
-    known: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
-) -> trimesh.Trimesh:  # fmt: skip
+    mesh: trimesh.Trimesh, share: float, known: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+) -> trimesh.Trimesh:
     """Keep connected parts with at least `share` of the largest part's area, facing outward.
 
     Closed parts whose volume is negative are the inner walls of hollow bodies; nobody sees them. An open

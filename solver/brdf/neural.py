@@ -26,9 +26,8 @@ class NeuralTerm(nn.Module):
         super().__init__()
         inputs = features + 2 * ((self.DEGREE + 1) ** 2 + 3)
         self.layers = nn.Sequential(
-            nn.Linear(inputs, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU(),
-            nn.Linear(width, 3),
-        )  # fmt: skip
+            nn.Linear(inputs, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, 3)
+        )
         for layer in self.layers:
             if isinstance(layer, nn.Linear):
                 nn.init.kaiming_uniform_(layer.weight, nonlinearity="relu")

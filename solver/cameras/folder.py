@@ -160,9 +160,8 @@ def check_of_video(video: Path, masks: Path | None, ignored: Path | None) -> Non
     """
     if masks is not None:
         raise CaptureError(
-            video, "masks", "a video's photos have no masks yet",
-            "give none, or solve a folder of photos",
-        )  # fmt: skip
+            video, "masks", "a video's photos have no masks yet", "give none, or solve a folder of photos"
+        )
     if ignored is not None and ignored.is_dir():
         raise CaptureError(
             ignored, "ignore", "a video's photos have no pictures there yet",
@@ -172,7 +171,7 @@ def check_of_video(video: Path, masks: Path | None, ignored: Path | None) -> Non
 
 def photos_below(
     folder: Path, besides: Path | None = None, masks: Path | None = None, ignored: Path | None = None
-) -> tuple[str, ...]:  # fmt: skip
+) -> tuple[str, ...]:
     """Names of all photos below a folder, relative to it, numbers in their order (2 before 10).
 
     Args:

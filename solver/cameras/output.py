@@ -31,9 +31,7 @@ def write_cameras(folder: SolveFolder, photos: Path, cameras: list[Camera]) -> N
             return None
         return PurePosixPath(Path(os.path.relpath(path, start)).as_posix())
 
-    named = [
-        replace(c, image_path=name(c.image_path), ignored_path=name(c.ignored_path)) for c in cameras
-    ]  # fmt: skip
+    named = [replace(c, image_path=name(c.image_path), ignored_path=name(c.ignored_path)) for c in cameras]
     part = folder.cameras_path.with_suffix(".part")
     write_transforms(part, named, {"ply_file_path": folder.points_path.name})
     replace_file(part, folder.cameras_path)

@@ -59,9 +59,8 @@ class Prepared:
 
 
 def look_at(
-    folder: Path, names: tuple[str, ...], masks: Path | None, longest: int,
-    ignored: Path | None = None,
-) -> list[Prepared]:  # fmt: skip
+    folder: Path, names: tuple[str, ...], masks: Path | None, longest: int, ignored: Path | None = None
+) -> list[Prepared]:
     """Read the headers of all photos.
 
     Args:

@@ -197,10 +197,7 @@ class Solver:
         with opened(self.colmap, self.database) as database:
             number = numbers(database)
             ids = [number[photo.file] for photo in photos]
-            left = [
-                (i, j) for i, j in pairs
-                if not database.exists_two_view_geometry(ids[i], ids[j])
-            ]  # fmt: skip
+            left = [(i, j) for i, j in pairs if not database.exists_two_view_geometry(ids[i], ids[j])]
         self.work.mkdir(parents=True, exist_ok=True)
         block, at = 10 * self.threads, 0
         while at < len(left):

@@ -27,9 +27,8 @@ _LOOKED_AT = 800
 
 
 def take_photos(
-    video: Path, folder: Path, count: int, told: Callable[[float, str], None],
-    span: range | None = None,
-) -> tuple[str, ...]:  # fmt: skip
+    video: Path, folder: Path, count: int, told: Callable[[float, str], None], span: range | None = None
+) -> tuple[str, ...]:
     """Write a video's photos into a folder, which is there only when all of them are.
 
     JPEG, or linear OpenEXR where the video is HDR, named by their frames' numbers. A folder that is there

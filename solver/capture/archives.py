@@ -117,9 +117,8 @@ def _is_there(file: Path, info: zipfile.ZipInfo) -> bool:
 
 
 def _unpack(
-    path: Path, archive: zipfile.ZipFile, members: list[Member], root: Path,
-    told: Callable[[float], None],
-) -> None:  # fmt: skip
+    path: Path, archive: zipfile.ZipFile, members: list[Member], root: Path, told: Callable[[float], None]
+) -> None:
     folder = folder_of(path)
     mark, begun, own = folder / MARK, folder.exists(), _identity(path)
     if begun and not mark.is_file():

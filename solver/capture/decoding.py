@@ -23,10 +23,7 @@ from .png_header import png_colours
 from .raw import decode_raw
 
 _MOST_CHANNELS, _MOST_VALUES = 64, 4 * MOST_PIXELS
-_TYPES = {
-    "uint8": "uint8", "uint16": "uint16",
-    "half": "float", "float": "float", "double": "float",
-}  # fmt: skip
+_TYPES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float", "double": "float"}
 _LINEAR = 8
 """the transfer function that is none, in ITU-T H.273"""
 _UNCALIBRATED = 0xFFFF

@@ -46,9 +46,8 @@ def numbers(path: Path, field: str, values: Any, count: int | None = None) -> np
             _DECIMAL_COMMA.fullmatch(word) for word in words
         ):
             raise CaptureError(
-                path, field, f"'{shown(values)}' has decimal commas",
-                "export it with decimal points",
-            )  # fmt: skip
+                path, field, f"'{shown(values)}' has decimal commas", "export it with decimal points"
+            )
         values = values.replace(",", " ").split()
     if not isinstance(values, (list, tuple)) or (count is not None and len(values) != count):
         wanted = "numbers" if count is None else f"{count} numbers"

@@ -112,8 +112,6 @@ def _curve(tag: bytes) -> np.ndarray:
         a, b, c, d, e, f = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
     elif kind in (1, 2):
         # Below −b/a these two are constant, which the general form has as c = 0.
-        c, d, e, f = (
-            0.0, (-b / a if a else 0.0), (c if kind == 2 else 0.0), (c if kind == 2 else 0.0),
-        )  # fmt: skip
+        c, d, e, f = (0.0, (-b / a if a else 0.0), (c if kind == 2 else 0.0), (c if kind == 2 else 0.0))
     with np.errstate(all="ignore"):
         return np.where(x >= d, np.maximum(a * x + b, 0) ** g + e, c * x + f)

@@ -63,20 +63,15 @@ def image_size(path: Path) -> tuple[int, int]:
         raise CaptureError(path, "", f"the image cannot be read ({problem})", "replace the file") from error
     if pointer:
         raise CaptureError(
-            path, "", "this is a Git LFS pointer, not yet the photo",
-            "run 'git lfs pull' in its repository",
-        )  # fmt: skip
+            path, "", "this is a Git LFS pointer, not yet the photo", "run 'git lfs pull' in its repository"
+        )
     if size is None:
-        raise CaptureError(
-            path, "", f"this is no {FORMATS} image",
-            "convert the photo to one of these",
-        )  # fmt: skip
+        raise CaptureError(path, "", f"this is no {FORMATS} image", "convert the photo to one of these")
     width, height = size
     if width < 1 or height < 1 or width * height > MOST_PIXELS:
         raise CaptureError(
-            path, "", f"its header states {width} × {height} pixels, which no photo has",
-            "replace the file",
-        )  # fmt: skip
+            path, "", f"its header states {width} × {height} pixels, which no photo has", "replace the file"
+        )
     return width, height
 
 

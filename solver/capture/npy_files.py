@@ -17,9 +17,7 @@ LARGEST_FILE = 1 << 26
 """bytes, unpacked; the cameras of ten thousand photos have a tenth of that"""
 MAGIC = b"\x93NUMPY"
 
-_HEADERS = {
-    (1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0,
-}  # fmt: skip
+_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 _REMEDY = "the file seems cut off or is another program's; export the cameras again"
 
 

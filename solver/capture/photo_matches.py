@@ -121,7 +121,7 @@ def add_photo(colmap: Any, database: Any, name: str, camera: Any, rig: int) -> i
 
 def match_pairs(
     colmap: Any, database: Path, folder: Path, pairs: list[tuple[str, str]], seed: int, **options: Any
-) -> None:  # fmt: skip
+) -> None:
     """Match and verify pairs of photos of a database, by name; their list goes into a folder."""
     matching = colmap.FeatureMatchingOptions()
     matching.num_threads, matching.use_gpu = usable_cores(), False
@@ -231,8 +231,8 @@ def _pairs(
 
 
 def _features(
-    colmap: Any, cameras: list[Camera], pictures: list[Picture], progress: Callable[[float], None],
-) -> list[Features]:  # fmt: skip
+    colmap: Any, cameras: list[Camera], pictures: list[Picture], progress: Callable[[float], None]
+) -> list[Features]:
     options = colmap.FeatureExtractionOptions()
     options.num_threads, options.use_gpu = 1, False
     options.sift.max_num_features, options.sift.first_octave = MOST_FEATURES, 0

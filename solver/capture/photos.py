@@ -159,9 +159,8 @@ def load_photos(
             if (circle := found.get(camera.lens_key)) is not None:
                 photos[index] = replace(photos[index], told=both(photos[index].told, circle))
     empty = [
-        camera for camera, photo in zip(capture.cameras, photos, strict=True)
-        if not (photo.cover > 0).any()
-    ]  # fmt: skip
+        camera for camera, photo in zip(capture.cameras, photos, strict=True) if not (photo.cover > 0).any()
+    ]
     if len(empty) == len(photos):
         raise CaptureError(
             capture.source, "alpha", "all photos are fully transparent",

@@ -53,9 +53,7 @@ def matrices_in(path: Path, largest: int) -> list[np.ndarray]:
             raise ValueError("this is not a list")
         return [_array(value) for value in values]
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError) as error:
-        raise CaptureError(
-            path, "", "this is not a pickled list of matrices, or it is damaged",
-        ) from error  # fmt: skip
+        raise CaptureError(path, "", "this is not a pickled list of matrices, or it is damaged") from error
 
 
 def _held(content: bytes) -> object:

@@ -11,9 +11,7 @@ from .image_header import EXTENSIONS, image_size
 
 UNREADABLE = (".bmp", ".gif", ".jxl", ".x3f", ".tga", ".ppm", ".jp2", ".psd")
 """extensions of photos that cannot be read here, but may have been converted since"""
-VIDEOS = (
-    ".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".3gp", ".mts", ".m2ts", ".mpg", ".mpeg", ".wmv",
-)  # fmt: skip
+VIDEOS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".3gp", ".mts", ".m2ts", ".mpg", ".mpeg", ".wmv")
 """extensions of videos, in lower case, from which cameras can be solved"""
 DEEPEST, MOST_FILES = 6, 200_000
 _LAYER = ".geometry"

@@ -86,9 +86,8 @@ def camera_file(path: Path | str, split: str = "train") -> Path:
     if split == "train":
         raise nothing_in(path, _FILES_OF_SPLIT["train"])
     raise CaptureError(
-        path, "", f"there is no camera file for '{split}' in this folder",
-        f"add {' or '.join(wanted)}",
-    )  # fmt: skip
+        path, "", f"there is no camera file for '{split}' in this folder", f"add {' or '.join(wanted)}"
+    )
 
 
 def held_out_file(path: Path | str) -> Path | None:

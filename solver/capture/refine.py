@@ -37,9 +37,8 @@ more is no mistake of measuring, such as all photos showing what turned with the
 
 
 def triangulated(
-    colmap: Any, folder: Path, cameras: list[Camera], features: list[Features],
-    most_pixels: float = STRICT,
-) -> Any:  # fmt: skip
+    colmap: Any, folder: Path, cameras: list[Camera], features: list[Features], most_pixels: float = STRICT
+) -> Any:
     """COLMAP's model of cameras where they are, with the points that their photos have in common."""
     options = colmap.IncrementalPipelineOptions()
     options.extract_colors, options.num_threads = False, usable_cores()

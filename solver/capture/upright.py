@@ -68,9 +68,8 @@ def estimate_up(cameras: list[Camera]) -> np.ndarray:
 
 
 def _unlikely(
-    guesses: np.ndarray, across: np.ndarray, upward: np.ndarray, forward: np.ndarray,
-    positions: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+    guesses: np.ndarray, across: np.ndarray, upward: np.ndarray, forward: np.ndarray, positions: np.ndarray
+) -> np.ndarray:
     """How unlikely each of the unit `guesses` [G, 3] is to be up [G], by pictures' axes and lines of sight
     and cameras' positions, [N, 3] each."""
     level, rolled = _rolls(guesses, across, upward, forward)

@@ -173,9 +173,8 @@ def _shown(container: InputContainer, stream: VideoStream) -> Iterator[VideoFram
         return
     graph = Graph()
     graph.link_nodes(
-        graph.add_buffer(template=stream), graph.add("bwdif", "mode=send_frame"),
-        graph.add("buffersink"),
-    ).configure()  # fmt: skip
+        graph.add_buffer(template=stream), graph.add("bwdif", "mode=send_frame"), graph.add("buffersink")
+    ).configure()
     for coded in chain([first], decoded, [None]):
         graph.push(coded)
         try:
@@ -204,6 +203,5 @@ def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
 
 def _unreadable(path: Path, reason: str) -> CaptureError:
     return CaptureError(
-        path, "", f"the video cannot be read ({reason})",
-        "convert it to MP4, or give a folder of photos",
-    )  # fmt: skip
+        path, "", f"the video cannot be read ({reason})", "convert it to MP4, or give a folder of photos"
+    )

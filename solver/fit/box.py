@@ -106,9 +106,8 @@ def box_around_hull(
 
 
 def _turned(
-    cameras: list[Camera], masks: Masks, tight: np.ndarray, margin: float,
-    told: Callable[[float], None],
-) -> Box | None:  # fmt: skip
+    cameras: list[Camera], masks: Masks, tight: np.ndarray, margin: float, told: Callable[[float], None]
+) -> Box | None:
     """The cube around the hull within the world box [2, 3] that just holds it, along its simplest axes;
     None if those are the world's."""
     cube = Box.around(tight).world

@@ -101,9 +101,8 @@ def before_support(photo: Photo, outline: Outline) -> Photo:
     beside = ~ndimage.binary_dilation(outline.shown, np.ones((3, 3)), MIXED)
     colour = filled(srgb_of(photo), beside)
     return replace(
-        with_alpha(photo, outline.shown, colour), behind=colour.astype(np.float16),
-        unsure=outline.unsure,
-    )  # fmt: skip
+        with_alpha(photo, outline.shown, colour), behind=colour.astype(np.float16), unsure=outline.unsure
+    )
 
 
 def few_on_support(cameras: Sequence[Camera], photos: list[Photo], standing: Standing) -> list[Photo]:

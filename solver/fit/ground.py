@@ -190,10 +190,9 @@ class GroundColours:
         like = known & (np.linalg.norm(difference, axis=-1) < 2 * UNLIKE * least)
         for _ in range(2):
             share = ndimage.gaussian_filter(like.astype(np.float32), width) + 1e-3
-            sheen = np.stack([
-                ndimage.gaussian_filter(difference[..., c] * like, width) / share
-                for c in range(3)
-            ], -1)  # fmt: skip
+            sheen = np.stack(
+                [ndimage.gaussian_filter(difference[..., c] * like, width) / share for c in range(3)], -1
+            )
             found = np.linalg.norm(difference - sheen, axis=-1) / least
             like = known & (found < UNLIKE)
         return np.where(known, found, np.nan)

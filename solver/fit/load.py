@@ -113,9 +113,8 @@ def load_light(path: Path, device: torch.device) -> EnvironmentMap:
 
 
 def render_cameras(
-    scene: Scene, settings: Settings, cameras: tuple[Camera, ...], rays: int,
-    neural: float | None = None,
-) -> Iterator[tuple[Camera, RenderedView]]:  # fmt: skip
+    scene: Scene, settings: Settings, cameras: tuple[Camera, ...], rays: int, neural: float | None = None
+) -> Iterator[tuple[Camera, RenderedView]]:
     """Render cameras of the capture's world one by one; a turntable's light goes round with them.
 
     Args:

@@ -136,8 +136,8 @@ def room_light(scene: Scene, tables: StepTables, random: RandomNumbers, keys: Te
 
 
 def light_difference(
-    scene: Scene, tables: StepTables, directions: Tensor, known: Tensor, weight: Tensor,
-) -> Tensor:  # fmt: skip
+    scene: Scene, tables: StepTables, directions: Tensor, known: Tensor, weight: Tensor
+) -> Tensor:
     """Mean squared difference between the logarithms of the light in directions [K, 3] and `known` [K, 3]
     radiance, each with its `weight` [K].
 

@@ -63,9 +63,8 @@ def found_in_surroundings(
         return found
     pictures = pictures_by(picture_around, cameras, lambda: told(COMPARING))
     return triangulate(
-        list(cameras), pictures, lambda done: told(COMPARING + (1 - COMPARING) * done),
-        TOLERATED_AROUND,
-    )  # fmt: skip
+        list(cameras), pictures, lambda done: told(COMPARING + (1 - COMPARING) * done), TOLERATED_AROUND
+    )
 
 
 def _in_time(progress: Callable[[float], None], seconds: float) -> Callable[[float], None]:

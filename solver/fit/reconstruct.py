@@ -87,7 +87,7 @@ def _run(job: JobFolder, progress: Progress, control: Control, began: float) -> 
         progress.warning(warning)
     photos = load_photos(
         capture, lambda done, count: told(done / count), settings.photos, settings.photos.most_pixels
-    )  # fmt: skip
+    )
     capture = at_sizes_of(photos, capture)
     if settings.fit.use_masks:
         _tell_of_missing_masks(capture, photos, progress)
@@ -108,9 +108,8 @@ def _run(job: JobFolder, progress: Progress, control: Control, began: float) -> 
     if state is not None:
         settings = checkpoint.settings_of(state)
     start = isolated(
-        job, settings, capture, photos, state is not None, progress,
-        lambda done: told(FINDING_SHARE * done),
-    )  # fmt: skip
+        job, settings, capture, photos, state is not None, progress, lambda done: told(FINDING_SHARE * done)
+    )
     capture, photos = start.capture, start.photos
     if state is not None:
         scene, state, tensors = checkpoint.load_scene(job.checkpoint_dir, device)
@@ -166,9 +165,8 @@ def _run(job: JobFolder, progress: Progress, control: Control, began: float) -> 
         "photos": len(photos), "triangles": parts.pop("triangles"),
     }  # fmt: skip
     report = write_job_report(
-        job, scene, settings, capture, photos, trainer.background, numbers, told,
-        finish.report_pixels,
-    )  # fmt: skip
+        job, scene, settings, capture, photos, trainer.background, numbers, told, finish.report_pixels
+    )
     low, high = Box.of(scene.field).world
     job.write_manifest(
         {

@@ -116,8 +116,7 @@ def _held_out(
     loaded = evenly_taken(len(test.cameras), VIEWS if panorama is None else CUT_OUT)
     test = replace(test, cameras=tuple(test.cameras[i] for i in loaded))
     photos = photos_as_fitted(
-        test, settings, use_masks, region_of(job.request), panorama,
-        read_standing(job.standing_path),
-    )  # fmt: skip
+        test, settings, use_masks, region_of(job.request), panorama, read_standing(job.standing_path)
+    )
     chosen = evenly_taken(len(test.cameras), VIEWS)
     return [test.cameras[i] for i in chosen], [photos[i] for i in chosen]

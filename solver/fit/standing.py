@@ -120,9 +120,8 @@ class Standing:
 
 
 def outline_of(
-    colour: np.ndarray, odds: np.ndarray, allowed: np.ndarray, likely: np.ndarray,
-    within: float = WITHIN,
-) -> np.ndarray:  # fmt: skip
+    colour: np.ndarray, odds: np.ndarray, allowed: np.ndarray, likely: np.ndarray, within: float = WITHIN
+) -> np.ndarray:
     """[H, W] bool: what the odds [H, W] make of a photo, where the object is `allowed`, [H, W].
 
     Args:

@@ -64,9 +64,8 @@ class _Search:
     """Turns of cutting photos out and comparing what they show."""
 
     def __init__(
-        self, support: Support, pictures: Sequence[Picture], region: np.ndarray,
-        pool: ThreadPoolExecutor,
-    ):  # fmt: skip
+        self, support: Support, pictures: Sequence[Picture], region: np.ndarray, pool: ThreadPoolExecutor
+    ):
         self.support, self.pictures, self.pool = support, pictures, pool
         self.grid = cell_centres(region, CELLS)
         self.region, self.edge = region, float((region[1] - region[0]).max()) / CELLS

@@ -161,9 +161,7 @@ def _room(cameras: list[Camera], box: Box, size: int, initial: float) -> Room:
     seen = seen_points(cameras, points, nearest, fewest=1)
     seen &= ~walked_through(cameras, points, box.centre)
     allowed = torch.from_numpy(seen.reshape((SEEN_CELLS,) * 3))
-    return Room(
-        torch.tensor(box.centre), box.half_size, size, allowed, nearest, initial=initial
-    )  # fmt: skip
+    return Room(torch.tensor(box.centre), box.half_size, size, allowed, nearest, initial=initial)
 
 
 def take_decoder(scene: Scene, job: Path, device: str) -> None:

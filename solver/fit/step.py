@@ -92,8 +92,8 @@ class StepPixels:
 
 
 def add_gradients(
-    scene: Scene, loss: ChunkLoss, chunks: list[Chunk], turns: Sequence[Tensor | None] = (None,),
-) -> list[Taken]:  # fmt: skip
+    scene: Scene, loss: ChunkLoss, chunks: list[Chunk], turns: Sequence[Tensor | None] = (None,)
+) -> list[Taken]:
     """Add the gradients of all chunks, one after the other, to those of a scene.
 
     Kernels share their loops among the cores. Chunks side by side, a thread for each, brought less, since

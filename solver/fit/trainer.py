@@ -288,9 +288,7 @@ class Trainer:
             return add_gradients(self.scene, self.loss, chunks)
 
         streams = self.random.streams_at(self.step)
-        return self.replay.run(
-            compute, self.optimiser.clear, drawn.pixels, drawn.colours, streams
-        )  # fmt: skip
+        return self.replay.run(compute, self.optimiser.clear, drawn.pixels, drawn.colours, streams)
 
     @property
     def log_gain(self) -> torch.Tensor | None:

@@ -170,9 +170,7 @@ def start_from_hull(
     nodes = torch.stack(torch.meshgrid(ticks, ticks, ticks, indexing="ij"), dim=-1)
     ramp = (-distance * slope).clamp(lowest, highest)[None, None]
     # grid_sample orders coordinates (z, y, x) for a grid indexed [x, y, z].
-    target = F.grid_sample(
-        ramp, nodes.flip(-1)[None], align_corners=False, padding_mode="border"
-    )[0, 0]  # fmt: skip
+    target = F.grid_sample(ramp, nodes.flip(-1)[None], align_corners=False, padding_mode="border")[0, 0]
     planes, lines = decompose(target, field.density_planes.shape[-1])
     with torch.no_grad():
         field.density_planes.copy_(planes)

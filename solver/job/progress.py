@@ -12,9 +12,7 @@ from .events import EventStream, clock
 from .status import Heartbeat
 
 # Shares of the whole run, for one bar over all stages (draft on two cores).
-_SHARES = {
-    "photos": 0.01, "compile": 0.05, "geometry": 0.05, "fit": 0.74, "asset": 0.09, "report": 0.06,
-}  # fmt: skip
+_SHARES = {"photos": 0.01, "compile": 0.05, "geometry": 0.05, "fit": 0.74, "asset": 0.09, "report": 0.06}
 _FORM = "{desc:<34} {percentage:3.0f}% |{bar:30}| {elapsed}"
 
 
@@ -44,9 +42,8 @@ class Progress:
     EVENT_INTERVAL = 0.2
 
     def __init__(
-        self, events: EventStream, heartbeat: Heartbeat, bar: bool,
-        shares: dict[str, float] | None = None,
-    ):  # fmt: skip
+        self, events: EventStream, heartbeat: Heartbeat, bar: bool, shares: dict[str, float] | None = None
+    ):
         self._events, self._heartbeat = events, heartbeat
         self._shares = _SHARES if shares is None else shares
         self._bar = None

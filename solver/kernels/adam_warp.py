@@ -39,9 +39,7 @@ def _step_rows(
         touched = touched or gradient[n, c] != 0.0
     if touched:
         for c in range(gradient.shape[1]):
-            move(
-                parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon[0], n, c
-            )  # fmt: skip
+            move(parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon[0], n, c)
 
 
 @wp.kernel
@@ -58,9 +56,7 @@ def _step(
 ):  # fmt: skip
     n, c = wp.tid()
     if touched[n] != wp.uint8(0):
-        move(
-            parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon[0], n, c
-        )  # fmt: skip
+        move(parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon[0], n, c)
 
 
 def step(parameter, gradient, mean, square, size, scale, mean_decay, square_decay, epsilon) -> None:

@@ -34,8 +34,8 @@ class Plan(NamedTuple):
 
 
 def draw_depths(
-    weights: Tensor, offsets: Tensor, opacity: Tensor, u: Tensor, least: float,
-) -> tuple[Tensor, Tensor, Tensor]:  # fmt: skip
+    weights: Tensor, offsets: Tensor, opacity: Tensor, u: Tensor, least: float
+) -> tuple[Tensor, Tensor, Tensor]:
     """D samples of each ray, drawn independently by weight: which ones [K], ascending, their rays, and
     how often each was drawn.
 
@@ -49,9 +49,8 @@ def draw_depths(
     counts = torch.empty_like(offsets[1:])
     run = kernels("drawing", weights.device)
     run.draw_depths(
-        weights.contiguous(), offsets, opacity.contiguous(), u.contiguous(), least, rows, row_times,
-        counts,
-    )  # fmt: skip
+        weights.contiguous(), offsets, opacity.contiguous(), u.contiguous(), least, rows, row_times, counts
+    )
     ends, total = offsets_of(counts)
     index = room_for(offsets, total, fill=len(weights) - 1)
     ray, times = room_for(offsets, 2, total).unbind()
@@ -81,14 +80,13 @@ def plan_rays(
     ray_keys, u = room_for(keys, total), room_for(mass, total, 2, fill=0.5)
     run.leave(
         keys, offsets, streams[1], points, SAMPLE_BITS, RAYS_PER_SAMPLE, sample, ray_keys, u, together
-    )  # fmt: skip
+    )
     return Plan(counts, together, offsets, sample, ray_keys, share, u)
 
 
 def choose_blocked(
-    weights: Tensor, passing: Tensor, mass: Tensor, sample: Tensor, clear: float,
-    budget: int, u: Tensor,
-) -> tuple[Tensor, Tensor]:  # fmt: skip
+    weights: Tensor, passing: Tensor, mass: Tensor, sample: Tensor, clear: float, budget: int, u: Tensor
+) -> tuple[Tensor, Tensor]:
     """About `budget` rays by what their blockers may send, and their probabilities, in one kernel for the
     CPU; `render.reflection` has the plain twin.
 
@@ -100,6 +98,6 @@ def choose_blocked(
     indices, scores = torch.empty_like(sample), torch.empty_like(passing)
     probability = torch.empty_like(passing)
     count = kernels("drawing", weights.device).choose(
-        weights, passing, mass, sample, clear, LEAST_SCORE, budget, float(u), scores, indices, probability,
-    )  # fmt: skip
+        weights, passing, mass, sample, clear, LEAST_SCORE, budget, float(u), scores, indices, probability
+    )
     return indices[:count], probability[:count]

@@ -57,8 +57,8 @@ def _draw_depths(
 
 @wp.kernel
 def _flatten(
-    rows: Rows, more_rows: Rows, offsets: Integers, flat: Integers, more_flat: Integers, row: Integers,
-):  # fmt: skip
+    rows: Rows, more_rows: Rows, offsets: Integers, flat: Integers, more_flat: Integers, row: Integers
+):
     r = wp.tid()
     first = int(offsets[r])
     for i in range(int(offsets[r + 1]) - first):

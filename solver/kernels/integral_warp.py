@@ -197,8 +197,8 @@ def scatter_over_poles(grad: Table, at: Sides, y: wp.float64, g: wp.float64, c: 
 
 @wp.kernel
 def _rectangle_mean_backward(
-    rows: wp.array(dtype=wp.float64), centre: Vectors, size: Vectors, cotangent: Vectors, grad: Table,
-):  # fmt: skip
+    rows: wp.array(dtype=wp.float64), centre: Vectors, size: Vectors, cotangent: Vectors, grad: Table
+):
     n, c = wp.tid()
     if cotangent[n, c] == 0.0:
         return

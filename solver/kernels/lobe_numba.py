@@ -45,9 +45,8 @@ def frame_adjoint(n, g_t, g_b):
     return (
         g_t[0] * 2 * sign * x * a + g_t[1] * sign * y * a - g_t[2] * sign + g_b[0] * y * a,
         g_t[1] * sign * x * a + g_b[0] * x * a + g_b[1] * 2 * y * a - g_b[2],
-        g_t[0] * sign * x * x * a2 + g_t[1] * sign * x * y * a2 + g_b[0] * x * y * a2
-        + g_b[1] * y * y * a2,
-    )  # fmt: skip
+        g_t[0] * sign * x * x * a2 + g_t[1] * sign * x * y * a2 + g_b[0] * x * y * a2 + g_b[1] * y * y * a2,
+    )
 
 
 @function

@@ -65,8 +65,8 @@ def march(
 
 
 def grid_transmittance(
-    origins: Tensor, directions: Tensor, start: Tensor, step: float, blocking: Tensor,
-) -> Tensor:  # fmt: skip
+    origins: Tensor, directions: Tensor, start: Tensor, step: float, blocking: Tensor
+) -> Tensor:
     """Transmittance [R] through a coarse grid (`skipping.blocking_grid`); no gradient.
 
     Args:
@@ -96,9 +96,8 @@ class _Composite(torch.autograd.Function):
         offsets, weights, transmittance = ctx.saved_tensors
         out = room_for(weights, len(weights))
         kernels("march", weights.device).composite_backward(
-            offsets, weights, transmittance, g_weights.contiguous(), g_transmittance.contiguous(),
-            out,
-        )  # fmt: skip
+            offsets, weights, transmittance, g_weights.contiguous(), g_transmittance.contiguous(), out
+        )
         return out, None
 
 

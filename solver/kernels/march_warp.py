@@ -162,8 +162,8 @@ def through_grid(origin: wp.vec3, direction: wp.vec3, start: float, step: float,
 
 @wp.kernel
 def _grid_transmittance(
-    origins: Vectors, directions: Vectors, start: Numbers, step: float, blocking: Codes, out: Numbers,
-):  # fmt: skip
+    origins: Vectors, directions: Vectors, start: Numbers, step: float, blocking: Codes, out: Numbers
+):
     r = wp.tid()
     found = through_grid(vector(origins, r), vector(directions, r), start[r], step, blocking)
     out[r] = found[0]

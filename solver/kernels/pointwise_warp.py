@@ -26,6 +26,5 @@ def run_adjoint(name: str, inputs, numbers, outputs, to_inputs, from_outputs) ->
     """Add to gradients `to_inputs` (or None) what comes of the cotangents of outputs."""
     none = [None] * len(numbers)
     launch_adjoint(
-        _kernel(name), len(outputs[0]), (*inputs, *numbers, *outputs),
-        (*to_inputs, *none, *from_outputs),
-    )  # fmt: skip
+        _kernel(name), len(outputs[0]), (*inputs, *numbers, *outputs), (*to_inputs, *none, *from_outputs)
+    )

@@ -34,9 +34,8 @@ class _Between(torch.autograd.Function):
 
 
 def irradiance_between(
-    table: Tensor, normals: Tensor, points: Tensor, row: Tensor,
-    clear: Tensor, spacing: float, form: Tensor,
-) -> Tensor:  # fmt: skip
+    table: Tensor, normals: Tensor, points: Tensor, row: Tensor, clear: Tensor, spacing: float, form: Tensor
+) -> Tensor:
     """Irradiance [S, 3] of surfaces with unit normals [S, 3], of the coefficients of the nodes around
     points [S, 3].
 

@@ -97,9 +97,8 @@ def _to_table(
 
 @wp.kernel
 def _to_normals(
-    normals: Vectors, form: Vectors, out: Vectors, blended: Vectors, cotangent: Vectors,
-    g_normals: Vectors,
-):  # fmt: skip
+    normals: Vectors, form: Vectors, out: Vectors, blended: Vectors, cotangent: Vectors, g_normals: Vectors
+):
     s, axis = wp.tid()
     normal = homogeneous(normals, s)
     total = float(0.0)

@@ -160,9 +160,7 @@ def specular_backward_of_sample(
             bend *= (1.0 + view_lambda) / (1.0 + view_lambda + out_lambda)
         m = min(max(1.0 - view_half, 0.0), 1.0)
         m5 = power5(m)
-        fresnel = (
-            f0[0] + (1.0 - f0[0]) * m5, f0[1] + (1.0 - f0[1]) * m5, f0[2] + (1.0 - f0[2]) * m5
-        )  # fmt: skip
+        fresnel = (f0[0] + (1.0 - f0[0]) * m5, f0[1] + (1.0 - f0[1]) * m5, f0[2] + (1.0 - f0[2]) * m5)
         g = times(counts, cotangents)
         lit = (g[0] * fresnel[0], g[1] * fresnel[1], g[2] * fresnel[2])
         g_column = bend * dot(lit, (slope[k, 0, 0], slope[k, 1, 0], slope[k, 2, 0]))
@@ -226,9 +224,7 @@ def specular_backward_of_sample(
         )
     g_raw = across(g_st, st, st_length)
     g_alpha += g_raw[0] * view[0] + g_raw[1] * view[1]
-    g_view = (
-        g_view[0] + alpha * g_raw[0], g_view[1] + alpha * g_raw[1], g_view[2] + g_raw[2]
-    )  # fmt: skip
+    g_view = (g_view[0] + alpha * g_raw[0], g_view[1] + alpha * g_raw[1], g_view[2] + g_raw[2])
     g_seen = across(g_view, view, view_length)
     g_t, g_b = plus(g_t, g_seen[0], v), plus(g_b, g_seen[1], v)
     if dot(n, v) > LEAST_VIEW:

@@ -173,8 +173,8 @@ def _look(
 
 @wp.kernel
 def _gather(
-    first: Integers, weights: Vectors, passing: Numbers, radiance: Vectors, light: Vectors, slope: Grid,
-):  # fmt: skip
+    first: Integers, weights: Vectors, passing: Numbers, radiance: Vectors, light: Vectors, slope: Grid
+):
     """What the rays of a sample bring back; their light and its slopes are dimmed by the grid."""
     s, channel = wp.tid()
     total = float(0.0)

@@ -7,8 +7,8 @@ from .backend import fast, kernels
 
 
 def look_around(
-    points: Tensor, directions: Tensor, start: float, step: float, blocking: Tensor,
-) -> tuple[Tensor, Tensor]:  # fmt: skip
+    points: Tensor, directions: Tensor, start: float, step: float, blocking: Tensor
+) -> tuple[Tensor, Tensor]:
     """Transmittances [P, J] between P points and what lies far away in J directions, and the distances
     [P, J] at which half of the light is stopped (infinite where it is not).
 

@@ -86,9 +86,8 @@ def _sum_backward(
 
 @wp.kernel
 def _products_backward(
-    points: Vectors, planes: Planes, lines: Grid, cotangent: Vectors, grad_planes: Planes,
-    grad_lines: Grid,
-):  # fmt: skip
+    points: Vectors, planes: Planes, lines: Grid, cotangent: Vectors, grad_planes: Planes, grad_lines: Grid
+):
     n, ch = wp.tid()
     size = planes.shape[1]
     for k in range(3):
@@ -141,9 +140,8 @@ def _gradient(points: Vectors, planes: Planes, lines: Grid, out: Vectors):
 
 @wp.kernel
 def _gradient_backward(
-    points: Vectors, planes: Planes, lines: Grid, cotangent: Vectors, grad_planes: Planes,
-    grad_lines: Grid,
-):  # fmt: skip
+    points: Vectors, planes: Planes, lines: Grid, cotangent: Vectors, grad_planes: Planes, grad_lines: Grid
+):
     n, ch = wp.tid()
     size = planes.shape[1]
     for k in range(3):

@@ -80,7 +80,7 @@ class _Launch:
 
     def __init__(
         self, kernel: wp.Kernel, device: torch.device, dim, arguments: tuple, cotangents: tuple | None
-    ):  # fmt: skip
+    ):
         known = kernel.adj.args
         self._parameters = [_Parameter(a.label, a.type) for a in known]
         if cotangents is not None:
@@ -88,7 +88,7 @@ class _Launch:
         values = [
             parameter.given(value)
             for parameter, value in zip(self._parameters, (*arguments, *(cotangents or ())), strict=True)
-        ]  # fmt: skip
+        ]
         self._command = wp.launch(
             kernel, dim, values[: len(known)], adj_inputs=values[len(known) :],
             adjoint=cotangents is not None, device=wp.device_from_torch(device), record_cmd=True,

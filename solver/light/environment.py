@@ -250,8 +250,8 @@ class EnvironmentMap(nn.Module):
 
     @staticmethod
     def _variance(
-        directions: Tensor, solid_angle: Tensor, spread: Tensor | None, seen: SeenFromCentre | None,
-    ) -> Tensor:  # fmt: skip
+        directions: Tensor, solid_angle: Tensor, spread: Tensor | None, seen: SeenFromCentre | None
+    ) -> Tensor:
         """Squared widths [N, 2], rad², along longitude and latitude, of squares of solid angles [N]
         around directions [N, 3], blurred by parallelograms [N, 2, 3]; both as rays see them. Gradients
         flow to the solid angles alone."""

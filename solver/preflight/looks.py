@@ -206,9 +206,8 @@ def look_at(
         alpha = None
     if camera.mask_path is not None:
         mask = load_reduced_mask(
-            camera.mask_path, (height, width), (camera.width, camera.height),
-            image_orientation(path),
-        )  # fmt: skip
+            camera.mask_path, (height, width), (camera.width, camera.height), image_orientation(path)
+        )
         alpha = mask if alpha is None else np.minimum(alpha, mask)
     if alpha is not None and told is not None:
         alpha = alpha * told

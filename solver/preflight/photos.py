@@ -36,10 +36,10 @@ def blur(looks: list[Look]) -> list[Finding]:
     spread = 1.4826 * np.median(np.abs(known - middle))
     limit = middle - max(BLUR, 3.5 * spread)
     return [
-        warning("the photo is blurred compared with the others; leave it out or retake it",
-                look.name)
-        for look in looks if look.sharpness < limit
-    ]  # fmt: skip
+        warning("the photo is blurred compared with the others; leave it out or retake it", look.name)
+        for look in looks
+        if look.sharpness < limit
+    ]
 
 
 def exposure(looks: list[Look], fixed: bool = True) -> list[Finding]:

@@ -27,7 +27,7 @@ def white_balance(capture: Capture) -> list[Finding]:
     if 0 < len(raw) < count:
         return [
             warning(f"{len(raw)} of {count} photos are raw, which have other colors; give all as one kind")
-        ]  # fmt: skip
+        ]
     with ThreadPoolExecutor(max_workers=min(usable_cores(), 4)) as pool:
         whites = list(pool.map(as_shot_white, raw[:: -(-len(raw) // LOOKED_AT) or 1]))
     known = np.array([white for white in whites if white is not None])

@@ -31,8 +31,7 @@ class Placement:
         """[3, 3], local to world."""
         c, s = torch.cos(torch.tensor(self.turn)), torch.sin(torch.tensor(self.turn))
         zero, one = torch.zeros(()), torch.ones(())
-        rows = [torch.stack([c, -s, zero]), torch.stack([s, c, zero]),
-                torch.stack([zero, zero, one])]  # fmt: skip
+        rows = [torch.stack([c, -s, zero]), torch.stack([s, c, zero]), torch.stack([zero, zero, one])]
         return torch.stack(rows).to(device)
 
 

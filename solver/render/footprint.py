@@ -19,9 +19,8 @@ LEAST_COSINE = 0.1
 
 @torch.no_grad()
 def reflected_spread(
-    scene: Scene, tables: StepTables, samples: Samples, normals: Tensor, view: Tensor,
-    pixel_angle: Tensor,
-) -> Tensor:  # fmt: skip
+    scene: Scene, tables: StepTables, samples: Samples, normals: Tensor, view: Tensor, pixel_angle: Tensor
+) -> Tensor:
     """By how much mirrored directions differ across a pixel [S, 2, 3], rad, one row for each of the
     pixel's two edges; world. No gradient.
 
@@ -45,9 +44,7 @@ def reflected_spread(
     return turned_mirrored(angle * edges, bend, normals, view, facing).transpose(0, 1)
 
 
-def turned_mirrored(
-    turn: Tensor, bend: Tensor, normals: Tensor, view: Tensor, facing: Tensor,
-) -> Tensor:  # fmt: skip
+def turned_mirrored(turn: Tensor, bend: Tensor, normals: Tensor, view: Tensor, facing: Tensor) -> Tensor:
     """By how much mirrored directions [..., 3] differ where views are turned and normals are bent [..., 3].
 
     Args:
@@ -59,9 +56,8 @@ def turned_mirrored(
 
 
 def _spread_at_once(
-    scene: Scene, tables: StepTables, samples: Samples, normals: Tensor, view: Tensor,
-    angle: Tensor,
-) -> Tensor:  # fmt: skip
+    scene: Scene, tables: StepTables, samples: Samples, normals: Tensor, view: Tensor, angle: Tensor
+) -> Tensor:
     """`reflected_spread` in two kernels, before and after normals are looked up; `angle` [S]."""
     edges = normals, view, samples.points, samples.distance, angle
     (points,) = rowwise("pixel_edges", edges, (LEAST_COSINE,), ((2, 3),))

@@ -75,9 +75,8 @@ def look_into_mirrors(
     back = patches_at(mirrored)
     passing = looking.passing[beside, back][:, None]
     return Mirrored(
-        probe, patch, share * passing * radiance, share * (1 - passing),
-        looking.blockers[beside, back],
-    )  # fmt: skip
+        probe, patch, share * passing * radiance, share * (1 - passing), looking.blockers[beside, back]
+    )
 
 
 def _mirror(scene, normal_tables, hits, part, toward, distance, edge):

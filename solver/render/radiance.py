@@ -109,9 +109,7 @@ def _seen(chosen: Depths, shown: dict[str, Tensor]) -> dict[str, Tensor]:
     }
 
 
-def _samples(
-    steps: Steps, chosen: Depths, origins: Tensor, directions: Tensor, keys: Tensor,
-) -> Samples:  # fmt: skip
+def _samples(steps: Steps, chosen: Depths, origins: Tensor, directions: Tensor, keys: Tensor) -> Samples:
     """The chosen steps along rays of the given origins, directions [R, 3] and keys [R]."""
     index, ray = chosen.index, steps.ray[chosen.index]
     distance = steps.distance[index]

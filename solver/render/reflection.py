@@ -70,8 +70,8 @@ def scatter(
 
 
 def _leave(
-    materials: Materials, normals: Tensor, view: Tensor, plan: Plan, settings: RenderSettings,
-) -> tuple[Tensor, ...]:  # fmt: skip
+    materials: Materials, normals: Tensor, view: Tensor, plan: Plan, settings: RenderSettings
+) -> tuple[Tensor, ...]:
     """Rays [K] as they leave: local half vectors and directions, world directions, weights without g, and
     solid angles."""
     sample = plan.sample
@@ -104,8 +104,8 @@ def _leave(
 
 
 def _leave_at_once(
-    materials: Materials, normals: Tensor, view: Tensor, plan: Plan, settings: RenderSettings,
-) -> tuple[Tensor, ...]:  # fmt: skip
+    materials: Materials, normals: Tensor, view: Tensor, plan: Plan, settings: RenderSettings
+) -> tuple[Tensor, ...]:
     """`_leave` in one kernel."""
     *rays, solid_angle = rowwise(
         "scattered",
@@ -126,8 +126,8 @@ def _widening(solid_angle: Tensor, alpha: Tensor, settings: RenderSettings) -> T
 
 @torch.no_grad()
 def secondary_origins(
-    samples: Samples, normals: Tensor, sample: Tensor, direction: Tensor, reach: Tensor | float,
-) -> tuple[Tensor, Tensor]:  # fmt: skip
+    samples: Samples, normals: Tensor, sample: Tensor, direction: Tensor, reach: Tensor | float
+) -> tuple[Tensor, Tensor]:
     """Where secondary rays begin: world points [K, 3] lifted off the surface by `reach`, and the
     distances [K] from which anything can be in their way. No gradient.
 

@@ -22,9 +22,8 @@ def scan_line_weights(
     directions = torch.from_numpy(directions).float().to(scene.device)
     count = len(origins)
     steps = scene.sample(
-        origins, directions, origins.new_zeros(count), origins.new_full((count,), 0.5),
-        settings.step, 0.0,
-    )  # fmt: skip
+        origins, directions, origins.new_zeros(count), origins.new_full((count,), 0.5), settings.step, 0.0
+    )
     weights, _ = composite(steps.depth, steps.offsets)
     centre = float((scene.field.centre - origins[0]).norm())
     reach = 3**0.5 * scene.field.half_size

@@ -192,8 +192,8 @@ class Scene(nn.Module):
         )  # fmt: skip
 
     def irradiance(
-        self, points: Tensor, part: Tensor | None, normals: Tensor, light: LightTables,
-    ) -> Tensor:  # fmt: skip
+        self, points: Tensor, part: Tensor | None, normals: Tensor, light: LightTables
+    ) -> Tensor:
         """Irradiance [S, 3] of surfaces at world points [S, 3] with unit outward normals."""
         if self.probes.arriving is None:
             return irradiance(light.irradiance[0], normals)

@@ -108,8 +108,8 @@ def _box_span(room: Room, origins: Tensor, directions: Tensor) -> tuple[Tensor, 
 
 
 def _seen(
-    room: Room, origins: Tensor, directions: Tensor, edges: Tensor, u: Tensor,
-) -> tuple[Tensor, Tensor]:  # fmt: skip
+    room: Room, origins: Tensor, directions: Tensor, edges: Tensor, u: Tensor
+) -> tuple[Tensor, Tensor]:
     """Premultiplied radiance [R, 3] and transmittance [R] of steps between `edges` [R, N + 1]."""
     rays, steps = len(origins), edges.shape[1] - 1
     distance = torch.lerp(edges[:, :-1], edges[:, 1:], u[:, None])

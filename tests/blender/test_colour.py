@@ -55,8 +55,7 @@ colorspaces:
     isdata: true
     encoding: data
 """
-ACES = {"srgb": "sRGB - Texture", "linear": "Linear Rec.709 (sRGB)", "raw": "Raw",
-        "view": "Un-tone-mapped"}  # fmt: skip
+ACES = {"srgb": "sRGB - Texture", "linear": "Linear Rec.709 (sRGB)", "raw": "Raw", "view": "Un-tone-mapped"}
 UNKNOWN = {"srgb": "Bildschirm", "linear": "Licht", "raw": "Zahlen", "view": "Kino"}
 SCRIPT = """
 import json, runpy, sys

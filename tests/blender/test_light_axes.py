@@ -79,13 +79,12 @@ CHANGES = {
     "both are": lambda item, root: (apply(item), apply(root)),
     "what the object hangs on is applied": lambda item, root: apply(item.parent),
     "what it hangs on is deleted": lambda item, root: delete(item.parent),
-    "the object leaves and the capture's empty is deleted": lambda item, root: (
-        leave(item), delete(root)
-    ),
+    "the object leaves and the capture's empty is deleted": lambda item, root: (leave(item), delete(root)),
     "it is applied, then turned": lambda item, root: (
-        apply(root), setattr(root, "rotation_euler", (1, 0, 0))
+        apply(root),
+        setattr(root, "rotation_euler", (1, 0, 0)),
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)

@@ -127,9 +127,7 @@ def test_what_else_would_change_a_render_is_switched_off_or_told(extension):
         bpy.context.view_layer.update()
         return extension("scene.match_solver").match_solver(scene)
 
-    switched_off = (
-        "use_simplify", "use_border", "use_motion_blur", "use_compositing", "use_sequencer",
-    )  # fmt: skip
+    switched_off = ("use_simplify", "use_border", "use_motion_blur", "use_compositing", "use_sequencer")
     for name in switched_off:
         setattr(render, name, True)
     lamp = bpy.data.objects.new("Key", bpy.data.lights.new("Key", "POINT"))
@@ -234,7 +232,7 @@ def test_photos_lie_over_the_scene_again_once_the_render_has_their_shape(extensi
     after = cameras.to_solver(bpy.data.objects["lying"], Matrix.Identity(4))
     np.testing.assert_allclose(
         (after.fx, after.fy, after.cx, after.cy), (before.fx, before.fy, before.cx, before.cy), rtol=1e-5
-    )  # fmt: skip
+    )
 
 
 def test_a_region_box_that_is_turned_or_there_twice_is_told(extension, duck):
@@ -281,7 +279,7 @@ def test_a_missing_file_of_a_result_changes_nothing(extension, result_job):
 
 @pytest.mark.parametrize(
     "damaged", [lambda data: data[:-7], lambda data: data.replace(b"element vertex ", b"element vertex x")]
-)  # fmt: skip
+)
 def test_a_cut_off_mesh_and_one_with_an_unreadable_count_change_nothing(extension, result_job, damaged):
     from neural_microfacet_fields.solver.job.request import JobError
 

@@ -27,7 +27,7 @@ def wheelhouse(tmp_path):
         "tiny_solver.py": "ANSWER = 42\n",
         f"{info}/METADATA": "Metadata-Version: 2.1\nName: tiny-solver\nVersion: 1.0\n",
         f"{info}/WHEEL": "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
-    }  # fmt: skip
+    }
     record = ""
     for name, text in files.items():
         digest = base64.urlsafe_b64encode(hashlib.sha256(text.encode()).digest()).rstrip(b"=")

@@ -47,7 +47,7 @@ def make_transforms(folder):
     frames = [
         {"file_path": f"{name}.png", "mask_path": f"{name}_seen.png", "transform_matrix": pose.tolist()}
         for name, pose in zip(names(), poses() @ np.diag([1.0, -1, -1, 1]), strict=True)
-    ]  # fmt: skip
+    ]
     content = {"fl_x": 80, "w": WIDTH, "h": HEIGHT, "ply_file_path": "points.ply", "frames": frames}
     (folder / "transforms.json").write_text(json.dumps(content))
 

@@ -57,9 +57,9 @@ def files_below(folder):
     }
 
 
-@pytest.mark.parametrize("make, name", [
-    (make_polycam, "scan.zip"), (make_record3d, "walk.r3d"), (make_capture, "lego.ZIP"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "make, name", [(make_polycam, "scan.zip"), (make_record3d, "walk.r3d"), (make_capture, "lego.ZIP")]
+)
 @pytest.mark.parametrize("above", ["", "lego", "anything", "home/me/all scans/lego"])
 def test_an_archive_reads_as_its_folder_does(tmp_path, make, name, above):
     folder = make(tmp_path / "original")

@@ -262,7 +262,7 @@ def test_a_renamed_file_is_recognised_by_its_content(tmp_path):
         (simple(points="<TiePoint><Position><x>1</x></Position></TiePoint>"), "tie point"),
         (document([]), "cameras"),
     ],
-)  # fmt: skip
+)
 def test_a_malformed_file_gets_an_error_with_file_field_and_remedy(tmp_path, text, field):
     with pytest.raises(CaptureError) as caught:
         read_capture(write(tmp_path, text))

@@ -137,10 +137,9 @@ def test_the_plainest_lens_is_chosen():
 def test_transforms_round_trip(tmp_path, distortion):
     save_photos(tmp_path / "photos", size=(64, 48))
     written = [
-        camera(distortion, name=name, image_path=tmp_path / "photos" / f"{name}.png",
-               camera_to_world=pose)
+        camera(distortion, name=name, image_path=tmp_path / "photos" / f"{name}.png", camera_to_world=pose)
         for name, pose in zip(names(), poses(), strict=True)
-    ]  # fmt: skip
+    ]
     write_transforms(tmp_path / "job" / "transforms_train.json", written)
     for a, b in zip(written, read_capture(tmp_path / "job", trusted=True).cameras, strict=True):
         assert (a.lens, a.distortion, a.fx, a.cx, a.name) == (

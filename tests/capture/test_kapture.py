@@ -64,7 +64,7 @@ def make(folder, lens=LENS, device="cam", matrices=TO_CAMERA, rigs=None):
     if rigs is not None:
         write(sensors / "rigs.txt", table("rig_id, device_id, qw, qx, qy, qz, tx, ty, tz", rigs))
     save_photos(sensors / "records_data" / "mapping")
-    return folder  # fmt: skip
+    return folder
 
 
 def reference(index, point):

@@ -21,7 +21,7 @@ DISTORTIONS = {
         numbers(0.3, 0.2, 0.01, 0.01, 0.1, 0.05, 0.01),
         st.sampled_from((0.0, 1.0, 2.0)),
         st.just(()) | numbers(1.0, 0.5),
-    ),  # fmt: skip
+    ),
     "opencv_fisheye": numbers(0.3, 0.2, 0.1, 0.1),
     "fov": numbers(3.1),
     "division": numbers(2.0),

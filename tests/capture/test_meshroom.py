@@ -182,7 +182,7 @@ def test_points_project_as_alicevisions_equidistant_camera_has_them(tmp_path, ki
     to_camera, circle = np.linalg.inv(poses()), HEIGHT / 2 if radius is None else radius
     check_projection(
         capture, lambda i, x: equidistant(kind, k, to_camera[i], x, 16.0, circle), poses(), spread=1.2
-    )  # fmt: skip
+    )
 
 
 def test_an_equidistant_camera_of_older_files_has_its_distortion_by_its_name(tmp_path):
@@ -239,9 +239,7 @@ def test_cameras_of_a_rig_have_the_product_of_both_poses(tmp_path):
         }
     ]
     for index in (1, 2):
-        content["views"][index] |= {
-            "rigId": "7", "subPoseId": str(index - 1), "isPoseIndependant": "false",
-        }  # fmt: skip
+        content["views"][index] |= {"rigId": "7", "subPoseId": str(index - 1), "isPoseIndependant": "false"}
     expected = poses()
     for index in (1, 2):
         # Pose3::operator*: camera from rig after rig from world.

@@ -195,8 +195,7 @@ def test_cameras_use_their_own_sensor_and_its_adjusted_calibration(tmp_path):
 
 
 def test_photoscans_old_calibration_counts_from_the_corner(tmp_path):
-    old = dict(fx=82.0, fy=80.0, cx=50.0, cy=30.0, skew=0.5, k1=-0.05, k2=0.01, k3=0.0, p1=1e-3,
-               p2=2e-3)  # fmt: skip
+    old = dict(fx=82.0, fy=80.0, cx=50.0, cy=30.0, skew=0.5, k1=-0.05, k2=0.01, k3=0.0, p1=1e-3, p2=2e-3)
     new = dict(f=80.0, b1=2.0, b2=0.5, cx=50.0 - WIDTH / 2, cy=30.0 - HEIGHT / 2, k1=-0.05, k2=0.01,
                p1=2e-3, p2=1e-3)  # fmt: skip
     capture = read_capture(write(tmp_path, simple(old)))

@@ -85,7 +85,7 @@ def test_a_renamed_file_is_recognised_by_its_content(tmp_path):
         (lambda text: [*text[:2], text[2].replace(" 80.0 ", " 0.0 "), *text[3:]], "line 3"),
         (lambda text: lines(SKEWED), "line 2"),
     ],
-)  # fmt: skip
+)
 def test_a_malformed_file_gets_an_error_with_file_field_and_remedy(tmp_path, spoil, field):
     with pytest.raises(CaptureError) as caught:
         read_capture(write(tmp_path, spoil(lines())) / "duckRing_par.txt")

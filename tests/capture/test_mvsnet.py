@@ -145,7 +145,7 @@ def test_cameras_without_a_pose_are_left_out(tmp_path):
         ("0.0 0.0 1.0\n\n425", "0.0 0.0 0.0\n\n425", "intrinsic: this is not a lens's matrix"),
         ("80.0 ", "-80.0 ", "the lens has a value that no lens can have"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_with_a_file_is_named(tmp_path, old, new, problem):
     folder = make(tmp_path)
     file = folder / "cams" / "00000001_cam.txt"

@@ -111,7 +111,7 @@ def test_points_are_the_surroundings(tmp_path):
         ("tangential", None, "tangential: 'None' is not 2 numbers"),
         ("image_size", [HEIGHT, WIDTH], "the photo is 96 × 64 pixels, but"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_with_a_file_is_named(tmp_path, key, value, problem):
     cameras = [camera_json(pose) for pose in poses()]
     cameras[1][key] = value

@@ -127,7 +127,7 @@ def laughing(depth=60):
         (b"\x80\x04)" + b"\x85" * 900_000 + b".", "this is not a pickled list"),  # tuples in tuples
         (b"\x80\x04" + b"(" * LARGEST_FILE, "it has more than 1 MB"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_with_a_file_is_named_in_no_time(tmp_path, content, problem):
     make(tmp_path)
     (tmp_path / "1-camera.pkl").write_bytes(content)

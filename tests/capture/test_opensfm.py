@@ -61,14 +61,14 @@ def reconstruction(camera=None, order=range(COUNT), reference=GPS, stems=None):
     points = {"1200": {"color": [36.0, 25.0, 23.0], "coordinates": [0.5, -1.0, 2.0]}}
     bias = {"rotation": [-0.0, -0.0, -0.0], "translation": [0.0, 0.0, 0.0], "scale": 1.0}
     return {
-        "cameras": {"v2 maker model 96 64 brown 0.85": camera or lens()}, "shots": shots,
-        "points": points, "biases": {"v2 maker model 96 64 brown 0.85": bias},
+        "cameras": {"v2 maker model 96 64 brown 0.85": camera or lens()},
+        "shots": shots,
+        "points": points,
+        "biases": {"v2 maker model 96 64 brown 0.85": bias},
         "rig_cameras": {"rig": {"rotation": [0.0, 0.0, 0.0], "translation": [0.0, 0.0, 0.0]}},
-        "rig_instances": {
-            name: {**pose(poses()[0]), "rig_camera_ids": {name: "rig"}} for name in shots
-        },
+        "rig_instances": {name: {**pose(poses()[0]), "rig_camera_ids": {name: "rig"}} for name in shots},
         "reference_lla": None if reference is None else dict(reference),
-    }  # fmt: skip
+    }
 
 
 def scene(*arguments, **options):

@@ -75,7 +75,7 @@ def test_of_too_many_points_some_are_drawn_evenly(tmp_path, monkeypatch):
         (gltf() | {"accessors": []}, "accessors: there is no '0' in it"),
         (gltf() | {"nodes": [{"mesh": True}]}, "meshes: there is no 'True' in it"),
     ],
-)  # fmt: skip
+)
 def test_points_that_cannot_be_read_are_told_and_not_used(tmp_path, content, problem):
     capture = read_capture(with_points(tmp_path, content))
     assert capture.points is None and len(capture.warnings) == 1

@@ -214,9 +214,7 @@ def test_masks_limit_alpha_and_errors_name_them(tmp_path):
         load(photo, tmp_path / "bad.png")
 
 
-@given(
-    height=st.integers(1, 9), width=st.integers(1, 9), rows=st.integers(1, 9), columns=st.integers(1, 9)
-)  # fmt: skip
+@given(height=st.integers(1, 9), width=st.integers(1, 9), rows=st.integers(1, 9), columns=st.integers(1, 9))
 def test_resizing_by_area_keeps_the_mean(height, width, rows, columns):
     image = np.random.default_rng(height * 10 + width).random((height, width))
     small = resized_by_area(image, columns, rows)

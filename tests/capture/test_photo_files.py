@@ -133,9 +133,9 @@ def test_a_tiff_that_begins_with_a_thumbnail_is_refused_and_one_that_ends_with_i
 
 
 @pytest.mark.parametrize(
-    "name, channels, may", [("a.png", 3, False), ("a.png", 4, True), ("a.png", 1, False),
-                            ("a.jpg", 3, False), ("a.tif", 3, True)]
-)  # fmt: skip
+    "name, channels, may",
+    [("a.png", 3, False), ("a.png", 4, True), ("a.png", 1, False), ("a.jpg", 3, False), ("a.tif", 3, True)],
+)
 def test_a_header_says_whether_a_photo_may_have_alpha(tmp_path, name, channels, may):
     write(tmp_path / name, ramp(np.uint8, channels, (5, 11)))
     assert may_have_alpha(tmp_path / name) == may

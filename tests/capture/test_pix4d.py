@@ -147,9 +147,8 @@ def test_a_file_that_pix4d_wrote_has_the_projections_it_wrote(tmp_path):
 def test_undistorted_photos_have_no_distortion_and_others_are_preferred(tmp_path):
     folder = write(tmp_path, photos="1_initial/images/undistorted_images")
     check_projection(
-        read_capture(folder),
-        lambda i, x: (FX * ideal(i, x)[0] + CX, FY * ideal(i, x)[1] + CY), poses(),
-    )  # fmt: skip
+        read_capture(folder), lambda i, x: (FX * ideal(i, x)[0] + CX, FY * ideal(i, x)[1] + CY), poses()
+    )
     save_photos(folder / "photos", extension=".jpg")
     (folder / FILE).write_text(document(extension=".JPG"))
     check_projection(read_capture(folder), reference, poses())

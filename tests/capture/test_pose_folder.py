@@ -128,7 +128,7 @@ def test_a_capture_in_this_layout_has_the_cameras_of_its_transforms(tmp_path, la
         ("8.0e+01 50.5 30.25\n0 0 0\n0\n1\n64 96", LENS[0]),
         ("\ufeff80 50.5 30.25 0.", LENS[0]),
     ],
-)  # fmt: skip
+)
 def test_the_lens_is_a_matrix_or_begins_with_its_focal_length_and_centre(tmp_path, text, fy):
     capture = read_capture(make_nsvf(tmp_path, lens_text=text))
     check_projection(capture, pinhole(LENS[0], fy, *LENS[2:]), poses())
@@ -260,7 +260,7 @@ def test_masks_lie_beside_the_photos_folder(tmp_path):
         ("pose/0_train_0002.txt", "", "this is not a 4 × 4 matrix"),
         ("pose/0_train_0002.txt", "1 0 0 0 0 -1 0 0 0 0 1 0", "the pose mirrors the world"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_with_a_file_is_named(tmp_path, file, text, problem):
     folder = make_nsvf(tmp_path)
     write(folder / file, text)

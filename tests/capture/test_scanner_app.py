@@ -82,10 +82,7 @@ def test_what_a_frame_states_wrongly_is_named_with_its_file(tmp_path, field):
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    field=st.sampled_from(["cameraPoseARFrame", "intrinsics"]), value=VALUES,
-    keep=st.floats(0.3, 1.5),
-)  # fmt: skip
+@given(field=st.sampled_from(["cameraPoseARFrame", "intrinsics"]), value=VALUES, keep=st.floats(0.3, 1.5))
 def test_hostile_frames_end_in_a_capture_or_an_error(tmp_path_factory, field, value, keep):
     folder = make_scan(
         tmp_path_factory.mktemp("s") / "a",

@@ -164,7 +164,7 @@ def test_pictures_that_were_turned_or_made_smaller_are_refused(tmp_path, size):
         (", 000002, ", ", 000002, 1, 1, 1, 0, 0, 0, 0, ", "line 4: its quaternion is not a rotation"),
         (", 000002, ", ", 000002;", "line 4: '000002;"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_with_a_line_is_named(tmp_path, old, new, problem):
     with pytest.raises(CaptureError, match=problem):
         read_capture(make(tmp_path, text=odometry().replace(old, new)))

@@ -155,9 +155,7 @@ def test_instant_ngps_dynamic_masks_are_of_what_is_ignored_and_neither_masks_nor
     folder = ignoring_capture(tmp_path, None)
     Image.fromarray(BOX // 85).save(folder / "dynamic_mask_r_1.png")  # not black at all is enough
     capture = read_capture(folder)
-    assert [c.ignored_path for c in capture.cameras] == [
-        None, folder / "dynamic_mask_r_1.png", None, None,
-    ]  # fmt: skip
+    assert [c.ignored_path for c in capture.cameras] == [None, folder / "dynamic_mask_r_1.png", None, None]
     assert not any(c.mask_path for c in capture.cameras) and not capture.warnings
     assert [p.stem for p in PhotoFinder(folder).pictures()] == ["r_0", "r_1", "r_2", "r_3"]
     told = [photo.told for photo in load_photos(capture)]

@@ -35,7 +35,7 @@ def test_a_camera_file_for_larger_photos_gives_the_same_points(pattern):
     large = [
         replace(c, width=4 * WIDTH, height=4 * HEIGHT, fx=4 * c.fx, fy=4 * c.fy, cx=4 * c.cx, cy=4 * c.cy)
         for c in cameras
-    ]  # fmt: skip
+    ]
     as_they_are, enlarged = (
         triangulate(each, photos, lambda done: None).points for each in (cameras, large)
     )

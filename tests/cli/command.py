@@ -25,9 +25,7 @@ TINY = [
     "--set", "fit.checkpoint_every=0.5", "--set", "render.secondary_rays=4",
     "--set", "render.pixel_grid=1", "--set", "field.turn_box=no",
 ]  # fmt: skip
-LOADED = [
-    "solver.cli", "solver.fit.reconstruct", "solver.fit.evaluate", "solver.preflight.check", __name__,
-]  # fmt: skip
+LOADED = ["solver.cli", "solver.fit.reconstruct", "solver.fit.evaluate", "solver.preflight.check", __name__]
 """what most commands import, which takes longer than what tests have them do"""
 
 

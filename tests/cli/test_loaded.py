@@ -10,9 +10,7 @@ from tests.cli.command import TINY, fresh_solver, solver
 )
 def test_a_command_ends_and_says_what_it_does_in_a_fresh_python(arguments):
     ours, fresh = solver(*arguments), fresh_solver(*arguments)
-    assert (ours.returncode, ours.stdout, ours.stderr) == (
-        fresh.returncode, fresh.stdout, fresh.stderr
-    )  # fmt: skip
+    assert (ours.returncode, ours.stdout, ours.stderr) == (fresh.returncode, fresh.stdout, fresh.stderr)
     assert ours.stdout or ours.stderr
 
 

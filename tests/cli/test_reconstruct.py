@@ -209,9 +209,8 @@ def test_what_is_to_be_ignored_is_given_kept_and_not_compared(tmp_path):
 def test_large_photos_are_made_smaller_for_fit_and_report(tmp_path):
     job = tmp_path / "job"
     result = solver(
-        "reconstruct", DUCK, "--out", job, *TINY, "--set", "photos.most_pixels=2500",
-        "--set", "fit.steps=4",
-    )  # fmt: skip
+        "reconstruct", DUCK, "--out", job, *TINY, "--set", "photos.most_pixels=2500", "--set", "fit.steps=4"
+    )
     assert result.returncode == 0, result.stderr
     shown = Image.open(job / "preview" / "render.png")
     assert shown.height == 50

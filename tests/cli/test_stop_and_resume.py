@@ -280,7 +280,7 @@ def test_an_error_that_nobody_can_be_told_still_has_its_code():
     with open("/dev/full", "w") as full:
         done = subprocess.run(
             [sys.executable, "-m", "solver", "check", "nowhere"], cwd=ROOT, stderr=full, timeout=300
-        )  # fmt: skip
+        )
     assert done.returncode == 2
 
 

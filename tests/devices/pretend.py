@@ -197,7 +197,7 @@ class Pretence(TorchFunctionMode):
 
     def _moved(
         self, tensor, *wanted, device=None, dtype=None, copy=False, non_blocking=False, **_
-    ) -> torch.Tensor:  # fmt: skip
+    ) -> torch.Tensor:
         for value in wanted:
             if isinstance(value, torch.Tensor):
                 device, dtype = value.device, value.dtype

@@ -381,7 +381,7 @@ def test_halves_that_agree_change_nothing(shown):
     ones, gain = torch.ones(50), 0.5 + colour
     batch = RayBatch(
         None, None, colour[:, :3], gain[:, 3] - 0.5, ones > 0, colour[:, :3] > 0.8, ones, ones.long()
-    )  # fmt: skip
+    )
 
     def loss(halves):
         buffers = SimpleNamespace(radiance=seen[:, :3], opacity=seen[:, 3], halves=halves)

@@ -32,9 +32,8 @@ def started(tmp_path_factory):
     far = dataclasses.replace(SETTINGS.light, floor=False)
     first = isolated(job, SETTINGS, capture, photos, False, Heard(), lambda done: None)
     without = isolated(
-        job, dataclasses.replace(SETTINGS, light=far), capture, photos, False, Heard(),
-        lambda done: None,
-    )  # fmt: skip
+        job, dataclasses.replace(SETTINGS, light=far), capture, photos, False, Heard(), lambda done: None
+    )
     return first, without
 
 

@@ -23,7 +23,7 @@ def cameras():
     return [
         replace(box_camera(pose, f"shot_{n:03d}", scale=0.5), lens="opencv", distortion=(K1, 0, 0, 0))
         for n, pose in enumerate(poses, start=1)
-    ]  # fmt: skip
+    ]
 
 
 @pytest.fixture(scope="module")

@@ -210,9 +210,8 @@ def own_terminal():
 def test_a_terminal_that_is_closed_cancels_and_the_bar_that_writes_there_does_not_fail(start):
     terminal, theirs = os.openpty()
     child = start(
-        stdin=theirs, stderr=theirs, start_new_session=True, work=WRITE_A_BAR,
-        preexec_fn=own_terminal,
-    )  # fmt: skip
+        stdin=theirs, stderr=theirs, start_new_session=True, work=WRITE_A_BAR, preexec_fn=own_terminal
+    )
     os.close(theirs)
     assert b"bar" in os.read(terminal, 999)
     os.close(terminal)

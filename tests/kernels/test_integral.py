@@ -52,9 +52,8 @@ def brute_force(environment, centre, size, samples=400):
 def test_rectangle_mean_agrees_with_brute_force(centre, size):
     environment = random_map()
     mean = rectangle_mean(
-        environment.tables().table, environment.row_prefix, torch.tensor([centre]),
-        torch.tensor([size]),
-    )  # fmt: skip
+        environment.tables().table, environment.row_prefix, torch.tensor([centre]), torch.tensor([size])
+    )
     expected = brute_force(environment, centre, size)
     np.testing.assert_allclose(mean[0].detach().numpy(), expected, rtol=5e-3)
 

@@ -176,6 +176,5 @@ def test_between_corners_values_are_trilinear_and_stay_what_they_are_beyond_the_
     points = 1.4 * torch.rand(200, 3, generator=torch.Generator().manual_seed(9)) - 0.2
     x, y, z = (4 * points).clamp(0, 4).unbind(-1)
     torch.testing.assert_close(
-        between_corners(corners, points), 1 + x - 2 * y + 0.5 * z + 0.25 * x * y * z,
-        rtol=1e-5, atol=1e-4,
-    )  # fmt: skip
+        between_corners(corners, points), 1 + x - 2 * y + 0.5 * z + 0.25 * x * y * z, rtol=1e-5, atol=1e-4
+    )

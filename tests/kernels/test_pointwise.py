@@ -157,9 +157,8 @@ def test_smoothness_is_the_same(path, device):
     def function(normals, near, beyond, albedo, alpha, f0, near_albedo, near_alpha, near_f0):
         nearby = Surface(near, None, Materials(near_albedo, near_alpha, near_f0), 0.0)
         scene = SimpleNamespace(
-            field=SimpleNamespace(voxel=0.01), surface=lambda *_: nearby,
-            surface_normals=lambda *_: beyond,
-        )  # fmt: skip
+            field=SimpleNamespace(voxel=0.01), surface=lambda *_: nearby, surface_normals=lambda *_: beyond
+        )
         shading = Shading(None, normals, None, Materials(albedo, alpha, f0))
         keys = torch.arange(COUNT, device=normals.device)
         samples = Samples(normals.detach(), None, None, keys)
@@ -240,13 +239,9 @@ def test_losses_of_pixels_are_the_same(path, device, use_masks, halves):
     radiance = 1.2 * rand(COUNT, halves, 3) ** 3 * opacity
     seen = torch.cat([radiance, opacity], 2).requires_grad_()
     leaves = [seen, *(rand(COUNT).requires_grad_() for _ in range(3))]
-    fixed = [
-        rand(COUNT, 3), alpha, rand(COUNT) < 0.8, rand(COUNT, 3) < 0.5, rand(COUNT, 3)
-    ]  # fmt: skip
+    fixed = [rand(COUNT, 3), alpha, rand(COUNT) < 0.8, rand(COUNT, 3) < 0.5, rand(COUNT, 3)]
 
-    def function(
-        seen, backfacing, bending, unevenness, colour, alpha, known, clipped, behind
-    ):  # fmt: skip
+    def function(seen, backfacing, bending, unevenness, colour, alpha, known, clipped, behind):
         buffers = SimpleNamespace(
             radiance=seen[:, 0, :3], opacity=seen[:, 0, 3], halves=seen if halves == 2 else None,
             backfacing=backfacing, bending=bending, unevenness=unevenness,

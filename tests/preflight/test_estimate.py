@@ -24,7 +24,7 @@ from solver.preflight.estimate import (
     estimate,
     memory_of_machine,
     photo_bytes,
-)  # fmt: skip
+)
 from tests.preflight.captures import around, capture_at
 
 

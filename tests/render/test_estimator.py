@@ -57,9 +57,9 @@ def by_quadrature(light, alpha, view, side=1500):
     sine = tangent * cosine
     phi = 2 * math.pi * (np.arange(side) + 0.5) / side
     half = np.stack(
-        [sine[:, None] * np.cos(phi), sine[:, None] * np.sin(phi),
-         np.repeat(cosine[:, None], side, 1)], -1,
-    ).reshape(-1, 3)  # fmt: skip
+        [sine[:, None] * np.cos(phi), sine[:, None] * np.sin(phi), np.repeat(cosine[:, None], side, 1)],
+        -1,
+    ).reshape(-1, 3)
     half = torch.from_numpy(half)
     view = view.double()
     view_half = half @ view
@@ -195,9 +195,7 @@ def test_the_papers_rectangle_is_inverted(roughness, monkeypatch):
     radiance = torch.full((64, 128, 3), 0.01)
     radiance[12:15, [126, 127, 0, 1]] = 500.0
     light = EnvironmentMap.from_radiance(radiance)
-    scene = ball(
-        sharpness=2000.0, albedo=1e-6, f0=F0, roughness=roughness, environment=light
-    )  # fmt: skip
+    scene = ball(sharpness=2000.0, albedo=1e-6, f0=F0, roughness=roughness, environment=light)
     view = torch.tensor([[0.6, 0.0, 0.8]])
     expected = by_quadrature(light, roughness**2, view[0]).float()
 

@@ -67,9 +67,8 @@ def test_spread_of_a_placed_scene_turns_with_it():
     part = torch.zeros(len(points), dtype=torch.long)
     angle = torch.full((len(points),), PIXEL)
     here = reflected_spread(
-        scene, StepTables.of(scene), Samples(points, distance, index, index),
-        normals, -directions, angle,
-    )  # fmt: skip
+        scene, StepTables.of(scene), Samples(points, distance, index, index), normals, -directions, angle
+    )
     there = reflected_spread(
         placed, StepTables.of(placed),
         Samples(moved, 2 * distance, index, index, part),

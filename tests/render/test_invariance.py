@@ -138,9 +138,7 @@ def test_what_is_in_a_turned_box_is_turned_with_it(path, changes):
     settings = dataclasses.replace(SETTINGS, secondary_rays=256, diffuse_visibility=True, **changes)
     pictures = []
     with forced_path(path):
-        for scene, seen in (
-            (lumpy(), camera()), (lumpy(light, torch.tensor(axes)), camera(turn=axes.T))
-        ):  # fmt: skip
+        for scene, seen in ((lumpy(), camera()), (lumpy(light, torch.tensor(axes)), camera(turn=axes.T))):
             refresh_probes(scene)
             pictures.append(picture(scene, seen, settings))
     here, there = pictures

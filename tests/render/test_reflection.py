@@ -35,9 +35,7 @@ def setting(alpha):
     aside = torch.nn.functional.normalize(torch.randn(COUNT, 3), dim=-1)
     view = torch.nn.functional.normalize(normals + 1.5 * torch.rand(COUNT, 1) * aside, dim=-1)
     view = torch.where((view * normals).sum(-1, keepdim=True) < 0.02, normals, view)
-    samples = Samples(
-        0.5 * normals, torch.ones(COUNT), torch.arange(COUNT), 4096 * torch.arange(COUNT)
-    )  # fmt: skip
+    samples = Samples(0.5 * normals, torch.ones(COUNT), torch.arange(COUNT), 4096 * torch.arange(COUNT))
     leaves = [normals, torch.full((COUNT,), alpha), torch.rand(COUNT, 3)]
     return scene, samples, view, [leaf.requires_grad_() for leaf in leaves]
 

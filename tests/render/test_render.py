@@ -91,9 +91,7 @@ def test_allocation_of_rays_is_unbiased():
     counts, share = counts.view(many, 5).double(), share.view(many, 5).double()
     torch.testing.assert_close(counts.mean(0), expected, rtol=0.1, atol=2e-3)
     assert set(counts.sum(1).tolist()) == {16.0}, "none is left over, none too many"
-    torch.testing.assert_close(
-        (counts * share).mean(0), torch.ones(5).double(), rtol=0.1, atol=0
-    )  # fmt: skip
+    torch.testing.assert_close((counts * share).mean(0), torch.ones(5).double(), rtol=0.1, atol=0)
 
 
 def test_choice_of_retraced_rays_is_unbiased():

@@ -38,9 +38,7 @@ def demo(tmp_path):
         write_rgba(renders / "cycles" / f"{camera.name}.exr", photo)
         write_rgba(renders / "solver" / f"{camera.name}_linear.exr", photo)
         write_rgba(renders / "turntable" / f"{camera.name}.exr", photo)
-        shutil.copy(
-            camera.image_path.with_name(f"{camera.name}_normal.exr"), renders / "solver"
-        )  # fmt: skip
+        shutil.copy(camera.image_path.with_name(f"{camera.name}_normal.exr"), renders / "solver")
         for light in ("sunset", "studio"):
             truth = DUCK / f"relight_{light}" / f"{camera.name}_hdr.exr"
             colour, alpha = read_exr(truth)

@@ -138,7 +138,7 @@ def _camera_to_world(path: Path, where: str, axes: np.ndarray, turn: Element, pl
     if "M_00" in names:
         matrix = np.array(
             [[value_of(path, where, turn, f"M_{row}{column}") for column in range(3)] for row in range(3)]
-        )  # fmt: skip
+        )
     elif "Omega" in names:
         angles = [value_of(path, where, turn, name) for name in ("Omega", "Phi", "Kappa")]
         matrix = rotation_from_omega_phi_kappa(angles).T

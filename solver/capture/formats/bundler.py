@@ -70,9 +70,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             warnings.append(f"{path.name}: its points break off after {place} of {point_count}")
             break
         points.add(x, y, z)
-    return assemble(
-        path, NAME, found, photos, points=points.array(), warnings=tuple(warnings)
-    )  # fmt: skip
+    return assemble(path, NAME, found, photos, points=points.array(), warnings=tuple(warnings))
 
 
 def _found(path: Path, index: int, name: str, values: np.ndarray, photos: PhotoFinder) -> Found:

@@ -132,9 +132,8 @@ def _model_files(path: Path) -> dict[str, Path]:
     for kind in needed:
         if kind not in files:
             raise CaptureError(
-                path, "", f"there is no {kind}{path.suffix} beside it",
-                "copy the whole model folder",
-            )  # fmt: skip
+                path, "", f"there is no {kind}{path.suffix} beside it", "copy the whole model folder"
+            )
     return files
 
 

@@ -70,9 +70,8 @@ def read_cameras(file: Path) -> dict[int, Sensor]:
             name = NAME_OF_ID.get(model)
             if name is None:
                 raise CaptureError(
-                    file, where, f"camera model {model} is not supported",
-                    f"use one of {', '.join(MODELS)}",
-                )  # fmt: skip
+                    file, where, f"camera model {model} is not supported", f"use one of {', '.join(MODELS)}"
+                )
             parameters = records.take(struct.Struct(f"<{MODELS[name][1]}d"), where)
             sensors[number] = Sensor(where, name, width, height, parameters)
     return sensors

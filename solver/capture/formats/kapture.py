@@ -83,9 +83,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         "solve their cameras, and export it again",
     )
     return assemble(
-        path, NAME, found, photos, points=_points(path.parent.parent / "reconstruction"),
-        warnings=warnings,
-    )  # fmt: skip
+        path, NAME, found, photos, points=_points(path.parent.parent / "reconstruction"), warnings=warnings
+    )
 
 
 def _rows(path: Path, fewest: int, most: int = 0) -> Iterator[tuple[str, list[str]]]:

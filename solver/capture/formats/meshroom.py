@@ -205,9 +205,8 @@ def _intrinsics(entry: Entry, version: tuple[int, ...]) -> Intrinsics:
     else:
         shrink, lens, distortion = _lens(entry)
     return Intrinsics(
-        width, height, float(fx) * shrink, float(fy) * shrink, float(cx), float(cy), lens,
-        distortion,
-    )  # fmt: skip
+        width, height, float(fx) * shrink, float(fy) * shrink, float(cx), float(cy), lens, distortion
+    )
 
 
 def _lens(entry: Entry) -> tuple[float, str, tuple[float, ...]]:

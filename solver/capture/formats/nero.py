@@ -51,9 +51,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 def _camera(file: Path, photos: PhotoFinder) -> Found:
     matrices = matrices_in(file, LARGEST_FILE)
     if len(matrices) != 2 or matrices[0].shape not in ((3, 4), (4, 4)) or matrices[1].shape != (3, 3):
-        raise CaptureError(
-            file, "", "this is not a pickled pair of a pose (3 × 4) and a lens (3 × 3)",
-        )  # fmt: skip
+        raise CaptureError(file, "", "this is not a pickled pair of a pose (3 × 4) and a lens (3 × 3)")
     number = _FILE.fullmatch(file.name)[1]
     photo = photos.find_in(file.parent, number)
     pose = intrinsics = None

@@ -88,7 +88,7 @@ def _lens_of(shot: Entry, lenses: Entry) -> str:
             "focal",
             f"{'none' if not fitting else 'more than one'} of the lenses in {lenses.path.name} fits it",
             "give the project's opensfm/reconstruction.json",
-        )  # fmt: skip
+        )
     return fitting[0]
 
 

@@ -102,9 +102,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             lenses[key] = intrinsics_of(cameras.inner(key))
         pose = pose_of_opencv(rigid_pose(path, shot.where, from_world))
         found.append(Found(shot.where, stated, photo, pose, lenses.get(key)))
-    warnings = list(without_pose(
-        path, shots.where, lost, len(shots), "give the file that a reconstruction has written"
-    ))  # fmt: skip
+    warnings = list(
+        without_pose(path, shots.where, lost, len(shots), "give the file that a reconstruction has written")
+    )
     if len(scenes) > 1:
         others = sum(map(len, all_shots)) - len(shots)
         warnings.append(f"{path.name}: of {len(scenes)} reconstructions only the largest is read; "

@@ -105,7 +105,7 @@ def _camera(path: Path, block: list[tuple[int, str]], photos: PhotoFinder) -> Fo
 def _matrix(path: Path, lines: Iterator[tuple[int, str]], rows: int, columns: int) -> np.ndarray:
     return np.stack(
         [numbers(path, f"line {where}", line.split(), columns) for where, line in islice(lines, rows)]
-    )  # fmt: skip
+    )
 
 
 def _is_on_map(path: Path) -> bool:

@@ -135,5 +135,4 @@ def _from_sidecar(file: Path, values: dict[str, str], photo: Path | None) -> Fou
             coefficients[:4].tolist(), coefficients[4], coefficients[5],
             value("Skew", 0.0), value("AspectRatio", 1.0),
         )  # fmt: skip
-    return Found(f"{file.name}, xcr:Rotation", file.stem, photo,
-                 pose_opengl_from_opencv(pose), intrinsics)  # fmt: skip
+    return Found(f"{file.name}, xcr:Rotation", file.stem, photo, pose_opengl_from_opencv(pose), intrinsics)

@@ -20,9 +20,7 @@ from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, asse
 
 NAME = "Record3D"
 EXTENSIONS = (".json",)
-PATTERNS = (
-    "metadata.json", "metadata", "EXR_RGBD/metadata.json", "*/metadata.json", "*/metadata",
-)  # fmt: skip
+PATTERNS = ("metadata.json", "metadata", "EXR_RGBD/metadata.json", "*/metadata.json", "*/metadata")
 
 _PHOTO_FOLDERS = ("rgb", "rgbd")
 _MOST_POSES = 100_000

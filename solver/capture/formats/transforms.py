@@ -110,9 +110,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     found, of_all = _without_lens_masks(path, found)
     applied = content.get("applied_transform")
     capture = assemble(
-        path, NAME, found, photos, points=points, up=_up(applied),
-        warnings=warnings + problems + of_all,
-    )  # fmt: skip
+        path, NAME, found, photos, points=points, up=_up(applied), warnings=warnings + problems + of_all
+    )
     capture = _as_held(capture, turned=applied is not None)
     aim = capture.region.mean(0)
     depths = [c.view_direction @ (aim - c.position) for c in capture.cameras if not c.is_panoramic]
@@ -287,7 +286,7 @@ def _intrinsics(values: Entry, image: Path | None) -> Intrinsics:
             "camera_angle_x",
             "neither the frame nor the file gives camera_angle_x or fl_x",
             "add the horizontal field of view in radians as camera_angle_x",
-        )  # fmt: skip
+        )
     fx, fy = (fy if fx is None else fx), (fx if fy is None else fy)
     if fx <= 0 or fy <= 0:
         raise values.error("fl_x", "a focal length must be positive", "correct it")

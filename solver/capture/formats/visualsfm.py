@@ -56,9 +56,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 
 
 def _found(
-    path: Path, where: str, line: str, has_matrix: bool, calibration: np.ndarray | None,
-    photos: PhotoFinder,
-) -> Found:  # fmt: skip
+    path: Path, where: str, line: str, has_matrix: bool, calibration: np.ndarray | None, photos: PhotoFinder
+) -> Found:
     rotation_size = 9 if has_matrix else 4
     name, values = _name_and_numbers(path, where, line, 1 + rotation_size + 5)
     focal, rotation, place = float(values[0]), values[1 : 1 + rotation_size], values[-5:-2]
