@@ -131,5 +131,5 @@ def _base_of(environment: Path) -> Path | None:
         text = (environment / "pyvenv.cfg").read_text(encoding="utf-8")
     except OSError:
         return None
-    home = re.search(r"^\s*home\s*=\s*(\S.*?)\s*$", text, re.MULTILINE)
+    home = re.search(r"^\s*home[ \t]*=[ \t]*(\S.*?)\s*$", text, re.MULTILINE)
     return home and Path(home[1])

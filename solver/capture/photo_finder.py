@@ -95,7 +95,7 @@ class PhotoFinder:
         self._folders: set[tuple[str, ...]] = set()
         self._of_masks: dict[Path, bool] = {}
         # In folders: to ask for one with each extension takes long.
-        self._names: dict[Path, set[str]] = {}
+        self._names: dict[Path, set[str] | None] = {}
 
     def find(self, stated: str, beside: Path | None = None) -> Path | None:
         """The photo that a file calls `stated` (a path or a name, with or without extension).
@@ -212,15 +212,23 @@ class PhotoFinder:
             path = Path(os.path.normpath(base / stated))
             if not self.anywhere and not path.is_relative_to(self.folder):
                 return None
-            if (there := self._names.get(path.parent)) is None:
-                there = self._names[path.parent] = set(map(plain, os.listdir(path.parent)))
+            there = self._listed(path.parent)
             for ending in ("", *EXTENSIONS):
                 named = plain(path.name + ending)
-                if named in there and named.endswith(EXTENSIONS):
+                if named.endswith(EXTENSIONS) and (there is None or named in there):
                     candidate = path.with_name(path.name + ending)
                     if candidate.is_file():
                         return candidate
         return None
+
+    def _listed(self, folder: Path) -> set[str] | None:
+        """The names in a folder; None where one may enter but not list it."""
+        if folder not in self._names:
+            try:
+                self._names[folder] = set(map(plain, os.listdir(folder)))
+            except PermissionError:
+                self._names[folder] = None
+        return self._names[folder]
 
     def _developed(self, photo: Path) -> Path:
         """The copy of a raw photo that lies beside it, if there is one: developed as its owner would have

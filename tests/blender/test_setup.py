@@ -196,6 +196,8 @@ def test_a_runtime_whose_python_is_gone_is_not_taken(part, tmp_path, monkeypatch
     (environment / "pyvenv.cfg").write_text(f"home = {tmp_path / 'blender 4.3'}\n")
     with pytest.raises(runtime.RuntimeMissing, match="Set Up Solver again"):
         runtime.solver_python(runtime_folder=str(tmp_path))
+    (environment / "pyvenv.cfg").write_text("home =\nversion = 3.11\n")
+    assert runtime._base_of(environment) is None
 
 
 def test_on_windows_the_runtime_is_where_the_packages_paths_have_room(part, tmp_path, monkeypatch):

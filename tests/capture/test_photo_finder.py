@@ -1,6 +1,7 @@
 """Photos and masks by what camera files call them."""
 
 import json
+import os
 import zipfile
 from pathlib import Path
 
@@ -485,3 +486,15 @@ def test_photos_named_without_extension_are_not_looked_for_one_extension_after_a
     monkeypatch.setattr(Path, "is_file", counted)
     assert len(read_capture(file).cameras) == len(names)
     assert len([name for name in asked if name.startswith("r_")]) == len(names)
+
+
+def test_a_photo_in_a_folder_that_may_be_entered_but_not_listed_is_found_by_its_path(tmp_path, monkeypatch):
+    photo = save(tmp_path / "images" / "r_1.png")
+
+    def refuse(folder):
+        raise PermissionError(13, "Permission denied", str(folder))
+
+    monkeypatch.setattr(os, "listdir", refuse)
+    monkeypatch.setattr(os, "scandir", refuse)
+    assert PhotoFinder(tmp_path).find("images/r_1.png") == photo
+    assert PhotoFinder(tmp_path).find("images/r_1") == photo
