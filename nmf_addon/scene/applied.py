@@ -20,21 +20,28 @@ def remember_built(mesh: Mesh) -> None:
 
 
 def apply_as_to(earlier: Mesh, mesh: Mesh) -> None:
-    """Apply to a mesh what was applied to an earlier one as a whole; its faces go on looking outwards."""
+    """Apply to a mesh what was applied to an earlier one as a whole, whatever a person has sculpted of less
+    than half of it; its faces go on looking outwards."""
     built, places = np.reshape(earlier.get(AS_BUILT, ()), (-1, 4)), _places(earlier)
     chosen = built[:, 0].astype(int)
     if len(built) < 5 or chosen.max() >= len(places):
         return
     before, now = np.c_[built[:, 1:], np.ones(len(built))], places[chosen]
-    allowed = FITS * np.ptp(now, axis=0).max()
-    matrix, _, rank, _ = np.linalg.lstsq(before, now, rcond=None)
-    is_same = np.abs(before[:, :3] - now).max() <= allowed
-    if rank < 4 or is_same or not np.abs(before @ matrix - now).max() <= allowed:  # or no number
+    kept = np.flatnonzero(np.isfinite(now).all(1))
+    while len(kept) > max(4, len(built) // 2):
+        a, b = before[kept], now[kept]
+        allowed = FITS * np.ptp(b, axis=0).max()
+        matrix, _, rank, _ = np.linalg.lstsq(a, b, rcond=None)
+        off = np.abs(a @ matrix - b).max(1)
+        if off.max() > allowed:
+            kept = np.delete(kept, off.argmax())
+            continue
+        if rank == 4 and np.abs(a[:, :3] - b).max() > allowed:
+            motion = Matrix((*matrix.T.tolist(), (0, 0, 0, 1)))
+            mesh.transform(motion)
+            if motion.determinant() < 0:
+                mesh.flip_normals()
         return
-    motion = Matrix((*matrix.T.tolist(), (0, 0, 0, 1)))
-    mesh.transform(motion)
-    if motion.determinant() < 0:
-        mesh.flip_normals()
 
 
 def _places(mesh: Mesh) -> np.ndarray:

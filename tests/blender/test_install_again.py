@@ -467,6 +467,16 @@ def test_a_mesh_that_was_sculpted_at_a_corner_moves_nothing_that_comes_after_it(
     np.testing.assert_array_equal(corners(install()), before)
 
 
+def test_what_was_applied_to_a_mesh_counts_whatever_is_sculpted_at_a_corner_of_it(install):
+    """A fixed bug: what came after it had its first size."""
+    item = install()
+    item.scale = (2, 3, 4)
+    apply_transform(item)
+    before = corners(item)
+    item.data.vertices[0].co += Vector((0.7, 0.2, -0.4))
+    np.testing.assert_allclose(corners(install()), before, atol=1e-5)
+
+
 @pytest.mark.parametrize("applied", ["original", "copy"])
 def test_a_copy_of_an_object_stays_as_large_whichever_of_them_was_applied(install, extension, applied):
     """A fixed bug: what was applied to the one was applied to the other, too, and counted twice there."""
