@@ -110,7 +110,7 @@ MAKERS = {
     "ScanNet": lambda folder, solved: test_pose_folder.make_scannet(folder),
     "NeRFactor": lambda folder, solved: test_nerfactor.write(folder),
     "Objects with Lighting": lambda folder, solved: test_lit_objects.make(folder),
-    "Camera dictionary": lambda folder, solved: test_camera_dictionary.make(folder),
+    "PhySG cam_dict_norm.json": lambda folder, solved: test_camera_dictionary.make(folder),
     "NeRO": lambda folder, solved: test_nero.make(folder),
     "Pix4D": lambda folder, solved: test_pix4d.write(folder),
 }

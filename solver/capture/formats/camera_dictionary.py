@@ -15,7 +15,7 @@ from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..picture_names import parts_of
 from ..pinhole import pinhole_of
 
-NAME = "Camera dictionary"
+NAME = "PhySG cam_dict_norm.json"
 EXTENSIONS = (".json",)
 PATTERNS = tuple(
     f"{folder}{name}"
