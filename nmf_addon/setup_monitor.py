@@ -126,6 +126,7 @@ def _follow(command: list[str], state: SetupState) -> None:
 
 
 def _read(process: subprocess.Popen, state: SetupState) -> None:
+    """Follow a process's lines: 'progress FRACTION TEXT', anything else is log."""
     for line in process.stdout:
         told = re.fullmatch(r"progress (-?\d+\.\d+) (.+)", line.rstrip())
         if told:

@@ -111,6 +111,7 @@ def _installed_from(context: Context) -> str:
 
 
 def _job_meant(context: Context) -> JobFolder:
+    """The active object's job, else the last one; also of a project that has moved since."""
     path, last = _installed_from(context), monitor.job
     if not path or (last and is_of(context.view_layer.objects.active, last)):
         return last

@@ -167,6 +167,7 @@ def _check_stated(source: Path, masks: Path | None, ignored: Path | None) -> Non
 
 
 def _unfinished(photos: Path) -> Path | None:
+    """The folder of a solve of these photos, or of this video, that was stopped, so that it goes on."""
     begun = [SolveFolder(path.parent) for path in sorted(jobs_folder().glob("*/solve.json"))]
     asked = str(photos.absolute())
     return next(

@@ -99,6 +99,7 @@ def _of_nodes(block: Material | World) -> Iterator[str]:
 
 
 def _settings_of(node: bpy.types.bpy_struct) -> list[str]:
+    """What one node or data-block has and not all have; of a picture of the person's, its name."""
     common = {*node.bl_rna.base.properties.keys(), *_NO_EDITS}
     own = [p for p in node.bl_rna.properties if p.identifier not in common and p.type in _SETTINGS]
     told = [f"{p.identifier} {_plain(getattr(node, p.identifier))}" for p in own]

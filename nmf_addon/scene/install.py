@@ -69,8 +69,8 @@ def install_result(
     edited = [] if earlier is None else edited_of(earlier)
     data = bpy.data
     ours = (block for block in (*data.materials, *data.worlds) if is_of(block, job))
-    kept = {*edited, *filter(is_edited, ours)}
-    kept = {Path(image.filepath).name for block in kept for image in images_of(block)}
+    blocks = {*edited, *filter(is_edited, ours)}
+    kept = {Path(image.filepath).name for block in blocks for image in images_of(block)}
     pictures = named_pictures(job, manifest, kept)
     with nothing_left_behind(
         data.objects, data.meshes, data.materials, data.node_groups, data.images, data.worlds

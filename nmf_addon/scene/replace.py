@@ -66,9 +66,9 @@ def check_not_edited(item: bpy.types.Object) -> None:
 def edited_of(item: bpy.types.Object) -> list[ID]:
     """What an object was installed with, and a person has edited since; materials also with their mesh,
     which no other textures fit."""
-    mesh = item.data
-    materials = [m for m in _materials(item) if is_edited(mesh) or is_edited(m)]
-    return [*filter(is_edited, (mesh, *_worlds(item))), *materials]
+    meshes = [item.data] if is_edited(item.data) else []
+    materials = [m for m in _materials(item) if meshes or is_edited(m)]
+    return [*meshes, *filter(is_edited, _worlds(item)), *materials]
 
 
 def _materials(item: bpy.types.Object) -> list[Material]:
@@ -77,10 +77,11 @@ def _materials(item: bpy.types.Object) -> list[Material]:
 
 def _copies(item: bpy.types.Object) -> list[Mesh]:
     """Copies of an object's mesh (Shift+D) that show its material, and that nobody has edited."""
+    shown = set(_materials(item))
     return [
         mesh for mesh in bpy.data.meshes
         if mesh != item.data and mesh.users and _is_ours(mesh, item[JOB])
-        and AS_MADE in mesh and not is_edited(mesh) and set(mesh.materials) & set(_materials(item))
+        and AS_MADE in mesh and shown.intersection(mesh.materials) and not is_edited(mesh)
     ]  # fmt: skip
 
 

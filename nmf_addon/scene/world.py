@@ -65,6 +65,7 @@ def turns_with(world: World) -> Object | None:
 
 
 def _relit_before(path: Path) -> World | None:
+    """The World that `relight` made of an HDRI, showing what the file holds now."""
     file = path.resolve()
     for world in bpy.data.worlds if file.is_file() else ():
         if world.get(HDRI) != str(file) or world.library:

@@ -299,12 +299,12 @@ def test_a_solve_ends_before_a_disk_is_full_and_goes_on_when_there_is_room(
 ):
     """COLMAP would abort the process."""
     folder = SolveFolder(tmp_path / "cameras")
-    request = request_of(small_photos, folder, max_image_size=SMALL)
+    request = request_of(small_photos, folder)
     folder.take(request)
-    left = [1 << 40] * 3 + [65 << 20]
+    left = [1 << 40] * 3 + [70 << 20]
     with monkeypatch.context() as full:
         full.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=left.pop(0)))
-        with pytest.raises(CaptureError, match="disk is full: 65 MB .* run it again to continue"):
+        with pytest.raises(CaptureError, match="disk is full: 70 MB .* run it again to continue"):
             Solver(folder, request, Mock(), SimpleNamespace(should_stop=False)).run()
     assert not folder.work_dir.exists()
     assert folder.take(request) is True

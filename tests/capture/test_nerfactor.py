@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -112,3 +113,18 @@ def test_hostile_values_end_in_a_capture_or_an_error(tmp_path, data):
     file.write_text(text[: data.draw(st.integers(0, len(text)) | st.just(len(text)))])
     outcome(tmp_path)
     outcome(file)
+
+
+def test_a_folder_of_views_that_may_not_be_listed_is_told(tmp_path, monkeypatch):
+    file = write(tmp_path) / "train_000" / "metadata.json"
+    listed = Path.iterdir
+
+    def refuse(folder):
+        if folder == tmp_path:
+            raise PermissionError(13, "Permission denied", str(folder))
+        return listed(folder)
+
+    monkeypatch.setattr(Path, "iterdir", refuse)
+    with pytest.raises(CaptureError, match="cannot be read; check its permissions") as caught:
+        read_capture(file)
+    assert caught.value.file == tmp_path

@@ -8,11 +8,11 @@ https://github.com/Kai-46/nerfplusplus (colmap_runner/extract_sfm.py)
 
 from pathlib import Path
 
+from ..camera_folder import photo_folder
 from ..fields import Entry, rigid_pose
 from ..files import json_head
 from ..frames import pose_of_opencv
 from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
-from ..picture_names import parts_of
 from ..pinhole import pinhole_of
 
 NAME = "PhySG cam_dict_norm.json"
@@ -32,15 +32,12 @@ def recognises(file: Path) -> bool:
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the cameras of all photos."""
-    content = Entry.of_file(path)
-    return assemble(path, NAME, [_camera(content, name, photos) for name in content], photos)
+    content, folder = Entry.of_file(path), photo_folder(path.parent, ("image", "images", "rgb"))
+    return assemble(path, NAME, [_camera(content, name, folder, photos) for name in content], photos)
 
 
-def _camera(content: Entry, name: str, photos: PhotoFinder) -> Found:
-    path, entry, file = content.path, content.inner(name), parts_of(name)[-1:]
-    folders = [path.parent / folder for folder in ("image", "images", "rgb")]
-    folder = next(filter(Path.is_dir, folders), None)
-    photo = photos.find_in(folder, *file) if folder and file else photos.find(name, beside=path)
+def _camera(content: Entry, name: str, folder: Path, photos: PhotoFinder) -> Found:
+    path, entry, photo = content.path, content.inner(name), photos.find_in(folder, name)
     k, from_world = (entry.numbers(key, 16).reshape(4, 4) for key in ("K", "W2C"))
     pose = pose_of_opencv(rigid_pose(path, entry.field("W2C"), from_world))
     width, height = map(int, entry.numbers("img_size", 2))
