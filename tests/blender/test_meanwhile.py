@@ -72,6 +72,7 @@ def test_a_result_of_a_capture_in_two_scenes_is_seen_in_the_one_that_is_looked_a
 ):
     mine, other = bpy.context.scene, bpy.data.scenes.new("Another")  # which comes first by its name
     other.collection.children.link(capture)
+    other.view_layers[0].update()  # Blender 5.3 has no collections of a view layer before
     other.view_layers[0].layer_collection.children[capture.name].exclude = True
     bpy.ops.nmf.reconstruct()
     tick()
