@@ -70,7 +70,8 @@ def solver_python(chosen: str = "", runtime_folder: str = "") -> Path:
     variable = f"the environment variable {PYTHON_VARIABLE}"
     for candidate, place in ((chosen, "the preferences"), (variable_python(), variable)):
         if candidate:
-            if os.access(candidate, os.X_OK) and Path(candidate).is_file():
+            a_program = not WINDOWS or Path(candidate).suffix.lower() == ".exe"
+            if a_program and os.access(candidate, os.X_OK) and Path(candidate).is_file():
                 return Path(candidate)
             what = "cannot be run" if Path(candidate).is_file() else "does not exist"
             raise RuntimeMissing(f"The solver's Python {candidate} {what}; correct it in {place}.")

@@ -42,11 +42,15 @@ class JobProcess:
         self._ended_at: float | None = None
         self._heard_at = time.monotonic()
         self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
-        with _open_log(job.log_path) as log:
-            self.popen = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log,
-                cwd=job.root, env=environment, **own_group(),
-            )  # fmt: skip
+        try:
+            with _open_log(job.log_path) as log:
+                self.popen = subprocess.Popen(
+                    command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log,
+                    cwd=job.root, env=environment, **own_group(),
+                )  # fmt: skip
+        except OSError as error:
+            error.filename = error.filename or command[0]  # Windows names none
+            raise
         # The child hears that it has a parent, even one that is gone before it listens.
         self._tell("hello")
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -162,7 +166,10 @@ def end_group(process: subprocess.Popen, kill: bool) -> None:
     elif kill:
         command = ["taskkill", "/F", "/T", "/PID", str(process.pid)]
         hidden = subprocess.CREATE_NO_WINDOW
-        subprocess.run(command, capture_output=True, check=False, creationflags=hidden)
+        try:
+            subprocess.run(command, capture_output=True, check=True, creationflags=hidden)
+        except (OSError, subprocess.CalledProcessError):
+            process.kill()  # without its children
 
 
 def solver_command(python: Path, bootstrap: Path, words: list[str]) -> list[str]:

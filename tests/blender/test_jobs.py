@@ -139,6 +139,33 @@ def test_a_child_that_has_just_ended_needs_no_end(start, part, monkeypatch, answ
     wait(process, part)
 
 
+@pytest.mark.parametrize("answer", [FileNotFoundError(), subprocess.CalledProcessError(128, "taskkill")])
+def test_a_child_ends_even_where_windows_does_not_end_its_group(start, part, monkeypatch, answer):
+    def no_taskkill(command, **settings):
+        assert command[0] == "taskkill"
+        raise answer
+
+    process = start("hang")
+    monkeypatch.setattr(subprocess, "CREATE_NO_WINDOW", 0, raising=False)
+    monkeypatch.setattr(subprocess, "run", no_taskkill)
+    with monkeypatch.context() as on_windows:
+        on_windows.setattr(os, "name", "nt")
+        part("jobs.process").end_group(process.popen, kill=True)
+    assert process.popen.wait(10) != 0
+
+
+def test_a_program_that_does_not_start_is_named_where_the_system_does_not(part, job, monkeypatch):
+    """As on Windows: "%1 is not a valid Win32 application", and no file."""
+
+    def refused(*arguments, **settings):
+        raise OSError(8, "no valid application")
+
+    monkeypatch.setattr(subprocess, "Popen", refused)
+    with pytest.raises(OSError, match="no valid application") as raised:
+        part("jobs.process").start_job(Path("a", "python"), Path("solver.py"), job, {})
+    assert Path(raised.value.filename) == Path("a", "python")
+
+
 @pytest.mark.parametrize(
     ("code", "text"), [(0xC0000005, "code 0xC0000005"), (0xC000012D, "no memory left")]
 )

@@ -311,15 +311,28 @@ def test_a_python_that_makes_environments_without_a_python_is_not_taken(part, tm
 
 def test_the_persons_choice_comes_first(part, tmp_path, monkeypatch):
     runtime = part("runtime")
-    chosen, variable = tmp_path / "chosen", tmp_path / "variable"
+    chosen, variable = tmp_path / "chosen.exe", tmp_path / "variable.exe"
     for python in (chosen, variable):
         python.touch(0o700)
     monkeypatch.setenv("NMF_SOLVER_PYTHON", str(variable))
     assert runtime.solver_python(str(chosen)) == chosen
     assert runtime.solver_python() == variable
     chosen.unlink()
-    with pytest.raises(runtime.RuntimeMissing, match="chosen does not exist"):
+    with pytest.raises(runtime.RuntimeMissing, match="chosen.exe does not exist"):
         runtime.solver_python(str(chosen))
+
+
+def test_what_is_no_program_on_windows_is_told_before_it_is_started(part, tmp_path, monkeypatch):
+    """There anything that can be read counts as executable."""
+    runtime = part("runtime")
+    monkeypatch.setattr(runtime, "WINDOWS", True)
+    for name in ("python.exe", "Python.EXE"):
+        (tmp_path / name).touch(0o700)
+        assert runtime.solver_python(str(tmp_path / name)) == tmp_path / name
+    link = tmp_path / "python.lnk"
+    link.touch(0o700)
+    with pytest.raises(runtime.RuntimeMissing, match="python.lnk cannot be run; correct it in the pref"):
+        runtime.solver_python(str(link))
 
 
 @pytest.fixture
