@@ -86,9 +86,8 @@ def error_report() -> str:
     )
     for folder, name in (*_asked_for(job), (job.root, "JOB"), (Path.home(), "~")):
         # As it is, as JSON writes it, and as programs from elsewhere do: on Windows these differ.
-        in_json = json.dumps(str(folder))[1:-1]
-        for spelling in (in_json, str(folder), folder.as_posix()):
-            text = text.replace(spelling, name)
+        for spelling in (str(folder), folder.as_posix()):
+            text = text.replace(json.dumps(spelling)[1:-1], name).replace(spelling, name)
     return text
 
 

@@ -9,7 +9,7 @@ fail     bad input: an error event and exit code 2
 oom      out of memory: an error event and exit code 4
 raise    a traceback in the log and exit code 1
 die      a crash in the middle of the fit, exit code 139, last words in the log
-killed   ended by SIGKILL half way, with a checkpoint
+killed   ended by the system half way, as without memory, with a checkpoint
 hang     never listens, neither to cancel nor to SIGTERM
 silent   runs without a word until it is cancelled
 garbage  everything a stream can hold, then a result
@@ -32,6 +32,7 @@ sys.path[:0] = [str(ROOT), str(Path(__file__).resolve().parent)]
 
 import fake_capture  # noqa: E402
 import fake_result  # noqa: E402
+import killed  # noqa: E402
 
 from solver.job.control import Control  # noqa: E402
 from solver.job.events import EventStream  # noqa: E402
@@ -126,6 +127,8 @@ class StandIn:
         write_json_atomic(self.job.checkpoint_dir / "state.json", {"step": 1})
         self.out.emit("checkpoint", step=1)
         self.heartbeat.update("running", 1, STEPS)
+        if os.name == "nt":
+            os._exit(killed.EXIT_CODE - 2**32)
         os.kill(os.getpid(), signal.SIGKILL)
         return 1
 
