@@ -4,6 +4,11 @@ import os
 import time
 from collections.abc import Callable
 
+if os.name == "nt":  # not at the first look: loading them takes longer than a list that ends at once
+    import ctypes
+    import msvcrt
+    from ctypes import wintypes
+
 INTERVAL = 0.1
 """seconds between looks at the pipe"""
 
@@ -33,10 +38,6 @@ def next_bytes(descriptor: int, waiting: Callable[[int], int | None] | None = No
 
 
 def _waiting_on_windows(descriptor: int) -> int | None:
-    import ctypes
-    import msvcrt
-    from ctypes import wintypes
-
     peek = ctypes.windll.kernel32.PeekNamedPipe
     peek.argtypes = [
         wintypes.HANDLE, wintypes.LPVOID, wintypes.DWORD, wintypes.LPDWORD, wintypes.LPDWORD,
