@@ -1,5 +1,6 @@
 """Events: one JSON object a line, appended to `events.jsonl` and sent to the parent process."""
 
+import errno
 import json
 import math
 import os
@@ -73,15 +74,21 @@ class EventStream:
 def _lock(file: TextIO) -> None:
     """Hold a file alone until it is closed, where the system and the disk can; it can be read meanwhile."""
     try:
+        if os.name == "nt":
+            import msvcrt
+
+            # What is locked there cannot be read, so it is a byte that the file never has.
+            os.lseek(file.fileno(), 1 << 30, os.SEEK_SET)
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+            return
         import fcntl
-    except ImportError:  # on Windows what is locked cannot be read, so the heartbeat has to do
-        return
-    try:
+
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         raise
-    except OSError:  # not all network drives have locks
-        pass
+    except OSError as error:  # not all network drives have locks
+        if os.name == "nt" and error.errno == errno.EACCES:
+            raise BlockingIOError(*error.args) from error
 
 
 def _finite(value: Any) -> Any:

@@ -78,7 +78,6 @@ def test_what_is_no_fault_of_the_input_leaves_a_job_to_be_resumed(tmp_path, erro
     assert job.request_path.exists()
 
 
-@pytest.mark.skipif(os.name == "nt", reason="there the heartbeat has to do")
 def test_who_comes_second_takes_nothing_from_who_came_first(tmp_path):
     job, begun = begin(tmp_path / "job")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import math
@@ -10,6 +11,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -102,6 +104,32 @@ def test_events_of_many_threads_do_not_mix(tmp_path):
     stream.close()
     events = read_events(tmp_path / "events.jsonl")
     assert len(events) == 800 and {event.kind for event in events} == {"metric"}
+
+
+@pytest.mark.parametrize(
+    ("number", "refused"), [(errno.EACCES, True), (errno.EINVAL, False)], ids=["held", "no locks"]
+)
+def test_windows_locks_a_byte_beyond_what_is_written_and_read(tmp_path, monkeypatch, number, refused):
+    path, locked = tmp_path / "events.jsonl", []
+
+    def lock(descriptor, mode, count):
+        locked.append((os.lseek(descriptor, 0, os.SEEK_CUR), count))
+        raise OSError(number, "from Windows")
+
+    with monkeypatch.context() as windows:
+        windows.setattr(os, "name", "nt")
+        windows.setitem(sys.modules, "msvcrt", SimpleNamespace(locking=lock, LK_NBLCK=2))
+        if refused:
+            with pytest.raises(BlockingIOError):
+                EventStream(path)
+        else:
+            stream = EventStream(path)
+            stream.emit("metric", step=1)
+            stream.close()
+    ((place, count),) = locked
+    assert count == 1 and 10**9 < place < 2**31 - 1, "its position has 31 bits"
+    assert [event.data["step"] for event in read_events(path)] == ([] if refused else [1])
+    assert path.stat().st_size < 100
 
 
 @given(line=st.text())
