@@ -1,5 +1,6 @@
 """Files that others read while they are replaced: they see the old or the new, never half."""
 
+import errno
 import json
 import os
 import time
@@ -8,6 +9,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 Result = TypeVar("Result")
+_LONGEST_ON_WINDOWS = 247
+"""characters of a folder's path that can be made there; a file's may have twelve more"""
 
 
 def write_json_atomic(path: Path, content: Any) -> None:
@@ -33,6 +36,15 @@ def replace_file(source: Path, target: Path) -> None:
 def read_replaced(path: Path) -> str:
     """The text of a file that may be replaced just now; Windows lets nobody open it in that moment."""
     return _patiently(lambda: path.read_text(encoding="utf-8"), 0.1)
+
+
+def is_too_long(error: OSError) -> bool:
+    """Whether a path is longer than the system takes; Windows, which takes 259 characters unless somebody
+    has switched longer ones on, says that there is no such file."""
+    if os.name != "nt" or error.errno != errno.ENOENT:
+        return error.errno == errno.ENAMETOOLONG
+    paths = (str(path) for path in (error.filename, error.filename2) if path)
+    return any(len(os.path.abspath(path)) > _LONGEST_ON_WINDOWS for path in paths)
 
 
 def _patiently(work: Callable[[], Result], seconds: float) -> Result:

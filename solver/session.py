@@ -21,6 +21,7 @@ from .job.events import EventStream
 from .job.exit_codes import BAD_INPUT, CANCELLED, DONE, FAILED, OUT_OF_MEMORY
 from .job.request import JobError
 from .job.status import Heartbeat
+from .replacing import is_too_long
 from .streams import say, take_stdout_for_events
 
 if TYPE_CHECKING:
@@ -146,7 +147,7 @@ def explain(error: Exception) -> tuple[int, str]:
     in_the_way = isinstance(error, (NotADirectoryError, FileExistsError)) and error.filename
     if in_the_way and not os.path.isdir(in_the_way):
         return BAD_INPUT, f"{in_the_way}: a file is in the way of a folder; give another path."
-    if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+    if isinstance(error, OSError) and is_too_long(error):
         return (
             BAD_INPUT,
             f"{error.filename}: the name is too long for this disk; give a shorter one.",

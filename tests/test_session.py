@@ -48,17 +48,28 @@ def test_a_place_that_is_not_to_be_written_to_is_told_so(number):
     assert message.startswith("/there/file: ") and "make it writable" in message
 
 
+@pytest.mark.parametrize(("path", "told"), [("C:\\job\\" + "x" * 300, True), ("C:\\gone", False)])
+def test_a_path_that_windows_does_not_find_for_its_length_is_told_so(monkeypatch, path, told):
+    with monkeypatch.context() as windows:
+        windows.setattr(os, "name", "nt")
+        for error in (
+            FileNotFoundError(2, "No such file", path),
+            FileNotFoundError(2, "", "a", None, path),
+        ):
+            code, message = explain(error)
+            assert (code == 2 and "too long for this disk" in message) == told, message
+
+
 @pytest.mark.parametrize("inside", ["", "deeper"])
 def test_a_file_in_the_way_of_a_folder_is_told_so(tmp_path, inside):
     (tmp_path / "file").touch()
     with pytest.raises(OSError) as told:
-        (tmp_path / "file" / inside).mkdir()
+        (tmp_path / "file" / inside).mkdir(parents=True)
     code, message = explain(told.value)
     assert code == 2 and "file" in message and "a file is in the way" in message
     assert "in the way" not in explain(FileExistsError(17, "File exists", str(tmp_path)))[1]
 
 
-@pytest.mark.skipif(os.name == "nt", reason="there the heartbeat has to do")
 def test_of_two_processes_that_begin_at_once_one_is_refused_and_harms_nothing(tmp_path):
     names = ("events.jsonl", "status.json", "cancel")
     paths = [tmp_path / name for name in names]

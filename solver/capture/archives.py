@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from ..replacing import replace_file
+from ..replacing import is_too_long, replace_file
 from .archive_members import ARCHIVES, MARK, Member, common_folder, members_of, name_of
 from .errors import CaptureError, shown
 from .files import no_access
@@ -30,7 +30,6 @@ _REMEDIES = {
         "make that folder writable, or move the archive to one that is",
     ),
     **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free space, or move it to another disk"),
-    errno.ENAMETOOLONG: "move the archive to a folder with a shorter path",
 }
 """by the number of what writing ended in"""
 _DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError, ValueError)
@@ -220,5 +219,7 @@ def _damaged(path: Path, error: Exception) -> CaptureError:
 
 def _not_written(path: Path, name: str, folder: Path, error: OSError) -> CaptureError:
     remedy = _REMEDIES.get(error.errno, "unpack it yourself elsewhere and give the folder")
+    if is_too_long(error):
+        remedy = "move the archive to a folder with a shorter path"
     problem = f"it cannot be unpacked to {folder} ({error.strerror})"
     return CaptureError(path, name, problem, remedy)
