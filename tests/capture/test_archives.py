@@ -23,6 +23,9 @@ from tests.capture.test_polycam import make_polycam
 from tests.capture.test_record3d import make_record3d
 from tests.cli.command import ROOT
 
+LONG_AGO = 5_000_000_000
+"""nanoseconds; whole seconds are kept by every disk"""
+
 
 def packed(folder, archive, above=""):
     """All of a folder in an archive, below the folder `above` there."""
@@ -150,9 +153,9 @@ def test_one_that_was_stopped_goes_on_and_one_that_was_replaced_begins_anew(tmp_
 def test_what_an_archive_has_once_unpacked_is_not_unpacked_again(tmp_path):
     archive = packed(make_capture(tmp_path / "o"), tmp_path / "lego.zip")
     folder = unpacked(archive)
-    os.utime(folder / "r_0.png", ns=(5, 5))
+    os.utime(folder / "r_0.png", ns=(LONG_AGO, LONG_AGO))
     assert unpacked(archive) == folder
-    assert (folder / "r_0.png").stat().st_mtime_ns == 5
+    assert (folder / "r_0.png").stat().st_mtime_ns == LONG_AGO
 
 
 @pytest.mark.parametrize("name", [
@@ -253,12 +256,12 @@ def test_a_process_that_another_has_overtaken_leaves_what_that_one_unpacked(tmp_
     def overtaken(fraction):
         if not whole:
             subprocess.run([sys.executable, "-c", code, str(archive)], check=True, cwd=ROOT)
-            os.utime(tmp_path / "lego" / "r_5.png", ns=(5, 5))
+            os.utime(tmp_path / "lego" / "r_5.png", ns=(LONG_AGO, LONG_AGO))
         whole.append(MARK not in files_below(tmp_path / "lego"))
 
     assert unpacked(archive, overtaken) == tmp_path / "lego"
     assert all(whole) and files_below(tmp_path / "lego") == files_below(folder)
-    assert (tmp_path / "lego" / "r_5.png").stat().st_mtime_ns == 5, "it is being read"
+    assert (tmp_path / "lego" / "r_5.png").stat().st_mtime_ns == LONG_AGO, "it is being read"
 
 
 @pytest.mark.parametrize("moment", ["_unpack", "_is_made"])
@@ -335,9 +338,10 @@ def test_of_two_files_of_one_name_the_last_counts(tmp_path, monkeypatch):
         with pytest.warns(UserWarning, match="Duplicate"):
             file.writestr("a.png", b"second one")
         file.writestr("A.png", b"third")
-    assert unpacked(tmp_path / "scan.zip") == unpacked(tmp_path / "scan.zip")
-    assert files_below(tmp_path / "scan") == {"a.png": b"second one", "A.png": b"third"}
-    shutil.rmtree(tmp_path / "scan")
+    if not archive_members._ONE_CASE:
+        assert unpacked(tmp_path / "scan.zip") == unpacked(tmp_path / "scan.zip")
+        assert files_below(tmp_path / "scan") == {"a.png": b"second one", "A.png": b"third"}
+        shutil.rmtree(tmp_path / "scan")
     monkeypatch.setattr(archive_members, "_ONE_CASE", True)  # as on Windows and macOS
     assert unpacked(tmp_path / "scan.zip") == unpacked(tmp_path / "scan.zip")
     assert files_below(tmp_path / "scan") == {"A.png": b"third"}
