@@ -22,6 +22,7 @@ from ..solver.job.folder import JobFolder
 from ..solver.job.inputs import capture_of
 from ..solver.job.request import MOST_SEED, JobError, overrides_of
 from ..solver.job.resume import take_up
+from ..solver.streams import escape_missing_letters
 from . import preferences
 from .jobs.create import create_job, last_job_root, new_job_root
 from .jobs.process import run_blocking, start_job
@@ -47,6 +48,7 @@ class SolverFailed(RuntimeError):
 
 def main(arguments: list[str]) -> int:
     """Run a command line (without the program's name); returns the exit code."""
+    escape_missing_letters()
     for number in (signal.SIGINT, signal.SIGTERM):
         # Blender's own handler passes over the first and ends it at the second, with another code.
         signal.signal(number, signal.default_int_handler)
@@ -58,7 +60,7 @@ def main(arguments: list[str]) -> int:
         return BAD_INPUT
     except SolverFailed as error:
         print(error, file=sys.stderr)
-        return error.code
+        return error.code if error.code < 1 << 31 else FAILED  # Windows' own, of a crash, are no exit codes
     except OSError as error:
         print(f"{error.filename or options.out}: {error.strerror}.", file=sys.stderr)
         return BAD_INPUT

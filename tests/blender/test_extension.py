@@ -1,5 +1,6 @@
 """Registration, operators, jobs and headless runs, with a solver that needs no torch."""
 
+import io
 import json
 import re
 import shutil
@@ -260,6 +261,27 @@ def test_headless_refuses_to_overwrite(extension, duck, tmp_path, fake_solver, c
 def test_headless_passes_on_the_solvers_exit_code(extension, duck, tmp_path, fake_solver, mode, code):
     fake_solver(mode)
     assert extension("headless").main(["reconstruct", str(duck), str(tmp_path / "x.blend")]) == code
+
+
+@pytest.mark.parametrize("number, code", [(0xC0000005, 1), (139, 139), (-9, -9)])
+def test_headless_ends_in_a_code_that_a_process_can_have(extension, monkeypatch, number, code):
+    headless = extension("headless")
+
+    def crash(options):
+        raise headless.SolverFailed(number, "The solver crashed")
+
+    monkeypatch.setattr(headless, "reconstruct_to_file", crash)
+    assert headless.main(["reconstruct", "photos", "x.blend"]) == code
+
+
+def test_headless_ends_well_also_where_the_console_lacks_the_results_letters(extension, monkeypatch):
+    """As in a pipe on Windows."""
+    headless, console = extension("headless"), io.TextIOWrapper(io.BytesIO(), encoding="cp1252")
+    monkeypatch.setattr(headless, "reconstruct_to_file", lambda options: None)
+    monkeypatch.setattr(sys, "stdout", console)
+    assert headless.main(["reconstruct", "photos", "写真 ü.blend"]) == 0
+    console.flush()
+    assert console.buffer.getvalue().decode("cp1252").strip() == "\\u5199\\u771f ü.blend"
 
 
 def test_headless_leaves_nothing_of_a_job_that_could_not_begin(
