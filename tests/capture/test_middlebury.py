@@ -37,7 +37,7 @@ def lines(lens=LENS, form="{}.png"):
 
 def write(folder, text, name="duckRing_par.txt"):
     save_photos(folder)
-    (folder / name).write_text("\n".join(text) + "\n", encoding="utf-8")
+    (folder / name).write_text("\n".join(text) + "\n", encoding="utf-8", newline="")
     return folder
 
 

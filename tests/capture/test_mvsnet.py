@@ -1,5 +1,7 @@
 """MVSNet's cameras: its projection, BlendedMVS' and DTU's photos, lenses for other sizes, hostile files."""
 
+import os
+import re
 import shutil
 
 import numpy as np
@@ -74,7 +76,8 @@ def test_masked_copies_of_photos_are_no_photos_and_no_masks(tmp_path):
 def test_of_a_folder_of_projects_none_is_taken(tmp_path):
     for name in ("5a3ca9cb", "5a8aa0fa"):
         make(tmp_path / name, "blended_images")
-    with pytest.raises(CaptureError, match=r"several captures \(5a3ca9cb/cams, 5a8aa0fa/cams\)"):
+    both = ", ".join(os.path.join(name, "cams") for name in ("5a3ca9cb", "5a8aa0fa"))
+    with pytest.raises(CaptureError, match=re.escape(f"several captures ({both})")):
         read_capture(tmp_path)
     shutil.rmtree(tmp_path / "5a3ca9cb")
     assert len(read_capture(tmp_path).cameras) == COUNT
