@@ -170,7 +170,8 @@ def read_tensor(folder: Path, name: str) -> Tensor | None:
     path = folder / TENSORS
     try:
         with safe_open(path, "pt") as file:
-            return file.get_tensor(name) if name in file.keys() else None  # noqa: SIM118 (no mapping)
+            # A copy, as in `load_scene`.
+            return file.get_tensor(name).clone() if name in file.keys() else None  # noqa: SIM118 (no mapping)
     except (SafetensorError, FileNotFoundError) as error:
         raise _damaged(path, error) from error
 
