@@ -33,6 +33,11 @@ def replace_file(source: Path, target: Path) -> None:
     _patiently(lambda: os.replace(source, target), 10.0 if source.is_dir() else 1.0)
 
 
+def remove_file(path: Path) -> None:
+    """Remove a file that need not be there, as patiently."""
+    _patiently(lambda: path.unlink(missing_ok=True), 1.0)
+
+
 def read_replaced(path: Path) -> str:
     """The text of a file that may be replaced just now; Windows lets nobody open it in that moment."""
     return _patiently(lambda: path.read_text(encoding="utf-8"), 0.1)

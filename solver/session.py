@@ -21,7 +21,7 @@ from .job.events import EventStream
 from .job.exit_codes import BAD_INPUT, CANCELLED, DONE, FAILED, OUT_OF_MEMORY
 from .job.request import JobError
 from .job.status import Heartbeat
-from .replacing import is_too_long
+from .replacing import is_too_long, remove_file
 from .streams import say, take_stdout_for_events
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def session(
         raise JobError(
             f"{events_path.parent}: another process is working here; cancel it, or wait for it."
         ) from error
-    cancel_path.unlink(missing_ok=True)
+    remove_file(cancel_path)
     control = Control(cancel_path, has_parent)
     heartbeat = Heartbeat(status_path)
     control.start(heartbeat.beat)

@@ -22,6 +22,7 @@ from ..job.inputs import region_of
 from ..job.progress import Progress
 from ..job.request import JobError
 from ..light.floor import Floor
+from ..replacing import remove_file
 from .before_far import cut_out_before_far
 from .cut_out import backdrop_behind, cut_out
 from .cut_out_standing import before_support, find_on_support, floor_below
@@ -158,7 +159,7 @@ def _on_support(
         close: light comes from there as from close by.
     """
     # It tells a job that goes on how it began, which a stop before the first checkpoint does not settle.
-    job.standing_path.unlink(missing_ok=True)
+    remove_file(job.standing_path)
     try:
         found = find_on_support(capture, photos, region, told)
     except _NoTime:

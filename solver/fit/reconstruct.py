@@ -23,6 +23,7 @@ from ..job.progress import Progress
 from ..job.request import JobRequest
 from ..kernels.backend import fast, trouble_with_warp
 from ..kernels.compile_ahead import compile_ahead
+from ..replacing import remove_file
 from . import checkpoint
 from .box import Box
 from .clock import FitClock
@@ -146,7 +147,7 @@ def _run(job: JobFolder, progress: Progress, control: Control, began: float) -> 
         progress.warning(short_of)
 
     # What is there is not complete from here on, until its manifest is written again.
-    job.manifest_path.unlink(missing_ok=True)
+    remove_file(job.manifest_path)
     remove_parts(job.result_dir)
     progress.stage("asset", "mesh and textures")
     less = finish.what_is_less(settings)

@@ -219,6 +219,22 @@ def test_what_a_reader_holds_on_windows_is_replaced_once_it_lets_go(tmp_path, mo
         replacing.replace_file(target, source)
 
 
+def test_what_a_reader_holds_on_windows_is_removed_once_it_lets_go(tmp_path, monkeypatch):
+    path, unlink, denied = tmp_path / "manifest.json", Path.unlink, []
+
+    def held(path, missing_ok=False):
+        if len(denied) < 2:
+            denied.append(path)
+            raise PermissionError(13, "The process cannot access the file", str(path))
+        unlink(path, missing_ok=missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", held)
+    path.touch()
+    replacing.remove_file(path)
+    assert len(denied) == 2 and not path.exists()
+    replacing.remove_file(path)
+
+
 def test_a_file_that_is_being_replaced_on_windows_is_read_all_the_same(tmp_path, monkeypatch):
     job = JobFolder.create(tmp_path / "job", JobRequest(capture="/photos"))
     read, denied = Path.read_text, []
