@@ -243,7 +243,7 @@ def test_a_killed_solve_continues_with_what_it_had_and_names_the_photo_that_fits
 ):
     out = tmp_path / "elsewhere"
     process = begin(small_photos, out, QUICK_COMMAND)
-    os.kill(process.pid, signal.SIGKILL)
+    process.kill()
     process.communicate()
     before = _descriptors(out)
     assert len(before) >= 4

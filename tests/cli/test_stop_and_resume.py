@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -34,7 +33,7 @@ def test_a_killed_job_resumes_to_the_same_kind_of_result(tmp_path, duck):
         stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     wait_for(lambda: (root / "checkpoint" / "state.json").exists(), process)
-    os.kill(process.pid, signal.SIGKILL)
+    process.kill()
     process.wait()
     before = json.loads((root / "checkpoint" / "state.json").read_text())["step"]
     assert 0 < before < 4000
