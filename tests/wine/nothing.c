@@ -1,0 +1,2 @@
+/* A library of forwarders alone. */
+int nothing;
