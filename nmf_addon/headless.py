@@ -173,10 +173,7 @@ def pack_pictures(photos: set[Path]) -> None:
     if large <= MOST_PACKED:
         photos = set()
     else:
-        print(
-            f"The photos ({large / 1e6:.0f} MB) are not packed; the file links to them.",
-            file=sys.stderr,
-        )
+        print(f"The photos ({large / 1e6:.0f} MB) are not packed; the file links to them.", file=sys.stderr)
     for image in bpy.data.images:
         if image.source != "FILE" or image.packed_file is not None:
             continue

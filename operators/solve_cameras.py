@@ -74,8 +74,7 @@ class NMF_OT_solve_cameras(Operator):
         "behind it",
     )
     ignored: bpy.props.StringProperty(
-        name="Ignore",
-        description=f"{IGNORED}. Relative to the photos' folder, or a full path",
+        name="Ignore", description=f"{IGNORED}. Relative to the photos' folder, or a full path"
     )
 
     @classmethod
@@ -171,8 +170,7 @@ def _unfinished(photos: Path) -> Path | None:
     begun = [SolveFolder(path.parent) for path in sorted(jobs_folder().glob("*/solve.json"))]
     asked = str(photos.absolute())
     return next(
-        (f.root for f in begun if f.begun().get("photos") == asked and not f.cameras_path.exists()),
-        None,
+        (f.root for f in begun if f.begun().get("photos") == asked and not f.cameras_path.exists()), None
     )
 
 

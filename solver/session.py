@@ -140,18 +140,12 @@ def explain(error: Exception) -> tuple[int, str]:
         return BAD_INPUT, str(error)
     text = str(error).lower()
     if isinstance(error, MemoryError) or "out of memory" in text or "can't allocate" in text:
-        return (
-            OUT_OF_MEMORY,
-            "Out of memory: close other programs, use smaller photos, or choose draft.",
-        )
+        return OUT_OF_MEMORY, "Out of memory: close other programs, use smaller photos, or choose draft."
     in_the_way = isinstance(error, (NotADirectoryError, FileExistsError)) and error.filename
     if in_the_way and not os.path.isdir(in_the_way):
         return BAD_INPUT, f"{in_the_way}: a file is in the way of a folder; give another path."
     if isinstance(error, OSError) and is_too_long(error):
-        return (
-            BAD_INPUT,
-            f"{error.filename}: the name is too long for this disk; give a shorter one.",
-        )
+        return BAD_INPUT, f"{error.filename}: the name is too long for this disk; give a shorter one."
     if isinstance(error, OSError) and error.errno in _REMEDIES:
         where = error.filename or "what was to be written"
         return BAD_INPUT, f"{where}: writing failed ({error.strerror}); {_REMEDIES[error.errno]}."

@@ -38,10 +38,7 @@ def usable_cores() -> int:
 
 
 def mapped_ahead(
-    pool: Executor,
-    function: Callable[[Item], Result],
-    items: Iterable[Item],
-    ahead: int = MOST_AHEAD,
+    pool: Executor, function: Callable[[Item], Result], items: Iterable[Item], ahead: int = MOST_AHEAD
 ) -> Iterator[Result]:
     """Results of a function of items in their order, some of them made `ahead`: not all, which a pool's own
     `map` would, for they may be more than memory holds."""

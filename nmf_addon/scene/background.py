@@ -85,10 +85,7 @@ def undistorted(camera: Camera, pixels: np.ndarray, size: tuple[int, int]) -> np
     x, y, seen = _seen_from(camera.lens_key, size, pixels.shape[:2])
     left = np.minimum(x.astype(int), max(pixels.shape[1] - 2, 0))
     top = np.minimum(y.astype(int), max(pixels.shape[0] - 2, 0))
-    right, bottom = (
-        np.minimum(left + 1, pixels.shape[1] - 1),
-        np.minimum(top + 1, pixels.shape[0] - 1),
-    )
+    right, bottom = np.minimum(left + 1, pixels.shape[1] - 1), np.minimum(top + 1, pixels.shape[0] - 1)
     a, b = (x - left)[:, None], (y - top)[:, None]
     upper = (1 - a) * pixels[top, left] + a * pixels[top, right]
     lower = (1 - a) * pixels[bottom, left] + a * pixels[bottom, right]

@@ -251,10 +251,7 @@ def camera_of(
     sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
     fx = data.lens * across / sensor
     lens = str(data.get(LENS, "pinhole"))
-    left = {
-        "lens": lens,
-        "distortion": tuple(data.get(DISTORTION, ())) if lens != "pinhole" else (),
-    }
+    left = {"lens": lens, "distortion": tuple(data.get(DISTORTION, ())) if lens != "pinhole" else ()}
     return Camera(
         camera_to_world=np.array(pose.normalized()), width=width, height=height, fx=fx,
         fy=fx * aspect, cx=0.5 * width - data.shift_x * across,

@@ -98,7 +98,4 @@ def match_resolution(scene: Scene, width: int, height: int, aspect: float = 1.0)
     """Render at a photo's size; `aspect` is a pixel's width over its height."""
     scene.render.resolution_x, scene.render.resolution_y = width, height
     scene.render.resolution_percentage = 100
-    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = (
-        max(1.0, aspect),
-        max(1.0, 1 / aspect),
-    )
+    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = max(1.0, aspect), max(1.0, 1 / aspect)

@@ -122,10 +122,7 @@ def _has_sockets(group: NodeTree) -> bool:
 
 def _angular_share(group: NodeTree, normal: NodeSocket):
     """1 − s(n·v) = 1 − 0.0005 − 0.0271·(1 − n·v)^2.65."""
-    geometry, dot = (
-        group.nodes.new("ShaderNodeNewGeometry"),
-        group.nodes.new("ShaderNodeVectorMath"),
-    )
+    geometry, dot = group.nodes.new("ShaderNodeNewGeometry"), group.nodes.new("ShaderNodeVectorMath")
     dot.operation = "DOT_PRODUCT"
     group.links.new(geometry.outputs["Incoming"], dot.inputs[0])
     group.links.new(normal, dot.inputs[1])

@@ -97,10 +97,7 @@ def _without_cameras(file: Path) -> tuple[str, str] | None:
         give = "give the folder with its odm_report/shots.geojson or opensfm/reconstruction.json"
         return "OpenDroneMap's list of lenses, without poses", give
     if extension == ".abc":
-        return (
-            "an Alembic file",
-            "give Meshroom's cameras.sfm, or convert it (ConvertSfMFormat)",
-        )
+        return "an Alembic file", "give Meshroom's cameras.sfm, or convert it (ConvertSfMFormat)"
     if extension == ".bin" and "sfm_data" in file.name:
         return "OpenMVG's binary form", "convert it to JSON by openMVG_main_ConvertSfM_DataFormat"
     if extension in (".csv", ".txt") and is_table_without_lenses(file):

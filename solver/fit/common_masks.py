@@ -53,11 +53,7 @@ def mended(
 
 
 def silhouettes(
-    cameras: Sequence[Camera],
-    masks: Sequence[np.ndarray],
-    region: np.ndarray,
-    cells: int,
-    few: float,
+    cameras: Sequence[Camera], masks: Sequence[np.ndarray], region: np.ndarray, cells: int, few: float
 ) -> list[np.ndarray] | None:
     """Where photos have [H, W] what nearly all masks have in common; None: there is nothing.
 
@@ -87,11 +83,7 @@ class _Cells(NamedTuple):
 
 
 def _common(
-    cameras: Sequence[Camera],
-    masks: Sequence[np.ndarray],
-    region: np.ndarray,
-    cells: int,
-    few: float,
+    cameras: Sequence[Camera], masks: Sequence[np.ndarray], region: np.ndarray, cells: int, few: float
 ) -> _Cells | None:
     """The cells that no more than `few` of the photos that see them take for backdrop; None: masks have
     nothing in common."""

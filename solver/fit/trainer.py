@@ -112,11 +112,7 @@ class Trainer:
         field = scene.field
         density = [field.density_planes, field.density_lines]
         features = [field.feature_planes, field.feature_lines]
-        networks = [
-            *field.basis.parameters(),
-            *field.heads.parameters(),
-            *scene.neural.parameters(),
-        ]
+        networks = [*field.basis.parameters(), *field.heads.parameters(), *scene.neural.parameters()]
         for parameter in networks:
             parameter.requires_grad_(not self.keep_decoder)
         groups = [

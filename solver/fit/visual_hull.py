@@ -189,10 +189,7 @@ def decompose(target: Tensor, components: int) -> tuple[Tensor, Tensor]:
     size = target.shape[0]
     used = min(components, size)
     orders = [(*plane, line) for plane, line in zip(PLANE_AXES, LINE_AXES, strict=True)]
-    planes, lines = (
-        target.new_zeros(3, size, size, components),
-        target.new_zeros(3, size, components),
-    )
+    planes, lines = target.new_zeros(3, size, size, components), target.new_zeros(3, size, components)
     parts = [target / 3] * 3
     for _ in range(SWEEPS):
         for k, order in enumerate(orders):

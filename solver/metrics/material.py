@@ -39,7 +39,4 @@ def environment_errors(
     weight = (solid_angle / solid_angle.sum())[..., None] / 3
     square = (weight * (scaled - truth) ** 2).sum() / (weight * truth**2).sum()
     compressed = np.abs(scaled / (1 + scaled) - truth / (1 + truth))
-    return {
-        "relative_rmse": float(np.sqrt(square)),
-        "mae_tonemapped": float((weight * compressed).sum()),
-    }
+    return {"relative_rmse": float(np.sqrt(square)), "mae_tonemapped": float((weight * compressed).sum())}

@@ -76,10 +76,7 @@ def check(
     asks = settings.light.turntable == "auto"
     still = circles is not None and circles.still is True
     turned = still if asks else settings.light.turntable == "yes"
-    stands, masked = (
-        _stands(capture, settings, region),
-        all(look.coverage is not None for look in looks),
-    )
+    stands, masked = _stands(capture, settings, region), all(look.coverage is not None for look in looks)
     needed = estimate(asked, preset, masked, turned=turned, standing=stands, settings=settings, card=card)
     found = [note(text) for text in (*capture.warnings, idle) if text]
     found += (

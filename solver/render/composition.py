@@ -105,13 +105,7 @@ class Composition(nn.Module):
         """Each part with its number, its placement, which points are its own, and these in its world."""
         for index, (scene, placement) in enumerate(zip(self.parts, self.placements, strict=True)):
             mine = (part == index).nonzero()[:, 0]
-            yield (
-                index,
-                scene,
-                placement,
-                mine,
-                self._to_local(placement, points[mine], points[mine])[0],
-            )
+            yield index, scene, placement, mine, self._to_local(placement, points[mine], points[mine])[0]
 
     def surface_normals(self, points, part, normal_tables) -> Tensor:
         """See `Scene.surface_normals`."""

@@ -131,11 +131,7 @@ def _names(path: Path, count: int, photos: PhotoFinder, warn: Callable[[str], No
 
 def _list_file(path: Path) -> Path | None:
     stem = path.name.removesuffix(path.suffix)
-    names = [
-        f"{path.name}.list.txt",
-        f"{stem}.list.txt",
-        f"{stem.removesuffix('.bundle')}.list.txt",
-    ]
+    names = [f"{path.name}.list.txt", f"{stem}.list.txt", f"{stem.removesuffix('.bundle')}.list.txt"]
     usual = ["list.txt", "list.rd.txt"]
     names += reversed(usual) if stem.endswith(".rd") else usual
     for folder in (path.parent, path.parent.parent):

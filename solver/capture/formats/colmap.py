@@ -85,10 +85,7 @@ class _Poses:
             return own
         if self._rigs_and_frames is None:
             rigs, frames = self.files["rigs"], self.files["frames"]
-            self._rigs_and_frames = (
-                _module(rigs).read_rigs(rigs),
-                _module(frames).read_frames(frames),
-            )
+            self._rigs_and_frames = _module(rigs).read_rigs(rigs), _module(frames).read_frames(frames)
         rigs, frames = self._rigs_and_frames
         rig, rig_from_world = frames.get(image.number, (None, None))
         camera_from_rig = rigs.get(rig, {}).get(image.sensor)

@@ -76,11 +76,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         pose = pose_of_opencv(from_world)
         found.append(Found(f"{records.name}, {where}", stated, photo, pose, lenses.get(key)))
     warnings = without_pose(
-        path,
-        "trajectories.txt",
-        lost,
-        len(found) + len(lost),
-        "solve their cameras, and export it again",
+        path, "trajectories.txt", lost, len(found) + len(lost), "solve their cameras, and export it again"
     )
     return assemble(
         path, NAME, found, photos, points=_points(path.parent.parent / "reconstruction"), warnings=warnings

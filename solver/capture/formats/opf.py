@@ -83,11 +83,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         found.append(Found(camera.where, uris[identity], photo, _pose(camera), lens))
     lost = [uris.get(identity, str(identity)) for identity in taken if identity not in cameras]
     warnings = without_pose(
-        path,
-        "calibration",
-        lost,
-        len(found) + len(lost),
-        "calibrate its cameras, and export it again",
+        path, "calibration", lost, len(found) + len(lost), "calibrate its cameras, and export it again"
     )
     if moving:
         what = counted(f"{moving} camera|cameras moved while its|their photo|photos was|were")

@@ -132,10 +132,7 @@ def read_table(path: Path, name: str, photos: PhotoFinder) -> Capture:
             coefficients.append([value(name) for name in (*_RADIAL, *_TANGENTIAL)])
     if "k2" in columns and len(coefficients) and _k1_alone(np.array(coefficients)):
         raise CaptureError(
-            path,
-            "k1",
-            "k1 alone is not 0, as in the division model, which is not supported",
-            CHOOSE_BROWN,
+            path, "k1", "k1 alone is not 0, as in the division model, which is not supported", CHOOSE_BROWN
         )
     if make is _from_angles:
         _check_no_degrees(path, found)
