@@ -40,14 +40,13 @@ def files_in(folder: Path, ending: str) -> list[Path]:
     return sorted(files, key=lambda file: numbered(file.name))
 
 
-def words_of(path: Path) -> list[list[str]]:
-    """The words of each line of a small text file that has any.
+def words_of(path: Path) -> list[str]:
+    """The words of a small text file.
 
     Raises:
         CaptureError: it cannot be read, or is larger than any camera.
     """
-    lines = as_text(read_bytes(path, LARGEST_FILE)).splitlines()
-    return [words for line in lines if (words := line.split())]
+    return as_text(read_bytes(path, LARGEST_FILE)).split()
 
 
 def matrix_of(path: Path, field: str, words: Sequence[str], rows: int, columns: int) -> np.ndarray:

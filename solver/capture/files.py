@@ -135,13 +135,11 @@ def read_text(path: Path) -> str:
     Raises:
         CaptureError: as `read_bytes`; also for anything but text.
     """
-    try:
+    with suppress(UnicodeDecodeError):
         text = as_text(read_bytes(path), "surrogateescape")
-    except UnicodeDecodeError as error:
-        raise CaptureError(path, "", "this is not a text file", "give a camera file") from error
-    if _NO_TEXT.search(text):
-        raise CaptureError(path, "", "this is not a text file", "give a camera file")
-    return text
+        if not _NO_TEXT.search(text):
+            return text
+    raise CaptureError(path, "", "this is not a text file", "give a camera file")
 
 
 def read_lines(path: Path) -> Iterator[tuple[int, str]]:

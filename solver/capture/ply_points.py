@@ -42,7 +42,7 @@ def read_ply_points(path: Path) -> np.ndarray:
         # Numbered fields, as other properties may bear a name twice.
         record = np.dtype([(str(i), order + kind) for i, (_, kind) in enumerate(types)])
         if count * record.itemsize > len(content) - at:
-            raise _refused(path, "vertex", f"it states {count} points and has fewer")
+            raise _cut_off(path, count)
         table = np.frombuffer(content, record, count, at)[:: _stride(count)]
         points = np.stack([table[str(names.index(axis))] for axis in "xyz"], axis=-1)
     return points.astype(np.float64)
@@ -79,7 +79,7 @@ def _header(path: Path, text: str) -> tuple[str | None, int, list[tuple[str, str
 def _from_text(path: Path, content: bytes, at: int, count: int, names: list[str]) -> np.ndarray:
     # Every number takes a digit and a blank, so a count beyond that is a lie.
     if count * len(names) * 2 > len(content) - at + 1:
-        raise _refused(path, "vertex", f"it states {count} points and has fewer")
+        raise _cut_off(path, count)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # numpy warns of what the count shows below
         try:
@@ -89,13 +89,17 @@ def _from_text(path: Path, content: bytes, at: int, count: int, names: list[str]
         except ValueError:
             values = np.zeros(0)
     if len(values) != count * len(names):
-        raise _refused(path, "vertex", f"it states {count} points and has fewer")
+        raise _cut_off(path, count)
     table = values.reshape(count, len(names))[:: _stride(count)]
     return table[:, [names.index(axis) for axis in "xyz"]]
 
 
 def _stride(count: int) -> int:
     return max(1, -(-count // MOST_POINTS))
+
+
+def _cut_off(path: Path, count: int) -> CaptureError:
+    return _refused(path, "vertex", f"it states {count} points and has fewer")
 
 
 def _refused(path: Path, field: str, problem: str) -> CaptureError:

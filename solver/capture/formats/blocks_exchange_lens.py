@@ -146,17 +146,17 @@ def _fisheye(
 ) -> tuple[float, float, tuple[str, tuple[float, ...]]]:
     powers = _coefficients(path, where, group, "FisheyeDistortion", _POWERS)
     if group.find("FisheyeFocalMatrix") is None:
-        (xx, xy), (yx, yy) = (_QUARTER * focal(), 0.0), (0.0, _QUARTER * focal())
+        matrix = (_QUARTER * focal(), 0.0), (0.0, _QUARTER * focal())
     else:
-        (xx, xy), (yx, yy) = (
+        matrix = [
             [
                 value_of(path, where, group, f"FisheyeFocalMatrix/M_{row}{column}", standard)
                 for column, standard in enumerate(defaults)
             ]
             for row, defaults in enumerate(((None, 0.0), (0.0, None)))
-        )
+        ]
     p0, *powers = powers.values()
-    lens = None if p0 else of_quarter_turns(powers, ((xx, xy), (yx, yy)))
+    lens = None if p0 else of_quarter_turns(powers, matrix)
     if lens is None:
         raise CaptureError(
             path, f"{where}, FisheyeDistortion",

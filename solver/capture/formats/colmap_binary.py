@@ -36,6 +36,7 @@ LEAST = {
 """bytes of the smallest record"""
 _LONGEST_NAME = 4096
 _CAMERA = 0  # kind of sensor
+_REMEDY = "copy or export the model again"
 
 
 def is_plausible(file: Path, kind: str) -> bool:
@@ -151,7 +152,7 @@ def count_of(file: Path) -> int:
 
 
 def _broken_off(file: Path, where: str) -> CaptureError:
-    return CaptureError(file, where, "the file breaks off there", "copy or export the model again")
+    return CaptureError(file, where, "the file breaks off there", _REMEDY)
 
 
 class _Records:
@@ -166,33 +167,27 @@ class _Records:
             raise _broken_off(self.file, where)
 
     def take(self, form: struct.Struct, where: str) -> tuple:
-        if self.at + form.size > self.size:
-            self.expect(form.size, where)
+        self.expect(form.size, where)
         values = form.unpack_from(self.data, self.at)
         self.at += form.size
         return values
 
     def skip(self, count: int, where: str) -> None:
-        if self.at + count > self.size:
-            self.expect(count, where)
+        self.expect(count, where)
         self.at += count
 
     def count(self, least: int) -> int:
         """The number of records, of so many bytes at least."""
         (count,) = self.take(_COUNT, "count")
         if count * least > self.size - self.at:
-            raise CaptureError(
-                self.file, "count", f"it says it has {count} records but has no room for them",
-                "copy or export the model again",
-            )  # fmt: skip
+            problem = f"it says it has {count} records but has no room for them"
+            raise CaptureError(self.file, "count", problem, _REMEDY)
         return count
 
     def name(self, where: str) -> str:
         end = self.data.find(b"\0", self.at, min(self.size, self.at + _LONGEST_NAME))
         if end < 0:
-            raise CaptureError(
-                self.file, where, "the photo's name has no end", "copy or export the model again"
-            )
+            raise CaptureError(self.file, where, "the photo's name has no end", _REMEDY)
         name = self.data[self.at : end].decode("utf-8", "surrogateescape")
         self.at = end + 1
         return name

@@ -97,7 +97,7 @@ def _photos(numbers: list[int], photos: PhotoFinder) -> tuple[str, dict[int, Pat
 
 
 def _camera(file: Path, stated: str, photo: Path | None) -> Found:
-    matrix = matrix_of(file, "", [word for row in words_of(file) for word in row], 3, 4)
+    matrix = matrix_of(file, "", words_of(file), 3, 4)
     (fx, fy, cx, cy), to_world = of_projection(file, "", matrix)
     intrinsics = Intrinsics(*_SIZE, fx, fy, cx + 0.5, cy + 0.5)
     return Found(file.name, stated, photo, pose_opengl_from_opencv(to_world), intrinsics)

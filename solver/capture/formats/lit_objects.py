@@ -46,8 +46,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 
 
 def _camera(file: Path, kind: str, number: str, photos: PhotoFinder) -> Found:
-    words = [word for row in words_of(file) for word in row]
-    values = numbers(file, "K, R, t, size", words, 24)
+    values = numbers(file, "K, R, t, size", words_of(file), 24)
     k, rotation = values[:18].reshape(2, 3, 3)
     from_world = rigid_pose(file, "R, t", np.column_stack([rotation, values[18:21]]))
     stated, mask = f"{kind}image_{number}", file.with_name(f"{kind}mask_{number}.png")

@@ -9,7 +9,6 @@ x across and y down. The photos' size is not stated; the lens's centre tells.
 https://vision.middlebury.edu/mview/data (README.txt of each data set)
 """
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -43,14 +42,9 @@ def recognises(file: Path) -> bool:
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the cameras of all lines."""
-    lines = ((number, line) for number, line in read_lines(path) if line)
-    found = [_camera(path, f"line {number}", line, photos) for number, line in _after_count(lines)]
+    lines = [(number, line) for number, line in read_lines(path) if line][1:]  # behind the count
+    found = [_camera(path, f"line {number}", line, photos) for number, line in lines]
     return assemble(path, NAME, found, photos)
-
-
-def _after_count(lines: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:
-    next(lines, None)
-    return lines
 
 
 def _camera(path: Path, where: str, line: str, photos: PhotoFinder) -> Found:

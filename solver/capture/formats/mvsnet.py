@@ -63,7 +63,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 
 
 def _camera(file: Path, folder: Path, photos: PhotoFinder) -> Found:
-    words = [word for line in words_of(file) for word in line]
+    words = words_of(file)
     titles = [word.lower() for word in words]
     middle = titles.index("intrinsic") if "intrinsic" in titles else len(words)
     extrinsic = matrix_of(file, "extrinsic", words[1:middle], 4, 4)

@@ -40,7 +40,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     if not projections:
         raise CaptureError(path, "world_mat_0", "there are no projections in it", "give cameras_sphere.npz")
     there = photos_in_order(path, "world_mat", len(projections), _PHOTO_FOLDERS, photos)
-    masks = _by_number(folder_called(path.parent, "mask"))
+    pictures = pictures_in(folder_called(path.parent, "mask"))
+    masks = {int(picture.stem): picture for picture in pictures if _is_number(picture.stem)}
     found = [
         _found(path, f"world_mat_{number}", projections[number], photo, masks)
         for number, photo in zip(sorted(projections), there, strict=True)
@@ -61,10 +62,6 @@ def _numbered(path: Path, name: str) -> dict[int, np.ndarray]:
             raise CaptureError(path, key, "this is not a 4 × 4 matrix")
         found[int(number)] = matrix
     return found
-
-
-def _by_number(folder: Path) -> dict[int, Path]:
-    return {int(p.stem): p for p in pictures_in(folder) if _is_number(p.stem)}
 
 
 def _is_number(name: str) -> bool:

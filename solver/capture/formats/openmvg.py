@@ -69,7 +69,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             lost.append(name)
             continue
         photo = photos.find(stated, beside=path)
-        found.append(Found(pose.where, stated, photo, _camera_to_world(pose), lens))
+        to_world = rigid(pose.matrix("rotation", (3, 3)).T, pose.numbers("center", 3))
+        found.append(Found(pose.where, stated, photo, pose_opengl_from_opencv(to_world), lens))
     warnings = without_pose(
         path, "extrinsics", lost, len(found) + len(lost),
         "give the file that a reconstruction has written, as JSON",
@@ -98,11 +99,6 @@ def _data(entry: Entry) -> Entry:
         base = data.pop("value0")
         data = Entry(entry.path, entry.where, {**base, **data})
     return data
-
-
-def _camera_to_world(value: Entry) -> np.ndarray:
-    rotation = value.matrix("rotation", (3, 3)).T
-    return pose_opengl_from_opencv(rigid(rotation, value.numbers("center", 3)))
 
 
 def _intrinsics_by_id(content: Entry) -> dict[int, Intrinsics]:

@@ -41,7 +41,7 @@ _KNOWN = re.compile(r"1\.\d+")
 """versions; those before 1.0 have other fields"""
 _LOCAL = re.compile(r"ENG(INEERING)?CRS|LOCAL_CS", re.I)
 _UNDISTORTED = "undistort"
-"""where opf_undistort writes photos, below those that they were made of"""
+"""where opf_undistort writes photos, which have no distortion, below those that they were made of"""
 _CALIBRATION, _POINTS = "application/opf-calibrated-cameras+json", "model/gltf+json"
 """formats of resources"""
 _PAGE = re.compile(r"#page=(\d+)$")
@@ -77,7 +77,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             if sensor not in sensors or sensor not in sizes:
                 raise camera.error("sensor_id", "there is no such sensor", _AGAIN)
             lens = _lens(sensors[sensor], sizes[sensor])
-            lenses[sensor, straight] = _without_distortion(lens) if straight else lens
+            lenses[sensor, straight] = replace(lens, lens="pinhole", distortion=()) if straight else lens
         moving += "rolling_shutter" in camera and any(camera.numbers("rolling_shutter", 3))
         lens = lenses.get((sensor, straight))
         found.append(Found(camera.where, uris[identity], photo, _pose(camera), lens))
@@ -211,11 +211,6 @@ def _fisheye(internals: Entry, size: np.ndarray) -> Intrinsics:
         )  # fmt: skip
     fx, fy, (name, distortion) = lens
     return Intrinsics(*map(int, size), fx, fy, cx, cy, name, distortion)
-
-
-def _without_distortion(lens: Intrinsics) -> Intrinsics:
-    """The lens of a photo that opf_undistort made."""
-    return replace(lens, lens="pinhole", distortion=())
 
 
 def _pose(camera: Entry) -> np.ndarray:

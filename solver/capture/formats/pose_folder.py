@@ -24,10 +24,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera_folder import files_in, matrix_of, photo_folder, words_of
+from ..camera_folder import LARGEST_FILE, files_in, matrix_of, photo_folder, words_of
 from ..errors import CaptureError, counted
 from ..fields import is_no_pose, rigid_pose
-from ..files import text_head
+from ..files import as_text, read_bytes, text_head
 from ..frames import invert_pose, pose_opengl_from_opencv
 from ..intake import Capture, Found, PhotoFinder, assemble, without_pose
 from ..pinhole import lens_on, pinhole_of
@@ -107,7 +107,8 @@ def _lens_file(file: Path) -> Path | None:
 
 def _lens(path: Path) -> tuple[float, float, float, float]:
     """fx fy cx cy of a lens's file, in pixels."""
-    rows = words_of(path)
+    lines = as_text(read_bytes(path, LARGEST_FILE)).splitlines()
+    rows = [words for line in lines if (words := line.split())]
     lengths = [len(row) for row in rows]
     if lengths in ([9], [16]):  # a matrix in one line
         side = math.isqrt(lengths[0])
@@ -125,7 +126,7 @@ def _lens(path: Path) -> tuple[float, float, float, float]:
 
 def _pose(path: Path) -> np.ndarray:
     """A matrix [4, 4] or [3, 4], which may be none that a camera can have."""
-    words = [word for row in words_of(path) for word in row]
+    words = words_of(path)
     return matrix_of(path, "", words, 3 if len(words) == 12 else 4, 4)
 
 
@@ -140,8 +141,7 @@ def _within_box(capture: Capture, path: Path) -> Capture:
     if not path.is_file():
         return capture
     with suppress(CaptureError):
-        words = [word for row in words_of(path) for word in row]
-        box = matrix_of(path, "", words[:6], 2, 3)
+        box = matrix_of(path, "", words_of(path)[:6], 2, 3)
         low, high = capture.region
         if (box[0] < box[1]).all() and (box[0] < high).all() and (box[1] > low).all():
             if np.abs(box).max() < 1e12:
