@@ -44,7 +44,9 @@ def polynomial_lens(
     return ("opencv", (k1, k2, p1, p2, k3)) if any((k1, k2, k3, p1, p2)) else ("pinhole", ())
 
 
-def distort(distortion: tuple[float, ...], directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def distort(
+    lens: str, distortion: tuple[float, ...], directions: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """See `lenses.distort`."""
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     across = np.hypot(x, y)
@@ -61,7 +63,9 @@ def distort(distortion: tuple[float, ...], directions: np.ndarray) -> tuple[np.n
     return u + _ten(distortion)[6] * v, v
 
 
-def undistort(distortion: tuple[float, ...], u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def undistort(
+    lens: str, distortion: tuple[float, ...], u: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """See `lenses.undistort`."""
     k1, k2, p1, p2, k3, k4, skew, projection, *_ = _ten(distortion)
     limit = min(fold(distortion), WIDEST)

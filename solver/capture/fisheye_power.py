@@ -32,7 +32,7 @@ def of_quarter_turns(
     """
     (xx, xy), (yx, yy) = matrix
     p1, p2, p3, p4 = powers
-    if not (p1 and xx and yy) or not is_usable((0, 0, 0, xy / xx, yx / yy)):
+    if not (p1 and xx and yy) or not is_usable(POWER[0], (0, 0, 0, xy / xx, yx / yy)):
         return None
     k2, k3, k4 = (p / p1 * _PER_RADIAN**n for n, p in enumerate((p2, p3, p4), 1))
     focal = xx * p1 * _PER_RADIAN, yy * p1 * _PER_RADIAN
@@ -41,12 +41,14 @@ def of_quarter_turns(
     return *focal, polynomial_lens((k3,), skew=xy / xx, equidistant=True)
 
 
-def is_usable(distortion: tuple[float, ...]) -> bool:
+def is_usable(lens: str, distortion: tuple[float, ...]) -> bool:
     """False if the image would be flat or mirrored."""
     return distortion[3] * distortion[4] < 0.5
 
 
-def distort(distortion: tuple[float, ...], directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def distort(
+    lens: str, distortion: tuple[float, ...], directions: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """See `lenses.distort`."""
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     across = np.hypot(x, y)
@@ -57,7 +59,9 @@ def distort(distortion: tuple[float, ...], directions: np.ndarray) -> tuple[np.n
     return a + distortion[3] * b, b + distortion[4] * a
 
 
-def undistort(distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def undistort(
+    lens: str, distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """See `lenses.undistort`."""
     _, _, _, aside, down = distortion
     a, b = (x - aside * y) / (1 - aside * down), (y - down * x) / (1 - aside * down)

@@ -22,7 +22,12 @@ from .lens_solve import WIDEST, first_positive_root, invert_growing, refine_in_p
 from .panoramic_lens import PANORAMIC
 from .prism_lenses import PRISM
 
-LENSES = ("pinhole", "opencv", "opencv_fisheye", *BROWN, *CLOSED, *PRISM, *POWER, *PANORAMIC)
+_MODULES = {
+    **dict.fromkeys(BROWN, brown_lens), **dict.fromkeys(CLOSED, closed_lenses),
+    **dict.fromkeys(PRISM, prism_lenses), **dict.fromkeys(POWER, fisheye_power),
+    **dict.fromkeys(PANORAMIC, panoramic_lens),
+}  # fmt: skip
+LENSES = ("pinhole", "opencv", "opencv_fisheye", *_MODULES)
 _LARGEST = 1e6
 """numbers of real lenses are tiny; squares of these still have room"""
 
@@ -31,11 +36,7 @@ def is_usable(lens: str, distortion: tuple[float, ...]) -> bool:
     """False for numbers with which no lens is one."""
     if any(not abs(number) < _LARGEST for number in distortion):
         return False
-    if lens in CLOSED:
-        return closed_lenses.is_usable(lens, distortion)
-    if lens in PANORAMIC:
-        return panoramic_lens.is_usable(distortion)
-    return lens not in POWER or fisheye_power.is_usable(distortion)
+    return lens not in (*CLOSED, *POWER, *PANORAMIC) or _MODULES[lens].is_usable(lens, distortion)
 
 
 def distort(
@@ -45,16 +46,8 @@ def distort(
 
     NaN where the lens does not see: behind a perspective camera, or beyond the fold.
     """
-    if lens in BROWN:
-        return brown_lens.distort(distortion, directions)
-    if lens in CLOSED:
-        return closed_lenses.distort(lens, distortion, directions)
-    if lens in PRISM:
-        return prism_lenses.distort(lens, distortion, directions)
-    if lens in PANORAMIC:
-        return panoramic_lens.distort(directions)
-    if lens in POWER:
-        return fisheye_power.distort(distortion, directions)
+    if lens in _MODULES:
+        return _MODULES[lens].distort(lens, distortion, directions)
     x, y, z = np.moveaxis(directions, -1, 0)
     if lens == "opencv_fisheye":
         across = np.hypot(x, y)
@@ -85,16 +78,8 @@ def undistort(
     x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
     if lens == "pinhole" or (lens == "opencv" and not any(distortion)):
         return np.stack([x, y, np.ones_like(x)], axis=-1), np.ones(x.shape, dtype=bool)
-    if lens in BROWN:
-        return brown_lens.undistort(distortion, x, y)
-    if lens in CLOSED:
-        return closed_lenses.undistort(lens, distortion, x, y)
-    if lens in PRISM:
-        return prism_lenses.undistort(lens, distortion, x, y)
-    if lens in PANORAMIC:
-        return panoramic_lens.undistort(x, y)
-    if lens in POWER:
-        return fisheye_power.undistort(distortion, x, y)
+    if lens in _MODULES:
+        return _MODULES[lens].undistort(lens, distortion, x, y)
     radius, limit = np.hypot(x, y), fold(lens, distortion)
     if lens == "opencv_fisheye":
         angle, met = invert_growing(lambda a: _fisheye(distortion, a), radius, limit)

@@ -38,12 +38,14 @@ def shows_whole_sphere(
     return bool((np.abs(np.array((fx, fy, cx, cy)) - wanted) <= share * wanted).all())
 
 
-def is_usable(distortion: tuple[float, ...]) -> bool:
+def is_usable(lens: str, distortion: tuple[float, ...]) -> bool:
     """False for numbers that such a lens has not: it has none."""
     return not any(distortion)
 
 
-def distort(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def distort(
+    lens: str, distortion: tuple[float, ...], directions: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Image coordinates (x, y) [N], rad, of directions [N, 3] in OpenCV's camera axes; NaN of zero."""
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     level = np.hypot(x, z)
@@ -53,7 +55,9 @@ def distort(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.where(nowhere, np.nan, azimuth), np.where(nowhere, np.nan, elevation)
 
 
-def undistort(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def undistort(
+    lens: str, distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Unit directions [N, 3] of image coordinates [N], rad, and a mask [N] of those within the sphere."""
     met = (np.abs(x) <= np.pi * _SLACK) & (np.abs(y) <= np.pi / 2 * _SLACK)
     azimuth, elevation = np.clip(x, -np.pi, np.pi), np.clip(y, -np.pi / 2, np.pi / 2)
