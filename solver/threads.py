@@ -3,7 +3,7 @@
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from typing import TypeVar
 
 Item, Result = TypeVar("Item"), TypeVar("Result")
@@ -35,6 +35,11 @@ def usable_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def thread_pool(most: int | None = None) -> ThreadPoolExecutor:
+    """A pool of as many threads as there are cores, but no more than `most`."""
+    return ThreadPoolExecutor(min(most or usable_cores(), usable_cores()))
 
 
 def mapped_ahead(

@@ -2,7 +2,6 @@
 
 import shutil
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from itertools import dropwhile, groupby, islice, takewhile
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from ..capture.errors import CaptureError
 from ..capture.sharpness import sharpness_of
 from ..capture.video import Frame, frame_count, frames
 from ..replacing import replace_file
-from ..threads import usable_cores
+from ..threads import thread_pool
 from .folder import FEWEST_PHOTOS, photos_below
 
 CANDIDATES = 5
@@ -83,7 +82,7 @@ def sharpest(video: Path, count: int, span: range | None = None) -> Iterator[tup
     within = takewhile(
         lambda frame: frame.number < span.stop, dropwhile(lambda frame: frame.number < first, found)
     )
-    with ThreadPoolExecutor(usable_cores()) as pool:
+    with thread_pool() as pool:
         for part, members in groupby(within, lambda f: (f.number - first) * parts // total):
             rivals = list(islice(members, 0, None, step))
             # A plain frame, which has no score, is the last choice.

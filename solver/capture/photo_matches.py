@@ -7,7 +7,6 @@ lens's distortion, or of a panorama of all directions, so that all that follows 
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,7 +15,7 @@ import numpy as np
 from PIL import Image
 from scipy import ndimage
 
-from ..threads import usable_cores
+from ..threads import thread_pool, usable_cores
 from .camera import Camera, positions_of
 from .colour import linear_to_srgb
 from .frames import invert_pose, opencv_from_opengl, pose_opencv_from_opengl
@@ -222,8 +221,7 @@ def _pairs(
     colmap: Any, ids: list[int], geometries: list[Any], features: list[Features]
 ) -> Iterator[PairMatches]:
     for pair, geometry in zip(ids, geometries, strict=True):
-        numbers = colmap.pair_id_to_image_pair(pair)
-        indices = [_index(number) for number in numbers]
+        indices = [number - 1 for number in colmap.pair_id_to_image_pair(pair)]
         inliers = np.asarray(geometry.inlier_matches, dtype=np.int64).reshape(-1, 2)
         both = [features[index] for index in indices]
         seen = np.stack([one.directions(side) for one, side in zip(both, inliers.T, strict=True)])
@@ -257,7 +255,7 @@ def _features(
         return Features((flat * focal + centre).astype(np.float32), descriptors, pinhole)
 
     found = []
-    with ThreadPoolExecutor(max_workers=usable_cores()) as pool:
+    with thread_pool() as pool:
         for features in pool.map(find, cameras, pictures):
             found.append(features)
             progress(len(found) / len(pictures))
@@ -306,7 +304,3 @@ def _name(index: int) -> str:
 def _number(index: int) -> int:
     """COLMAP's number of a photo; it counts from one."""
     return index + 1
-
-
-def _index(number: int) -> int:
-    return number - 1

@@ -7,14 +7,13 @@ outside Rec. 709 become negative in some channel rather than clipped.
 """
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
 import numpy as np
 from PIL import Image
 
-from ..threads import usable_cores
+from ..threads import thread_pool
 from .camera import Camera
 from .capture import Capture
 from .colour import linear_to_srgb, srgb_to_linear
@@ -147,7 +146,7 @@ def load_photos(
         return photo
 
     photos, circles = [], Circles()
-    with ThreadPoolExecutor(max_workers=min(MOST_AT_ONCE, usable_cores())) as pool:
+    with thread_pool(MOST_AT_ONCE) as pool:
         for camera, photo in zip(capture.cameras, pool.map(load, capture.cameras), strict=True):
             photos.append(photo)
             circles.add(camera, photo.pixels[..., :3])

@@ -6,7 +6,6 @@ Textured things get points, shiny and plain ones hardly any.
 
 import tempfile
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import chdir
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..apart import run_apart
-from ..threads import usable_cores
+from ..threads import thread_pool
 from .agreement import convention_that_fits, disagreement
 from .camera import Camera
 from .capture import evenly_taken
@@ -129,7 +128,7 @@ def pictures_by(
 ) -> list[Picture]:
     """The pictures of cameras, made side by side; what `goes_on` raises ends it."""
     pictures = []
-    with ThreadPoolExecutor(max_workers=min(MOST_AT_ONCE, usable_cores())) as pool:
+    with thread_pool(MOST_AT_ONCE) as pool:
         for picture in pool.map(picture_of, cameras):
             pictures.append(picture)
             goes_on()

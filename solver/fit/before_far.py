@@ -1,7 +1,6 @@
 """Photos before what is far away get alpha: it looks the same in all photos that look in one direction."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,7 +13,7 @@ from ..capture.capture import Capture
 from ..capture.panorama import Behind, Comparison, Panorama, panorama_of
 from ..capture.photos import Photo, resized
 from ..capture.told import filled
-from ..threads import usable_cores
+from ..threads import thread_pool
 from .common_masks import CELLS, fit_together, mended, silhouettes
 from .photo_alpha import levels_of, with_alpha
 
@@ -70,7 +69,7 @@ def cut_out_before_far(
     ])  # fmt: skip
     if not compared.is_far():
         return None
-    with ThreadPoolExecutor(max_workers=usable_cores()) as pool:
+    with thread_pool() as pool:
         agreements = []
         for found in pool.map(compared.agreement, range(len(photos))):
             agreements.append(found)

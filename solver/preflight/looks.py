@@ -1,7 +1,6 @@
 """One quick look at every photo, at a reduced size: the numbers all checks of photos judge by."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -21,7 +20,7 @@ from ..capture.sharpness import FEWEST_PIXELS, sharpness_of
 from ..capture.told import filled
 from ..fit.before_far import COMPARED, at_size, cut_out_before_far
 from ..fit.common_masks import fit_together, mended
-from ..threads import usable_cores
+from ..threads import thread_pool
 from .reduced_photos import MOST_AT_ONCE, TO_LINEAR, ReducedPhotos
 
 WHOLE = 230
@@ -93,7 +92,7 @@ def look_at_photos(
 
 def _where_told(photos: ReducedPhotos, capture: Capture) -> Capture:
     """The capture with cameras that know where their photos say something."""
-    with ThreadPoolExecutor(max_workers=min(usable_cores(), MOST_AT_ONCE)) as pool:
+    with thread_pool(MOST_AT_ONCE) as pool:
         told = list(pool.map(photos.told, capture.cameras))
     if all(mask is None for mask in told):
         return capture
@@ -109,13 +108,13 @@ def _before_far_surroundings(
     if any(look.mask is not None for look in looks):
         return None
     cameras = tuple(camera.no_larger(COMPARED) for camera in capture.cameras)
-    with ThreadPoolExecutor(max_workers=usable_cores()) as pool:
+    with thread_pool() as pool:
         small = list(pool.map(partial(_small_photo, photos), capture.cameras, cameras))
     found = cut_out_before_far(at_sizes_of(small, capture), small)
     if found is None:
         return None
     masks = [photo.pixels[..., 3] > 0.5 for photo in found.photos]
-    with ThreadPoolExecutor(max_workers=min(usable_cores(), MOST_AT_ONCE)) as pool:
+    with thread_pool(MOST_AT_ONCE) as pool:
         again = pool.map(
             lambda camera, mask: look_at(camera, capture.region, shown=mask, read=photos),
             capture.cameras, masks,
@@ -176,7 +175,7 @@ def _look_at_all(
     progress: Callable[[int, int], None] | None,
 ) -> list[Look]:  # fmt: skip
     looks = []
-    with ThreadPoolExecutor(max_workers=min(usable_cores(), MOST_AT_ONCE)) as pool:
+    with thread_pool(MOST_AT_ONCE) as pool:
         for look in pool.map(lambda camera: look_at(camera, region, cut_out, read=photos), cameras):
             looks.append(look)
             if progress is not None:

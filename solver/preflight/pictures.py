@@ -1,7 +1,6 @@
 """Copies of photos that Blender can show, where it cannot show the photos."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from ..capture.errors import CaptureError
 from ..capture.image_header import blender_shows
 from ..capture.photos import MOST_AT_ONCE
 from ..capture.reduced import load_reduced
-from ..threads import usable_cores
+from ..threads import thread_pool
 
 LONGEST = 800
 """pixels of a copy's longer side, at most"""
@@ -38,7 +37,7 @@ def write_pictures(capture: Capture, folder: Path, tell: Callable[[int, int], No
     photos = ((camera, camera.image_path) for camera in capture.cameras)
     hidden = [camera for camera, path in photos if path is not None and not blender_shows(path)]
     pictures = {}
-    with ThreadPoolExecutor(max_workers=min(MOST_AT_ONCE, usable_cores())) as pool:
+    with thread_pool(MOST_AT_ONCE) as pool:
         written = pool.map(lambda camera: _write(camera, folder), hidden)
         try:
             for number, (camera, picture) in enumerate(zip(hidden, written, strict=True), start=1):

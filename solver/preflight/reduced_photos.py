@@ -1,7 +1,6 @@
 """Photos as a check looks at them: at a reduced size, decoded once, and where they say something."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from ..capture.photos import srgb_to_linear
 from ..capture.reduced import load_reduced
 from ..capture.told import both, check_told, told_of_reduced
 from ..fit.before_far import at_size
-from ..threads import mapped_ahead, usable_cores
+from ..threads import mapped_ahead, thread_pool
 
 LONGEST = 960
 """pixels of the longer side that is looked at: a quarter of a phone photo's, which JPEG decodes fast"""
@@ -63,7 +62,7 @@ class ReducedPhotos:
         if not any(map(sees_sideways, cameras)) or any(camera.mask_path for camera in cameras):
             return False
         circles = Circles()
-        with ThreadPoolExecutor(max_workers=min(usable_cores(), MOST_AT_ONCE)) as pool:
+        with thread_pool(MOST_AT_ONCE) as pool:
             with closing(mapped_ahead(pool, self, cameras)) as photos:
                 pairs = zip(cameras, photos, strict=True)
                 for number, (camera, (colour, alpha)) in enumerate(pairs, start=1):

@@ -1,13 +1,11 @@
 """Whether the white balance of raw photos is one: a camera that chose it anew gave things other colours."""
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 
 from ..capture.capture import Capture
 from ..capture.image_header import is_raw
 from ..capture.raw import as_shot_white
-from ..threads import usable_cores
+from ..threads import thread_pool
 from .findings import Finding, warning
 
 DIFFERENT = 0.03
@@ -28,7 +26,7 @@ def white_balance(capture: Capture) -> list[Finding]:
         return [
             warning(f"{len(raw)} of {count} photos are raw, which have other colors; give all as one kind")
         ]
-    with ThreadPoolExecutor(max_workers=min(usable_cores(), 4)) as pool:
+    with thread_pool(4) as pool:
         whites = list(pool.map(as_shot_white, raw[:: -(-len(raw) // LOOKED_AT) or 1]))
     known = np.array([white for white in whites if white is not None])
     if len(known) < 2 or (most := (known.max(0) / known.min(0) - 1).max()) < DIFFERENT:
