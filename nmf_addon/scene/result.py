@@ -16,7 +16,7 @@ PORTABLE_TEXTURES = ("base_colour", "metallic")
 def job_of_result(folder: Path) -> JobFolder:
     """The job that a folder is, is part of (JOB/result), or was exported from: then a job of nothing
     but its result."""
-    job = JobFolder(os.path.normpath(Path(folder).absolute()))  # paths are compared
+    job = JobFolder(os.path.abspath(folder))  # paths are compared
     if job.is_complete() or not (job.root / "manifest.json").is_file():
         return job
     around = JobFolder(job.root.parent)

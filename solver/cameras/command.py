@@ -93,7 +93,7 @@ def run_frames(options: argparse.Namespace) -> int:
     from ..capture.video import check_video
     from .video_photos import take_photos
 
-    video, folder = options.video, Path(os.path.normpath(options.out.absolute()))
+    video, folder = options.video, Path(os.path.abspath(options.out))
     _check_count(video, "photos", options.photos)
     check_video(video)
     if folder.exists():
@@ -114,7 +114,7 @@ def run_solve(options: argparse.Namespace) -> int:
         CaptureError: no use of photos or folder, or no cameras in the photos.
     """
     # Without '..', as photos are told.
-    photos = Path(os.path.normpath(options.photos.absolute()))
+    photos = Path(os.path.abspath(options.photos))
     beside = photos.with_name(f"{photos.stem} cameras") if is_video(photos) else photos / "cameras"
     folder = SolveFolder(options.out or beside)
     if options.masks is not None and not options.masks.is_dir():
@@ -122,7 +122,7 @@ def run_solve(options: argparse.Namespace) -> int:
     ignored = None
     if options.ignored is not None:
         check_ignored(options.ignored)
-        ignored = os.path.normpath(options.ignored.absolute())
+        ignored = os.path.abspath(options.ignored)
     request = request_of(
         photos, folder, options.video_photos, matcher=options.matcher,
         camera_model=options.camera_model, sharing=options.sharing, seed=options.seed,

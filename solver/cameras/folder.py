@@ -75,7 +75,7 @@ class SolveFolder:
     """Paths of a solve's folder."""
 
     def __init__(self, root: Path):
-        self.root = Path(os.path.normpath(root.absolute()))
+        self.root = Path(os.path.abspath(root))
         self.request_path = self.root / "solve.json"
         self.database_path = self.root / "database.db"
         self.sparse_dir = self.root / "sparse"
@@ -193,10 +193,10 @@ def photos_below(
         there = sorted(folder.iterdir())
     except OSError as error:  # macOS asks people which programs may read their folders
         raise no_access(folder, error) from error
-    root = Path(os.path.normpath(folder.absolute()))
+    root = Path(os.path.abspath(folder))
     found = PhotoFinder(folder, masks, ignored=ignored).pictures()
     if besides is not None:
-        besides = Path(os.path.normpath(besides.absolute()))
+        besides = Path(os.path.abspath(besides))
         found = [path for path in found if not path.is_relative_to(besides)]
     _check_no_copies(folder, found)
     if len(found) < FEWEST_PHOTOS:

@@ -82,7 +82,7 @@ def unpacked(path: Path, told: Callable[[float], None] = lambda fraction: None) 
     """
     if not is_archive(path):
         return path
-    path = Path(os.path.normpath(path.absolute()))
+    path = Path(os.path.abspath(path))
     try:
         with zipfile.ZipFile(path) as archive:
             members = members_of(path, archive)

@@ -62,7 +62,7 @@ def folder_with_photos(file: Path) -> Path:
     last, folder = capture_folder(file), file.parent
     while folder != last and not any(pictures_below(folder)):
         folder = folder.parent
-    return Path(os.path.normpath(folder.absolute()))
+    return Path(os.path.abspath(folder))
 
 
 class PhotoFinder:
@@ -82,12 +82,10 @@ class PhotoFinder:
         self, folder: Path, masks: Path | None = None, anywhere: bool = False,
         fewest: int = MIN_PHOTOS, wanted: bool = True, ignored: Path | None = None,
     ):  # fmt: skip
-        self.folder = Path(os.path.normpath(folder.absolute()))
-        self.masks = MaskFinder(
-            self.folder, None if masks is None else Path(os.path.normpath(masks.absolute()))
-        )
+        self.folder = Path(os.path.abspath(folder))
+        self.masks = MaskFinder(self.folder, None if masks is None else Path(os.path.abspath(masks)))
         if ignored is not None:
-            ignored = Path(os.path.normpath(ignored.absolute()))
+            ignored = Path(os.path.abspath(ignored))
         self.ignored = IgnoredFinder(self.folder, ignored)
         self.anywhere = anywhere
         self.fewest, self.wanted = fewest, wanted
@@ -179,7 +177,7 @@ class PhotoFinder:
 
         For captures whose depth maps bear the photos' names.
         """
-        folder = Path(os.path.normpath(folder.absolute()))
+        folder = Path(os.path.abspath(folder))
         if folder.is_dir() and folder.is_relative_to(self.folder):
             beside = (p for p in self._pictures().get(stem_of(name), []) if p.parent == folder)
             return self._at(folder, name) or next(beside, None)

@@ -139,7 +139,7 @@ def _photo_folder(path: Path, photos: PhotoFinder) -> Path | None:
 
     Copies in other sizes often lie beside it (images_2, images_4), so names alone would not do.
     """
-    place = Path(os.path.normpath(path.parent.absolute()))
+    place = Path(os.path.abspath(path.parent))
     # Gaussian splatting keeps the photos as taken in `input`, in `images` those without distortion.
     names = ("input", "images") if "distorted" in place.parts else ("images",)
     above = [folder for folder in (place, *place.parents) if folder.is_relative_to(photos.folder)]
@@ -156,7 +156,7 @@ def _is_of_model(photo: Path, images: Path, folder: Path) -> bool:
     workspace = next((place.parent for place in photo.parents if place.name == "images"), None)
     if workspace is None or folder not in workspace.parents or not (workspace / "sparse").is_dir():
         return True
-    return Path(os.path.normpath(images.absolute())).is_relative_to(workspace)
+    return Path(os.path.abspath(images)).is_relative_to(workspace)
 
 
 def largest(file: Path) -> Path:
