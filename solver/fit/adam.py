@@ -81,3 +81,8 @@ class Adam:
         for index, moments in enumerate(self._moments):
             moments.mean.copy_(tensors[f"{index}.mean"])
             moments.square.copy_(tensors[f"{index}.square"])
+
+
+def beginning_with(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
+    """Those of a checkpoint's tensors whose names begin so, by the rest of them."""
+    return {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}

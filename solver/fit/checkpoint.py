@@ -24,6 +24,7 @@ from ..render.probes import Nodes
 from ..render.probing import PASSING_STEPS
 from ..render.scene import Scene
 from ..replacing import replace_file, write_json_atomic
+from .adam import beginning_with
 from .same_photos import COLOURS, POSES, check_exposed
 from .settings import Settings
 from .trainer import Trainer
@@ -207,14 +208,10 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
         NeuralTerm(shape["feature_size"]), shape["occupancy_cells"], _room_of(state, tensors),
         state.get("origin"), _turntable_of(state),
     ).to(device)  # fmt: skip
-    scene.load_state_dict(_beginning_with("scene.", tensors))
+    scene.load_state_dict(beginning_with("scene.", tensors))
     _restore_occupancy(scene, tensors)
     _restore_probes(scene, tensors)
     return scene, state, tensors
-
-
-def _beginning_with(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    return {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
 
 
 def _room_of(state: dict, tensors: dict[str, Tensor]) -> Room | None:
@@ -280,10 +277,10 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, Tensor]) -> None:
     trainer.generator.set_state(tensors["generator.pixels"].cpu())
     # Jobs of version 0.1 have another optimiser's moments; they go on with new ones.
     if "optimiser.count" in tensors:
-        trainer.optimiser.restore(_beginning_with("optimiser.", tensors))
+        trainer.optimiser.restore(beginning_with("optimiser.", tensors))
     if trainer.exposures is not None:
         check_exposed(tensors, len(tensors["exposures.log_gain"]), trainer.bank.mean_colours)
-        trainer.exposures.restore(_beginning_with("exposures.", tensors))
+        trainer.exposures.restore(beginning_with("exposures.", tensors))
     trainer.probe_turn = state.get("probe_turn", -1)  # jobs of version 0.1 have none
     if (share := tensors.get("light.open_detail")) is not None:
         # It was of detail alone, and one map, before colours had theirs.

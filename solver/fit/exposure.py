@@ -12,7 +12,7 @@ from ..capture.camera import Camera
 from ..capture.photos import Photo
 from ..metrics.scale import LeastSquaresFactor
 from ..render.image import RenderedView
-from .adam import Adam
+from .adam import Adam, beginning_with
 from .chunk import SURROUNDED
 from .losses import SATURATED
 
@@ -57,10 +57,7 @@ class Exposures:
         """From a checkpoint."""
         with torch.no_grad():
             self.log_gain.copy_(tensors["log_gain"])
-        prefix = "optimiser."
-        self.optimiser.restore(
-            {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
-        )
+        self.optimiser.restore(beginning_with("optimiser.", tensors))
 
 
 def photo_views(cameras: Sequence[Camera], photos: Sequence[Photo], log_gain: Tensor | None) -> list[View]:
