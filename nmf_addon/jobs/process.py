@@ -6,7 +6,7 @@ import signal
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 from ...solver.job.events import Event, parse_event
@@ -127,9 +127,9 @@ class JobProcess:
         except OSError:
             return
 
-    def log_tail(self, lines: int = LOG_LINES) -> str:
+    def log_tail(self) -> str:
         """The last lines of the child's log."""
-        return log_tail(self.job, lines)
+        return log_tail(self.job)
 
 
 def log_tail(job: JobFolder, lines: int = LOG_LINES) -> str:
@@ -208,20 +208,15 @@ def take_in(process: JobProcess, model: JobModel) -> tuple[list[Event], bool, in
 
 def run_blocking(process: JobProcess, on_event: Callable[[Event], None]) -> int:
     """Hand every event of a process to `on_event` until it ends; returns its exit code."""
-    for event in job_messages(process):
-        on_event(event)
-    process.close()
-    return int(process.popen.returncode)
-
-
-def job_messages(process: JobProcess) -> Iterator[Event]:
-    """All events of a process, in order, until it ends."""
     while process.exit_code is None:
         events = process.messages()
-        yield from events
+        for event in events:
+            on_event(event)
         if not events:
             process.escalate()
             time.sleep(POLL)
+    process.close()
+    return int(process.popen.returncode)
 
 
 def _open_log(path: Path):

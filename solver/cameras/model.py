@@ -10,7 +10,7 @@ from ..capture.camera import Camera
 from ..capture.capture import Capture, region_seen_by
 from ..capture.errors import CaptureError
 from ..capture.formats.colmap_model import Sensor, intrinsics_of
-from ..capture.frames import pose_of_opencv
+from ..capture.frames import pose_of_opencv, scale_and_rotation
 from ..capture.placement import placed as moved_capture
 from ..capture.placement import suggest_placement
 from ..capture.reduced import load_reduced
@@ -41,8 +41,8 @@ def finish_model(
     cameras = [_camera(photo, image) for photo, image in placed]
     capture = Capture(folder.cameras_path, tuple(cameras), region_seen_by(cameras))
     matrix = suggest_placement(capture)
-    scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
-    model.transform(colmap.Sim3d(scale, colmap.Rotation3d(matrix[:3, :3] / scale), matrix[:3, 3]))
+    scale, rotation = scale_and_rotation(matrix)
+    model.transform(colmap.Sim3d(scale, colmap.Rotation3d(rotation), matrix[:3, 3]))
     points = dict(model.points3D.items())
     for number, point in points.items():
         point.color = np.array(colours.get(number, (128, 128, 128)), dtype=np.uint8)
@@ -79,8 +79,7 @@ def _camera(photo: Prepared, image: Any) -> Camera:
         if model in ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL"):
             remedy = "take more photos, from more sides"
         raise CaptureError(photo.path, "lens", "the lens could not be solved from these photos", remedy)
-    from_world = np.vstack([image.cam_from_world().matrix(), (0, 0, 0, 1)])
-    pose = pose_of_opencv(from_world)
+    pose = pose_of_opencv(np.vstack([image.cam_from_world().matrix(), (0, 0, 0, 1)]))
     name = re.sub(r"[^\w.\-]+", "_", photo.name.rpartition(".")[0]).strip("._") or "photo"
     return Camera(name, photo.path, pose, ignored_path=photo.ignored, **vars(lens))
 

@@ -48,7 +48,7 @@ def decode(path: Path, least: int = 0) -> Decoded:
     except CaptureError:
         raise
     except Exception as error:  # the binding raises several kinds
-        raise _unreadable(path, type(error).__name__) from error
+        raise unreadable(path, type(error).__name__) from error
 
 
 def decode_photo(path: Path, least: int = 0) -> Decoded:
@@ -92,7 +92,7 @@ def _decode(path: Path) -> Decoded:
     wish.attribute("oiio:UnassociatedAlpha", 1)
     file = OpenImageIO.ImageInput.open(str(path), wish)
     if file is None:
-        raise _unreadable(path, OpenImageIO.geterror())
+        raise unreadable(path, OpenImageIO.geterror())
     try:
         spec = file.spec()
         is_exr = file.format_name() == "openexr"
@@ -113,7 +113,7 @@ def _decode(path: Path) -> Decoded:
         pixels = file.read_image(0, 0, 0, spec.nchannels, kind)
         problem = file.geterror()
         if pixels is None or problem:
-            raise _unreadable(path, problem)
+            raise unreadable(path, problem)
         pixels = pixels.reshape(spec.height, spec.width, spec.nchannels)
         exposure = spec.get_float_attribute("hdr:exposure", 1)
         exposure = exposure if exposure > 0 else 1.0
@@ -209,6 +209,7 @@ def no_colours(path: Path, decoded: Decoded) -> CaptureError:
     )
 
 
-def _unreadable(path: Path, reason: str) -> CaptureError:
+def unreadable(path: Path, reason: str) -> CaptureError:
+    """The error for an image that its decoder refuses, with the first line of why."""
     reason = shown((reason.strip() or "unknown reason").splitlines()[0], 100)
     return CaptureError(path, "", f"the image cannot be decoded ({reason})", "replace the photo")

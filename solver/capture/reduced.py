@@ -10,8 +10,7 @@ from PIL import Image
 
 from .colour import linear_to_srgb
 from .decoded import Decoded
-from .decoding import decode, decode_photo
-from .errors import CaptureError
+from .decoding import decode, decode_photo, unreadable
 from .image_header import MOST_PIXELS, focal_35mm, image_orientation, image_size, is_heif, is_raw
 from .mask_finder import other_shape
 from .masks import coverage, no_mask
@@ -51,7 +50,7 @@ def read_header(path: Path) -> PhotoHeader:
                 fields = picture.getexif().get_ifd(CAMERA_FIELDS)
                 across = float(fields.get(FOCAL_LENGTH_35MM) or 0)
         except Exception as error:  # every decoder has its own exceptions
-            raise _unreadable(path, error) from error
+            raise unreadable(path, type(error).__name__) from error
     # A full-frame picture is 36 mm wide; phones mean its longer side.
     focal = across / 36 * max(width, height) if across > 0 else None
     turned = image_orientation(path) >= 5
@@ -104,7 +103,7 @@ def _as_it_lies(
             small.thumbnail((longest, longest), Image.Resampling.BOX, reducing_gap=2.0)
             pixels = np.asarray(small)
     except Exception as error:  # every decoder has its own exceptions
-        raise _unreadable(path, error) from error
+        raise unreadable(path, type(error).__name__) from error
     return pixels[..., :3], pixels[..., 3] if has_alpha else None
 
 
@@ -175,9 +174,3 @@ def smaller(values: np.ndarray, longest: int) -> np.ndarray:
     picture = Image.fromarray(values)
     picture.thumbnail((longest, longest), Image.Resampling.BOX, reducing_gap=2.0)
     return np.asarray(picture)
-
-
-def _unreadable(path: Path, error: Exception) -> CaptureError:
-    return CaptureError(
-        path, "", f"the image cannot be decoded ({type(error).__name__})", "replace the photo"
-    )

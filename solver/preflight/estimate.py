@@ -128,14 +128,9 @@ def estimate(
         largest = max(camera.width * camera.height for camera in capture.cameras)
         photos += DECODING_BYTES * largest * min(MOST_AT_ONCE, cores)
     return Estimate(
-        preset,
-        round(seconds, 1),
-        int(BASE_BYTES[preset]) + photos,
-        photos,
-        cores,
-        memory_of_machine(),
+        preset, round(seconds, 1), int(BASE_BYTES[preset]) + photos, photos, cores, memory_of_machine(),
         ON_PROCESSOR if card is None else ON_A_CARD.format(card=card),
-    )
+    )  # fmt: skip
 
 
 def _share_of_coarser_grid(field: FieldSettings) -> float:

@@ -138,11 +138,8 @@ def masks(looks: list[Look], stands: bool = False) -> list[Finding]:
     whole = [look.name for look in masked if look.coverage > FULL]
     found += _of_each(empty, "the mask is empty; replace it or leave the photo out", "are empty")
     if usual < 0.9:
-        found += _of_each(
-            whole,
-            "the mask shows the whole photo; replace it or leave the photo out",
-            "show the whole photo",
-        )
+        shows_all = "the mask shows the whole photo; replace it or leave the photo out"
+        found += _of_each(whole, shows_all, "show the whole photo")
     if np.median([look.half_shown for look in looks]) > HALF_SHOWN:
         found.append(
             warning("most masks show most of the object only in part, as if it were transparent; the "
@@ -184,12 +181,9 @@ def size(looks: list[Look], capture: Capture, most_pixels: int) -> list[Finding]
     if scale < 1:
         smaller = f" once the preset has scaled photos down to {scale:.0%} of their size"
     if across < FEWEST_ACROSS:
-        remedy = (
-            "go closer, or keep photos whole (--set photos.most_pixels=0)"
-            if smaller
-            else ("go closer, or use larger photos")
-        )
-        return [warning(f"the object is only about {across:.0f} pixels across{smaller}; {remedy}")]
+        what = f"the object is only about {across:.0f} pixels across{smaller}; go closer"
+        larger = "keep photos whole (--set photos.most_pixels=0)" if smaller else "use larger photos"
+        return [warning(f"{what}, or {larger}")]
     return [note(f"the object is about {across:.0f} pixels across{smaller}")]
 
 
