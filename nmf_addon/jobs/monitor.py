@@ -1,6 +1,7 @@
 """Watches the running job from a timer: drains events, redraws the panel, installs the result."""
 
 import logging
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -27,28 +28,60 @@ NOT_NOW = "can't modify blend data in this state"  # what Blender says of an ope
 _log = logging.getLogger(BASE_PACKAGE)
 
 
-class Monitor:
+class Watcher:
+    """Watches a process of the solver's from a timer.
+
+    Attributes:
+        process: None while none works.
+        model: what is known of it, or of the last one.
+    """
+
+    def __init__(self) -> None:
+        self.process: JobProcess | None = None
+        self.model = JobModel(state="new", text="")
+
+    @property
+    def running(self) -> bool:
+        """True while the solver works."""
+        return self.process is not None
+
+    def cancel(self) -> None:
+        """Ask it to stop."""
+        if self.process is not None:
+            self.process.cancel()
+            self.model.ask_to_cancel()
+            redraw_panels()
+
+    def hang_up(self, tick: Callable[[], float | None]) -> None:
+        """Blender quits or the extension is disabled: no longer watch by `tick`, nor hold the child."""
+        if bpy.app.timers.is_registered(tick):
+            bpy.app.timers.unregister(tick)
+        if self.process is not None:
+            self.process.close()
+            self.process = None
+
+
+def tick_soon(tick: Callable[[], float | None]) -> None:
+    """Begin to watch by a timer, unless one does."""
+    if not bpy.app.timers.is_registered(tick):
+        bpy.app.timers.register(tick, first_interval=INTERVAL, persistent=True)
+
+
+class Monitor(Watcher):
     """The job of this Blender; one at a time.
 
     Attributes:
         job: the job that runs or ran last, or that the open file names.
-        model: what is known of it.
         waits_to_install: its result is complete, but Blender was in Edit Mode or the like.
         of_this_file: False once another .blend was opened while the job ran: its result is not put
             into a file it does not belong to.
     """
 
     def __init__(self) -> None:
-        self.process: JobProcess | None = None
-        self.model = JobModel(state="new", text="")
+        super().__init__()
         self.job: JobFolder | None = None
         self.waits_to_install = False
         self.of_this_file = True
-
-    @property
-    def running(self) -> bool:
-        """True while the solver works."""
-        return self.process is not None
 
     @property
     def silent_for(self) -> float:
@@ -71,14 +104,7 @@ class Monitor:
         self.job, self.model = job, JobModel(resumable=job.has_checkpoint())
         self.of_this_file = True
         thumbnails.show(job.preview_dir / "render.png")
-        _tick_soon()
-
-    def cancel(self) -> None:
-        """Ask the job to stop."""
-        if self.process is not None:
-            self.process.cancel()
-            self.model.ask_to_cancel()
-            redraw_panels()
+        tick_soon(_tick)
 
     def tick(self) -> float | None:
         """Take in what happened; the seconds until the next call, or None at the end."""
@@ -153,11 +179,12 @@ class Monitor:
         self.waits_to_install = False
         thumbnails.clear()
         job = JobFolder(bpy.path.abspath(folder)) if folder else None
-        if job is not None and _is_there(job):
+        # False also of a folder that may not be looked into, where a path's own `is_file` raises.
+        if job is not None and os.path.isfile(job.request_path):
             self.job, self.model = job, model_of_folder(job)
             thumbnails.show(job.preview_dir / "render.png")
             if self.model.state == "elsewhere":
-                _tick_soon()
+                tick_soon(_tick)
             self.tell_where()
 
     def tell_where(self) -> None:
@@ -172,22 +199,11 @@ class Monitor:
 
     def shut_down(self) -> None:
         """Blender quits or the extension is disabled: hang up on the child."""
-        if bpy.app.timers.is_registered(_tick):
-            bpy.app.timers.unregister(_tick)
-        if self.process is not None:
-            self.process.close()
-            self.process = None
+        self.hang_up(_tick)
         self.look_at("")
 
 
 monitor = Monitor()
-
-
-def _is_there(job: JobFolder) -> bool:
-    try:
-        return job.request_path.is_file()
-    except OSError:  # a folder that may not be looked into
-        return False
 
 
 def _scenes_with_jobs() -> list[bpy.types.Scene]:
@@ -222,11 +238,6 @@ def _is_moving_something(window: bpy.types.Window) -> bool:
     """True between G, R or S and the click that ends it: what is selected has to stay so."""
     steps = [step for o in window.modal_operators for step in (o, *o.macros)]
     return any(step.bl_idname.startswith("TRANSFORM_OT_") for step in steps)
-
-
-def _tick_soon() -> None:
-    if not bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.register(_tick, first_interval=INTERVAL, persistent=True)
 
 
 def _tick() -> float | None:

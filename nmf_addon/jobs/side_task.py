@@ -16,7 +16,7 @@ from ..redraw import redraw_panels
 from ..reports import reason_of
 from ..runtime import bootstrap_script, clean_environment
 from .model import JobModel
-from .monitor import INTERVAL, lose_sight
+from .monitor import INTERVAL, Watcher, lose_sight, tick_soon
 from .process import JobProcess, solver_command, take_in
 
 _log = logging.getLogger(BASE_PACKAGE)
@@ -38,12 +38,11 @@ class TaskFolder:
         return self.root / "log.txt"
 
 
-class SideTask:
+class SideTask(Watcher):
     """The task that runs or ran last.
 
     Attributes:
         title: what it is for, in the panel.
-        model: what is known of it.
         events: all its events so far but progress.
         started_in: the .blend that was open then; empty if none.
         of_this_file: False once another .blend was opened meanwhile: what it finds is not put there.
@@ -51,19 +50,13 @@ class SideTask:
     """
 
     def __init__(self) -> None:
-        self.process: JobProcess | None = None
+        super().__init__()
         self.title = ""
-        self.model = JobModel(state="new", text="")
         self.events: list[Event] = []
         self.of_this_file = True
         self.holds_for: Callable[[bpy.types.Collection], bool] | None = None
         self._done: Callable[[SideTask], None] | None = None
         self._kept = self.started_in = ""
-
-    @property
-    def running(self) -> bool:
-        """True while it works."""
-        return self.process is not None
 
     def start(
         self, title: str, python: Path, words: list[str], folder: Path,
@@ -85,15 +78,7 @@ class SideTask:
         self.title, self.model, self.events, self._done = title, JobModel(), [], done
         self.of_this_file, self.holds_for, self._kept = True, None, kept
         self.started_in = bpy.data.filepath
-        if not bpy.app.timers.is_registered(_tick):
-            bpy.app.timers.register(_tick, first_interval=INTERVAL, persistent=True)
-
-    def cancel(self) -> None:
-        """Ask it to stop."""
-        if self.process is not None:
-            self.process.cancel()
-            self.model.ask_to_cancel()
-            redraw_panels()
+        tick_soon(_tick)
 
     def tick(self) -> float | None:
         """Take in what happened; the seconds until the next call, or None at the end."""
@@ -124,10 +109,7 @@ class SideTask:
 
     def shut_down(self) -> None:
         """Blender quits or the extension is disabled: hang up on the child."""
-        if bpy.app.timers.is_registered(_tick):
-            bpy.app.timers.unregister(_tick)
-        if self.process is not None:
-            self.process.close()
+        self.hang_up(_tick)
         self.__init__()
 
 
