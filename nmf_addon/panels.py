@@ -100,7 +100,9 @@ class NMF_PT_reconstruct(Sidebar, Panel):
             _draw_progress(layout, context)
             _draw_preview(layout, context)
             return
-        python, problem = runtime.solver_state(preferences.chosen_python(), preferences.chosen_runtime())
+        python, problem = runtime.solver_state(
+            preferences.chosen_python(), preferences.chosen("runtime_folder")
+        )
         if python is None:
             _draw_missing_solver(layout, context, problem)
             return

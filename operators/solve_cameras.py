@@ -156,13 +156,11 @@ def _stated(source: Path, text: str) -> Path | None:
 
 def _check_stated(source: Path, masks: Path | None, ignored: Path | None) -> None:
     if is_video(source):
-        check_of_video(source, masks, None)
+        check_of_video(source, masks, ignored)
     if masks is not None and not masks.is_dir():
         raise CaptureError(masks, "masks", "there is no such folder", "check its path")
     if ignored is not None:
         check_ignored(ignored)
-    if is_video(source):
-        check_of_video(source, None, ignored)
 
 
 def _unfinished(photos: Path) -> Path | None:

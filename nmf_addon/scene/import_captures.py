@@ -64,7 +64,7 @@ def _add_capture(
     context: Context, capture: Capture, images: dict[Path, Image], matrix: np.ndarray
 ) -> Collection:
     capture = placed(capture, matrix)
-    collection = bpy.data.collections.new(_capture_name(capture))
+    collection = bpy.data.collections.new(f"Capture {capture.source.parent.name}")
     collection[SOURCE], collection[WARNINGS] = str(capture.source), list(capture.warnings)
     context.scene.collection.children.link(collection)
     root = bpy.data.objects.new(f"{collection.name} Transform", None)
@@ -129,7 +129,3 @@ def _add_points(collection: Collection, points: np.ndarray, root: Object) -> Obj
     item.parent, item.hide_render, item.hide_select = root, True, True
     collection.objects.link(item)
     return item
-
-
-def _capture_name(capture: Capture) -> str:
-    return f"Capture {capture.source.parent.name}"

@@ -48,7 +48,8 @@ def members_of(path: Path, archive: zipfile.ZipFile) -> list[Member]:
     files: dict[tuple[str, ...], Member] = {}
     for info in archive.infolist():
         name = name_of(info)
-        if not _is_folder(name, info):
+        # Older programs on Windows end a folder in a backslash.
+        if not name.endswith("/") and not stat.S_ISDIR(info.external_attr >> 16):
             parts = _parts(path, name, info)
             files[tuple(map(plain, parts)) if _ONE_CASE else parts] = Member(info, parts)
     found = [m for m in files.values() if not _is_added(m.parts)]
@@ -84,11 +85,6 @@ def name_of(info: zipfile.ZipInfo) -> str:
         with suppress(UnicodeError):
             name = name.encode("cp437").decode("utf-8")
     return name.replace("\\", "/")
-
-
-def _is_folder(name: str, info: zipfile.ZipInfo) -> bool:
-    """Whether a member is a folder, which older programs on Windows end in a backslash."""
-    return name.endswith("/") or stat.S_ISDIR(info.external_attr >> 16)
 
 
 def _parts(path: Path, name: str, info: zipfile.ZipInfo) -> tuple[str, ...]:

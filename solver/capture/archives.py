@@ -38,9 +38,7 @@ _DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplement
 
 def is_archive(path: Path) -> bool:
     """Whether this is an archive that is unpacked here."""
-    with suppress(OSError):
-        return path.suffix.lower() in ARCHIVES and path.is_file()
-    return False
+    return path.suffix.lower() in ARCHIVES and os.path.isfile(path)
 
 
 def folder_of(path: Path) -> Path:
@@ -62,10 +60,9 @@ def check_unpacked(path: Path) -> None:
     """
     path = path.absolute()
     for place in (path, *path.parents):
-        with suppress(OSError):
-            if (place / MARK).is_file():
-                problem = "it is not completely unpacked"
-                raise CaptureError(path, "", problem, "give its archive again to continue")
+        if os.path.isfile(place / MARK):
+            problem = "it is not completely unpacked"
+            raise CaptureError(path, "", problem, "give its archive again to continue")
 
 
 def unpacked(path: Path, told: Callable[[float], None] = lambda fraction: None) -> Path:

@@ -3,6 +3,8 @@
 Matrices act on linear RGB columns. White points are adapted by Bradford's transform, as ICC does.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
@@ -63,7 +65,7 @@ def rec709_from_chromaticities(chromaticities: tuple[float, ...]) -> np.ndarray 
     white = np.asarray(chromaticities, dtype=np.float64)[6:8]
     return _beyond_rounding(
         np.linalg.inv(xyz_from_rgb(REC709))
-        @ adaptation(_xyz(white), _xyz(np.array(REC709[6:8])))
+        @ adaptation(_xyz(white), _xyz(_D65))
         @ xyz_from_rgb(chromaticities)
     )
 
@@ -84,7 +86,7 @@ def rec709_from_colorants(colorants: np.ndarray) -> np.ndarray | None:
     Raises:
         ValueError: no colours have these coordinates.
     """
-    own = adaptation(_xyz(np.array(REC709[6:8])), WHITE_D50) @ xyz_from_rgb(REC709)
+    own = adaptation(_xyz(_D65), WHITE_D50) @ xyz_from_rgb(REC709)
     if not np.isfinite(colorants).all() or abs(np.linalg.det(colorants)) < 1e-6:
         raise ValueError("its primaries span no colours")
     return _beyond_rounding(np.linalg.inv(own) @ colorants)
@@ -118,7 +120,7 @@ def _hlg_scene_light(signal: np.ndarray) -> np.ndarray:
     return np.where(signal <= 0.5, signal**2 / 3, bright)
 
 
-def _xyz(white: np.ndarray) -> np.ndarray:
+def _xyz(white: Sequence[float]) -> np.ndarray:
     """XYZ [3] of chromaticities x y, with Y = 1."""
     x, y = white
     return np.array([x / y, 1.0, (1 - x - y) / y])

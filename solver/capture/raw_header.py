@@ -43,7 +43,8 @@ def is_raw_photo(file: BinaryIO, extension: str) -> bool:
     """
     head = _head(file)
     if is_tiff(head):
-        found = extension.lower() in RAW or _holds_a_sensors_pixels(file)
+        sensors = (_DNG_VERSION in part or _is_of_a_sensor(part) for part in _parts(file))
+        found = extension.lower() in RAW or any(sensors)
         file.seek(0)
         return found
     return (
@@ -113,10 +114,6 @@ def _parts(file: BinaryIO) -> Iterator[dict[int, tuple[int, ...]]]:
 
 def _is_of_a_sensor(part: dict[int, tuple[int, ...]]) -> bool:
     return part.get(PHOTOMETRIC, (0,))[0] in _OF_A_SENSOR
-
-
-def _holds_a_sensors_pixels(file: BinaryIO) -> bool:
-    return any(_DNG_VERSION in part or _is_of_a_sensor(part) for part in _parts(file))
 
 
 def _exif_of_canon(file: BinaryIO) -> BinaryIO | None:
