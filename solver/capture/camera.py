@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .frames import opencv_from_opengl, opengl_from_opencv, rigid, scale_and_rotation
+from .frames import opencv_from_opengl, opengl_from_opencv, rigid, scale_and_rotation, unit
 from .lenses import LENSES, distort, undistort
 from .panoramic_lens import PANORAMIC
 
@@ -118,8 +118,7 @@ class Camera:
         Always finite: where the lens model cannot produce a pixel (see `lens_reaches`), its ray is
         the nearest that the model has.
         """
-        local = opengl_from_opencv(self._undistort(columns, rows)[0])
-        local /= np.linalg.norm(local, axis=-1, keepdims=True)
+        local = unit(opengl_from_opencv(self._undistort(columns, rows)[0]))
         directions = local @ self.camera_to_world[:3, :3].T
         return np.broadcast_to(self.position, directions.shape).copy(), directions
 

@@ -14,7 +14,6 @@ Environment: Blender's equirectangular map. Row 0 is +Z, the image's centre is +
 
 import numpy as np
 
-# Half a turn about X is its own inverse, so one array serves both ways.
 OPENGL_FROM_OPENCV = np.array([1.0, -1.0, -1.0])
 
 
@@ -23,19 +22,13 @@ def opengl_from_opencv(vectors: np.ndarray) -> np.ndarray:
     return np.asarray(vectors) * OPENGL_FROM_OPENCV
 
 
-def opencv_from_opengl(vectors: np.ndarray) -> np.ndarray:
-    """Vectors [..., 3] in OpenGL's camera axes to OpenCV's."""
-    return np.asarray(vectors) * OPENGL_FROM_OPENCV
-
-
 def pose_opengl_from_opencv(camera_to_world: np.ndarray) -> np.ndarray:
     """Camera-to-world matrices [..., 4, 4] of OpenCV cameras as those of OpenGL cameras."""
     return np.asarray(camera_to_world) * np.append(OPENGL_FROM_OPENCV, 1.0)
 
 
-def pose_opencv_from_opengl(camera_to_world: np.ndarray) -> np.ndarray:
-    """Camera-to-world matrices [..., 4, 4] of OpenGL cameras as those of OpenCV cameras."""
-    return np.asarray(camera_to_world) * np.append(OPENGL_FROM_OPENCV, 1.0)
+# Half a turn about X is its own inverse, so these serve both ways.
+opencv_from_opengl, pose_opencv_from_opengl = opengl_from_opencv, pose_opengl_from_opencv
 
 
 def rigid(rotation: np.ndarray, place: np.ndarray) -> np.ndarray:

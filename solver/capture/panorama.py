@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from .backdrop import border_of
 from .camera import Camera
-from .frames import equirect_from_direction, texel_directions
+from .frames import equirect_from_direction, texel_directions, unit
 from .told import filled
 
 SAME = 8 / 255
@@ -138,8 +138,7 @@ def panorama_of(
     towards = directions.copy()
     for camera, colour, object_ in zip(cameras, colours, shown, strict=True):
         if close is not None:
-            away = places - camera.position
-            towards[is_close] = away / np.linalg.norm(away, axis=1, keepdims=True)
+            towards[is_close] = unit(places - camera.position)
         near = np.flatnonzero(towards @ camera.view_direction >= _cosine_of_cone(camera) - 1e-6)
         at, inside, _ = camera.pixels_of(camera.position + towards[near], object_.shape)
         free = ~object_[at]

@@ -15,6 +15,7 @@ import skimage.measure
 from scipy import ndimage
 
 from ..capture.camera import Camera
+from ..capture.frames import unit
 from ..capture.photos import Photo, linear_to_srgb
 from ..threads import mapped_ahead, usable_cores
 from .seen_space import cell_centres
@@ -124,8 +125,7 @@ class _Stereo:
         self.filled = np.ones(1, dtype=np.float32)
         self.filled = self._in_patches(np.ones(len(self.points)))
         self.views = list(pool.map(self._view, cameras, photos))
-        towards = np.stack([view.directions.mean(0) for view in self.views])
-        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        towards = unit(np.stack([view.directions.mean(0) for view in self.views]))
         apart = np.degrees(np.arccos((towards @ towards.T).clip(-1, 1)))
         self.near = [[i for i in np.argsort(row) if APART[0] < row[i] < APART[1]][:NEXT] for row in apart]
         pairs = {tuple(sorted((i, j))) for i, near in enumerate(self.near) for j in near}
@@ -155,8 +155,7 @@ class _Stereo:
         ray = np.unique(np.where(inside, cell, -1.0), return_inverse=True)[1] + inside.all()
         mean = self._in_patches(brightness)
         variance = self._in_patches(brightness**2) - mean**2
-        directions = camera.position - self.points
-        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        directions = unit(camera.position - self.points)
         return _View(
             brightness, mean, np.sqrt(np.maximum(variance, FAINT**2)), ray,
             depth.astype(np.float32), directions.astype(np.float32),
