@@ -138,7 +138,7 @@ class Entry(dict):
     def objects(self, key: str) -> "Iterator[Entry]":
         """The objects of a list, one by one."""
         field = self.field(key)
-        for index, value in enumerate(entries(self.path, field, self.get(key))):
+        for index, value in enumerate(self.entries(key)):
             yield Entry(self.path, f"{field}[{index}]", value)
 
     def inner(self, key: str, default: Any = None) -> "Entry":

@@ -120,6 +120,12 @@ def json_head(path: Path, count: int = 1 << 20) -> bytes:
     return head if head[:1] == b"{" else b""
 
 
+def json_holds(path: Path, *keys: str, count: int = 1 << 20) -> bool:
+    """True for a file that begins as a JSON object does, with all these keys in its first bytes."""
+    head = json_head(path, count)
+    return all(f'"{key}"'.encode() in head for key in keys)
+
+
 def as_text(content: bytes, errors: str = "replace") -> str:
     """Text in UTF-8, with or without a byte order mark, or in UTF-16 with one."""
     encoding = "utf-16" if content[:2] in _UTF_16 else "utf-8-sig"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..camera_folder import photo_folder
 from ..fields import Entry, rigid_pose
-from ..files import json_head
+from ..files import json_holds
 from ..frames import pose_of_opencv
 from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..pinhole import pinhole_of
@@ -26,8 +26,7 @@ PATTERNS = tuple(
 
 def recognises(file: Path) -> bool:
     """True for JSON whose first camera has such matrices."""
-    head = json_head(file)
-    return b'"W2C"' in head and b'"K"' in head
+    return json_holds(file, "W2C", "K")
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from ..camera_folder import MOST_FILES
 from ..fields import Entry
-from ..files import json_head
+from ..files import json_holds
 from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, assemble
 from ..picture_names import numbered
 
@@ -29,7 +29,7 @@ _VIEW = re.compile(r"(.+_)\d+")
 
 def recognises(file: Path) -> bool:
     """True for JSON with such a camera, also if it is cut off."""
-    return b'"cam_transform_mat"' in json_head(file, 1 << 16)
+    return json_holds(file, "cam_transform_mat", count=1 << 16)
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:

@@ -18,7 +18,7 @@ from ..brown_lens import polynomial_lens
 from ..camera_folder import files_in
 from ..errors import CaptureError, counted
 from ..fields import Entry, numbers, rigid_pose
-from ..files import json_head
+from ..files import json_holds
 from ..frames import invert_pose, pose_opengl_from_opencv
 from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..npy_files import read_npy
@@ -28,14 +28,12 @@ NAME = "Nerfies"
 EXTENSIONS = (".json",)
 PATTERNS = ("camera/*.json", "*/camera/*.json")
 
-_KEYS = (b'"orientation"', b'"position"', b'"focal_length"', b'"radial_distortion"')
 _PHOTOS = "rgb"
 
 
 def recognises(file: Path) -> bool:
     """True for the JSON of a camera."""
-    head = json_head(file, 1 << 16)
-    return all(key in head for key in _KEYS)
+    return json_holds(file, "orientation", "position", "focal_length", "radial_distortion", count=1 << 16)
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:

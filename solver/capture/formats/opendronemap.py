@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..fields import Entry
-from ..files import json_head
+from ..files import json_holds
 from ..frames import pose_opengl_from_opencv, rigid
 from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, assemble
 from ..placement import far_origin, seen_from
@@ -32,8 +32,7 @@ _UP = (0.0, 0.0, 1.0)
 
 def recognises(file: Path) -> bool:
     """True for GeoJSON whose features are photos with a rotation, also if it is cut off."""
-    head = json_head(file, 1 << 16)
-    return b'"FeatureCollection"' in head and b'"filename"' in head and b'"rotation"' in head
+    return json_holds(file, "FeatureCollection", "filename", "rotation", count=1 << 16)
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:

@@ -21,7 +21,7 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..errors import shown
 from ..fields import Entry, numbers
-from ..files import json_head
+from ..files import json_holds
 from ..frames import pose_opengl_from_opencv, rigid
 from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble, without_pose
 from ..panoramic_lens import EQUIRECTANGULAR, in_turns
@@ -47,7 +47,7 @@ _PANORAMA = "spherical"
 
 def recognises(file: Path) -> bool:
     """True for JSON with OpenMVG's version, also if it is cut off."""
-    return b'"sfm_data_version"' in json_head(file)
+    return json_holds(file, "sfm_data_version")
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:

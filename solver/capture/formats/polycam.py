@@ -15,7 +15,7 @@ from typing import Any
 from ..camera_folder import files_in
 from ..errors import CaptureError, counted
 from ..fields import number
-from ..files import json_head, read_json
+from ..files import json_holds, read_json
 from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 
 NAME = "Polycam"
@@ -33,8 +33,7 @@ _SHARP = 25.0
 
 def recognises(file: Path) -> bool:
     """True for a JSON file with a matrix in twelve numbers."""
-    head = json_head(file, 1 << 16)
-    return b'"t_00"' in head and b'"fx"' in head
+    return json_holds(file, "t_00", "fx", count=1 << 16)
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..camera_folder import files_in
 from ..fields import numbers
-from ..files import json_head, read_json
+from ..files import json_holds, read_json
 from ..intake import Capture, CaptureError, Found, PhotoFinder, assemble
 from ..pinhole import lens_on, pinhole_of
 
@@ -21,8 +21,7 @@ PATTERNS = ("frame_*.json", "*/frame_*.json")
 
 def recognises(file: Path) -> bool:
     """True for a JSON file with ARKit's pose of a frame."""
-    head = json_head(file, 1 << 16)
-    return b'"cameraPoseARFrame"' in head and b'"intrinsics"' in head
+    return json_holds(file, "cameraPoseARFrame", "intrinsics", count=1 << 16)
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:

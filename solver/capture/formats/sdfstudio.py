@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..fields import Entry
-from ..files import json_head
+from ..files import json_holds
 from ..frames import pose_opengl_from_opencv
 from ..image_header import image_size
 from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
@@ -24,8 +24,7 @@ PATTERNS = ("meta_data.json", "*/meta_data.json")
 
 def recognises(file: Path) -> bool:
     """True for JSON whose frames have SDFStudio's matrices, also if it is cut off."""
-    head = json_head(file)
-    return b'"frames"' in head and b'"camtoworld"' in head and b'"rgb_path"' in head
+    return json_holds(file, "frames", "camtoworld", "rgb_path")
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
