@@ -5,7 +5,7 @@ from functools import wraps
 
 from bpy.types import Context, Operator
 
-from ..nmf_addon.jobs.side_task import TaskError
+from ..nmf_addon.jobs.side_task import TaskError, side_task
 from ..nmf_addon.runtime import RuntimeMissing
 from ..nmf_addon.scene.capture_collection import active_capture
 from ..nmf_addon.scene.measure import MeasureError
@@ -14,6 +14,12 @@ from ..solver.capture.errors import CaptureError
 from ..solver.job.request import JobError
 
 FOR_PEOPLE = (CaptureError, JobError, MeasureError, TaskError, RuntimeMissing, OSError)
+
+
+def is_busy(operator: type[Operator]) -> bool:
+    """Whether a task runs beside which no other may begin; its name is told where an operator is grey."""
+    operator.poll_message_set(f"{side_task.title} is running")
+    return side_task.running
 
 
 class WithCapture:

@@ -10,7 +10,7 @@ from ..nmf_addon.jobs.create import create_job
 from ..nmf_addon.jobs.side_task import SideTask, side_task
 from ..nmf_addon.scene.capture_collection import active_capture, capture_of_number
 from ..nmf_addon.scene.hidden_photos import hidden_cameras, show_pictures
-from .polls import reporting
+from .polls import is_busy, reporting
 
 
 class NMF_OT_show_photos(bpy.types.Operator):
@@ -26,8 +26,7 @@ class NMF_OT_show_photos(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """With a capture that has such photos, while no other task runs."""
-        if side_task.running:
-            cls.poll_message_set(f"{side_task.title} is running")
+        if is_busy(cls):
             return False
         cls.poll_message_set("The capture has no photos that Blender cannot show")
         collection = active_capture(context)

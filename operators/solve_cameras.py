@@ -25,7 +25,7 @@ from ..solver.capture.ignored import check_ignored
 from ..solver.capture.image_header import EXTENSIONS
 from ..solver.capture.picture_names import VIDEOS
 from .import_capture import IGNORED
-from .polls import reporting
+from .polls import is_busy, reporting
 
 LENSES = (
     ("OPENCV", "Standard", "Distortion that most lenses have"),
@@ -80,8 +80,7 @@ class NMF_OT_solve_cameras(Operator):
     @classmethod
     def poll(cls, context: Context) -> bool:
         """While no other task runs."""
-        cls.poll_message_set(f"{side_task.title} is running")
-        return not side_task.running
+        return not is_busy(cls)
 
     def invoke(self, context: Context, event: Event) -> set[str]:
         context.window_manager.fileselect_add(self)

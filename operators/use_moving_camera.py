@@ -10,7 +10,7 @@ from ..nmf_addon.scene.shot import Shot, shot_camera, shot_of
 from ..nmf_addon.scene.shot_capture import capture_shot, photos_in, pictures_of
 from ..solver.cameras.folder import FEWEST_PHOTOS, MOST_VIDEO_PHOTOS, VIDEO_PHOTOS
 from ..solver.capture.errors import CaptureError
-from .polls import reporting
+from .polls import is_busy, reporting
 
 
 class NMF_OT_use_moving_camera(Operator):
@@ -35,8 +35,7 @@ class NMF_OT_use_moving_camera(Operator):
     @classmethod
     def poll(cls, context: Context) -> bool:
         """With a camera that has a film, while no other task runs."""
-        if side_task.running:
-            cls.poll_message_set(f"{side_task.title} is running")
+        if is_busy(cls):
             return False
         cls.poll_message_set(
             "Select a camera with a movie clip, a video or an image sequence as background"
