@@ -43,11 +43,12 @@ def build_material(name: str, pictures: dict[str, Path], textures: dict) -> Mate
     images = {}
     for row, key in enumerate(SHOWN):
         if key in pictures:
-            label = key.replace("_", " ").title()
-            images[key] = _texture_node(tree, label, pictures[key], textures[key]["colour_space"])
-            images[key].location = (-900, 860 - 280 * row)
+            images[key] = node = tree.nodes.new("ShaderNodeTexImage")
+            node.image = load_picture(pictures[key], textures[key]["colour_space"])
+            node.label, node.location = key.replace("_", " ").title(), (-900, 860 - 280 * row)
 
-    f0 = _mix_multiply(tree, images["f0"].outputs["Color"], float(textures["f0"]["scale"]))
+    f0_scale = float(textures["f0"]["scale"])
+    f0 = _mix_multiply(tree, images["f0"].outputs["Color"], f0_scale)
     f0.location = (-560, -220)
     normal = tree.nodes.new("ShaderNodeNormalMap")
     normal.space = "TANGENT"
@@ -64,7 +65,7 @@ def build_material(name: str, pictures: dict[str, Path], textures: dict) -> Mate
     for socket, source in sources.items():
         tree.links.new(source, exact.inputs[socket])
 
-    principled = _principled(tree, images, normal, float(textures["f0"]["scale"]))
+    principled = _principled(tree, images, normal, f0_scale)
     portable_output = _output(tree, "ALL", principled.outputs["BSDF"], (420, 320))
     _output(tree, "CYCLES", exact.outputs[GROUP_OUTPUT], (420, -120))
     portable_output.is_active_output = True
@@ -185,12 +186,6 @@ def _mix_multiply(tree, colour, factor: float) -> Node:
 
 def _colour_result(mix: Node) -> NodeSocket:
     return next(socket for socket in mix.outputs if socket.type == "RGBA")
-
-
-def _texture_node(tree, label: str, path: Path, colour_space: str) -> Node:
-    node = tree.nodes.new("ShaderNodeTexImage")
-    node.image, node.label = load_picture(path, colour_space), label
-    return node
 
 
 def _output(tree, target: str, surface, location) -> Node:

@@ -107,10 +107,10 @@ def _kept(mask: np.ndarray, camera: Camera) -> np.ndarray:
 def _reached(key: tuple) -> np.ndarray | None:
     """[H, W] bool: pixels that the lens of cameras with a `Camera.lens_key` has rays for, as it has for
     those beside them, from which rays beside a pixel's centre are told; None: all."""
-    width, height, fx, fy, cx, cy, lens, distortion = key
-    if lens == "pinhole":
+    camera = Camera("", None, np.eye(4), *key)
+    width, height = camera.width, camera.height
+    if camera.lens == "pinhole":
         return None
-    camera = Camera("", None, np.eye(4), width, height, fx, fy, cx, cy, lens, distortion)
     # What is furthest from the axis lies along the edges: where these are reached, all is.
     column, row = np.arange(width) + 0.5, np.arange(height) + 0.5
     columns = np.concatenate([column, column, 0 * row + column[0], 0 * row + column[-1]])

@@ -122,12 +122,8 @@ class RayBank:
             # The last pixel of a row or column has the step of the one before it.
             left, above = torch.minimum(column, width - 2), torch.minimum(row, height - 2)
             across, down = first + row * width + left, first + above * width + column
-            step = torch.stack(
-                [
-                    self.directions[across + 1] - self.directions[across],
-                    self.directions[down + width] - self.directions[down],
-                ]
-            )
+            ends, starts = torch.stack([across + 1, down + width]), torch.stack([across, down])
+            step = self.directions[ends] - self.directions[starts]
             places = constant_on(step.device, tuple(map(tuple, places_in_pixel(grid).tolist())))
             directions = directions + torch.einsum("nk,kbj->bnj", places, step)
             directions = torch.nn.functional.normalize(directions, dim=-1)
