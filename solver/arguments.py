@@ -35,6 +35,11 @@ def add_capture(command: argparse.ArgumentParser, kinds: str) -> None:
     add_ignore(command)
 
 
+def add_events(command: argparse._ActionsContainer) -> None:
+    """Add the option for a run that a program watches."""
+    command.add_argument("--events", action="store_true", help="events on stdout, no bar")
+
+
 def add_seed(command: argparse.ArgumentParser, most: int, default: int | None) -> None:
     """Add the option for the seed."""
     command.add_argument(

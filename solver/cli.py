@@ -13,6 +13,7 @@ from . import __version__
 from .arguments import (
     add_capture,
     add_command,
+    add_events,
     add_ignore,
     add_seed,
     add_settings,
@@ -87,7 +88,7 @@ def _parser() -> argparse.ArgumentParser:
 
     run = add_command(commands, "run", "run or resume a job folder (how Blender starts it)")
     _add_job(run, "its folder")
-    run.add_argument("--events", action="store_true", help="events on stdout, no bar")
+    add_events(run)
     run.set_defaults(run=_run)
 
     render = add_command(commands, "render", "render a finished job from given cameras")

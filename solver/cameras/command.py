@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from ..arguments import add_command, add_ignore, add_seed
+from ..arguments import add_command, add_events, add_ignore, add_seed
 from ..capture.errors import CaptureError
 from ..capture.ignored import check_ignored
 from ..capture.photo_finder import PhotoFinder
@@ -63,7 +63,7 @@ def add_solve(commands: argparse._SubParsersAction) -> None:
     )  # fmt: skip
     add_ignore(solve)
     add_seed(solve, MOST_SEED, 0)
-    solve.add_argument("--events", action="store_true", help="events on stdout, no bar")
+    add_events(solve)
     solve.set_defaults(run=run_solve, sharing="auto")
 
 
@@ -80,7 +80,7 @@ def add_frames(commands: argparse._SubParsersAction) -> None:
         "--span", type=int, nargs=2, metavar=("FIRST", "LAST"),
         help="only from these frames, counted from 0 by the video's clock; default: from all",
     )  # fmt: skip
-    command.add_argument("--events", action="store_true", help="events on stdout, no bar")
+    add_events(command)
     command.set_defaults(run=run_frames)
 
 

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..arguments import add_capture, add_command
+from ..arguments import add_capture, add_command, add_events
 from ..job.exit_codes import DONE
 from ..job.folder import JobFolder
 from ..job.request import DEVICES
@@ -31,7 +31,7 @@ def add_check(commands: argparse._SubParsersAction) -> None:
     check.add_argument("--device", choices=DEVICES, help="device to run on; default: the job's, or auto")
     output = check.add_mutually_exclusive_group()
     output.add_argument("--json", action="store_true", help="one JSON object on stdout")
-    output.add_argument("--events", action="store_true", help="events on stdout, no bar")
+    add_events(output)
     check.set_defaults(run=run_check)
 
 
@@ -42,7 +42,7 @@ def add_pictures(commands: argparse._SubParsersAction) -> None:
     pictures.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for them, new or empty"
     )
-    pictures.add_argument("--events", action="store_true", help="events on stdout, no bar")
+    add_events(pictures)
     pictures.set_defaults(run=run_pictures)
 
 
