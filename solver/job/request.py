@@ -92,8 +92,7 @@ class JobRequest:
             "seed": type(self.seed) is int and 0 <= self.seed <= MOST_SEED,
             "time_limit": limit is None or (_is_number(limit) and limit > 0),
             **{
-                name: getattr(self, name) is None or isinstance(getattr(self, name), str)
-                for name in ("photos", "masks", "ignored")
+                name: isinstance(getattr(self, name), str | None) for name in ("photos", "masks", "ignored")
             },
             "region": self.region is None or _is_box(self.region),
             "placement": self.placement is None or is_similarity(self.placement),
@@ -106,24 +105,24 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
+def _are_numbers(values: Any, count: int) -> bool:
+    return isinstance(values, list) and len(values) == count and all(map(_is_number, values))
+
+
 def _is_box(region: Any) -> bool:
     """{"min": [3], "max": [3]} with a volume."""
     if not isinstance(region, dict):
         return False
     low, high = region.get("min"), region.get("max")
-    for corner in (low, high):
-        if not (isinstance(corner, list) and len(corner) == 3 and all(map(_is_number, corner))):
-            return False
+    if not (_are_numbers(low, 3) and _are_numbers(high, 3)):
+        return False
     return all(a < b for a, b in zip(low, high, strict=True))
 
 
 def is_similarity(matrix: Any) -> bool:
     """True for rows [4][4] of a motion that turns, moves and scales evenly, and does not mirror."""
-    if not (isinstance(matrix, list) and len(matrix) == 4):
+    if not (isinstance(matrix, list) and len(matrix) == 4 and all(_are_numbers(row, 4) for row in matrix)):
         return False
-    for row in matrix:
-        if not (isinstance(row, list) and len(row) == 4 and all(map(_is_number, row))):
-            return False
     x, y, z = (row[:3] for row in matrix[:3])
     size = math.hypot(*x)
     # A rotation's third row is the cross product of the others.
