@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..capture.colour import linear_to_srgb
-from ..capture.frames import scale_and_rotation
+from ..capture.frames import scale_and_rotation, unit
 from ..light.turned import turned
 from .bake import fill_texture, gather
 from .files import write_exr, write_fine_png, write_ply, write_png
@@ -66,8 +66,7 @@ def build_asset(
     texels = rasterise(unwrapped, settings.texture_size)
     progress(0.5, "baking")
     points = texels.interpolate(unwrapped, unwrapped.positions)
-    outward = texels.interpolate(unwrapped, unwrapped.normals)
-    outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
+    outward = unit(texels.interpolate(unwrapped, unwrapped.normals), 1e-12)
     spacing = float(np.sqrt(mesh.area / len(points)))
     if spacing > FINER * field.voxel:
         views = ()

@@ -4,6 +4,7 @@ import numpy as np
 import torch
 
 from ..capture.camera import Camera
+from ..capture.frames import unit
 from ..render.scene import Scene
 
 SEEN_TRANSMITTANCE = 0.3
@@ -16,8 +17,7 @@ GRAZING_COSINE = 0.1
 def cosines_seen_by(camera: Camera, scene: Scene, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """[N] cosines between outward normals [N, 3] and the ways to a camera of the scene's world, where that
     shows the surface at points [N, 3]; else 0."""
-    towards = camera.position - points
-    towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-12)
+    towards = unit(camera.position - points, 1e-12)
     cosines = (towards * normals).sum(1)
     seen = (cosines > GRAZING_COSINE) & camera.in_frame(points)
     origins, directions = (

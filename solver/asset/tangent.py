@@ -7,6 +7,7 @@ Blender and glTF viewers use to decode.
 
 import numpy as np
 
+from ..capture.frames import unit
 from .unwrap import Texels, UnwrappedMesh
 
 
@@ -22,8 +23,7 @@ def vertex_tangents(mesh: UnwrappedMesh) -> tuple[np.ndarray, np.ndarray]:
     for k in range(3):
         vertex = mesh.faces[:, k]
         normal = mesh.normals[vertex].astype(np.float64)
-        flat = tangent - (tangent * normal).sum(1, keepdims=True) * normal
-        flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-20)
+        flat = unit(tangent - (tangent * normal).sum(1, keepdims=True) * normal, 1e-20)
         a, b = p[:, (k + 1) % 3] - p[:, k], p[:, (k + 2) % 3] - p[:, k]
         a -= (a * normal).sum(1, keepdims=True) * normal
         b -= (b * normal).sum(1, keepdims=True) * normal
@@ -31,10 +31,9 @@ def vertex_tangents(mesh: UnwrappedMesh) -> tuple[np.ndarray, np.ndarray]:
         angle = np.arccos(np.clip(cosine, -1, 1))
         np.add.at(tangents, vertex, flat * angle[:, None])
         np.add.at(signs, vertex, np.sign(area) * angle)
-    length = np.linalg.norm(tangents, axis=1, keepdims=True)
-    lost = length[:, 0] < 1e-12
+    lost = np.linalg.norm(tangents, axis=1) < 1e-12
     tangents[lost] = np.cross(mesh.normals[lost], (0.3, 0.5, 0.8))
-    tangents /= np.maximum(np.linalg.norm(tangents, axis=1, keepdims=True), 1e-20)
+    tangents = unit(tangents, 1e-20)
     return tangents.astype(np.float32), np.where(signs < 0, -1.0, 1.0).astype(np.float32)
 
 
@@ -51,5 +50,4 @@ def encode_normals(normals: np.ndarray, frames: np.ndarray) -> np.ndarray:
     """Tangent-space normals [T, 3] as colours in [0, 1] (+Y up) of world normals [T, 3]."""
     # The frame is not orthonormal: decoding multiplies by it, so encoding must invert it.
     local = np.linalg.solve(np.swapaxes(frames, 1, 2).astype(np.float64), normals[..., None])[..., 0]
-    local /= np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-12)
-    return local * 0.5 + 0.5
+    return unit(local, 1e-12) * 0.5 + 0.5

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ..capture.frames import unit
 from .database import numbers, opened
 from .pairs import NEIGHBOURS
 
@@ -144,7 +145,7 @@ def agrees(model: Any, database: Any, one: int, other: int, geometry: Any) -> bo
         pixels = database.read_keypoints(image.image_id)[column, :2].astype(np.float64)
         across = np.asarray(image.camera.cam_from_img(pixels))
         ray = np.concatenate([across, np.ones((len(across), 1))], axis=1)
-        rays.append(ray / np.linalg.norm(ray, axis=1, keepdims=True))
+        rays.append(unit(ray))
     between = images[1].cam_from_world() * images[0].cam_from_world().inverse()
     return bool(np.nanmedian(off_epipolar(*rays, between.matrix())) <= AGREEMENT)
 

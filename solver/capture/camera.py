@@ -12,10 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from .frames import opencv_from_opengl, opengl_from_opencv, rigid, scale_and_rotation, unit
-from .lenses import LENSES, distort, undistort
+from .lenses import distort, undistort
 from .panoramic_lens import PANORAMIC
-
-__all__ = ["LENSES", "Camera", "positions_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +25,7 @@ class Camera:
         image_path: the photo; None for a camera that only renders.
         camera_to_world: [4, 4] double, a rotation and a translation in world units.
         fx, fy, cx, cy: focal lengths and principal point in pixels; of a panorama pixels per radian.
-        lens: one of `LENSES`.
+        lens: one of `lenses.LENSES`.
         distortion: OpenCV's k1 k2 p1 p2 k3 k4 k5 k6 (`opencv`) or k1 k2 k3 k4 (`opencv_fisheye`);
             other lenses' numbers in the order their modules give (see `lenses`).
         mask_path: a picture of the object's coverage: the photo's alpha is no more than that.

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from .camera import Camera, positions_of
+from .frames import unit
 from .image_header import may_have_alpha
 
 
@@ -88,8 +89,7 @@ def cube_seen_by(cameras: list[Camera]) -> np.ndarray:
     axes = np.stack([camera.view_direction for camera in cameras])
     if cameras[0].is_panoramic:
         middle = 0.5 * (positions.min(0) + positions.max(0))
-        axes = middle - positions
-        axes /= np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-12)
+        axes = unit(middle - positions, 1e-12)
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     system = across.sum(0) + 1e-6 * len(cameras) * np.eye(3)
     anchor = positions.mean(0)

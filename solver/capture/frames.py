@@ -99,9 +99,9 @@ def equirect_from_direction(directions: np.ndarray) -> np.ndarray:
     return np.stack([u, v], axis=-1)
 
 
-def unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors [..., 3] as long as one."""
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+def unit(vectors: np.ndarray, least: float = 0.0) -> np.ndarray:
+    """Vectors [..., 3] as long as one; shorter where they were shorter than `least`."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), least)
 
 
 def texel_directions(height: int, width: int) -> np.ndarray:

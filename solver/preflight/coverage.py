@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..capture.camera import positions_of
 from ..capture.capture import Capture
+from ..capture.frames import unit
 from .findings import Finding, note, warning
 
 REACH = 30.0
@@ -40,10 +42,8 @@ class Coverage:
 def coverage_of(capture: Capture) -> Coverage:
     """How the cameras of a capture surround its region's centre."""
     up = np.array([0.0, 0.0, 1.0]) if capture.up is None else np.asarray(capture.up, np.float64)
-    offset = np.stack([c.position for c in capture.cameras]) - capture.region.mean(0)
-    length = np.linalg.norm(offset, axis=1, keepdims=True)
-    directions = offset / np.maximum(length, 1e-12)
-    frame = _frame(up / np.linalg.norm(up), directions[0])
+    directions = unit(positions_of(capture.cameras) - capture.region.mean(0), 1e-12)
+    frame = _frame(unit(up), directions[0])
     local = directions @ frame.T
     sphere = _sphere(_SAMPLES)
     near = (sphere @ local.T).max(axis=1) > np.cos(np.radians(REACH))
@@ -140,7 +140,7 @@ def _frame(up: np.ndarray, ahead: np.ndarray) -> np.ndarray:
     level = ahead - (ahead @ up) * up
     if np.linalg.norm(level) < 1e-6:
         level = np.cross(up, (1.0, 0.0, 0.0) if abs(up[0]) < 0.9 else (0.0, 1.0, 0.0))
-    level = level / np.linalg.norm(level)
+    level = unit(level)
     return np.stack([level, np.cross(up, level), up])
 
 

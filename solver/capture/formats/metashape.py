@@ -25,7 +25,7 @@ import numpy as np
 from ..errors import CaptureError, counted, shown
 from ..fields import number, numbers
 from ..files import read_xml, text_head
-from ..frames import pose_opengl_from_opencv
+from ..frames import pose_opengl_from_opencv, unit
 from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..picture_names import parts_of, stem_of
 from .metashape_lens import has_rolling_shutter, is_other_panorama, read_lens
@@ -241,7 +241,7 @@ class _Worlds:
         if first is not None and (distance := np.linalg.norm(first[:3, 3])) > FAR:
             geocentric = _EARTH[0] < distance < _EARTH[1]
             up = first[:3, :3].T @ (first[:3, 3] if geocentric else (0.0, 0.0, 1.0))
-            self.up = tuple(up / np.linalg.norm(up))
+            self.up = tuple(unit(up))
             back = np.linalg.inv(first)  # components share the first one's coordinates
             self._of_component = {k: back @ m for k, m in self._of_component.items()}
 
