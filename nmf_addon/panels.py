@@ -15,7 +15,7 @@ from .scene.findings import check_report, masked_box
 from .scene.hidden_photos import hidden_cameras
 from .scene.region import region_box
 from .scene.shot import shot_camera
-from .wrapping import note, paragraph, units
+from .wrapping import fields, note, paragraph, units
 
 NARROW = 12.0  # button heights of panels in which two buttons beside each other are cut off
 ERROR_LINES = 3
@@ -198,10 +198,8 @@ def _draw_missing_solver(layout: UILayout, context: Context, problem: str) -> No
 
 
 def _draw_settings(layout: UILayout, settings) -> None:
-    column = layout.column()
-    column.use_property_split, column.use_property_decorate = True, False
-    for name in ("preset", "device", "exposure", "turntable", "texture_size"):
-        column.prop(settings, name)
+    names = "preset", "device", "exposure", "turntable", "texture_size"
+    column = fields(layout, settings, *names)
     row = column.row(heading="Time Limit")
     row.prop(settings, "use_time_limit", text="")
     limited = row.row()

@@ -10,7 +10,7 @@ from . import runtime
 from .compat import PATH_OPTIONS
 from .names import BASE_PACKAGE
 from .setup_monitor import setup_state
-from .wrapping import letters, paragraph
+from .wrapping import fields, letters, paragraph
 
 SIZE_TEXT = "1 to 4 GB"
 CANCEL = 2.5  # button heights that the bar's ends and the button beside it take
@@ -79,8 +79,7 @@ class NMF_preferences(bpy.types.AddonPreferences):
             note.active = False
             folder = runtime.managed_runtime(chosen("runtime_folder"))
             paragraph(note, context, f"Downloads {SIZE_TEXT} into {folder}", icon="BLANK1")
-        column = layout.column()
-        column.use_property_split, column.use_property_decorate = True, False
+        column = fields(layout, self)
         column.prop(self, "python", placeholder="Built by Set Up Solver")
         column.separator()
         column.label(text="Set-Up")

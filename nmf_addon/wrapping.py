@@ -2,7 +2,7 @@
 
 import textwrap
 
-from bpy.types import Context, UILayout
+from bpy.types import Context, UILayout, bpy_struct
 
 UNIT = 20  # pixels of a button's height at a resolution scale of 1
 LETTERS = 2.7  # of an average width, in a unit
@@ -37,3 +37,12 @@ def note(layout: UILayout, context: Context, text: str) -> None:
     column = layout.column(align=True)
     column.active = False
     paragraph(column, context, text)
+
+
+def fields(layout: UILayout, data: bpy_struct, *names: str) -> UILayout:
+    """A column of settings, each beside its name."""
+    column = layout.column()
+    column.use_property_split, column.use_property_decorate = True, False
+    for name in names:
+        column.prop(data, name)
+    return column

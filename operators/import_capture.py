@@ -10,6 +10,7 @@ from bpy_extras.io_utils import ImportHelper
 from ..nmf_addon.scene.archives import unpack_all
 from ..nmf_addon.scene.capture_collection import warnings_of
 from ..nmf_addon.scene.import_captures import import_captures
+from ..nmf_addon.wrapping import fields
 from ..solver.capture.archives import ARCHIVES
 from ..solver.capture.read import CAMERA_FILES
 from .polls import reporting
@@ -70,10 +71,7 @@ class NMF_OT_import_capture(ImportHelper, Operator):
         return ImportHelper.invoke(self, context, event)
 
     def draw(self, context: Context) -> None:
-        column = self.layout.column()
-        column.use_property_split, column.use_property_decorate = True, False
-        for name in ("photos", "masks", "ignored"):
-            column.prop(self, name)
+        column = fields(self.layout, self, "photos", "masks", "ignored")
         column.label(text="Or pick a folder, or drop one here", icon="INFO")
 
     def _paths(self) -> list[Path]:

@@ -11,6 +11,7 @@ from ..nmf_addon import preferences
 from ..nmf_addon.jobs.create import jobs_folder, new_job_root
 from ..nmf_addon.jobs.side_task import SideTask, side_task
 from ..nmf_addon.scene.archives import unpack_all
+from ..nmf_addon.wrapping import fields
 from ..solver.cameras.folder import (
     FEWEST_PHOTOS,
     MOST_VIDEO_PHOTOS,
@@ -87,10 +88,8 @@ class NMF_OT_solve_cameras(Operator):
         return {"RUNNING_MODAL"}
 
     def draw(self, context: Context) -> None:
-        column = self.layout.column()
-        column.use_property_split, column.use_property_decorate = True, False
-        for name in ("sequential", "single_camera", "camera_model", "video_photos", "masks", "ignored"):
-            column.prop(self, name)
+        names = "sequential", "single_camera", "camera_model", "video_photos", "masks", "ignored"
+        column = fields(self.layout, self, *names)
         column.label(text="Pick the photos' folder, their archive or a video", icon="INFO")
 
     @reporting()

@@ -8,6 +8,7 @@ from ..nmf_addon.jobs.create import jobs_folder, new_job_root
 from ..nmf_addon.jobs.side_task import SideTask, side_task
 from ..nmf_addon.scene.shot import Shot, shot_camera, shot_of
 from ..nmf_addon.scene.shot_capture import capture_shot, photos_in, pictures_of
+from ..nmf_addon.wrapping import fields
 from ..solver.cameras.folder import FEWEST_PHOTOS, MOST_VIDEO_PHOTOS, VIDEO_PHOTOS
 from ..solver.capture.errors import CaptureError
 from .polls import is_busy, reporting
@@ -49,10 +50,7 @@ class NMF_OT_use_moving_camera(Operator):
         return context.window_manager.invoke_props_dialog(self)
 
     def draw(self, context: Context) -> None:
-        column = self.layout.column()
-        column.use_property_split, column.use_property_decorate = True, False
-        for name in ("first", "last", "count"):
-            column.prop(self, name)
+        fields(self.layout, self, "first", "last", "count")
 
     @reporting()
     def execute(self, context: Context) -> set[str] | None:
