@@ -8,7 +8,6 @@ import shutil
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import chdir, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +19,7 @@ from ..capture.photo_matches import match_pairs, opened, quiet_colmap
 from ..job.control import Cancelled, Control
 from ..job.progress import Progress
 from ..streams import silent_stderr
-from ..threads import usable_cores
+from ..threads import thread_pool, usable_cores
 from .database import evidence_of, has_features, numbers, register
 from .diagnosis import Evidence, unplaced
 from .folder import FEWEST_PHOTOS, SolveFolder, SolveRequest
@@ -163,7 +162,7 @@ class Solver:
             pictures, masks = self.work / "pictures", self.work / "masks"
             for path in (pictures, masks):
                 path.mkdir(parents=True, exist_ok=True)
-            with ThreadPoolExecutor(max_workers=min(self.threads, 8)) as pool:
+            with thread_pool(8) as pool:
                 list(pool.map(lambda photo, a=pictures, b=masks: write_prepared(photo, a, b), now))
             self._check()
             self._extract(now, pictures, masks, options)

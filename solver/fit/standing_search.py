@@ -1,13 +1,13 @@
 """What stands on a support: photos are cut out, compared, and cut out again by what they say together."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor
 
 import numpy as np
 from scipy import ndimage
 
 from ..capture.capture import evenly_taken
-from ..threads import usable_cores
+from ..threads import thread_pool
 from .colour_counts import ColourCounts
 from .ground import Ground, GroundColours
 from .places import Places, PlacesIn, shown_by_all_but, times_seen
@@ -51,7 +51,7 @@ def find_standing(
     Args:
         region: [2, 3] world box.
     """
-    with ThreadPoolExecutor(max_workers=usable_cores()) as pool:
+    with thread_pool() as pool:
         search = _Search(support, pictures, region, pool)
         for turn, few in enumerate(FEW):
             if not search.turn(few):
@@ -63,9 +63,7 @@ def find_standing(
 class _Search:
     """Turns of cutting photos out and comparing what they show."""
 
-    def __init__(
-        self, support: Support, pictures: Sequence[Picture], region: np.ndarray, pool: ThreadPoolExecutor
-    ):
+    def __init__(self, support: Support, pictures: Sequence[Picture], region: np.ndarray, pool: Executor):
         self.support, self.pictures, self.pool = support, pictures, pool
         self.grid = cell_centres(region, CELLS)
         self.region, self.edge = region, float((region[1] - region[0]).max()) / CELLS

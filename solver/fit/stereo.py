@@ -7,7 +7,7 @@ doi:10.1109/TPAMI.2007.70712). What lies before that place is air, and what lies
 a hollow lies behind its lid, but few photos see it there, from one side, or all of the mirror would be air.
 """
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from scipy import ndimage
 from ..capture.camera import Camera
 from ..capture.frames import unit
 from ..capture.photos import Photo, linear_to_srgb
-from ..threads import mapped_ahead, usable_cores
+from ..threads import mapped_ahead, thread_pool
 from .seen_space import cell_centres
 
 PATCH = 5
@@ -81,7 +81,7 @@ def air_seen(
     Returns:
         [K, K, K] share of the votes, which is above `AIR` there; 0 but in and next to such cells.
     """
-    with ThreadPoolExecutor(usable_cores()) as pool:
+    with thread_pool() as pool:
         stereo = _Stereo(cameras, photos, hull, box, pool)
         votes = sum(mapped_ahead(pool, stereo.votes, range(len(cameras)))) / len(cameras)
     air, solid, *across = (ndimage.gaussian_filter(stereo.grid(some), WIDTH) for some in votes)
@@ -115,7 +115,7 @@ class _Stereo:
 
     def __init__(
         self, cameras: list[Camera], photos: list[Photo], hull: np.ndarray, box: np.ndarray,
-        pool: ThreadPoolExecutor,
+        pool: Executor,
     ):  # fmt: skip
         self.hull = hull
         around = hull[ndimage.find_objects(hull.astype(np.int8))[0]]

@@ -62,15 +62,14 @@ class ReducedPhotos:
         if not any(map(sees_sideways, cameras)) or any(camera.mask_path for camera in cameras):
             return False
         circles = Circles()
-        with thread_pool(MOST_AT_ONCE) as pool:
-            with closing(mapped_ahead(pool, self, cameras)) as photos:
-                pairs = zip(cameras, photos, strict=True)
-                for number, (camera, (colour, alpha)) in enumerate(pairs, start=1):
-                    if alpha is not None and not self._is_opaque(camera, alpha):
-                        return True
-                    if sees_sideways(camera):
-                        circles.add(camera, TO_LINEAR[colour])
-                    progress(number, len(cameras))
+        with thread_pool(MOST_AT_ONCE) as pool, closing(mapped_ahead(pool, self, cameras)) as photos:
+            pairs = zip(cameras, photos, strict=True)
+            for number, (camera, (colour, alpha)) in enumerate(pairs, start=1):
+                if alpha is not None and not self._is_opaque(camera, alpha):
+                    return True
+                if sees_sideways(camera):
+                    circles.add(camera, TO_LINEAR[colour])
+                progress(number, len(cameras))
         self._circles = circles.found()
         return True
 
