@@ -135,8 +135,7 @@ def read_capture(
     else:
         folder = Path(path) if Path(path).is_dir() else capture_folder(file)
     how = {
-        "masks": None if masks is None else Path(masks), "anywhere": trusted, "fewest": fewest,
-        "wanted": wanted, "ignored": None if ignored is None else Path(ignored),
+        "masks": masks, "anywhere": trusted, "fewest": fewest, "wanted": wanted, "ignored": ignored,
     }  # fmt: skip
     finder = PhotoFinder(folder, **how)
     if photos is None and MODEL_FOLDERS.fullmatch(finder.folder.name) and not finder.pictures():

@@ -134,11 +134,8 @@ def _list_file(path: Path) -> Path | None:
     names = [f"{path.name}.list.txt", f"{stem}.list.txt", f"{stem.removesuffix('.bundle')}.list.txt"]
     usual = ["list.txt", "list.rd.txt"]
     names += reversed(usual) if stem.endswith(".rd") else usual
-    for folder in (path.parent, path.parent.parent):
-        for name in names:
-            if (folder / name).is_file():
-                return folder / name
-    return None
+    beside = (folder / name for folder in (path.parent, path.parent.parent) for name in names)
+    return next(filter(Path.is_file, beside), None)
 
 
 def _any_list(path: Path, count: int) -> Path | None:

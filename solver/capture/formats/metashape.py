@@ -227,13 +227,9 @@ class _Worlds:
     """
 
     def __init__(self, path: Path, chunk: Element):
-        self._of_component: dict[str | None, np.ndarray] = {}
-        places = [(None, chunk.find("transform"))]
-        for component in chunk.iter("component"):
-            places.append((component.get("id"), component.find("transform")))
-        for key, element in places:
-            if element is not None:
-                self._of_component[key] = _similarity(path, element)
+        parts = [(None, chunk), *((part.get("id"), part) for part in chunk.iter("component"))]
+        stated = ((key, part.find("transform")) for key, part in parts)
+        self._of_component = {key: _similarity(path, e) for key, e in stated if e is not None}
         first = next(iter(self._of_component.values()), None)
         # Scale bars alone say nothing of axes, which are then those of the first photos.
         self.metric = first is not None and np.allclose(first[:3, :3], first[0, 0] * np.eye(3))

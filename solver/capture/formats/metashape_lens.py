@@ -149,6 +149,6 @@ def _check_known(path: Path, where: str, calibration: Element) -> None:
             )  # fmt: skip
     for element in calibration:
         name = element.tag if isinstance(element.tag, str) else ""
-        if _COEFFICIENT.fullmatch(name) and name not in _KNOWN:
-            if number(path, f"{where}, {name}", element.text or "0"):
-                raise CaptureError(path, f"{where}, {name}", "this coefficient is not known", _REMEDY)
+        field, unknown = f"{where}, {name}", _COEFFICIENT.fullmatch(name) and name not in _KNOWN
+        if unknown and number(path, field, element.text or "0"):
+            raise CaptureError(path, field, "this coefficient is not known", _REMEDY)
