@@ -12,10 +12,10 @@ from ..nmf_addon.properties import chosen_overrides
 from ..nmf_addon.scene.capture_collection import active_capture, capture_of_number
 from ..nmf_addon.scene.findings import check_report, keep_report
 from ..nmf_addon.scene.region import is_as_placed, region_box
-from .polls import reporting
+from .polls import WithCapture, is_busy, reporting
 
 
-class NMF_OT_check_capture(bpy.types.Operator):
+class NMF_OT_check_capture(WithCapture, bpy.types.Operator):
     """Look for blurred, badly exposed and missing views, and estimate time and memory; takes seconds"""
 
     bl_idname = "nmf.check_capture"
@@ -24,10 +24,7 @@ class NMF_OT_check_capture(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """With a capture, while no other task runs."""
-        cls.poll_message_set(
-            f"{side_task.title} is running" if side_task.running else "Import a capture first"
-        )
-        return not side_task.running and active_capture(context) is not None
+        return not is_busy(cls) and super().poll(context)
 
     @reporting()
     def execute(self, context: bpy.types.Context) -> set[str] | None:
