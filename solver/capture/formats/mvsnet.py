@@ -51,13 +51,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         if file.stem.endswith("_cam") or recognises(file)
     ]
     folder = photo_folder(path.absolute().parent.parent, _PHOTO_FOLDERS)
-    found, lost = [], []
-    for file in files:
-        camera = _camera(file, folder, photos)
-        if camera.camera_to_world is None:
-            lost.append(camera.stated)
-        else:
-            found.append(camera)
+    cameras = [_camera(file, folder, photos) for file in files]
+    found = [camera for camera in cameras if camera.camera_to_world is not None]
+    lost = [camera.stated for camera in cameras if camera.camera_to_world is None]
     warnings = without_pose(path, "extrinsic", lost, len(files), "solve or export the cameras again")
     return assemble(path, NAME, found, photos, warnings=warnings)
 

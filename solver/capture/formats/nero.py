@@ -37,13 +37,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read all cameras of the folder that a camera's file lies in."""
     folder = path.absolute().parent
     files = [file for file in files_in(folder, _ENDING) if _FILE.fullmatch(file.name)]
-    found, lost = [], []
-    for file in files:
-        camera = _camera(file, photos)
-        if camera.camera_to_world is None:
-            lost.append(camera.stated)
-        else:
-            found.append(camera)
+    cameras = [_camera(file, photos) for file in files]
+    found = [camera for camera in cameras if camera.camera_to_world is not None]
+    lost = [camera.stated for camera in cameras if camera.camera_to_world is None]
     warnings = without_pose(path, "pose", lost, len(files), "render or export the cameras again")
     return assemble(path, NAME, found, photos, warnings=warnings)
 

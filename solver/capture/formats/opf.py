@@ -80,7 +80,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             lenses[sensor, straight] = replace(lens, lens="pinhole", distortion=()) if straight else lens
         moving += "rolling_shutter" in camera and any(camera.numbers("rolling_shutter", 3))
         lens = lenses.get((sensor, straight))
-        found.append(Found(camera.where, uris[identity], photo, _pose(camera), lens))
+        rotation = rotation_from_omega_phi_kappa(camera.numbers("orientation_deg", 3))
+        pose = rigid(rotation, camera.numbers("position", 3))
+        found.append(Found(camera.where, uris[identity], photo, pose, lens))
     lost = [uris.get(identity, str(identity)) for identity in taken if identity not in cameras]
     warnings = without_pose(
         path, "calibration", lost, len(found) + len(lost), "calibrate its cameras, and export it again"
@@ -211,12 +213,6 @@ def _fisheye(internals: Entry, size: np.ndarray) -> Intrinsics:
         )  # fmt: skip
     fx, fy, (name, distortion) = lens
     return Intrinsics(*map(int, size), fx, fy, cx, cy, name, distortion)
-
-
-def _pose(camera: Entry) -> np.ndarray:
-    """Camera to world [4, 4] with OpenGL's axes."""
-    rotation = rotation_from_omega_phi_kappa(camera.numbers("orientation_deg", 3))
-    return rigid(rotation, camera.numbers("position", 3))
 
 
 def _is_local(path: Path, items: list[Entry]) -> bool:

@@ -130,18 +130,15 @@ def read_table(path: Path, name: str, photos: PhotoFinder) -> Capture:
         found.append(make(path, where, stated, photo, value))
         if photo is not None:
             coefficients.append([value(name) for name in (*_RADIAL, *_TANGENTIAL)])
-    if "k2" in columns and len(coefficients) and _k1_alone(np.array(coefficients)):
+    # Of photos that were straightened, all are 0.
+    k1, *others = np.any(coefficients, axis=0) if coefficients else (False,)
+    if "k2" in columns and k1 and not any(others):
         raise CaptureError(
             path, "k1", "k1 alone is not 0, as in the division model, which is not supported", CHOOSE_BROWN
         )
     if make is _from_angles:
         _check_no_degrees(path, found)
     return assemble(path, name, found, photos, up=UP)
-
-
-def _k1_alone(coefficients: np.ndarray) -> bool:
-    """Whether of lenses' coefficients [N, 6] only the first is used; some photos may be straightened."""
-    return bool(coefficients[:, 0].any() and not coefficients[:, 1:].any())
 
 
 Value = Callable[[str], float]
