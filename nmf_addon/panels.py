@@ -100,9 +100,7 @@ class NMF_PT_reconstruct(Sidebar, Panel):
             _draw_progress(layout, context)
             _draw_preview(layout, context)
             return
-        python, problem = runtime.solver_state(
-            preferences.chosen_python(), preferences.chosen("runtime_folder")
-        )
+        python, problem = runtime.solver_state(preferences.chosen_python(), preferences.chosen_runtime())
         if python is None:
             _draw_missing_solver(layout, context, problem)
             return

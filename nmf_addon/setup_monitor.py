@@ -15,7 +15,7 @@ from pathlib import Path
 import bpy
 
 from . import runtime
-from .jobs.process import end_group, own_group, solver_command
+from .jobs.process import end_group, solver_command, start_group
 from .names import REPOSITORY
 
 SCRIPT = REPOSITORY / "nmf_addon" / "setup_runtime.py"
@@ -114,10 +114,9 @@ def start_check(python: Path) -> None:
 
 def _follow(command: list[str], state: SetupState) -> None:
     global _process, _state
-    _process = subprocess.Popen(
+    _process = start_group(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
         env=runtime.clean_environment(), text=True, encoding="utf-8", errors="replace",
-        **own_group(),
     )  # fmt: skip
     _state = state
     threading.Thread(target=_read, args=(_process, _state), daemon=True).start()

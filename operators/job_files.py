@@ -72,7 +72,7 @@ def error_report() -> str:
     """Versions, request, outcome and end of the log of the last job, without the person's paths."""
     job, model = monitor.job, monitor.model
     own = preferences.chosen_python()
-    record = None if own else runtime.runtime_record(preferences.chosen("runtime_folder"))
+    record = None if own else runtime.runtime_record(preferences.chosen_runtime())
     request = job.request_path
     text = "\n".join(
         [

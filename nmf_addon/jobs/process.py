@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from ...solver.job.events import Event, parse_event
 from ...solver.job.folder import JobFolder
@@ -42,15 +43,11 @@ class JobProcess:
         self._ended_at: float | None = None
         self._heard_at = time.monotonic()
         self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
-        try:
-            with _open_log(job.log_path) as log:
-                self.popen = subprocess.Popen(
-                    command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log,
-                    cwd=job.root, env=environment, **own_group(),
-                )  # fmt: skip
-        except OSError as error:
-            error.filename = error.filename or command[0]  # Windows names none
-            raise
+        with _open_log(job.log_path) as log:
+            self.popen = start_group(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log,
+                cwd=job.root, env=environment,
+            )  # fmt: skip
         # The child hears that it has a parent, even one that is gone before it listens.
         self._tell("hello")
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -143,16 +140,26 @@ def log_tail(job: JobFolder, lines: int = LOG_LINES) -> str:
     return "\n".join(text.splitlines()[-lines:])
 
 
-def own_group() -> dict:
-    """Arguments for Popen that give a child a process group of its own, without a console."""
+def start_group(command: list[str], **settings: Any) -> subprocess.Popen:
+    """`Popen` of a child with a process group of its own, without a console.
+
+    Raises:
+        OSError: the program, which it names, cannot be started.
+    """
     if os.name == "nt":
         flags = subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW
-        return {"creationflags": flags}
-    return {"start_new_session": True}
+        settings["creationflags"] = flags
+    else:
+        settings["start_new_session"] = True
+    try:
+        return subprocess.Popen(command, **settings)
+    except OSError as error:
+        error.filename = error.filename or command[0]  # Windows names none
+        raise
 
 
 def end_group(process: subprocess.Popen, kill: bool) -> None:
-    """End a child that was started with `own_group`, and its own children.
+    """End a child of `start_group`, and its own children.
 
     Windows has no way to ask a process without a console: there only `kill` does anything.
     """

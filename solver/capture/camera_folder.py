@@ -1,6 +1,7 @@
 """Cameras in a folder of small files, one a photo, and matrices that these hold as text."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,19 @@ MOST_FILES = 20_000
 _REMEDY = "the file seems cut off or edited; export the cameras again"
 
 
+@contextmanager
+def listing(folder: Path) -> Iterator[None]:
+    """For work that lists a folder.
+
+    Raises:
+        CaptureError: the folder cannot be read.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise CaptureError(folder, "", "the folder cannot be read", "check its permissions") from error
+
+
 def files_in(folder: Path, ending: str) -> list[Path]:
     """Files in a folder whose names end so, in the order of the numbers in their names.
 
@@ -25,14 +39,12 @@ def files_in(folder: Path, ending: str) -> list[Path]:
     Raises:
         CaptureError: the folder cannot be read, or holds more than any capture.
     """
-    try:
+    with listing(folder):
         files = [
             file
             for file in folder.iterdir()
             if file.name.endswith(ending) and not file.name.startswith(".") and file.is_file()
         ]
-    except OSError as error:
-        raise CaptureError(folder, "", "the folder cannot be read", "check its permissions") from error
     if len(files) > MOST_FILES:
         raise CaptureError(
             folder, "", f"it holds {len(files)} files {ending}", "leave only the cameras in it"
@@ -40,13 +52,19 @@ def files_in(folder: Path, ending: str) -> list[Path]:
     return sorted(files, key=lambda file: numbered(file.name))
 
 
-def words_of(path: Path) -> list[str]:
-    """The words of a small text file.
+def rows_of(path: Path) -> list[list[str]]:
+    """The words of each line of a small text file that has any.
 
     Raises:
         CaptureError: it cannot be read, or is larger than any camera.
     """
-    return as_text(read_bytes(path, LARGEST_FILE)).split()
+    lines = as_text(read_bytes(path, LARGEST_FILE)).splitlines()
+    return [words for line in lines if (words := line.split())]
+
+
+def words_of(path: Path) -> list[str]:
+    """All words of a small text file; see `rows_of`."""
+    return [word for row in rows_of(path) for word in row]
 
 
 def matrix_of(path: Path, field: str, words: Sequence[str], rows: int, columns: int) -> np.ndarray:

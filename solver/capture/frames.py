@@ -27,8 +27,14 @@ def pose_opengl_from_opencv(camera_to_world: np.ndarray) -> np.ndarray:
     return np.asarray(camera_to_world) * np.append(OPENGL_FROM_OPENCV, 1.0)
 
 
-# Half a turn about X is its own inverse, so these serve both ways.
-opencv_from_opengl, pose_opencv_from_opengl = opengl_from_opencv, pose_opengl_from_opencv
+def opencv_from_opengl(vectors: np.ndarray) -> np.ndarray:
+    """Vectors [..., 3] in OpenGL's camera axes to OpenCV's: half a turn about X is its own inverse."""
+    return opengl_from_opencv(vectors)
+
+
+def pose_opencv_from_opengl(camera_to_world: np.ndarray) -> np.ndarray:
+    """Camera-to-world matrices [..., 4, 4] of OpenGL cameras as those of OpenCV cameras."""
+    return pose_opengl_from_opencv(camera_to_world)
 
 
 def rigid(rotation: np.ndarray, place: np.ndarray) -> np.ndarray:

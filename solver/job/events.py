@@ -1,6 +1,5 @@
 """Events: one JSON object a line, appended to `events.jsonl` and sent to the parent process."""
 
-import errno
 import json
 import math
 import os
@@ -75,20 +74,26 @@ def _lock(file: TextIO) -> None:
     """Hold a file alone until it is closed, where the system and the disk can; it can be read meanwhile."""
     try:
         if os.name == "nt":
-            import msvcrt
+            _lock_on_windows(file.fileno())
+        else:
+            import fcntl
 
-            # What is locked there cannot be read, so it is a byte that the file never has.
-            os.lseek(file.fileno(), 1 << 30, os.SEEK_SET)
-            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
-            return
-        import fcntl
-
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         raise
-    except OSError as error:  # not all network drives have locks
-        if os.name == "nt" and error.errno == errno.EACCES:
-            raise BlockingIOError(*error.args) from error
+    except OSError:  # not all network drives have locks
+        pass
+
+
+def _lock_on_windows(descriptor: int) -> None:
+    import msvcrt
+
+    # What is locked there cannot be read, so it is a byte that the file never has.
+    os.lseek(descriptor, 1 << 30, os.SEEK_SET)
+    try:
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+    except PermissionError as error:
+        raise BlockingIOError(*error.args) from error
 
 
 def _finite(value: Any) -> Any:

@@ -333,6 +333,16 @@ def test_the_persons_choice_comes_first(part, tmp_path, monkeypatch):
         runtime.solver_python(str(chosen))
 
 
+def test_a_python_that_does_not_start_is_named_where_the_system_does_not(part, monkeypatch):
+    def refused(*arguments, **settings):
+        raise OSError(8, "no valid application")
+
+    monkeypatch.setattr(subprocess, "Popen", refused)
+    with pytest.raises(OSError, match="no valid application") as raised:
+        part("setup_monitor").start_check(Path("a", "python"))
+    assert Path(raised.value.filename) == Path("a", "python")
+
+
 def test_what_is_no_program_on_windows_is_told_before_it_is_started(part, tmp_path, monkeypatch):
     """There anything that can be read counts as executable."""
     runtime = part("runtime")

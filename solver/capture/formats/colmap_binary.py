@@ -167,13 +167,15 @@ class _Records:
             raise _broken_off(self.file, where)
 
     def take(self, form: struct.Struct, where: str) -> tuple:
-        self.expect(form.size, where)
+        if self.at + form.size > self.size:
+            self.expect(form.size, where)
         values = form.unpack_from(self.data, self.at)
         self.at += form.size
         return values
 
     def skip(self, count: int, where: str) -> None:
-        self.expect(count, where)
+        if self.at + count > self.size:
+            self.expect(count, where)
         self.at += count
 
     def count(self, least: int) -> int:

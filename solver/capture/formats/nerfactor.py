@@ -13,10 +13,10 @@ import math
 import re
 from pathlib import Path
 
-from ..camera_folder import MOST_FILES
+from ..camera_folder import MOST_FILES, listing
 from ..fields import Entry
 from ..files import json_holds
-from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, assemble
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..picture_names import numbered
 
 NAME = "NeRFactor"
@@ -42,12 +42,8 @@ def _views(path: Path) -> list[Path]:
     folder = path.absolute().parent
     if (kind := _kind(folder)) is None:
         return [path]
-    try:
+    with listing(folder.parent):
         beside = [other for other in folder.parent.iterdir() if _kind(other) == kind]
-    except OSError as error:
-        raise CaptureError(
-            folder.parent, "", "the folder cannot be read", "check its permissions"
-        ) from error
     files = [file for other in beside if (file := other / path.name).is_file()]
     return sorted(files, key=lambda file: numbered(file.parent.name))[:MOST_FILES]
 

@@ -24,10 +24,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera_folder import LARGEST_FILE, files_in, matrix_of, photo_folder, words_of
+from ..camera_folder import files_in, matrix_of, photo_folder, rows_of, words_of
 from ..errors import CaptureError, counted
 from ..fields import is_no_pose, rigid_pose
-from ..files import as_text, read_bytes, text_head
+from ..files import text_head
 from ..frames import invert_pose, pose_opengl_from_opencv
 from ..intake import Capture, Found, PhotoFinder, assemble, without_pose
 from ..pinhole import lens_on, pinhole_of
@@ -107,8 +107,7 @@ def _lens_file(file: Path) -> Path | None:
 
 def _lens(path: Path) -> tuple[float, float, float, float]:
     """fx fy cx cy of a lens's file, in pixels."""
-    lines = as_text(read_bytes(path, LARGEST_FILE)).splitlines()
-    rows = [words for line in lines if (words := line.split())]
+    rows = rows_of(path)
     lengths = [len(row) for row in rows]
     if lengths in ([9], [16]):  # a matrix in one line
         side = math.isqrt(lengths[0])
