@@ -14,6 +14,7 @@ from torch import Tensor
 from ..brdf.neural import NeuralTerm
 from ..capture.turntable import Turntable
 from ..field.field import MicrofacetField
+from ..field.occupancy import Occupancy
 from ..field.room import Room
 from ..job.folder import set_aside
 from ..job.request import JobError
@@ -29,21 +30,6 @@ from .same_photos import COLOURS, POSES, check_exposed
 from .settings import Settings
 from .trainer import Trainer
 
-BEFORE = {
-    "field": {"turn_box": False},
-    "light": {
-        "turntable": "no", "from_room": False, "floor": False, "colour_tolerance": 0.0,
-        "step_smoothing": 0.0, "smoothness": 0.0, "colour_smoothness": 0.0,
-    },
-    "render": {"diffuse_visibility": False},
-    "fit": {
-        "palette_weight": 0.0, "palette_narrowing": 1.0, "dielectric_weight": 0.0,
-        "grey_f0_weight": 0.0, "metal_weight": 0.0, "metal_albedo_weight": 0.0,
-        "light_floor_without_room": 0.0, "cut_out": False, "cut_out_before_far": False,
-        "cut_out_standing": False, "unbiased": False,
-    },
-}  # fmt: skip
-"""settings as they were, in effect, before there was such a setting"""
 TENSORS, STATE = "scene.safetensors", "state.json"
 _LEAST = {"field", "settings", "step"}
 """what no state lacks"""
@@ -197,25 +183,23 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
         tensors["scene.field.centre"], shape["half_size"], shape["size"],
         shape["density_components"], shape["feature_components"], shape["feature_size"],
         smoothed_normals=shape["smoothed_normals"],
-        # Jobs of version 0.1 have the public code's.
-        density_scale=shape.get("density_scale", 25.0),
-        density_shift=shape.get("density_shift", -4.0),
-        axes=shape.get("axes") and torch.tensor(shape["axes"]),
+        density_scale=shape["density_scale"], density_shift=shape["density_shift"],
+        axes=shape["axes"] and torch.tensor(shape["axes"]),
     )  # fmt: skip
-    field.smoothing = shape.get("smoothing", 0.0)  # jobs of version 0.1 have none
+    field.smoothing = shape["smoothing"]
     scene = Scene(
         field, EnvironmentMap(state["environment_height"], floor=_floor_of(state)),
         NeuralTerm(shape["feature_size"]), shape["occupancy_cells"], _room_of(state, tensors),
-        state.get("origin"), _turntable_of(state),
+        state["origin"], _turntable_of(state),
     ).to(device)  # fmt: skip
     scene.load_state_dict(beginning_with("scene.", tensors))
-    _restore_occupancy(scene, tensors)
+    _restore_occupancy(scene.occupancy, tensors)
     _restore_probes(scene, tensors)
     return scene, state, tensors
 
 
 def _room_of(state: dict, tensors: dict[str, Tensor]) -> Room | None:
-    shape = state.get("room")
+    shape = state["room"]
     if shape is None:
         return None
     return Room(
@@ -225,23 +209,18 @@ def _room_of(state: dict, tensors: dict[str, Tensor]) -> Room | None:
 
 
 def _turntable_of(state: dict) -> Turntable | None:
-    values = state.get("turntable")
+    values = state["turntable"]
     return values and Turntable(**{name: np.array(value) for name, value in values.items()})
 
 
 def _floor_of(state: dict) -> Floor | None:
-    values = state.get("floor")
+    values = state["floor"]
     return values and Floor(tuple(values["up"]), values["height"], tuple(values["centre"]))
 
 
-@torch.no_grad()
-def _restore_occupancy(scene: Scene, tensors: dict[str, Tensor]) -> None:
-    scene.occupancy.allowed = tensors["allowed"]
-    depth = tensors.get("corner_depth")
-    if depth is None:  # an older job's: as its field is
-        sigma = scene.field.extinction(scene.field.raw_density_grid(scene.occupancy.cells + 1))
-        depth = sigma * scene.cell
-    scene.occupancy.fill(tensors["occupancy"], depth)
+def _restore_occupancy(occupancy: Occupancy, tensors: dict[str, Tensor]) -> None:
+    occupancy.allowed = tensors["allowed"]
+    occupancy.fill(tensors["occupancy"], tensors["corner_depth"])
 
 
 def _probe_tensors(scene: Scene) -> dict[str, Tensor]:
@@ -272,34 +251,27 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, Tensor]) -> None:
         JobError: its photos are others than those whose exposures the checkpoint knows.
     """
     trainer.step, trainer.level = state["step"], state["level"]
-    # Under a time limit more of the fit is done than the steps say. Jobs of version 0.1 have only those.
-    trainer.fraction = state.get("fraction", trainer.step / trainer.settings.fit.steps)
+    trainer.fraction = state["fraction"]
     trainer.generator.set_state(tensors["generator.pixels"].cpu())
-    # Jobs of version 0.1 have another optimiser's moments; they go on with new ones.
-    if "optimiser.count" in tensors:
-        trainer.optimiser.restore(beginning_with("optimiser.", tensors))
+    trainer.optimiser.restore(beginning_with("optimiser.", tensors))
     if trainer.exposures is not None:
         check_exposed(tensors, len(tensors["exposures.log_gain"]), trainer.bank.mean_colours)
         trainer.exposures.restore(beginning_with("exposures.", tensors))
-    trainer.probe_turn = state.get("probe_turn", -1)  # jobs of version 0.1 have none
-    if (share := tensors.get("light.open_detail")) is not None:
-        # It was of detail alone, and one map, before colours had theirs.
-        trainer.open_detail.share = share.expand(2, -1, -1)
+    trainer.probe_turn = state["probe_turn"]
+    trainer.open_detail.share = tensors.get("light.open_detail")
     trainer.steps_at_level = state["steps_at_level"]
     trainer.fraction_at_level = state["fraction_at_level"]
     trainer.batching.restore(state["batching"])
     # A new trainer refreshes the grid; the interrupted one would have done so only later.
-    _restore_occupancy(trainer.scene, tensors)
+    _restore_occupancy(trainer.scene.occupancy, tensors)
 
 
 def settings_of(state: dict) -> Settings:
     """The settings a checkpoint was made with."""
-    sections = {f.name: f.default_factory for f in dataclasses.fields(Settings)}
-    loaded = {}
-    for name, section in sections.items():
-        values = BEFORE.get(name, {}) | state["settings"].get(name, {})
-        known = {f.name for f in dataclasses.fields(section)}
-        loaded[name] = section(
-            **{k: tuple(v) if isinstance(v, list) else v for k, v in values.items() if k in known}
+    sections = {}
+    for section in dataclasses.fields(Settings):
+        values = state["settings"][section.name].items()
+        sections[section.name] = section.type(
+            **{name: tuple(v) if isinstance(v, list) else v for name, v in values}
         )
-    return Settings(**loaded)
+    return Settings(**sections)

@@ -21,7 +21,7 @@ from . import checkpoint
 from .cut_out import photos_as_fitted
 from .devices import device_at_hand
 from .panorama_file import read_panorama
-from .same_photos import COLOURS, POSES, check_poses
+from .same_photos import POSES, check_poses
 from .schedule import picture_settings
 from .settings import Settings
 from .standing_file import read_standing
@@ -50,14 +50,13 @@ def check_capture(job: JobFolder) -> None:
     cameras, state = capture_of(job).cameras, checkpoint.read_state(job.checkpoint_dir)
     if state is None:
         return
-    colours, poses = (checkpoint.read_tensor(job.checkpoint_dir, n) for n in (COLOURS, POSES))
-    if colours is not None and len(colours) != len(cameras):
+    poses = checkpoint.read_tensor(job.checkpoint_dir, POSES)
+    if len(poses) != len(cameras):
         raise JobError(
-            f"{job.capture_path} has {len(cameras)} photos, and the job began with {len(colours)}; give "
+            f"{job.capture_path} has {len(cameras)} photos, and the job began with {len(poses)}; give "
             "the capture that it began with, or start a new job."
         )
-    origin = np.array(state.get("origin") or (0.0, 0.0, 0.0))
-    check_poses(poses, [camera.seen_from(origin) for camera in cameras])
+    check_poses(poses, [camera.seen_from(np.array(state["origin"])) for camera in cameras])
 
 
 def background_of_job(job: JobFolder) -> str:

@@ -114,7 +114,7 @@ def _run(job: JobFolder, progress: Progress, control: Control, began: float) -> 
     capture, photos = start.capture, start.photos
     if state is not None:
         scene, state, tensors = checkpoint.load_scene(job.checkpoint_dir, device)
-        check_poses(tensors.get(POSES), [c.seen_from(scene.origin) for c in capture.cameras])
+        check_poses(tensors[POSES], [c.seen_from(scene.origin) for c in capture.cameras])
         trainer = trainer_for(scene, capture, photos, settings, request.seed, start.light.held)
         checkpoint.restore(trainer, state, tensors)
         names = [camera.name for camera in capture.cameras]

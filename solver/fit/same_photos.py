@@ -10,7 +10,7 @@ from ..capture.errors import listed
 from ..job.request import JobError
 
 COLOURS = "photos.mean_colours"
-"""the checkpoint's tensor [P, 3] by which photos are known again; older jobs have none"""
+"""the checkpoint's tensor [P, 3] by which photos are known again"""
 POSES = "photos.poses"
 """and that [P, 3, 4] of how they were taken, camera to world, as the field counts"""
 SAME_PLACE = 1e-4
@@ -42,17 +42,17 @@ def check_exposed(tensors: dict[str, Tensor], known: int, now: Tensor) -> None:
         )
 
 
-def check_poses(before: Tensor | None, cameras: Sequence[Camera]) -> None:
+def check_poses(before: Tensor, cameras: Sequence[Camera]) -> None:
     """Make sure that photos are taken to be from where they were when the job began.
 
     Args:
-        before: the checkpoint's `POSES`; None: an older job has none.
+        before: the checkpoint's `POSES`.
         cameras: of the photos, as the field counts.
 
     Raises:
         JobError: they are not; as many as before.
     """
-    if before is None or len(before) != len(cameras):
+    if len(before) != len(cameras):
         return
     poses = before.cpu().double().numpy()
     units = np.array([1, 1, 1, max(np.abs(poses[..., 3]).max(), 1e-30)])
@@ -72,7 +72,7 @@ def what_changed(tensors: dict[str, Tensor], now: Tensor, names: Sequence[str]) 
     Args:
         tensors: the checkpoint's. now: mean colours [P, 3] of the photos. names: theirs.
     """
-    before = len(tensors.get(COLOURS, now))
+    before = len(tensors[COLOURS])
     if before != len(now):
         return f"the job began with {before} photos and continues with {len(now)}, so its result mixes both"
     off = [names[i] for i in _others(tensors, now)]
@@ -83,5 +83,5 @@ def what_changed(tensors: dict[str, Tensor], now: Tensor, names: Sequence[str]) 
 
 def _others(tensors: dict[str, Tensor], now: Tensor) -> list[int]:
     """Numbers of the photos that are not those of the checkpoint, of as many."""
-    before = tensors.get(COLOURS, now).to(now)
+    before = tensors[COLOURS].to(now)
     return ((now - before).abs() > SAME_COLOUR).any(-1).nonzero()[:, 0].tolist()

@@ -11,7 +11,6 @@ from solver.capture.camera import Camera
 from solver.capture.capture import Capture
 from solver.capture.photos import Photo
 from solver.fit.box import Box, box_around_hull
-from solver.fit.checkpoint import settings_of
 from solver.fit.settings import overridden
 from solver.fit.start import BOXED, masks_of, new_trainer
 from solver.render.image import render_view
@@ -160,8 +159,6 @@ def test_a_setting_keeps_the_box_straight():
     settings = overridden(SMALL, "field.turn_box", "no")
     trainer = new_trainer(capture, photos, settings, 0, None, "cpu", lambda fraction: None)
     assert trainer.scene.field.axes is None
-    # So it was, in effect, before there was such a setting.
-    assert not settings_of({"settings": {}}).field.turn_box
 
 
 class Asked(Exception):

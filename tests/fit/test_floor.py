@@ -78,7 +78,6 @@ def test_a_fit_that_goes_on_is_held_to_the_same(tmp_path):
     )
     np.testing.assert_array_equal(again.light.held.colour, began.light.held.colour)
     old = dataclasses.replace(SETTINGS, light=dataclasses.replace(SETTINGS.light, floor=False))
-    assert checkpoint.BEFORE["light"]["floor"] is False
     then = isolated(job, old, capture, photos, True, Heard(), lambda done: None)
     assert then.light == NOTHING_SEEN
 

@@ -7,10 +7,10 @@ import pytest
 import torch
 
 from solver.brdf.microfacet import fresnel_schlick
-from solver.fit import checkpoint, light_detail
+from solver.fit import light_detail
 from solver.fit.light_detail import OpenDetail, open_detail
 from solver.fit.presets import settings_for
-from solver.fit.start import new_trainer, trainer_for
+from solver.fit.start import new_trainer
 from solver.light.environment import EnvironmentMap, equirect_coordinates
 from solver.light.smoothing import draw_colours_together, draw_together
 from tests.fit.test_fit import ball_capture, resumed
@@ -213,26 +213,6 @@ def test_a_resumed_fit_goes_on_with_what_it_found_to_be_open(tmp_path):
     assert trainer.open_detail.share is not None
     other, settings = resumed(trainer, tmp_path, capture, photos)
     torch.testing.assert_close(other.open_detail.share, trainer.open_detail.share)
-    for one in (trainer, other):
-        for step in range(9):
-            one.advance(0.701 + step / 1000)
-    lights = (one.scene.environment.log_radiance for one in (trainer, other))
-    torch.testing.assert_close(*lights)
-
-
-def test_a_fit_from_before_colours_were_smooth_goes_on_without(tmp_path):
-    trainer, capture, photos = ball(**{"fit.rays": "64", "light.colour_smoothness": "0"})
-    trainer.advance(0.7)
-    both, trainer.open_detail.share = trainer.open_detail.share, trainer.open_detail.share[0]
-    checkpoint.save_checkpoint(trainer, tmp_path, 1.0, done=False)
-    trainer.open_detail.share = both
-    scene, state, tensors = checkpoint.load_scene(tmp_path)
-    for name in ("colour_smoothness", "colour_smoothness_width"):
-        del state["settings"]["light"][name]
-    settings = checkpoint.settings_of(state)
-    assert settings.light.colour_smoothness == 0
-    other = trainer_for(scene, capture, photos, settings, trainer.seed)
-    checkpoint.restore(other, state, tensors)
     for one in (trainer, other):
         for step in range(9):
             one.advance(0.701 + step / 1000)

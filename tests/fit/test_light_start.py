@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from solver.field.room import EXTENT
-from solver.fit.checkpoint import settings_of
 from solver.fit.light_start import BRIGHTEST, WHITE, light_from_room
 from solver.fit.losses import LEAST_LIGHT
 from solver.fit.seen_space import cell_centres
@@ -128,10 +127,3 @@ def test_the_light_begins_once_even_if_the_job_is_resumed(tmp_path):
     for one in (trainer, other):
         one.advance(22 / 40)
         assert float((one.scene.environment.log_radiance.detach() + 1).abs().max()) < 0.1
-
-
-def test_a_job_begun_before_there_was_such_a_light_goes_on_without():
-    settings = dataclasses.asdict(SMALL)
-    del settings["light"]["from_room"]
-    assert settings_of({"settings": settings}).light.from_room is False
-    assert SMALL.light.from_room

@@ -132,13 +132,6 @@ def test_several_rays_a_pixel_fit_and_resume_as_if_nothing_had_happened(tmp_path
     assert expected[-1] < reports[0]["image"]
 
 
-def test_an_older_fit_goes_on_with_one_ray_a_pixel():
-    values = dataclasses.asdict(settings_for("standard"))
-    assert checkpoint.settings_of({"settings": values}).render.pixel_grid == 2
-    del values["render"]["pixel_grid"]
-    assert checkpoint.settings_of({"settings": values}).render.pixel_grid == 1
-
-
 def test_a_sudden_fog_shrinks_the_batch_at_once():
     batching = Batching(FitSettings(rays=400, most_rays=8000, samples=10_000), 0)
     for _ in range(50):
@@ -202,25 +195,6 @@ def test_the_paper_preset_resumes_as_if_nothing_had_happened(tmp_path):
     expected = [trainer.advance(i / 30)["image"] for i in range(12, 20)]
     result = [other.advance(i / 30)["image"] for i in range(12, 20)]
     np.testing.assert_allclose(result, expected, rtol=1e-3)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "palette_weight",
-        "dielectric_weight",
-        "grey_f0_weight",
-        "metal_weight",
-        "metal_albedo_weight",
-        "light_floor_without_room",
-    ],
-)
-def test_an_older_fit_resumes_without_the_terms_it_did_not_know(name):
-    for preset in ("draft", "paper"):
-        values = dataclasses.asdict(settings_for(preset))
-        assert getattr(checkpoint.settings_of({"settings": values}).fit, name) == values["fit"][name]
-        del values["fit"][name]
-        assert getattr(checkpoint.settings_of({"settings": values}).fit, name) == 0
 
 
 def test_what_photos_hardly_tell_of_the_light_stays_as_it_was():

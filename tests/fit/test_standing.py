@@ -12,7 +12,6 @@ from solver.cameras.output import write_points
 from solver.capture.formats.transforms import write_transforms
 from solver.capture.photos import linear_to_srgb
 from solver.fit import isolation
-from solver.fit.checkpoint import BEFORE
 from solver.fit.cut_out import photos_as_fitted
 from solver.fit.cut_out_standing import before_support, few_on_support, find_on_support, picture_of
 from solver.fit.isolation import isolated
@@ -237,7 +236,7 @@ def test_a_job_leaves_photos_alone_if_told_to_or_short_of_time(tmp_path, glazed)
         found = isolated(job, settings, capture, photos, False, heard, lambda done: None)
         assert found.photos is photos and not heard.warnings and found.capture is capture
         assert not job.masks_dir.exists() and not job.standing_path.exists()
-    assert not PAPER.fit.use_masks and BEFORE["fit"]["cut_out_standing"] is False
+    assert not PAPER.fit.use_masks
     assert settings_for("draft").fit.cut_out_standing
 
 
