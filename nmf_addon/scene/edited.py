@@ -17,6 +17,7 @@ _RAYS = "camera", "diffuse", "glossy", "transmission", "shadow", "scatter"
 """what sees a World as made; Cycles cannot be asked while it is off"""
 _NO_EDITS = (
     "is_active_output", "paint_active_slot", "paint_clone_slot", "preview_render_type", "use_preview_world",
+    "use_nodes",  # Blender 6.0 has none, and 5.1 warns who asks
 )  # fmt: skip
 
 

@@ -124,6 +124,14 @@ def test_nodes_that_lie_elsewhere_and_other_previews_are_no_edit(install):
     assert counts() == before
 
 
+def test_whether_nodes_are_used_which_blender_6_does_not_tell_is_no_edit(install):
+    material = install().active_material
+    material.use_nodes = bpy.context.scene.world.use_nodes = False
+    before = counts()
+    install()
+    assert counts() == before
+
+
 def test_a_full_copy_of_a_scene_is_left_alone_when_the_other_is_renewed(install):
     item, first = install(), bpy.context.scene
     bpy.ops.scene.new(type="FULL_COPY")
