@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 from bpy.app.handlers import persistent
 
+from .callbacks import detach
 from .compat import PATH_OPTIONS
 from .redraw import is_rendering
 from .scene.capture_collection import is_capture
@@ -111,6 +112,5 @@ def register() -> None:
 
 def unregister() -> None:
     """Detach it."""
-    if _let_go in bpy.app.handlers.depsgraph_update_post:
-        bpy.app.handlers.depsgraph_update_post.remove(_let_go)
+    detach(_let_go, bpy.app.handlers.depsgraph_update_post)
     del bpy.types.Scene.nmf

@@ -15,6 +15,7 @@ from pathlib import Path
 import bpy
 
 from . import runtime
+from .callbacks import start_timer, stop_timer
 from .jobs.process import end_group, solver_command, start_group
 from .names import REPOSITORY
 
@@ -120,8 +121,7 @@ def _follow(command: list[str], state: SetupState) -> None:
     )  # fmt: skip
     _state = state
     threading.Thread(target=_read, args=(_process, _state), daemon=True).start()
-    if not bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.register(_tick, first_interval=0.3, persistent=True)
+    start_timer(_tick, 0.3)
 
 
 def _read(process: subprocess.Popen, state: SetupState) -> None:
@@ -164,8 +164,7 @@ def unregister() -> None:
     """Stop building when the extension goes."""
     global _process, _state
     cancel_setup()
-    if bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.unregister(_tick)
+    stop_timer(_tick)
     if _process is not None:
         try:
             _process.wait(5)

@@ -11,6 +11,7 @@ from bpy.app.handlers import persistent
 from ...solver.job.folder import JobFolder
 from ...solver.job.request import JobError
 from .. import thumbnails
+from ..callbacks import detach, start_timer, stop_timer
 from ..names import BASE_PACKAGE
 from ..redraw import is_rendering, redraw_panels
 from ..reports import reason_of
@@ -54,17 +55,10 @@ class Watcher:
 
     def hang_up(self, tick: Callable[[], float | None]) -> None:
         """Blender quits or the extension is disabled: no longer watch by `tick`, nor hold the child."""
-        if bpy.app.timers.is_registered(tick):
-            bpy.app.timers.unregister(tick)
+        stop_timer(tick)
         if self.process is not None:
             self.process.close()
             self.process = None
-
-
-def tick_soon(tick: Callable[[], float | None]) -> None:
-    """Begin to watch by a timer, unless one does."""
-    if not bpy.app.timers.is_registered(tick):
-        bpy.app.timers.register(tick, first_interval=INTERVAL, persistent=True)
 
 
 class Monitor(Watcher):
@@ -104,7 +98,7 @@ class Monitor(Watcher):
         self.job, self.model = job, JobModel(resumable=job.has_checkpoint())
         self.of_this_file = True
         thumbnails.show(job.preview_dir / "render.png")
-        tick_soon(_tick)
+        start_timer(_tick, INTERVAL)
 
     def tick(self) -> float | None:
         """Take in what happened; the seconds until the next call, or None at the end."""
@@ -184,7 +178,7 @@ class Monitor(Watcher):
             self.job, self.model = job, model_of_folder(job)
             thumbnails.show(job.preview_dir / "render.png")
             if self.model.state == "elsewhere":
-                tick_soon(_tick)
+                start_timer(_tick, INTERVAL)
             self.tell_where()
 
     def tell_where(self) -> None:
@@ -329,8 +323,6 @@ def register() -> None:
 def unregister() -> None:
     """Stop watching."""
     for handlers, handler in _handlers():
-        if handler in handlers:
-            handlers.remove(handler)
-    if bpy.app.timers.is_registered(_look_at_open_file):
-        bpy.app.timers.unregister(_look_at_open_file)
+        detach(handler, handlers)
+    stop_timer(_look_at_open_file)
     monitor.shut_down()

@@ -11,12 +11,13 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ...solver.job.events import Event
+from ..callbacks import detach, start_timer
 from ..names import BASE_PACKAGE
 from ..redraw import redraw_panels
 from ..reports import reason_of
 from ..runtime import bootstrap_script, clean_environment
 from .model import JobModel
-from .monitor import INTERVAL, Watcher, lose_sight, tick_soon
+from .monitor import INTERVAL, Watcher, lose_sight
 from .process import JobProcess, solver_command, take_in
 
 _log = logging.getLogger(BASE_PACKAGE)
@@ -78,7 +79,7 @@ class SideTask(Watcher):
         self.title, self.model, self.events, self._done = title, JobModel(), [], done
         self.of_this_file, self.holds_for, self._kept = True, None, kept
         self.started_in = bpy.data.filepath
-        tick_soon(_tick)
+        start_timer(_tick, INTERVAL)
 
     def tick(self) -> float | None:
         """Take in what happened; the seconds until the next call, or None at the end."""
@@ -139,6 +140,5 @@ def register() -> None:
 
 def unregister() -> None:
     """Stop watching."""
-    if _on_load in bpy.app.handlers.load_post:
-        bpy.app.handlers.load_post.remove(_on_load)
+    detach(_on_load, bpy.app.handlers.load_post)
     side_task.shut_down()

@@ -12,6 +12,7 @@ from bpy.app.handlers import persistent
 from bpy.types import Camera, Object
 from mathutils import Matrix
 
+from ..callbacks import detach, start_timer, stop_timer
 from ..names import BASE_PACKAGE
 from ..redraw import is_rendering, redraw_panels
 from .background import empty_copy, fill_copy
@@ -78,8 +79,8 @@ def _tick() -> float | None:
 @persistent
 def _go_on(*_) -> None:
     """Make what is awaited by an import, a file that was opened, or a state that Undo came back to."""
-    if not bpy.app.timers.is_registered(_tick) and awaiting(bpy.data.objects):
-        bpy.app.timers.register(_tick, first_interval=PAUSE, persistent=True)
+    if awaiting(bpy.data.objects):
+        start_timer(_tick, PAUSE)
 
 
 def _handlers() -> tuple[list, ...]:
@@ -89,14 +90,11 @@ def _handlers() -> tuple[list, ...]:
 
 def register() -> None:
     """Watch for what is awaited."""
-    for handler in _handlers():
-        handler.append(_go_on)
+    for handlers in _handlers():
+        handlers.append(_go_on)
 
 
 def unregister() -> None:
     """Stop watching; what is awaited stays so."""
-    for handler in _handlers():
-        if _go_on in handler:
-            handler.remove(_go_on)
-    if bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.unregister(_tick)
+    detach(_go_on, *_handlers())
+    stop_timer(_tick)

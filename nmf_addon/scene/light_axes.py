@@ -10,6 +10,7 @@ from bpy.app.handlers import persistent
 from bpy.types import Depsgraph, Object, Scene, World
 from mathutils import Matrix
 
+from ..callbacks import detach
 from ..redraw import is_rendering
 from .replace import JOB
 from .world import turn_with, turns_with
@@ -97,5 +98,4 @@ def register() -> None:
 
 def unregister() -> None:
     """Stop watching."""
-    if _on_change in bpy.app.handlers.depsgraph_update_post:
-        bpy.app.handlers.depsgraph_update_post.remove(_on_change)
+    detach(_on_change, bpy.app.handlers.depsgraph_update_post)
