@@ -31,6 +31,7 @@ class JobModel:
         overall: share of the whole job that is done, 0 to 1.
         psnr: agreement of the fit with the photos so far, decibels.
         preview_version: counts the previews that were written.
+        cancelling: the person pressed Cancel.
     """
 
     state: str = "preparing"
@@ -72,10 +73,6 @@ class JobModel:
             case _:
                 return False
         return True
-
-    def ask_to_cancel(self) -> None:
-        """The person pressed Cancel."""
-        self.cancelling = True
 
     def ended(self, exit_code: int, said_bye: bool, log_tail: str) -> None:
         """The process is gone.

@@ -50,7 +50,7 @@ class Watcher:
         """Ask it to stop."""
         if self.process is not None:
             self.process.cancel()
-            self.model.ask_to_cancel()
+            self.model.cancelling = True
             redraw_panels()
 
     def hang_up(self, tick: Callable[[], float | None]) -> None:

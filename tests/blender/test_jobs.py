@@ -206,7 +206,7 @@ def test_a_child_that_ignores_cancel_is_terminated_then_killed(start, part, monk
     def cancel(event, model):
         if event.kind == "stage":
             process.cancel()
-            model.ask_to_cancel()
+            model.cancelling = True
 
     model, code = wait(process, part, after=cancel)
     assert asked == [False, True] and code == -9
