@@ -30,8 +30,6 @@ CAMERA_MODELS = (
 FEWEST_PHOTOS = 3
 VIDEO_PHOTOS, MOST_VIDEO_PHOTOS = 100, 1000
 """photos that are taken from a video, if nobody says how many, and at most"""
-_LATER = "masks_changed", "ignored_changed"
-"""fields of a request that older solves do not state"""
 _OF_VIDEO_PHOTOS = "changed", "video_photos"
 """those that say which photos are taken from a video"""
 
@@ -114,8 +112,7 @@ class SolveFolder:
                 "reconstruct from it, or give a new folder",
             )  # fmt: skip
         if self.request_path.exists():
-            # Older solves do not state all: what they do not is as it is now.
-            begun = {"ignored": None, **{name: asked[name] for name in _LATER}, **self.begun()}
+            begun = self.begun()
             if begun == asked:
                 return True
             if begun.get("photos") != asked["photos"]:

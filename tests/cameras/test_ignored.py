@@ -3,14 +3,13 @@
 import json
 import os
 import sqlite3
-from dataclasses import asdict
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from solver.cameras.command import request_of
-from solver.cameras.folder import SolveFolder, SolveRequest, photos_below
+from solver.cameras.folder import SolveFolder, photos_below
 from solver.cameras.output import write_cameras
 from solver.cameras.prepare import look_at, write_prepared
 from solver.cameras.solve import Solved, Solver
@@ -277,14 +276,3 @@ def test_photos_of_a_video_stay_when_what_is_ignored_in_them_was_repainted(tmp_p
     repainted(ignored)
     assert folder.take(request_of(video, folder, 3, ignored=str(ignored))) is False
     assert folder.video_photos_dir.exists() and not folder.database_path.exists()
-
-
-def test_a_solve_that_was_begun_before_there_was_this_option_goes_on(tmp_path):
-    folder = SolveFolder(tmp_path / "cameras")
-    request = SolveRequest("/photos", ("a.png", "b.png", "c.png"), ignored_changed=(1, 2, 3))
-    folder.take(request)
-    older = asdict(request)
-    for field in ("ignored", "masks_changed", "ignored_changed"):
-        del older[field]
-    folder.request_path.write_text(json.dumps(older))
-    assert folder.take(request) is True
