@@ -56,15 +56,18 @@ def _between(ends: tuple[float, float], fraction: float) -> float:
 
 def neural_share(fit: FitSettings, fraction: float) -> float:
     """Share of g at a fraction of the fit; at 1, what the finished field is to be rendered with."""
-    first, last = fit.neural_fade
-    kept = 1 - min(max((fraction - first) / max(last - first, 1e-6), 0), 1)
-    return fit.neural_start * kept
+    return fit.neural_start * _left_of_fade(fit.neural_fade, fraction)
 
 
 def emission_share(fit: FitSettings, fraction: float) -> float:
     """Share of emission of a fit that started as a fog."""
-    first, last = fit.emission_fade
-    return 1 - min(max((fraction - first) / max(last - first, 1e-6), 0), 1) if last > 0 else 0.0
+    return _left_of_fade(fit.emission_fade, fraction) if fit.emission_fade[1] > 0 else 0.0
+
+
+def _left_of_fade(ends: tuple[float, float], fraction: float) -> float:
+    """What is left at a fraction of the fit of what is blended out between two: from 1 to 0."""
+    first, last = ends
+    return 1 - min(max((fraction - first) / max(last - first, 1e-6), 0), 1)
 
 
 def pixel_grid(settings: Settings, fraction: float) -> int:
