@@ -92,6 +92,16 @@ def filled(colour: np.ndarray, known: np.ndarray | None) -> np.ndarray:
     return np.where(known[..., None], colour, colour[tuple(at)])
 
 
+def with_untold(mask: np.ndarray, told: np.ndarray | None) -> np.ndarray:
+    """A mask [H, W] and all that its photo says nothing of."""
+    return mask if told is None else mask | ~told
+
+
+def without_untold(mask: np.ndarray, told: np.ndarray | None) -> np.ndarray:
+    """What of a mask [H, W] its photo says something of."""
+    return mask if told is None else mask & told
+
+
 def both(told: np.ndarray | None, kept: np.ndarray) -> np.ndarray | None:
     """[H, W] bool: where a photo says something by both; None, as the first may be: everywhere."""
     told = kept if told is None else told & kept

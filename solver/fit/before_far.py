@@ -12,7 +12,7 @@ from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.panorama import Behind, Comparison, Panorama, panorama_of
 from ..capture.photos import Photo, resized
-from ..capture.told import filled
+from ..capture.told import filled, with_untold, without_untold
 from ..threads import thread_pool
 from .common_masks import CELLS, fit_together, mended, silhouettes
 from .photo_alpha import levels_of, with_alpha
@@ -75,7 +75,7 @@ def cut_out_before_far(
             agreements.append(found)
             progress(COMPARING * len(agreements) / len(photos))
     maybe = [
-        ~_from_the_edge(_or_untold(found.is_far, camera.told_at(found.seen.shape)))
+        ~_from_the_edge(with_untold(found.is_far, camera.told_at(found.seen.shape)))
         for camera, found in zip(small, agreements, strict=True)
     ]
     near = silhouettes(small, maybe, box, CELLS, FEWER)
@@ -102,8 +102,8 @@ def before_panorama(
     plain, known = [], []
     for camera, photo in zip(cameras, photos, strict=True):
         behind = _behind(camera, photo, panorama)
-        plain.append(_or_untold(behind.is_seen_in(levels_of(photo)), photo.told))
-        known.append(behind.known if photo.told is None else behind.known & photo.told)
+        plain.append(with_untold(behind.is_seen_in(levels_of(photo)), photo.told))
+        known.append(without_untold(behind.known, photo.told))
     shown = [~ndimage.binary_opening(mask, np.ones((2, 2))) for mask in plain]
     # What no other photo shows is told by where the object is.
     near = silhouettes(cameras, shown, region, FINE_CELLS, FEWER)
@@ -165,11 +165,6 @@ def _before(photo: Photo, shown: np.ndarray, behind: Behind) -> Photo:
     depth = ndimage.distance_transform_edt(shown)
     unsure = shown & ~behind.known & (depth <= UNSURE * min(shown.shape))
     return replace(with_alpha(photo, shown, colour), behind=colour.astype(np.float16), unsure=unsure)
-
-
-def _or_untold(mask: np.ndarray, told: np.ndarray | None) -> np.ndarray:
-    """A mask [H, W] with what the photo says nothing of."""
-    return mask if told is None else mask | ~told
 
 
 def _from_the_edge(plain: np.ndarray, least: int = 3) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from ..capture.camera import Camera
+from ..capture.told import with_untold, without_untold
 from .seen_space import cell_centres
 from .visual_hull import SEEN_BY, carve, hull_box
 
@@ -118,8 +119,7 @@ def missing(cameras: Sequence[Camera], masks: Sequence[np.ndarray], region: np.n
         if not centres.any():
             return 1.0
         covered = ndimage.maximum_filter(centres, width)
-        told = camera.told_at(mask.shape)
-        mask = mask if told is None else mask & told
+        mask = without_untold(mask, camera.told_at(mask.shape))
         lost += int((mask & ~covered).sum())
         all_shown += int(mask.sum())
     return lost / max(all_shown, 1)
@@ -128,8 +128,7 @@ def missing(cameras: Sequence[Camera], masks: Sequence[np.ndarray], region: np.n
 def _maybe(cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> Iterator[np.ndarray]:
     """Masks [H, W] with what photos say nothing of: the object may be there."""
     for camera, mask in zip(cameras, masks, strict=True):
-        told = camera.told_at(mask.shape)
-        yield mask if told is None else mask | ~told
+        yield with_untold(mask, camera.told_at(mask.shape))
 
 
 def _centres(

@@ -18,6 +18,7 @@ from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.photos import Photo, load_photos, read_exr
 from ..capture.read import read_capture
+from ..capture.told import without_untold
 from ..job.folder import JobFolder
 from ..job.request import JobError
 from ..metrics.image import flip, lpips, ms_ssim, psnr, ssim, true_where_told
@@ -182,7 +183,7 @@ def _factor_of_all(rendered: list[np.ndarray], photos: list[Photo]) -> np.ndarra
     for picture, photo in zip(rendered, photos, strict=True):
         # Where there is nothing in either, any factor is as good.
         filled = (picture[..., :3] != 0).any(-1) | (photo.pixels[..., :3] != 0).any(-1)
-        filled = filled if photo.told is None else filled & photo.told
+        filled = without_untold(filled, photo.told)
         predictions.append(picture[filled, :3])
         truths.append(photo.pixels[filled, :3])
     return clipped_factor(np.concatenate(predictions), np.concatenate(truths))

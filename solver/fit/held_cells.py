@@ -5,6 +5,7 @@ from scipy import ndimage
 
 from ..capture.camera import Camera
 from ..capture.photos import Photo
+from ..capture.told import with_untold, without_untold
 
 TOUCHING = 20 / 128
 """length within the hull, as a share of the box, up to which a silhouette's ray says where the object is"""
@@ -22,13 +23,10 @@ def held_by_silhouettes(
     along = np.arange(-reach, reach, edge / 2)
     votes = np.zeros(hull.size, dtype=np.int16)
     for camera, photo in zip(cameras, photos, strict=True):
-        mask = photo.pixels[..., 3] > 0.5
         # What the frame, or what a photo says nothing of, cuts off has no silhouette there.
-        if photo.told is not None:
-            mask = mask | ~photo.told
+        mask = with_untold(photo.pixels[..., 3] > 0.5, photo.told)
         inner = ndimage.binary_erosion(mask, border_value=1)
-        edge_of_it = mask & ~inner
-        row, column = np.nonzero(edge_of_it if photo.told is None else edge_of_it & photo.told)
+        row, column = np.nonzero(without_untold(mask & ~inner, photo.told))
         distance = np.linalg.norm(camera.position - centre)
         stride = max(1, int(edge * max(camera.fx, camera.fy) / distance))
         origins, directions = camera.rays(column[::stride] + 0.5, row[::stride] + 0.5)

@@ -15,6 +15,7 @@ from ..capture.errors import CaptureError
 from ..capture.panorama import Panorama
 from ..capture.photos import Photo
 from ..capture.placement import far_origin, seen_from
+from ..capture.told import with_untold
 from ..capture.turntable import Turntable
 from ..field.room import EXTENT, Room, expand
 from ..job.folder import JobFolder
@@ -184,8 +185,7 @@ def take_decoder(scene: Scene, job: Path, device: str) -> None:
 
 def masks_of(photos: list[Photo]) -> Iterator[np.ndarray]:
     """Booleans [H, W], one at a time: where each photo shows the object, or says nothing of it."""
-    masks = ((photo.pixels[..., 3] > 0.5, photo.told) for photo in photos)
-    return (mask if told is None else mask | ~told for mask, told in masks)
+    return (with_untold(photo.pixels[..., 3] > 0.5, photo.told) for photo in photos)
 
 
 def uses_masks(photos: list[Photo], settings: Settings) -> bool:

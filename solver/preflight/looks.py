@@ -17,7 +17,7 @@ from ..capture.photos import Photo, at_sizes_of
 from ..capture.plain_surroundings import EVEN_BORDER, surroundings_of
 from ..capture.reduced import load_reduced_mask, smaller
 from ..capture.sharpness import FEWEST_PIXELS, sharpness_of
-from ..capture.told import filled
+from ..capture.told import filled, without_untold
 from ..fit.before_far import COMPARED, at_size, cut_out_before_far
 from ..fit.common_masks import fit_together, mended
 from ..threads import thread_pool
@@ -234,8 +234,7 @@ def look_at(
         coverage, cut = float(shown.mean()), _cut_share(shown, camera)
         across = _longer_side(shown, camera) * scale
         # Away from the mask's edge, whose sharpness and brightness are the mask's.
-        object_only = ndimage.binary_erosion(shown, iterations=2)
-        object_only = object_only if told is None else object_only & told
+        object_only = without_untold(ndimage.binary_erosion(shown, iterations=2), told)
         inside = object_only if object_only.sum() > FEWEST_PIXELS else inside
     linear = TO_LINEAR[colour] @ _LUMINANCE
     pixels = colour[inside]
