@@ -19,13 +19,13 @@ SURE = 0.05
 
 
 def border_of(pixels: np.ndarray) -> np.ndarray:
-    """The pixels [N, C] along the edges of a picture [H, W, C]."""
+    """The pixels [N, …] along the edges of a picture [H, W, …]."""
     return np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
 
 
 def border_share(shown: np.ndarray) -> float:
     """Share of a picture's edge that a mask [H, W] takes."""
-    return float(border_of(shown[..., None]).mean())
+    return float(border_of(shown).mean())
 
 
 def backdrop_of(borders: list[np.ndarray]) -> str | None:
@@ -43,10 +43,14 @@ def backdrop_of(borders: list[np.ndarray]) -> str | None:
 
 def object_before(colour: np.ndarray, backdrop: str) -> np.ndarray:
     """[H, W] bool: where a photo, [H, W, 3] sRGB, shows something before a backdrop."""
-    plain = _is_plain(colour, LEVELS[backdrop])
-    parts, _ = ndimage.label(plain)
-    edge = np.unique(border_of(parts[..., None]))
-    return without_dust(~np.isin(parts, edge[edge > 0]))
+    return without_dust(~from_the_edge(_is_plain(colour, LEVELS[backdrop])))
+
+
+def from_the_edge(mask: np.ndarray) -> np.ndarray:
+    """What of a mask [H, W] is connected with the picture's edge."""
+    parts, _ = ndimage.label(mask)
+    edge = np.unique(border_of(parts))
+    return np.isin(parts, edge[edge > 0])
 
 
 def without_dust(shown: np.ndarray) -> np.ndarray:

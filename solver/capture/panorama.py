@@ -210,10 +210,10 @@ class Comparison:
 def _rim_of(values: np.ndarray, told: np.ndarray | None) -> np.ndarray:
     """Values [N] of those [H, W] along a photo's edges, where it is `told` [H, W]; None: all around. Of a
     fisheye's image, those along the edge of that."""
-    border = border_of(values[..., None])[:, 0]
+    border = border_of(values)
     if told is None:
         return border
-    there = border_of(told[..., None])[:, 0]
+    there = border_of(told)
     if there.mean() >= HALF:
         return border[there]
     return values[told & ~ndimage.binary_erosion(told)]

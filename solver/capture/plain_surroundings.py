@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from .backdrop import border_of, without_dust
+from .backdrop import border_of, border_share, without_dust
 from .told import filled
 
 SLOPE = 3 / 255
@@ -42,17 +42,17 @@ class Surroundings(NamedTuple):
     @property
     def share(self) -> float:
         """How much of the photo's border is backdrop."""
-        return float(1 - border_of(self.shown[..., None]).mean())
+        return 1 - border_share(self.shown)
 
 
 def surroundings_of(colour: np.ndarray) -> Surroundings | None:
     """What is plain around the object in a photo, [H, W, 3] sRGB; None if little at its edge is."""
     even = _slope(colour) <= SLOPE
-    if border_of(even[..., None]).mean() < LEAST_AROUND:
+    if border_share(even) < LEAST_AROUND:
         return None
     even = ndimage.binary_erosion(even, iterations=NARROW, border_value=1)
     parts, _ = ndimage.label(even)
-    border = border_of(parts[..., None])[:, 0]
+    border = border_of(parts)
     along = np.bincount(border, minlength=parts.max() + 1)
     plain = (along >= LEAST_BORDER * len(border))[parts] & even
     if not plain.any():

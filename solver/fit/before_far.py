@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from ..capture.backdrop import border_of, border_share, without_dust
+from ..capture.backdrop import border_share, from_the_edge, without_dust
 from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.panorama import Behind, Comparison, Panorama, panorama_of
@@ -75,7 +75,7 @@ def cut_out_before_far(
             agreements.append(found)
             progress(COMPARING * len(agreements) / len(photos))
     maybe = [
-        ~_from_the_edge(with_untold(found.is_far, camera.told_at(found.seen.shape)))
+        ~_wide_from_the_edge(with_untold(found.is_far, camera.told_at(found.seen.shape)))
         for camera, found in zip(small, agreements, strict=True)
     ]
     near = silhouettes(small, maybe, box, CELLS, FEWER)
@@ -115,7 +115,7 @@ def before_panorama(
     shown = mended(cameras, shown, region, FEWER)
     if shown is not None:
         # A gap that hardly any other photo shows is one all the same.
-        wide = [_from_the_edge(mask, GAP) for mask in plain]
+        wide = [_wide_from_the_edge(mask, GAP) for mask in plain]
         shown = [mask & ~gap for mask, gap in zip(shown, wide, strict=True)]
     if shown is None or np.median([border_share(mask) for mask in shown]) > MOST_AT_EDGE:
         return None
@@ -167,12 +167,9 @@ def _before(photo: Photo, shown: np.ndarray, behind: Behind) -> Photo:
     return replace(with_alpha(photo, shown, colour), behind=colour.astype(np.float16), unsure=unsure)
 
 
-def _from_the_edge(plain: np.ndarray, least: int = 3) -> np.ndarray:
+def _wide_from_the_edge(plain: np.ndarray, least: int = 3) -> np.ndarray:
     """What of a mask [H, W] is connected with the photo's edge, and everywhere as many pixels wide."""
-    wide = ndimage.binary_opening(plain, np.ones((least, least)))
-    parts, _ = ndimage.label(wide)
-    edge = np.unique(border_of(parts[..., None]))
-    return np.isin(parts, edge[edge > 0])
+    return from_the_edge(ndimage.binary_opening(plain, np.ones((least, least))))
 
 
 def at_size(mask: np.ndarray, shape: tuple[int, int]) -> np.ndarray:

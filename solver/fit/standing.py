@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
+from ..capture.backdrop import border_of
 from ..capture.camera import Camera
 from .colour_counts import ColourCounts
 from .ground import Ground, GroundColours
@@ -133,7 +134,7 @@ def outline_of(
     holes, count = ndimage.label(~mask)
     if count > 1:
         filled = ndimage.mean(likely, holes, np.arange(count + 1)) > HIGHLIGHT
-        filled[np.concatenate([holes[0], holes[-1], holes[:, 0], holes[:, -1]])] = False
+        filled[border_of(holes)] = False
         filled[0] = False
         mask |= filled[holes]
     return mask
