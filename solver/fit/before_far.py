@@ -48,9 +48,8 @@ class BeforeFar(NamedTuple):
 
 
 def cut_out_before_far(
-    capture: Capture, photos: list[Photo], region: np.ndarray | None = None,
-    progress: Callable[[float], None] = lambda done: None,
-) -> BeforeFar | None:  # fmt: skip
+    capture: Capture, photos: list[Photo], progress: Callable[[float], None] = lambda done: None
+) -> BeforeFar | None:
     """As `cut_out`, before surroundings so far away that all photos show the same in one direction.
 
     What photos agree about is behind the object. What they do not agree about is the object, or the object
@@ -61,7 +60,7 @@ def cut_out_before_far(
     """
     if any(photo.has_alpha for photo in photos):
         return None
-    cameras, box = capture.cameras, capture.region if region is None else region
+    cameras, box = capture.cameras, capture.region
     small = [camera.no_larger(COMPARED) for camera in cameras]
     compared = Comparison(small, [
         levels_of(resized(photo, smaller.width, smaller.height))

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 
 from ..capture.backdrop import LEVELS, backdrop_of, border_of, object_before
-from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.panorama import Panorama
 from ..capture.photos import Photo, at_sizes_of, linear_to_srgb, load_photos
@@ -21,7 +20,7 @@ PROBED = 8
 """photos, evenly taken from all, that tell whether there is a plain backdrop of any colour"""
 
 
-def cut_out(capture: Capture, photos: list[Photo], region: np.ndarray | None = None) -> list[Photo]:
+def cut_out(capture: Capture, photos: list[Photo]) -> list[Photo]:
     """Photos with the object's coverage as alpha, if none has alpha and all are before a plain backdrop.
 
     A part of the object that looks like what is behind it would be lost, and with it all that lies behind
@@ -29,14 +28,13 @@ def cut_out(capture: Capture, photos: list[Photo], region: np.ndarray | None = N
     are returned as they are.
 
     Args:
-        region: [2, 3] world box of the object; None: the capture's.
+        capture: with the object in its region.
     """
     backdrop = backdrop_behind(photos)
-    box = capture.region if region is None else region
     if backdrop is None:
-        return _from_surroundings(capture.cameras, photos, box)
+        return _from_surroundings(capture, photos)
     shown = [object_before(srgb_of(photo), backdrop) for photo in photos]
-    if not fit_together(capture.cameras, shown, box):
+    if not fit_together(capture.cameras, shown, capture.region):
         return photos
     return [
         replace(with_alpha(photo, mask, LEVELS[backdrop]), backdrop=backdrop)
@@ -61,28 +59,26 @@ def photos_as_fitted(
     """
     photos = load_photos(capture, settings=settings.photos)
     capture = at_sizes_of(photos, capture)
+    if region is not None:
+        capture = replace(capture, region=region)
     if not (settings.fit.cut_out and use_masks) or any(photo.has_alpha for photo in photos):
         return photos
     if panorama is not None:
-        box = capture.region if region is None else region
-        return few_before_panorama(capture.cameras, photos, panorama, box)
+        return few_before_panorama(capture.cameras, photos, panorama, capture.region)
     if standing is not None:
         return few_on_support(capture.cameras, photos, standing)
-    return cut_out_of_colour(capture, photos, region)
+    return cut_out_of_colour(capture, photos)
 
 
-def cut_out_of_colour(
-    capture: Capture, photos: list[Photo], region: np.ndarray | None = None
-) -> list[Photo]:
+def cut_out_of_colour(capture: Capture, photos: list[Photo]) -> list[Photo]:
     """As `cut_out`, but photos before white or black stay as they are: pictures of a fit have these behind
     the object, too, and no other colour."""
     if backdrop_behind(photos) is not None:
         return photos
-    box = capture.region if region is None else region
-    return _from_surroundings(capture.cameras, photos, box)
+    return _from_surroundings(capture, photos)
 
 
-def _from_surroundings(cameras: tuple[Camera, ...], photos: list[Photo], region: np.ndarray) -> list[Photo]:
+def _from_surroundings(capture: Capture, photos: list[Photo]) -> list[Photo]:
     """As `cut_out`, before a plain backdrop that is neither white nor black."""
     if any(photo.has_alpha for photo in photos):
         return photos
@@ -92,8 +88,8 @@ def _from_surroundings(cameras: tuple[Camera, ...], photos: list[Photo], region:
     around = [surroundings_of(srgb_of(photo)) for photo in photos]
     if any(found is None for found in around):
         return photos
-    shown = mended(cameras, [found.shown for found in around], region)
-    if shown is None or not fit_together(cameras, shown, region):
+    shown = mended(capture.cameras, [found.shown for found in around], capture.region)
+    if shown is None or not fit_together(capture.cameras, shown, capture.region):
         return photos
     return [
         with_alpha(photo, mask, found.behind)

@@ -79,9 +79,10 @@ def isolated(
     if resumed and standing and job.standing_path.is_file():
         return _as_they_were(job, settings, capture, photos)
     if may:
-        photos = cut_out(capture, photos, region)
+        asked = capture if region is None else replace(capture, region=region)
+        photos = cut_out(asked, photos)
         if settings.fit.cut_out_before_far:
-            before = cut_out_before_far(capture, photos, region, lambda done: told(FAR * done))
+            before = cut_out_before_far(asked, photos, lambda done: told(FAR * done))
             if before is not None:
                 photos, light = before.photos, SeenLight(before.panorama)
                 write_panorama(job.surroundings_path, before.panorama)
