@@ -4,7 +4,8 @@ import errno
 import json
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -23,6 +24,14 @@ def write_json_atomic(path: Path, content: Any) -> None:
     except (OSError, ValueError):
         part.unlink(missing_ok=True)
         raise
+
+
+@contextmanager
+def written_beside(path: Path) -> Iterator[Path]:
+    """Where to write what takes a file's place once it is whole; its name ends as the file's does."""
+    part = path.with_name(f"{path.stem}.part{path.suffix}")
+    yield part
+    replace_file(part, path)
 
 
 def replace_file(source: Path, target: Path) -> None:

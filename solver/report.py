@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from .replacing import replace_file
+from .replacing import written_beside
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #222; background: #fafafa; margin: 2rem auto;
@@ -55,6 +55,5 @@ def write_report(
         f"</title><style>{_STYLE}</style></head><body><h1>{html.escape(title)}</h1>"
         f"{intro_and_warnings}<table>{table}</table>{''.join(body)}</body></html>\n"
     )
-    part = path.with_name(f"{path.name}.part")
-    part.write_text(page, encoding="utf-8")
-    replace_file(part, path)
+    with written_beside(path) as part:
+        part.write_text(page, encoding="utf-8")

@@ -9,7 +9,7 @@ import OpenImageIO
 from PIL import Image
 
 from ..capture.colour import REC709
-from ..replacing import replace_file
+from ..replacing import written_beside
 from .unwrap import UnwrappedMesh
 
 
@@ -30,9 +30,8 @@ def write_ply(path: Path, mesh: UnwrappedMesh) -> None:
         f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertex)}\n{properties}"
         f"element face {len(face)}\nproperty list uchar int vertex_indices\nend_header\n"
     )
-    part = path.with_name(path.name + ".part")
-    part.write_bytes(header.encode("ascii") + vertex.tobytes() + face.tobytes())
-    replace_file(part, path)
+    with written_beside(path) as part:
+        part.write_bytes(header.encode("ascii") + vertex.tobytes() + face.tobytes())
 
 
 def picture_of(values: np.ndarray) -> Image.Image:
@@ -44,9 +43,8 @@ def picture_of(values: np.ndarray) -> Image.Image:
 def write_png(path: Path, values: np.ndarray) -> None:
     """Write values [H, W, C] in [0, 1], as they are, as an 8-bit PNG, renamed into place."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.stem + ".part.png")
-    picture_of(values).save(part)
-    replace_file(part, path)
+    with written_beside(path) as part:
+        picture_of(values).save(part)
 
 
 def write_fine_png(path: Path, values: np.ndarray) -> None:
@@ -56,11 +54,10 @@ def write_fine_png(path: Path, values: np.ndarray) -> None:
         OSError: it cannot be written.
     """
     pixels = (np.clip(values, 0, 1) * 65535 + 0.5).astype(np.uint16)
-    part = path.with_name(path.stem + ".part.png")
     picture = OpenImageIO.ImageBuf(pixels)
-    if not picture.write(str(part)):
-        raise OSError(f"{path}: {picture.geterror()}")
-    replace_file(part, path)
+    with written_beside(path) as part:
+        if not picture.write(str(part)):
+            raise OSError(f"{path}: {picture.geterror()}")
 
 
 def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
@@ -71,6 +68,5 @@ def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
         "chromaticities": REC709,  # so that no reader needs to guess what the numbers mean
     }  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.stem + ".part.exr")
-    OpenEXR.File(header, data).write(str(part))
-    replace_file(part, path)
+    with written_beside(path) as part:
+        OpenEXR.File(header, data).write(str(part))

@@ -14,7 +14,7 @@ import numpy as np
 from .. import __version__
 from ..brdf.microfacet import DIELECTRIC_F0
 from ..capture.colour import linear_to_srgb
-from ..replacing import replace_file
+from ..replacing import written_beside
 from .files import picture_of
 from .metallic import Metallic
 from .tangent import vertex_tangents
@@ -119,12 +119,10 @@ def _write_container(path: Path, document: dict[str, Any], binary: bytes | bytea
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     total = 12 + 8 + len(text) + 8 + len(binary)
-    part = path.with_name(path.name + ".part")
-    with part.open("wb") as file:
+    with written_beside(path) as part, part.open("wb") as file:
         file.write(struct.pack("<4sII", b"glTF", 2, total))
         file.write(struct.pack("<I4s", len(text), b"JSON") + text)
         file.write(struct.pack("<I4s", len(binary), b"BIN\0") + binary)
-    replace_file(part, path)
 
 
 def _png(values: np.ndarray) -> bytes:

@@ -12,7 +12,7 @@ from PIL import Image
 from ..asset.files import write_png
 from ..capture.camera import Camera
 from ..job.request import JobError
-from ..replacing import replace_file
+from ..replacing import written_beside
 from .colour_counts import ColourCounts
 from .ground import Ground, GroundColours
 from .places import Places
@@ -29,16 +29,15 @@ def write_standing(path: Path, standing: Standing) -> None:
     ground, colours, places, surface = (
         standing.ground, standing.ground_colours, standing.places, standing.surface
     )  # fmt: skip
-    part = path.with_name(path.stem + ".part.npz")
-    np.savez_compressed(
-        part, normal=ground.support.normal, height=ground.support.height, origin=ground.origin,
-        axes=[ground.first, ground.second], edge=ground.edge, cells=ground.cells,
-        colour=colours.colour.astype(np.float16), spread=colours.spread.astype(np.float16),
-        places=places.centres, places_edge=places.edge, likely=standing.likely.astype(np.float16),
-        surface=surface.centres, surface_edge=surface.edge,
-        **{name: counts.share.astype(np.float32) for name, counts in standing.odds._asdict().items()},
-    )  # fmt: skip
-    replace_file(part, path)
+    with written_beside(path) as part:
+        np.savez_compressed(
+            part, normal=ground.support.normal, height=ground.support.height, origin=ground.origin,
+            axes=[ground.first, ground.second], edge=ground.edge, cells=ground.cells,
+            colour=colours.colour.astype(np.float16), spread=colours.spread.astype(np.float16),
+            places=places.centres, places_edge=places.edge, likely=standing.likely.astype(np.float16),
+            surface=surface.centres, surface_edge=surface.edge,
+            **{name: counts.share.astype(np.float32) for name, counts in standing.odds._asdict().items()},
+        )  # fmt: skip
 
 
 def read_standing(path: Path) -> Standing | None:
