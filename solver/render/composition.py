@@ -34,6 +34,17 @@ class Placement:
         rows = [torch.stack([c, -s, zero]), torch.stack([s, c, zero]), torch.stack([zero, zero, one])]
         return torch.stack(rows).to(device)
 
+    def to_world(self, points: Tensor) -> Tensor:
+        """World points of local ones, [N, 3] each."""
+        rotation = self.rotation(points.device)
+        return self.scale * (points @ rotation.T) + points.new_tensor(self.position)
+
+    def to_local(self, points: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+        """Local points and directions of those in the world, [N, 3] each; lengths stay as they are."""
+        rotation = self.rotation(points.device)
+        moved = (points - points.new_tensor(self.position)) @ rotation / self.scale
+        return moved.contiguous(), (directions @ rotation).contiguous()
+
 
 class Composition(nn.Module):
     """Scenes placed in one world, with what a renderer asks of a `Scene`.
@@ -54,6 +65,10 @@ class Composition(nn.Module):
         self.probes = Probes()
 
     @property
+    def _placed(self) -> Iterator[tuple[Scene, Placement]]:
+        return zip(self.parts, self.placements, strict=True)
+
+    @property
     def device(self) -> torch.device:
         return self.parts[0].device
 
@@ -67,9 +82,9 @@ class Composition(nn.Module):
     def sample(self, origins, directions, start, offset, step_voxels, min_transmittance) -> Steps:
         """See `Scene.sample`."""
         found = []
-        for part, placement in zip(self.parts, self.placements, strict=True):
+        for part, placement in self._placed:
             steps = part.sample(
-                *self._to_local(placement, origins, directions), start / placement.scale, offset,
+                *placement.to_local(origins, directions), start / placement.scale, offset,
                 step_voxels, min_transmittance,
             )  # fmt: skip
             found.append((steps.ray, steps.distance * placement.scale, steps.depth))
@@ -103,9 +118,9 @@ class Composition(nn.Module):
 
     def _by_part(self, points, part) -> Iterator[tuple[int, Scene, Placement, Tensor, Tensor]]:
         """Each part with its number, its placement, which points are its own, and these in its world."""
-        for index, (scene, placement) in enumerate(zip(self.parts, self.placements, strict=True)):
+        for index, (scene, placement) in enumerate(self._placed):
             mine = (part == index).nonzero()[:, 0]
-            yield index, scene, placement, mine, self._to_local(placement, points[mine], points[mine])[0]
+            yield index, scene, placement, mine, placement.to_local(points[mine], points[mine])[0]
 
     def surface_normals(self, points, part, normal_tables) -> Tensor:
         """See `Scene.surface_normals`."""
@@ -128,8 +143,8 @@ class Composition(nn.Module):
     def grid_transmittance(self, origins, directions, start) -> Tensor:
         """See `Scene.grid_transmittance`."""
         passing = torch.ones_like(start)
-        for scene, placement in zip(self.parts, self.placements, strict=True):
-            local = self._to_local(placement, origins, directions)
+        for scene, placement in self._placed:
+            local = placement.to_local(origins, directions)
             passing = passing * scene.grid_transmittance(*local, start / placement.scale)
         return passing
 
@@ -138,9 +153,9 @@ class Composition(nn.Module):
         if self.probes.arriving is None:
             return irradiance(light.irradiance[0], normals)
         arriving = torch.zeros_like(points)
-        for index, (scene, placement) in enumerate(zip(self.parts, self.placements, strict=True)):
+        for index, (scene, placement) in enumerate(self._placed):
             mine = (part == index).nonzero()[:, 0]
-            local = self._to_local(placement, points[mine], normals[mine])
+            local = placement.to_local(points[mine], normals[mine])
             lifted = scene.before_surface(*local, self.probes.nodes[index].spacing)
             found = self.probes.irradiance(light.irradiance, index, lifted, normals[mine])
             arriving = arriving.index_copy(0, mine, found)
@@ -149,25 +164,24 @@ class Composition(nn.Module):
     @property
     def cell(self) -> float:
         """Edge of the largest occupancy cell, world units."""
-        placed = zip(self.parts, self.placements, strict=True)
-        return max(scene.cell * placement.scale for scene, placement in placed)
+        return max(scene.cell * placement.scale for scene, placement in self._placed)
 
     def new_probes(self):
         """See `Scene.new_probes`."""
         nodes, points, part = [], [], []
-        for index, (scene, placement) in enumerate(zip(self.parts, self.placements, strict=True)):
+        for index, (scene, placement) in enumerate(self._placed):
             first_row = 1 + sum(len(some) for some in points)
             grid, local = nodes_of(scene.occupancy.optical_depth(), first_row)
             nodes.append(grid)
-            points.append(self._to_world(placement, scene.field.from_box(local)))
+            points.append(placement.to_world(scene.field.from_box(local)))
             part.append(torch.full((len(local),), index, device=local.device))
         return nodes, torch.cat(points), torch.cat(part)
 
     def probe_rows(self, hits, directions) -> Tensor:
         """See `Scene.probe_rows`."""
         rows = torch.zeros(len(hits), dtype=torch.long, device=hits.device)
-        for index, (scene, placement) in enumerate(zip(self.parts, self.placements, strict=True)):
-            local = self._to_local(placement, hits, directions)
+        for index, (scene, placement) in enumerate(self._placed):
+            local = placement.to_local(hits, directions)
             found = self.probes.nearest_rows(index, scene.before_hit(*local))
             rows = torch.where(rows > 0, rows, found)
         return rows
@@ -176,21 +190,8 @@ class Composition(nn.Module):
         """See `Scene.look_around`."""
         passing = points.new_ones(len(points), len(directions))
         distance = torch.full_like(passing, torch.inf)
-        for scene, placement in zip(self.parts, self.placements, strict=True):
-            seen, where = scene.look_around(*self._to_local(placement, points, directions))
+        for scene, placement in self._placed:
+            seen, where = scene.look_around(*placement.to_local(points, directions))
             passing = passing * seen
             distance = torch.minimum(distance, where * placement.scale)
         return passing, distance
-
-    @staticmethod
-    def _to_world(placement: Placement, points) -> Tensor:
-        rotation = placement.rotation(points.device)
-        return placement.scale * (points @ rotation.T) + points.new_tensor(placement.position)
-
-    @staticmethod
-    def _to_local(placement: Placement, origins, directions):
-        rotation = placement.rotation(origins.device)
-        position = origins.new_tensor(placement.position)
-        return ((origins - position) @ rotation / placement.scale).contiguous(), (
-            directions @ rotation
-        ).contiguous()
