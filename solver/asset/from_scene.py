@@ -10,6 +10,7 @@ import torch
 
 from ..capture.camera import Camera
 from ..capture.capture import evenly_taken
+from ..render.arrays import floats_on
 from ..render.image import ray_peaks
 from ..render.probing import refresh_probes
 from ..render.scene import RenderSettings, Scene, SharedTables
@@ -46,8 +47,7 @@ class SceneSurface:
             self._normal_factors = scene.field.normal_factors()
 
     def _box_points(self, points: np.ndarray) -> torch.Tensor:
-        tensor = torch.from_numpy(points).float().to(self._field.centre.device)
-        return self._field.to_box(tensor)
+        return self._field.to_box(*floats_on(self._scene.device, points))
 
     def from_box(self, box_points: np.ndarray) -> np.ndarray:
         """World points [N, 3] of box units, in double precision."""
@@ -100,10 +100,7 @@ class SceneSurface:
         response = np.empty((len(points), 3), np.float32)
         for first in range(0, len(points), POINTS_AT_ONCE):
             part = slice(first, first + POINTS_AT_ONCE)
-            at, facing, reflecting = (
-                torch.from_numpy(np.ascontiguousarray(values[part])).float().to(scene.device)
-                for values in (points, normals, f0)
-            )
+            at, facing, reflecting = floats_on(scene.device, points[part], normals[part], f0[part])
             light = sum(scene.irradiance(at, None, facing, one) for one in lights) / len(lights)
             cosine = torch.full_like(at[:, 0], USUAL_COSINE)
             sent = diffuse_fresnel(reflecting, cosine) * light / math.pi
@@ -180,15 +177,11 @@ def surface_level(scene: Scene, settings: RenderSettings, cameras: list[Camera])
     """
     pixels = sum(camera.width * camera.height for camera in cameras)
     stride = max(1, int(np.sqrt(pixels / MAX_RAYS)))
-    device = scene.field.centre.device
     opacities, peaks = [], []
     for camera in cameras:
         row, column = np.mgrid[0 : camera.height : stride, 0 : camera.width : stride]
-        origins, directions = camera.rays(column.ravel() + 0.5, row.ravel() + 0.5)
-        opacity, peak = ray_peaks(
-            scene, settings, torch.from_numpy(origins).float().to(device),
-            torch.from_numpy(directions).float().to(device),
-        )  # fmt: skip
+        rays = camera.rays(column.ravel() + 0.5, row.ravel() + 0.5)
+        opacity, peak = ray_peaks(scene, settings, *floats_on(scene.device, *rays))
         opacities.append(opacity)
         peaks.append(peak)
     opacity, peak = np.concatenate(opacities), np.concatenate(peaks)

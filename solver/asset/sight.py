@@ -5,6 +5,7 @@ import torch
 
 from ..capture.camera import Camera
 from ..capture.frames import unit
+from ..render.arrays import floats_on
 from ..render.scene import Scene
 
 SEEN_TRANSMITTANCE = 0.3
@@ -20,9 +21,7 @@ def cosines_seen_by(camera: Camera, scene: Scene, points: np.ndarray, normals: n
     towards = unit(camera.position - points, 1e-12)
     cosines = (towards * normals).sum(1)
     seen = (cosines > GRAZING_COSINE) & camera.in_frame(points)
-    origins, directions = (
-        torch.from_numpy(values[seen]).float().to(scene.device) for values in (points, towards)
-    )
+    origins, directions = floats_on(scene.device, points[seen], towards[seen])
     start = torch.full((len(origins),), scene.self_shadow, device=scene.device)
     passing = scene.grid_transmittance(origins, directions, start).cpu().numpy()
     seen[seen] = passing > SEEN_TRANSMITTANCE

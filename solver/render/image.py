@@ -9,6 +9,7 @@ from torch import Tensor
 
 from ..capture.camera import Camera
 from ..kernels.march import composite
+from .arrays import floats_on
 from .pixels import keys_of_rays, mean_of_rays, pixels_of, places_in_pixel, secondary_rays_each
 from .radiance import render_rays
 from .random_numbers import RandomNumbers
@@ -75,10 +76,7 @@ def render_view(
     parts, around = [], []
     for first in range(0, pixels, pixels_per_chunk):
         chunk = slice(first, min(first + pixels_per_chunk, pixels))
-        rays = [
-            torch.from_numpy(value).float().to(device)
-            for value in camera.rays(columns[chunk].ravel(), rows[chunk].ravel())
-        ]
+        rays = floats_on(device, *camera.rays(columns[chunk].ravel(), rows[chunk].ravel()))
         angle = rays[0].new_full((len(rays[0]),), camera.pixel_angle / settings.pixel_grid)
         keys = keys_of_rays(torch.arange(chunk.start, chunk.stop, device=device), each)
         part = render_rays(scene, tables, settings, random, *rays, keys, jitter=False, pixel_angle=angle)

@@ -5,6 +5,7 @@ import torch
 
 from ..capture.camera import Camera
 from ..kernels.march import composite
+from .arrays import floats_on
 from .scene import RenderSettings, Scene
 
 
@@ -17,9 +18,8 @@ def scan_line_weights(
     The bins span the field's box as the camera sees it. Every column sums to its pixel's opacity.
     """
     column = np.arange(camera.width) + 0.5
-    origins, directions = camera.rays(column, np.full(camera.width, row + 0.5))
-    origins = torch.from_numpy(origins).float().to(scene.device)
-    directions = torch.from_numpy(directions).float().to(scene.device)
+    rays = camera.rays(column, np.full(camera.width, row + 0.5))
+    origins, directions = floats_on(scene.device, *rays)
     count = len(origins)
     steps = scene.sample(
         origins, directions, origins.new_zeros(count), origins.new_full((count,), 0.5), settings.step, 0.0
