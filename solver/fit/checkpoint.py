@@ -255,7 +255,7 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, Tensor]) -> None:
     trainer.generator.set_state(tensors["generator.pixels"].cpu())
     trainer.optimiser.restore(beginning_with("optimiser.", tensors))
     if trainer.exposures is not None:
-        check_exposed(tensors, len(tensors["exposures.log_gain"]), trainer.bank.mean_colours)
+        check_exposed(tensors, trainer.bank.mean_colours)
         trainer.exposures.restore(beginning_with("exposures.", tensors))
     trainer.probe_turn = state["probe_turn"]
     trainer.open_detail.share = tensors.get("light.open_detail")

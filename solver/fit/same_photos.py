@@ -19,15 +19,16 @@ SAME_COLOUR = 0.002
 """between two mean colours of a photo, sRGB-encoded: decoders differ by less, and another photo by more"""
 
 
-def check_exposed(tensors: dict[str, Tensor], known: int, now: Tensor) -> None:
+def check_exposed(tensors: dict[str, Tensor], now: Tensor) -> None:
     """Make sure that photos are those whose exposures a fit knows.
 
     Args:
-        tensors: the checkpoint's. known: exposures in it. now: mean colours [P, 3] of the photos.
+        tensors: the checkpoint's. now: mean colours [P, 3] of the photos.
 
     Raises:
         JobError: they are others, or not as many.
     """
+    known = len(tensors[COLOURS])
     if known != len(now):
         raise JobError(
             f"The fit knows the exposures of {known} photos, but there are {len(now)} now; put back "
