@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..capture.frames import unit
 from ..capture.told import filled
 from .settings import AssetSettings
 from .surface import SurfaceField
@@ -57,8 +58,7 @@ def gather(
         # A vanishing or inward mean is no normal; the mesh's own is.
         bad = (direction * normals[part]).sum(1) < 0.1 * np.linalg.norm(direction, axis=1)
         direction[bad] = normals[part][bad]
-        length_of = np.linalg.norm(direction, axis=1, keepdims=True)
-        gathered[part] = direction / np.maximum(length_of, 1e-12)
+        gathered[part] = unit(direction, 1e-12)
         if progress is not None:
             progress(min(1.0, (first + chunk) / len(points)))
     return SurfaceSamples(albedo, alpha, f0, gathered)

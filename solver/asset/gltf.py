@@ -56,7 +56,7 @@ def write_glb(
         (positions, "VEC3", {"min": positions.min(0).tolist(), "max": positions.max(0).tolist()}),
         (normals, "VEC3", {}),
         (tangents, "VEC4", {}),
-        (uvs.astype("<f4"), "VEC2", {}),
+        (uvs, "VEC2", {}),
     ]
     accessors = [
         {"bufferView": add(array.tobytes(), _ARRAY_BUFFER), "componentType": _FLOAT,
