@@ -52,6 +52,15 @@ def read_replaced(path: Path) -> str:
     return _patiently(lambda: path.read_text(encoding="utf-8"), 0.1)
 
 
+def read_json(path: Path) -> dict[str, Any]:
+    """The object of a JSON file that may be replaced just now; {} where there is none to be read."""
+    try:
+        content = json.loads(read_replaced(path))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
 def is_too_long(error: OSError) -> bool:
     """Whether a path is longer than the system takes; Windows, which takes 259 characters unless somebody
     has switched longer ones on, says that there is no such file."""

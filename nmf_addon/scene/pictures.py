@@ -5,7 +5,6 @@ it unpacks them or exports USD, OBJ or FBX, and of two objects both would show o
 """
 
 import hashlib
-import json
 import os
 import shutil
 from itertools import count
@@ -14,7 +13,7 @@ from pathlib import Path
 import bpy
 
 from ...solver.job.folder import JobFolder
-from ...solver.replacing import write_json_atomic
+from ...solver.replacing import read_json, write_json_atomic
 from .edited import is_painted
 from .images import load_picture
 from .result import textures_of
@@ -34,7 +33,7 @@ def named_pictures(job: JobFolder, manifest: dict, kept: set[str]) -> dict[str, 
     files = {key: job.result_dir / entry["file"] for key, entry in entries.items()}
     folder, record = job.root / "textures", job.root / "textures.json"
     try:
-        made, now = _made(record), {file.name: _digest(file) for file in files.values()}
+        made, now = read_json(record), {file.name: _digest(file) for file in files.values()}
         made = {name: digest for name, digest in made.items() if name not in kept}
         stem = _free_stem(job.root.name, now, folder, made)
         folder.mkdir(exist_ok=True)
@@ -51,13 +50,6 @@ def named_pictures(job: JobFolder, manifest: dict, kept: set[str]) -> dict[str, 
         return named
     except OSError:
         return files
-
-
-def _made(record: Path) -> dict[str, str]:
-    try:
-        return dict(json.loads(record.read_bytes()))
-    except (OSError, ValueError, TypeError):
-        return {}
 
 
 def _digest(file: Path) -> str:

@@ -21,7 +21,7 @@ from ..capture.image_header import FORMATS, developed
 from ..capture.photo_finder import PhotoFinder, capture_folder
 from ..capture.picture_names import VIDEOS, numbered, stem_of
 from ..job.folder import holds_nothing
-from ..replacing import write_json_atomic
+from ..replacing import read_json, write_json_atomic
 
 MATCHERS = ("auto", "exhaustive", "sequential")
 CAMERA_MODELS = (
@@ -87,11 +87,7 @@ class SolveFolder:
 
     def begun(self) -> dict:
         """What the solve in this folder was asked; {} where nothing can be read."""
-        try:
-            begun = json.loads(self.request_path.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            return {}
-        return begun if isinstance(begun, dict) else {}
+        return read_json(self.request_path)
 
     def take(self, request: SolveRequest) -> bool:
         """Begin a solve in this folder, or continue the same one; True if it is continued.

@@ -1,7 +1,6 @@
 """The heartbeat: `status.json` says who works on a job and how far along it is."""
 
 import contextlib
-import json
 import os
 import platform
 import sys
@@ -10,7 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ..replacing import read_replaced, write_json_atomic
+from ..replacing import read_json, write_json_atomic
 
 
 class Heartbeat:
@@ -57,11 +56,7 @@ class Heartbeat:
 
 def read_status(path: Path) -> dict[str, Any]:
     """The last status; {} if there is none."""
-    try:
-        status = json.loads(read_replaced(path))
-    except (OSError, ValueError):
-        return {}
-    return status if isinstance(status, dict) else {}
+    return read_json(path)
 
 
 def machine() -> str:
