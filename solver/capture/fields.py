@@ -10,7 +10,7 @@ import numpy as np
 
 from .errors import CaptureError, shown
 from .files import read_json
-from .frames import rigid
+from .frames import pose_of_opencv, rigid
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+(e[+-]?\d+)?", re.I)
 
@@ -95,6 +95,11 @@ class Entry(dict):
         """All of a JSON file."""
         return cls(path, "", read_json(path))
 
+    @classmethod
+    def listed(cls, path: Path) -> "list[Entry]":
+        """The objects of a JSON file that is a list of them."""
+        return [cls(path, f"[{i}]", value) for i, value in enumerate(entries(path, "", read_json(path)))]
+
     def field(self, key: str) -> str:
         """The place of a value."""
         return f"{self.where}.{shown(key)}" if self.where else shown(key)
@@ -170,6 +175,11 @@ def rigid_pose(path: Path, field: str, value: Any) -> np.ndarray:
     if np.linalg.det(matrix[:3, :3]) < 0:
         raise CaptureError(path, field, "the pose mirrors the world", remedy)
     return rigid(u @ vt, matrix[:3, 3])
+
+
+def pose_of_world(path: Path, field: str, from_world: Any) -> np.ndarray:
+    """Camera to world [4, 4], OpenGL axes, of a matrix from the world to OpenCV's; see `rigid_pose`."""
+    return pose_of_opencv(rigid_pose(path, field, from_world))
 
 
 def check_quaternion(path: Path, field: str, quaternion: Sequence[float], remedy: str) -> None:

@@ -85,6 +85,7 @@ def size_meant(size: tuple[int, int], cx: float, cy: float) -> tuple[int, int]:
     return round(wide), round(wide * size[1] / size[0])
 
 
-def lens_on(photo: Path, fx: float, fy: float, cx: float, cy: float) -> Intrinsics:
-    """A lens in pixels of the photo, or of the larger or smaller one that its centre tells of."""
-    return Intrinsics(*size_meant(image_size(photo), cx, cy), fx, fy, cx, cy)
+def lens_on(photo: Path | None, fx: float, fy: float, cx: float, cy: float) -> Intrinsics | None:
+    """A lens in pixels of the photo, or of the larger or smaller one that its centre tells of; None without
+    a photo."""
+    return photo and Intrinsics(*size_meant(image_size(photo), cx, cy), fx, fy, cx, cy)

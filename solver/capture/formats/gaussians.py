@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from ..fields import Entry
-from ..files import read_json, text_head
+from ..files import text_head
 from ..frames import pose_opengl_from_opencv, rigid
 from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, assemble
 from ..ply_points import read_ply_points
@@ -20,7 +20,6 @@ NAME = "Gaussian splatting"
 EXTENSIONS = (".json",)
 PATTERNS = ("cameras.json", "*/cameras.json")
 
-_MOST_CAMERAS = 100_000
 _POINTS = "input.ply"
 
 
@@ -32,10 +31,7 @@ def recognises(file: Path) -> bool:
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read all cameras, and the sparse points beside the file."""
-    content = read_json(path)
-    if not isinstance(content, list) or len(content) > _MOST_CAMERAS:
-        raise CaptureError(path, "", "this is not a list of cameras", "give the cameras.json of a splat")
-    found = [_found(Entry(path, f"[{i}]", entry), photos) for i, entry in enumerate(content)]
+    found = [_found(entry, photos) for entry in Entry.listed(path)]
     points = None
     if (path.parent / _POINTS).is_file():
         with suppress(CaptureError):  # they only help to find the bounds

@@ -15,9 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from ..camera_folder import files_in, words_of
-from ..fields import numbers, rigid_pose
+from ..fields import numbers, pose_of_world
 from ..files import text_head
-from ..frames import pose_of_opencv
 from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..pinhole import pinhole_of
 
@@ -48,10 +47,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 def _camera(file: Path, kind: str, number: str, photos: PhotoFinder) -> Found:
     values = numbers(file, "K, R, t, size", words_of(file), 24)
     k, rotation = values[:18].reshape(2, 3, 3)
-    from_world = rigid_pose(file, "R, t", np.column_stack([rotation, values[18:21]]))
+    pose = pose_of_world(file, "R, t", np.column_stack([rotation, values[18:21]]))
     stated, mask = f"{kind}image_{number}", file.with_name(f"{kind}mask_{number}.png")
     lens = Intrinsics(*map(int, values[21:23]), *pinhole_of(file, "K", k))
-    return Found(
-        f"{file.name}, R", stated, photos.find_in(file.parent, stated), pose_of_opencv(from_world),
-        lens, mask if mask.is_file() else None,
-    )  # fmt: skip
+    photo, mask = photos.find_in(file.parent, stated), mask if mask.is_file() else None
+    return Found(f"{file.name}, R", stated, photo, pose, lens, mask)

@@ -15,9 +15,8 @@ import numpy as np
 
 from ..camera_folder import matrix_of
 from ..errors import CaptureError, shown
-from ..fields import rigid_pose
+from ..fields import pose_of_world
 from ..files import read_lines, text_head
-from ..frames import pose_of_opencv
 from ..intake import Capture, Found, PhotoFinder, assemble
 from ..pinhole import lens_on, pinhole_of
 
@@ -56,9 +55,7 @@ def _camera(path: Path, where: str, line: str, photos: PhotoFinder) -> Found:
         )  # fmt: skip
     lens, rotation = (matrix_of(path, where, words[at : at + 9], 3, 3) for at in (0, 9))
     translation = matrix_of(path, where, words[18:], 3, 1)
-    from_world = rigid_pose(path, f"{where}, {shown(name)}", np.hstack([rotation, translation]))
-    photo, intrinsics = photos.find(name, beside=path), None
-    if photo is not None:
-        intrinsics = lens_on(photo, *pinhole_of(path, f"{where}, {shown(name)}", lens))
-    pose = pose_of_opencv(from_world)
-    return Found(f"{where}, {shown(name)}", name, photo, pose, intrinsics)
+    where = f"{where}, {shown(name)}"
+    pose = pose_of_world(path, where, np.hstack([rotation, translation]))
+    photo = photos.find(name, beside=path)
+    return Found(where, name, photo, pose, lens_on(photo, *pinhole_of(path, where, lens)))

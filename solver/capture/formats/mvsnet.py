@@ -18,9 +18,8 @@ https://github.com/YoYo000/BlendedMVS#dataset-structure; https://github.com/dony
 from pathlib import Path
 
 from ..camera_folder import LARGEST_FILE, files_in, matrix_of, photo_folder, words_of
-from ..fields import is_no_pose, rigid_pose
+from ..fields import is_no_pose, pose_of_world
 from ..files import head_of, text_head
-from ..frames import pose_of_opencv
 from ..image_header import image_size
 from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, assemble, without_pose
 from ..pinhole import is_for_another_size, pinhole_of
@@ -68,7 +67,7 @@ def _camera(file: Path, folder: Path, photos: PhotoFinder) -> Found:
     photo = _photo(folder, number, photos)
     pose = intrinsics = None
     if not is_no_pose(extrinsic):
-        pose = pose_of_opencv(rigid_pose(file, "extrinsic", extrinsic))
+        pose = pose_of_world(file, "extrinsic", extrinsic)
         if photo is not None:
             lens = pinhole_of(file, "intrinsic", matrix)
             intrinsics = Intrinsics(*_size_meant(file, photo, *lens[2:]), *lens)

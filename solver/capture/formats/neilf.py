@@ -14,9 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..fields import Entry, number, numbers, rigid_pose
+from ..fields import Entry, number, numbers, pose_of_world
 from ..files import json_head
-from ..frames import pose_of_opencv
 from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble, without_pose
 from ..picture_names import parts_of
 
@@ -55,7 +54,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 def _camera(camera: Entry, stated: str, photos: PhotoFinder) -> Found:
     path, inner = camera.path, camera.inner("camera")
     field, extrinsic = inner.field("extrinsic"), _matrix(inner, "extrinsic")
-    pose = pose_of_opencv(rigid_pose(path, field, extrinsic))
+    pose = pose_of_world(path, field, extrinsic)
     # Only the name counts: the photos lie in this folder, and maps of the same names in others.
     folder, name = path.parent / "images", parts_of(stated)[-1:]
     photo = photos.find_in(folder, *name) if name and folder.is_dir() else None

@@ -12,9 +12,8 @@ import re
 from pathlib import Path
 
 from ..camera_folder import LARGEST_FILE, files_in
-from ..fields import is_no_pose, rigid_pose
+from ..fields import is_no_pose, pose_of_world
 from ..files import head_of
-from ..frames import pose_of_opencv
 from ..intake import Capture, CaptureError, Found, PhotoFinder, assemble, without_pose
 from ..pickled import matrices_in
 from ..pinhole import lens_on, pinhole_of
@@ -52,7 +51,6 @@ def _camera(file: Path, photos: PhotoFinder) -> Found:
     photo = photos.find_in(file.parent, number)
     pose = intrinsics = None
     if not is_no_pose(matrices[0]):
-        pose = pose_of_opencv(rigid_pose(file, "pose", matrices[0]))
-        if photo is not None:
-            intrinsics = lens_on(photo, *pinhole_of(file, "lens", matrices[1]))
+        pose = pose_of_world(file, "pose", matrices[0])
+        intrinsics = lens_on(photo, *pinhole_of(file, "lens", matrices[1]))
     return Found(f"{file.name}, pose", number, photo, pose, intrinsics)

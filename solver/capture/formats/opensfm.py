@@ -29,9 +29,9 @@ import numpy as np
 
 from ..brown_lens import polynomial_lens
 from ..errors import CaptureError, counted, shown
-from ..fields import Entry, rigid_pose
+from ..fields import Entry, pose_of_world
 from ..files import read_json, text_head
-from ..frames import pose_of_opencv, rigid, rotation_from_quaternion
+from ..frames import rigid, rotation_from_quaternion
 from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble, without_pose
 from ..panoramic_lens import EQUIRECTANGULAR, in_turns
 from ..sparse_points import SparsePoints
@@ -100,7 +100,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         photo = photos.find(stated, beside=path)
         if photos.serves(photo) and key not in lenses:
             lenses[key] = intrinsics_of(cameras.inner(key))
-        pose = pose_of_opencv(rigid_pose(path, shot.where, from_world))
+        pose = pose_of_world(path, shot.where, from_world)
         found.append(Found(shot.where, stated, photo, pose, lenses.get(key)))
     warnings = list(
         without_pose(path, shots.where, lost, len(shots), "give the file that a reconstruction has written")

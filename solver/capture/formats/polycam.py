@@ -10,12 +10,11 @@ out as nerfstudio does, unless that would be most of them.
 """
 
 from pathlib import Path
-from typing import Any
 
 from ..camera_folder import files_in
-from ..errors import CaptureError, counted
-from ..fields import number
-from ..files import json_holds, read_json
+from ..errors import counted
+from ..fields import Entry
+from ..files import json_holds
 from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 
 NAME = "Polycam"
@@ -40,12 +39,12 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read all cameras of the folder that a camera's JSON file lies in."""
     found, blurred = [], []
     for file in files_in(path.parent, ".json"):
-        content = read_json(file)
-        if not isinstance(content, dict) or "t_00" not in content:
+        content = Entry.of_file(file)
+        if "t_00" not in content:
             continue
         if _is_blurred(content.get("blur_score")):
             blurred.append(len(found))
-        found.append(_camera(file, content, photos))
+        found.append(_camera(content, photos))
     warnings: tuple[str, ...] = ()
     if blurred and 2 * len(blurred) < len(found):
         first = found[blurred[0]].stated
@@ -55,22 +54,21 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     return assemble(path, NAME, found, photos, up=(0, 1, 0), metric=True, warnings=warnings)
 
 
-def _camera(file: Path, content: dict[str, Any], photos: PhotoFinder) -> Found:
+def _camera(content: Entry, photos: PhotoFinder) -> Found:
     def value(key: str) -> float:
         if key not in content:
-            raise CaptureError(file, key, "the camera lacks it", "export the raw data again")
-        return number(file, key, content[key])
+            raise content.error(key, "the camera lacks it", "export the raw data again")
+        return content.number(key)
 
+    file = content.path
     pose = [[value(f"t_{row}{column}") for column in range(4)] for row in range(3)]
-    width, height = value("width"), value("height")
-    if not (1 <= width <= 1e6 and 1 <= height <= 1e6):
-        raise CaptureError(file, "width", "the photo has no size", "export the raw data again")
     folder = _PHOTO_FOLDERS.get(file.parent.name.lower(), "images")
     stated = f"{folder}/{file.stem}.jpg"
     photo = photos.find_in(file.parent.parent / folder, f"{file.stem}.jpg")
-    intrinsics = Intrinsics(int(width), int(height), *map(value, ("fx", "fy", "cx", "cy")))
+    size = (int(value(key)) for key in ("width", "height"))
+    intrinsics = Intrinsics(*size, *map(value, ("fx", "fy", "cx", "cy")))
     return Found(f"{file.name}, t_00", stated, photo, pose, intrinsics)
 
 
-def _is_blurred(score: Any) -> bool:
+def _is_blurred(score: object) -> bool:
     return isinstance(score, (int, float)) and not isinstance(score, bool) and score < _SHARP

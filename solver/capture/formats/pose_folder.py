@@ -73,12 +73,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             continue
         if file.parent.name == _FROM_WORLD:
             pose = invert_pose(rigid_pose(file, "", pose))
-        intrinsics = None
         lens = _lens(lens_file.with_name(file.name)) if has_each else of_all
-        if photo is not None:
-            intrinsics = lens_on(photo, *lens)
-        where = f"{file.parent.name}/{file.name}"
-        found.append(Found(where, stated, photo, pose_opengl_from_opencv(pose), intrinsics))
+        where, pose = f"{file.parent.name}/{file.name}", pose_opengl_from_opencv(pose)
+        found.append(Found(where, stated, photo, pose, lens_on(photo, *lens)))
     warnings = without_pose(lens_file, "poses", lost, len(used), "solve or export the cameras again")
     if len(used) < len(files):
         what = f"{len(files) - len(used)} photo|photos for validation and tests (1_…, 2_…) is|are left out"

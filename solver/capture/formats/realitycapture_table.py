@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from ..brown_lens import polynomial_lens
-from ..fields import number, rigid_pose
+from ..fields import number, pose_of_world
 from ..files import as_text, head_of, read_text
-from ..frames import pose_of_opencv, rigid
+from ..frames import rigid
 from ..image_header import image_size
 from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, assemble
 from .realitycapture_lens import CHOOSE_BROWN, brown_lens
@@ -172,7 +172,7 @@ def _from_matrix(path: Path, where: str, stated: str, photo: Path | None, value:
         intrinsics = Intrinsics(width, height, focal, focal, cx, cy, lens, distortion)
     rotation, translation = _numbers(value, _CELLS, ("tx", "ty", "tz"))
     from_world = np.column_stack([np.reshape(rotation, (3, 3)), translation])
-    pose = pose_of_opencv(rigid_pose(path, f"{where}, R00", from_world))
+    pose = pose_of_world(path, f"{where}, R00", from_world)
     return Found(where, stated, photo, pose, intrinsics)
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..fields import Entry, numbers
-from ..files import json_head, read_json
+from ..files import json_head
 from ..frames import rotation_from_quaternion
 from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, assemble
 
@@ -23,7 +23,6 @@ EXTENSIONS = (".json",)
 PATTERNS = ("metadata.json", "metadata", "EXR_RGBD/metadata.json", "*/metadata.json", "*/metadata")
 
 _PHOTO_FOLDERS = ("rgb", "rgbd")
-_MOST_POSES = 100_000
 
 
 def recognises(file: Path) -> bool:
@@ -34,17 +33,16 @@ def recognises(file: Path) -> bool:
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the metadata of a recording."""
-    content = read_json(path)
-    poses = content.get("poses") if isinstance(content, dict) else None
-    if not isinstance(poses, list) or not 0 < len(poses) <= _MOST_POSES:
-        raise CaptureError(path, "poses", "there is no list of poses", "export the recording again")
+    content = Entry.of_file(path)
+    poses = content.entries("poses")
+    if not poses:
+        raise content.error("poses", "there is no list of poses", "export the recording again")
     values = np.stack([numbers(path, f"poses[{i}]", pose, 7) for i, pose in enumerate(poses)])
     if len(values) > 1 and np.ptp(values, axis=0).max() < 1e-9:
         raise CaptureError(
             path, "poses", "all poses are the same",
             "record with the LiDAR camera: Record3D does not follow the front camera",
         )  # fmt: skip
-    content = Entry(path, "", content)
     size = _size(content)
     folder = next((name for name in _PHOTO_FOLDERS if (path.parent / name).is_dir()), "rgb")
     found = []

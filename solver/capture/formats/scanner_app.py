@@ -9,8 +9,8 @@ Any one of the JSON files stands for all of its folder.
 from pathlib import Path
 
 from ..camera_folder import files_in
-from ..fields import numbers
-from ..files import json_holds, read_json
+from ..fields import Entry
+from ..files import json_holds
 from ..intake import Capture, CaptureError, Found, PhotoFinder, assemble
 from ..pinhole import lens_on, pinhole_of
 
@@ -40,10 +40,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 
 
 def _camera(file: Path, photo: Path) -> Found:
-    content = read_json(file)
-    if not isinstance(content, dict):
-        raise CaptureError(file, "", "this is not a frame", "export the scan again")
-    pose = numbers(file, "cameraPoseARFrame", content.get("cameraPoseARFrame"), 16).reshape(4, 4)
-    k = numbers(file, "intrinsics", content.get("intrinsics"), 9).reshape(3, 3)
+    content = Entry.of_file(file)
+    pose = content.numbers("cameraPoseARFrame", 16).reshape(4, 4)
+    k = content.numbers("intrinsics", 9).reshape(3, 3)
     lens = lens_on(photo, *pinhole_of(file, "intrinsics", k))
     return Found(f"{file.name}, cameraPoseARFrame", photo.name, photo, pose, lens)
