@@ -1,7 +1,5 @@
 """What the solver does besides reconstructing: solve cameras, check a capture. One at a time, by timer."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -61,7 +59,7 @@ class SideTask(Watcher):
 
     def start(
         self, title: str, python: Path, words: list[str], folder: Path,
-        done: Callable[[SideTask], None], kept: str = "",
+        done: "Callable[[SideTask], None]", kept: str = "",
     ) -> None:  # fmt: skip
         """Run `python -m solver WORDS` in a folder; `done` is called once it has succeeded.
 

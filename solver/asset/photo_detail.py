@@ -6,8 +6,6 @@ reflections, is detail of the albedo. Reflections move over a surface from view 
 agree on is noise, and is taken away as by Wiener's filter. See docs/decisions/0041.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -197,7 +195,7 @@ def _residual(surface: Surface, shown: np.ndarray, view: View) -> tuple[np.ndarr
 
 
 def _reflected_light(
-    bins: _Bins, sigma: float, colours: np.ndarray, shown: np.ndarray, f0: np.ndarray, clear: np.ndarray
+    bins: "_Bins", sigma: float, colours: np.ndarray, shown: np.ndarray, f0: np.ndarray, clear: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The light [K, 3] that places would mirror to a camera with an F0 of 1, and how much [K] of what is
     around each is `clear` [K].

@@ -1,7 +1,5 @@
 """UV coordinates by xatlas, and which texel shows which point of the surface."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,7 +30,7 @@ class UnwrappedMesh:
     faces: np.ndarray
     original: np.ndarray
 
-    def placed(self, matrix: np.ndarray) -> UnwrappedMesh:
+    def placed(self, matrix: np.ndarray) -> "UnwrappedMesh":
         """The mesh in another world: `matrix` [4, 4] is a similarity from its own to that."""
         if np.array_equal(matrix, np.eye(4)):
             return self
@@ -81,7 +79,7 @@ class Texels:
     face: np.ndarray
     barycentric: np.ndarray
 
-    def only(self, chosen: np.ndarray) -> Texels:
+    def only(self, chosen: np.ndarray) -> "Texels":
         """Some of them, by their indices."""
         return Texels(self.row[chosen], self.column[chosen], self.face[chosen], self.barycentric[chosen])
 

@@ -4,8 +4,6 @@ Far means that it has no parallax: all photos that look past the object in one d
 A scene that was rendered with its HDRI is so, and an object high before a landscape.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -53,7 +51,7 @@ class Panorama:
         """Rows."""
         return len(self.known)
 
-    def smaller(self, height: int) -> Panorama:
+    def smaller(self, height: int) -> "Panorama":
         """The panorama with as many rows: means of what is known, where that is half of a texel or more.
 
         Args:
@@ -68,7 +66,7 @@ class Panorama:
         known = count[..., 0] >= 0.5 * times * times
         return Panorama(sums(self.colour) / np.maximum(count, 1) * known[..., None], known)
 
-    def filled_where(self, wanted: Callable[[np.ndarray], np.ndarray]) -> Panorama:
+    def filled_where(self, wanted: Callable[[np.ndarray], np.ndarray]) -> "Panorama":
         """The panorama in directions [N, 3] that are wanted, [N] bool, alone; there its gaps have the
         colour of what is next to them."""
         inside = wanted(_texels(self.height)).reshape(self.known.shape)
@@ -76,7 +74,7 @@ class Panorama:
             return Panorama(np.zeros_like(self.colour), np.zeros_like(self.known))
         return Panorama(filled(self.colour, self.known & inside) * inside[..., None], inside)
 
-    def behind(self, camera: Camera, shape: tuple[int, int]) -> Behind:
+    def behind(self, camera: Camera, shape: tuple[int, int]) -> "Behind":
         """What is behind the pixels of a camera's photo of `shape` rows and columns."""
         size = np.array([2 * self.height, self.height])
         column, row = (equirect_from_direction(_directions(camera, shape)) * size).astype(int).T

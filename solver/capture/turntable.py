@@ -7,8 +7,6 @@ still. So circles alone do not tell; the photos' edges do: beside a turning obje
 was.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -47,7 +45,7 @@ class Turntable:
     zero: np.ndarray
 
     @classmethod
-    def through(cls, axis: np.ndarray, centre: np.ndarray, first: np.ndarray) -> Turntable | None:
+    def through(cls, axis: np.ndarray, centre: np.ndarray, first: np.ndarray) -> "Turntable | None":
         """That about `axis` [3] through `centre` [3] whose light is not turned for a camera at `first` [3];
         None if that is on the axis."""
         away = first - centre
@@ -69,7 +67,7 @@ class Turntable:
         """Rotation [3, 3] about the axis by an angle, rad."""
         return Rotation.from_rotvec(angle * self.axis).as_matrix()
 
-    def seen_from(self, origin: np.ndarray) -> Turntable:
+    def seen_from(self, origin: np.ndarray) -> "Turntable":
         """The same in a world whose origin is at `origin` [3]."""
         return Turntable(self.axis, self.centre - origin, self.zero)
 

@@ -1,7 +1,5 @@
 """The cube that a fit takes place in: how large it is, where it stands, and how it is turned."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -44,12 +42,12 @@ class Box:
     axes: np.ndarray | None = None
 
     @classmethod
-    def around(cls, region: np.ndarray) -> Box:
+    def around(cls, region: np.ndarray) -> "Box":
         """The cube around the middle of a world box [2, 3] that is as large as its longest edge."""
         return cls(region.mean(0), float((region[1] - region[0]).max() / 2))
 
     @classmethod
-    def of(cls, field: MicrofacetField) -> Box:
+    def of(cls, field: MicrofacetField) -> "Box":
         """A field's."""
         axes = None if field.axes is None else field.axes.cpu().numpy().astype(np.float64)
         return cls(field.centre.cpu().numpy().astype(np.float64), field.half_size, axes)

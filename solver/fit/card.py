@@ -1,7 +1,5 @@
 """An NVIDIA card's stream, its graphs with their memory, and numbers that are read late."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 from collections.abc import Callable, Iterator
@@ -36,7 +34,7 @@ class Card:
         finally:
             around.wait_stream(self._stream)
 
-    def graph(self, call: Call) -> CudaGraph:
+    def graph(self, call: Call) -> "CudaGraph":
         """What a call does, to be done again. Earlier graphs, if there are any, must not be replayed
         afterwards: it has their memory.
 

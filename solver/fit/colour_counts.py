@@ -1,7 +1,5 @@
 """How often colours occur in photos, and so how likely a pixel is one of theirs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -23,7 +21,7 @@ class ColourCounts:
     share: np.ndarray
 
     @classmethod
-    def of(cls, photos: Iterable[np.ndarray]) -> ColourCounts:
+    def of(cls, photos: Iterable[np.ndarray]) -> "ColourCounts":
         """Of pixels [N, 3] CIE Lab of each photo."""
         counts = np.zeros(BINS**3)
         for pixels in photos:

@@ -1,7 +1,5 @@
 """What a support looks like, by photos that see past the object; and what in a photo looks unlike it."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -54,7 +52,7 @@ class Ground:
     cells: int
 
     @classmethod
-    def around(cls, support: Support, region: np.ndarray, pixel: float) -> Ground:
+    def around(cls, support: Support, region: np.ndarray, pixel: float) -> "Ground":
         """Cells as big as a pixel (`pixel`, world units), if they are not too many."""
         half = AROUND / 2 * float((region[1] - region[0]).max())
         cells = int(np.clip(2 * half / pixel, 32, MOST_CELLS))
@@ -119,7 +117,7 @@ class GroundColours:
     def seen_in(
         cls, ground: Ground, pixels: Sequence[np.ndarray], colours: Sequence[np.ndarray],
         hidden: Sequence[np.ndarray] | None,
-    ) -> GroundColours:  # fmt: skip
+    ) -> "GroundColours":  # fmt: skip
         """Medians of photos [H, W, 3] CIE Lab.
 
         What is under an overhang few photos see, and the others show the object there. So while nobody
@@ -161,7 +159,7 @@ class GroundColours:
             colour[some[enough]], spread[some[enough]] = _medians(found[:, enough])
         return cls(colour, spread, disputed)
 
-    def unknown_in(self, cells: np.ndarray) -> GroundColours:
+    def unknown_in(self, cells: np.ndarray) -> "GroundColours":
         """The same without what all photos tell of some cells [N] bool: what stands there looks the same
         from everywhere."""
         return replace(self, spread=np.where(cells & ~self.by_few, np.nan, self.spread))

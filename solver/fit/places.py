@@ -1,7 +1,5 @@
 """Small cells of space, and where pictures show them: what all photos together say of a place."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -17,7 +15,7 @@ class Places(NamedTuple):
     centres: np.ndarray
     edge: float
 
-    def only(self, chosen: np.ndarray) -> Places:
+    def only(self, chosen: np.ndarray) -> "Places":
         """Some of them, [N] bool."""
         return Places(self.centres[chosen], self.edge)
 

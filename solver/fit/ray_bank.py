@@ -1,7 +1,5 @@
 """All pixels of a capture as rays with their targets, drawn in batches."""
 
-from __future__ import annotations
-
 from functools import cached_property
 from typing import NamedTuple
 
@@ -30,7 +28,7 @@ class RayBatch(NamedTuple):
     photo: Tensor  # [B] long, index of the photo
     behind: Tensor | None = None  # [B, 3] sRGB-encoded, far behind the object, if known
 
-    def split(self, sizes: list[int]) -> list[RayBatch]:
+    def split(self, sizes: list[int]) -> "list[RayBatch]":
         """Batches of so many pixels each."""
         pieces = [[None] * len(sizes) if values is None else values.split(sizes) for values in self]
         return [RayBatch(*some) for some in zip(*pieces, strict=True)]

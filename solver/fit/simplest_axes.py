@@ -8,8 +8,6 @@ ones' squares (Eckart & Young 1936, doi:10.1007/BF02288367). Files of photogramm
 turned anyhow; this is what that costs, and so the box is turned (docs/decisions/0043).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, ThreadPoolExecutor, wait
 from contextlib import closing
@@ -90,7 +88,7 @@ def different_turns(count: int) -> Rotation:
 
 
 def _all_refined(
-    shape: _Shape, starts: Rotation, pool: Executor, progress: Callable[[float], None]
+    shape: "_Shape", starts: Rotation, pool: Executor, progress: Callable[[float], None]
 ) -> list[tuple[float, Rotation]]:
     """The least error near each of some turns, and the turn that has it."""
     tried, over = [0] * len(starts), Event()

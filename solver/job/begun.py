@@ -1,7 +1,5 @@
 """What a run makes before it works, which goes again where its input turns out to be of no use."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -23,7 +21,7 @@ class Begun:
     folders: tuple[Path, ...]
 
     @classmethod
-    def before(cls, request: Path) -> Begun | None:
+    def before(cls, request: Path) -> "Begun | None":
         """What is about to be made around a request's file; None if that is there: then a run goes on."""
         if request.exists():
             return None

@@ -6,8 +6,6 @@
 `docs/job-folder.md` describes every file.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re
@@ -45,7 +43,7 @@ class JobFolder:
         self.manifest_path = self.result_dir / MANIFEST
 
     @classmethod
-    def create(cls, root: Path | str, request: JobRequest, may_hold: Collection[str] = ()) -> JobFolder:
+    def create(cls, root: Path | str, request: JobRequest, may_hold: Collection[str] = ()) -> "JobFolder":
         """A new job in a new or empty folder.
 
         Args:
@@ -66,7 +64,7 @@ class JobFolder:
         write_json_atomic(self.request_path, dataclasses.asdict(request))
 
     @classmethod
-    def check_new(cls, root: Path | str, may_hold: Collection[str] = ()) -> JobFolder:
+    def check_new(cls, root: Path | str, may_hold: Collection[str] = ()) -> "JobFolder":
         """A folder that a new job may be created in; nothing is written.
 
         Args:
@@ -89,7 +87,7 @@ class JobFolder:
         return job
 
     @classmethod
-    def open(cls, root: Path | str) -> JobFolder:
+    def open(cls, root: Path | str) -> "JobFolder":
         """An existing job.
 
         Raises:

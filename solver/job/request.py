@@ -1,7 +1,5 @@
 """What a job is asked to do: `job.json`, and its checks."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import os
@@ -55,7 +53,7 @@ class JobRequest:
     schema_version: int = SCHEMA_VERSION
 
     @classmethod
-    def from_json(cls, content: Any, file: Path) -> JobRequest:
+    def from_json(cls, content: Any, file: Path) -> "JobRequest":
         """Parse `job.json`'s content.
 
         Raises:

@@ -4,8 +4,6 @@ Directions and texels follow Blender's equirectangular convention as `capture.fr
 u = ½ − atan2(y, x)/2π, v = acos(z)/π; column = u·W, row = v·H, row 0 at +Z.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import NamedTuple
@@ -147,7 +145,7 @@ class EnvironmentMap(nn.Module):
         return _map_constants(self.height, self.log_radiance.device).row_prefix
 
     @classmethod
-    def from_radiance(cls, radiance: Tensor) -> EnvironmentMap:
+    def from_radiance(cls, radiance: Tensor) -> "EnvironmentMap":
         """A map that holds given radiance [H, 2H, 3], linear Rec.709, Blender's equirect.
 
         Zeros become 1e-6, since the parameter is a logarithm.
@@ -272,7 +270,7 @@ class EnvironmentMap(nn.Module):
                 blurred = torch.einsum("nij,nkj->nki", spread, axes).square().sum(-1)
         return (square if seen is None else square * stretched) + blurred
 
-    def resized(self, height: int) -> EnvironmentMap:
+    def resized(self, height: int) -> "EnvironmentMap":
         """The same light on a map of another height (coarse to fine), bilinear in its logarithm."""
         log_radiance = resized_map(self.log_radiance.detach(), height)
         other = EnvironmentMap(height, floor=self.floor)

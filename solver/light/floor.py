@@ -10,8 +10,6 @@ w = max(0, −d·up), the place is x + d h/w, and the centre sees it in the dire
 holds for rays that do not go down, too, and at the horizon nothing leaps.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -37,7 +35,7 @@ class Floor(NamedTuple):
     height: float
     centre: tuple[float, float, float]
 
-    def counted_from(self, origin: np.ndarray) -> Floor:
+    def counted_from(self, origin: np.ndarray) -> "Floor":
         """The same in coordinates that are counted from `origin` [3]."""
         centre = np.asarray(self.centre) - origin
         return Floor(self.up, self.height - float(np.dot(self.up, origin)), tuple(centre.tolist()))
@@ -55,7 +53,7 @@ class Floor(NamedTuple):
         least = LOWEST * self.centre_height
         return (points - centre) / above.clamp(min=least)[:, None]
 
-    def seen(self, shifts: Tensor, directions: Tensor) -> SeenFromCentre:
+    def seen(self, shifts: Tensor, directions: Tensor) -> "SeenFromCentre":
         """What rays of unit directions [N, 3] see, as the centre sees it.
 
         Args:

@@ -4,8 +4,6 @@ All numbers are functions of (seed, step, purpose, key), where the key names a p
 along its ray. So an image does not depend on how its pixels are batched, nor on the device.
 """
 
-from __future__ import annotations
-
 import copy
 
 import torch
@@ -34,11 +32,11 @@ class RandomNumbers:
         values = uniform(keys, self.stream(purpose), columns)
         return values[:, 0] if columns == 1 else values
 
-    def at(self, step: int) -> RandomNumbers:
+    def at(self, step: int) -> "RandomNumbers":
         """Those of a step."""
         return self.of(self.streams_at(step))
 
-    def of(self, streams: Tensor) -> RandomNumbers:
+    def of(self, streams: Tensor) -> "RandomNumbers":
         """Those of streams for all purposes [PURPOSES], which may be another step's when they are drawn."""
         other = copy.copy(self)
         other._streams = streams

@@ -1,7 +1,5 @@
 """All that is optimised, and what a renderer asks of it; the settings of a render."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -252,7 +250,7 @@ class StepTables(NamedTuple):
     normals: object  # nested tuples or lists of tensors
 
     @classmethod
-    def of(cls, scene: Scene, turn: Tensor | None = None) -> StepTables:
+    def of(cls, scene: Scene, turn: Tensor | None = None) -> "StepTables":
         """Tables of the current parameters of a scene or a composition.
 
         Args:
@@ -261,7 +259,7 @@ class StepTables(NamedTuple):
         return SharedTables.of(scene, (turn,)).under(0)
 
     @classmethod
-    def seen_by(cls, camera: Camera, scene: Scene) -> StepTables:
+    def seen_by(cls, camera: Camera, scene: Scene) -> "StepTables":
         """The same, as a photo of this camera (of the scene's world) would have them."""
         return cls.of(scene, scene.turn_for(camera))
 
@@ -273,7 +271,7 @@ class SharedTables(NamedTuple):
     normals: object  # nested tuples or lists of tensors
 
     @classmethod
-    def of(cls, scene: Scene, turns: Sequence[Tensor | None]) -> SharedTables:
+    def of(cls, scene: Scene, turns: Sequence[Tensor | None]) -> "SharedTables":
         """Tables of the current parameters of a scene or a composition.
 
         Args:
@@ -286,11 +284,11 @@ class SharedTables(NamedTuple):
         """Those of one of the turns."""
         return StepTables(self.lights[turn], self.normals)
 
-    def cut(self) -> SharedTables:
+    def cut(self) -> "SharedTables":
         """A copy cut off from the parameters, so that several backward passes share one set."""
         return mapped(lambda value: value.detach().requires_grad_(value.requires_grad), self)
 
-    def carry(self, cut: SharedTables) -> None:
+    def carry(self, cut: "SharedTables") -> None:
         """Carry the gradients of a copy that was cut off to the parameters."""
         both = zip(tensors_of(self), tensors_of(cut), strict=True)
         reached = [(value, leaf.grad) for value, leaf in both if leaf.grad is not None]
