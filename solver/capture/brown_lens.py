@@ -12,7 +12,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .lens_solve import WIDEST, first_positive_root, invert_growing, refine_in_plane, scaled_to
+from .lens_solve import (
+    WIDEST,
+    Lens,
+    Numbers,
+    Pair,
+    first_positive_root,
+    invert_growing,
+    refine_in_plane,
+    scaled_to,
+)
 
 BROWN = ("brown",)
 PERSPECTIVE, EQUIDISTANT, EQUISOLID = 0.0, 1.0, 2.0
@@ -22,7 +31,7 @@ PERSPECTIVE, EQUIDISTANT, EQUISOLID = 0.0, 1.0, 2.0
 def polynomial_lens(
     radial: Sequence[float], tangential: Sequence[float] = (0.0, 0.0), skew: float = 0.0,
     equidistant: bool = False, equisolid: bool = False,
-) -> tuple[str, tuple[float, ...]]:  # fmt: skip
+) -> Lens:  # fmt: skip
     """The plainest lens, and its numbers, for a polynomial distortion.
 
     Args:
@@ -44,9 +53,7 @@ def polynomial_lens(
     return ("opencv", (k1, k2, p1, p2, k3)) if any((k1, k2, k3, p1, p2)) else ("pinhole", ())
 
 
-def distort(
-    lens: str, distortion: tuple[float, ...], directions: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def distort(lens: str, distortion: Numbers, directions: np.ndarray) -> Pair:
     """See `lenses.distort`."""
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     across = np.hypot(x, y)
@@ -63,9 +70,7 @@ def distort(
     return u + _ten(distortion)[6] * v, v
 
 
-def undistort(
-    lens: str, distortion: tuple[float, ...], u: np.ndarray, v: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def undistort(lens: str, distortion: Numbers, u: np.ndarray, v: np.ndarray) -> Pair:
     """See `lenses.undistort`."""
     k1, k2, p1, p2, k3, k4, skew, projection, *_ = _ten(distortion)
     limit = min(fold(distortion), WIDEST)
@@ -92,7 +97,7 @@ def undistort(
     return np.stack([x * sine, y * sine, np.cos(angle)], axis=-1), met
 
 
-def fold(distortion: tuple[float, ...]) -> float:
+def fold(distortion: Numbers) -> float:
     """Where the radial part stops growing: ideal radius, or what a fisheye has instead."""
     k1, k2, _, _, k3, k4, _, projection, *_ = _ten(distortion)
     slope = np.array([1.0, 3 * k1, 5 * k2, 7 * k3, 9 * k4])  # in powers of r²
@@ -100,11 +105,11 @@ def fold(distortion: tuple[float, ...]) -> float:
     return min(first_positive_root(slope), straight_behind)
 
 
-def _ten(distortion: tuple[float, ...]) -> tuple[float, ...]:
+def _ten(distortion: Numbers) -> Numbers:
     return (*distortion, *(0,) * 10)[:10]
 
 
-def _polynomial(distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray):
+def _polynomial(distortion: Numbers, x: np.ndarray, y: np.ndarray):
     """(u, v) before the skew, and the derivatives u_x, u_y, v_x, v_y."""
     k1, k2, p1, p2, k3, k4, _, _, p3, p4 = _ten(distortion)
     s = x * x + y * y
@@ -114,7 +119,7 @@ def _polynomial(distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray):
     return _with_higher(found, x, y, (p1, p2, p3, p4)) if p3 or p4 else found
 
 
-def _with_higher(found: tuple, x: np.ndarray, y: np.ndarray, tangential: tuple[float, ...]):
+def _with_higher(found: tuple, x: np.ndarray, y: np.ndarray, tangential: Numbers):
     """What `decentred` found, with its tangential part times 1 + p3 r² + p4 r⁴."""
     p1, p2, p3, p4 = tangential
     u, v, u_x, u_y, v_x, v_y = found

@@ -3,8 +3,6 @@
 World, camera axes and pixels are as `frames` has them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from .frames import opencv_from_opengl, opengl_from_opencv, rigid, scale_and_rotation, unit
+from .lens_solve import Numbers, Pair
 from .lenses import distort, undistort
 from .panoramic_lens import PANORAMIC
 
@@ -46,7 +45,7 @@ class Camera:
     cx: float
     cy: float
     lens: str = "pinhole"
-    distortion: tuple[float, ...] = ()
+    distortion: Numbers = ()
     mask_path: Path | None = None
     ignored_path: Path | None = None
     ignored_is_black: bool = False
@@ -68,19 +67,19 @@ class Camera:
         """It looks all around: where its picture's middle is says nothing of what the photo is of."""
         return self.lens in PANORAMIC
 
-    def seen_from(self, origin: np.ndarray) -> Camera:
+    def seen_from(self, origin: np.ndarray) -> "Camera":
         """The camera in the same world with its origin at `origin` [3]."""
         pose = self.camera_to_world.copy()
         pose[:3, 3] -= origin
         return replace(self, camera_to_world=pose)
 
-    def placed(self, matrix: np.ndarray) -> Camera:
+    def placed(self, matrix: np.ndarray) -> "Camera":
         """The camera in another world: `matrix` [4, 4] is a similarity from its own to that."""
         rotation = scale_and_rotation(matrix)[1] @ self.camera_to_world[:3, :3]
         place = matrix[:3, :3] @ self.position + matrix[:3, 3]
         return replace(self, camera_to_world=rigid(rotation, place))
 
-    def resized(self, width: int, height: int) -> Camera:
+    def resized(self, width: int, height: int) -> "Camera":
         """The camera with a photo of another size, which shows the same."""
         across, down = width / self.width, height / self.height
         return replace(
@@ -88,7 +87,7 @@ class Camera:
             cx=self.cx * across, cy=self.cy * down,
         )  # fmt: skip
 
-    def no_larger(self, pixels: int) -> Camera:
+    def no_larger(self, pixels: int) -> "Camera":
         """The camera with a photo of about so many pixels, if it has more (0: as it is)."""
         factor = (pixels / (self.width * self.height)) ** 0.5
         if not 0 < factor < 1:
@@ -110,7 +109,7 @@ class Camera:
         angle."""
         return (self.fx * self.fy) ** -0.5
 
-    def rays(self, columns: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def rays(self, columns: np.ndarray, rows: np.ndarray) -> Pair:
         """World origins and unit directions [N, 3] through pixel positions [N].
 
         Always finite: where the lens model cannot produce a pixel (see `lens_reaches`), its ray is
@@ -120,7 +119,7 @@ class Camera:
         directions = local @ self.camera_to_world[:3, :3].T
         return np.broadcast_to(self.position, directions.shape).copy(), directions
 
-    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def project(self, points: np.ndarray) -> Pair:
         """Pixel positions [N, 2] (column, row) and depths [N] of world points [N, 3].
 
         Depth is the distance along the optical axis, of a panorama that from the camera. The pixel is NaN
@@ -152,9 +151,7 @@ class Camera:
         told."""
         return self.pixels_of(points, (self.height, self.width))[1]
 
-    def pixels_of(
-        self, points: np.ndarray, shape: tuple[int, int]
-    ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
+    def pixels_of(self, points: np.ndarray, shape: tuple[int, int]) -> tuple[Pair, np.ndarray, np.ndarray]:
         """Rows and columns, in a photo of so many (`shape`), of the world points [N, 3] in its frame, where
         it is told; [N] which these are, and their depths (`project`)."""
         height, width = shape
@@ -182,7 +179,7 @@ class Camera:
         """[N] true where some ray has the pixel position; false beyond the distortion's fold."""
         return self._undistort(columns, rows)[1]
 
-    def _undistort(self, columns: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _undistort(self, columns: np.ndarray, rows: np.ndarray) -> Pair:
         x = (np.asarray(columns, dtype=np.float64) - self.cx) / self.fx
         y = (np.asarray(rows, dtype=np.float64) - self.cy) / self.fy
         return undistort(self.lens, tuple(self.distortion), x, y)

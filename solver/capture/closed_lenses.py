@@ -14,14 +14,14 @@ import math
 
 import numpy as np
 
-from .lens_solve import WIDEST, invert_growing, scaled_to
+from .lens_solve import WIDEST, Numbers, Pair, invert_growing, scaled_to
 
 CLOSED = ("fov", "division", "eucm", "visualsfm")
 _FLAT = 1e-8  # radians; the square of it is lost beside 1
 _SLACK = 1 + 1e-9  # what comes back from the fold itself is still seen
 
 
-def is_usable(lens: str, distortion: tuple[float, ...]) -> bool:
+def is_usable(lens: str, distortion: Numbers) -> bool:
     """False for numbers with which a formula is no lens."""
     if lens == "fov":
         return abs(distortion[0]) < 3.14
@@ -30,9 +30,7 @@ def is_usable(lens: str, distortion: tuple[float, ...]) -> bool:
     return True
 
 
-def distort(
-    lens: str, distortion: tuple[float, ...], directions: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def distort(lens: str, distortion: Numbers, directions: np.ndarray) -> Pair:
     """Image coordinates (x, y) [N] of directions [N, 3] in OpenCV's camera axes; NaN if not seen."""
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     across = np.hypot(x, y)
@@ -56,9 +54,7 @@ def distort(
     return x * scale, y * scale
 
 
-def undistort(
-    lens: str, distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def undistort(lens: str, distortion: Numbers, x: np.ndarray, y: np.ndarray) -> Pair:
     """Directions [N, 3] of image coordinates [N], and a mask of those that a direction has."""
     radius = np.hypot(x, y)
     if lens == "fov":

@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from .brown_lens import polynomial_lens
-from .lens_solve import first_positive_root, invert_growing, scaled_to
+from .lens_solve import Lens, Numbers, Pair, first_positive_root, invert_growing, scaled_to
 
 POWER = ("fisheye_power",)
 _PER_RADIAN = 2 / np.pi
@@ -20,7 +20,7 @@ _PER_RADIAN = 2 / np.pi
 
 def of_quarter_turns(
     powers: Sequence[float], matrix: Sequence[Sequence[float]]
-) -> tuple[float, float, tuple[str, tuple[float, ...]]] | None:
+) -> tuple[float, float, Lens] | None:
     """Focal lengths along x and y, and the plainest lens, of a polynomial for which a quarter turn is 1.
 
     Args:
@@ -41,14 +41,12 @@ def of_quarter_turns(
     return *focal, polynomial_lens((k3,), skew=xy / xx, equidistant=True)
 
 
-def is_usable(lens: str, distortion: tuple[float, ...]) -> bool:
+def is_usable(lens: str, distortion: Numbers) -> bool:
     """False if the image would be flat or mirrored."""
     return distortion[3] * distortion[4] < 0.5
 
 
-def distort(
-    lens: str, distortion: tuple[float, ...], directions: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def distort(lens: str, distortion: Numbers, directions: np.ndarray) -> Pair:
     """See `lenses.distort`."""
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     across = np.hypot(x, y)
@@ -59,9 +57,7 @@ def distort(
     return a + distortion[3] * b, b + distortion[4] * a
 
 
-def undistort(
-    lens: str, distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def undistort(lens: str, distortion: Numbers, x: np.ndarray, y: np.ndarray) -> Pair:
     """See `lenses.undistort`."""
     _, _, _, aside, down = distortion
     a, b = (x - aside * y) / (1 - aside * down), (y - down * x) / (1 - aside * down)
@@ -72,13 +68,13 @@ def undistort(
 
 
 @lru_cache(maxsize=256)
-def widest_angle(distortion: tuple[float, ...]) -> float:
+def widest_angle(distortion: Numbers) -> float:
     """Angle from the axis, rad, up to which the image's radius grows."""
     slope = np.append(1.0, np.array(distortion[:3]) * (2, 3, 4))
     return min(first_positive_root(slope) ** 2, np.pi)
 
 
-def _radius(distortion: tuple[float, ...], angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _radius(distortion: Numbers, angle: np.ndarray) -> Pair:
     """The image's radius at angles from the axis, and its slope."""
     k2, k3, k4 = distortion[:3]
     value = angle * (1 + angle * (k2 + angle * (k3 + angle * k4)))

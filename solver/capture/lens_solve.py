@@ -4,13 +4,17 @@ from collections.abc import Callable
 
 import numpy as np
 
+Numbers = tuple[float, ...]
+Lens = tuple[str, Numbers]
+"""a lens's name with its numbers"""
+Pair = tuple[np.ndarray, np.ndarray]
 STEPS = 60
 BRACKET_STEPS = 100
 WIDEST = 1e4
 """tangent of the widest half view a perspective lens may have"""
 
 
-def invert_growing(function: Callable, target: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray]:
+def invert_growing(function: Callable, target: np.ndarray, limit: float) -> Pair:
     """Arguments [N] in [0, limit] where a growing function takes its targets [N].
 
     Newton within brackets, and bisection where a step is more than half as long as the one before:

@@ -18,7 +18,15 @@ from . import brown_lens, closed_lenses, fisheye_power, panoramic_lens, prism_le
 from .brown_lens import BROWN, decentred
 from .closed_lenses import CLOSED
 from .fisheye_power import POWER
-from .lens_solve import WIDEST, first_positive_root, invert_growing, refine_in_plane, scaled_to
+from .lens_solve import (
+    WIDEST,
+    Numbers,
+    Pair,
+    first_positive_root,
+    invert_growing,
+    refine_in_plane,
+    scaled_to,
+)
 from .panoramic_lens import PANORAMIC
 from .prism_lenses import PRISM
 
@@ -32,16 +40,14 @@ _LARGEST = 1e6
 """numbers of real lenses are tiny; squares of these still have room"""
 
 
-def is_usable(lens: str, distortion: tuple[float, ...]) -> bool:
+def is_usable(lens: str, distortion: Numbers) -> bool:
     """False for numbers with which no lens is one."""
     if any(not abs(number) < _LARGEST for number in distortion):
         return False
     return lens not in (*CLOSED, *POWER, *PANORAMIC) or _MODULES[lens].is_usable(lens, distortion)
 
 
-def distort(
-    lens: str, distortion: tuple[float, ...], directions: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def distort(lens: str, distortion: Numbers, directions: np.ndarray) -> Pair:
     """Distorted image coordinates (x, y) [N] of directions [N, 3] in OpenCV's camera axes.
 
     NaN where the lens does not see: behind a perspective camera, or beyond the fold.
@@ -67,9 +73,7 @@ def distort(
     return x, y
 
 
-def undistort(
-    lens: str, distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def undistort(lens: str, distortion: Numbers, x: np.ndarray, y: np.ndarray) -> Pair:
     """Directions [N, 3] (OpenCV's axes, not unit) whose distorted image is (x, y) [N].
 
     Returns also a mask [N]: false where no direction has that image. There the direction is the
@@ -94,7 +98,7 @@ def undistort(
 
 
 @lru_cache(maxsize=256)
-def fold(lens: str, distortion: tuple[float, ...]) -> float:
+def fold(lens: str, distortion: Numbers) -> float:
     """Where the radial part stops growing: ideal radius (`opencv`) or angle (`opencv_fisheye`)."""
     if lens == "opencv_fisheye":
         k = np.array((*distortion, 0, 0, 0, 0)[:4])
@@ -107,7 +111,7 @@ def fold(lens: str, distortion: tuple[float, ...]) -> float:
     return min(first_positive_root(slope.c[::-1]), first_positive_root(below.c[::-1]))
 
 
-def _fisheye(distortion: tuple[float, ...], angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _fisheye(distortion: Numbers, angle: np.ndarray) -> Pair:
     """Image radius and its slope at angles from the axis."""
     k1, k2, k3, k4 = (*distortion, 0, 0, 0, 0)[:4]
     t = angle * angle
@@ -115,7 +119,7 @@ def _fisheye(distortion: tuple[float, ...], angle: np.ndarray) -> tuple[np.ndarr
     return value, 1 + t * (3 * k1 + t * (5 * k2 + t * (7 * k3 + t * 9 * k4)))
 
 
-def _radial(distortion: tuple[float, ...], s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _radial(distortion: Numbers, s: np.ndarray) -> Pair:
     """Radial factor of the rational model and its derivative at squared radii."""
     k1, k2, _, _, k3, k4, k5, k6 = (*distortion, 0, 0, 0, 0, 0, 0, 0, 0)[:8]
     above, below = 1 + s * (k1 + s * (k2 + s * k3)), 1 + s * (k4 + s * (k5 + s * k6))
@@ -123,12 +127,12 @@ def _radial(distortion: tuple[float, ...], s: np.ndarray) -> tuple[np.ndarray, n
     return above / below, slope / below
 
 
-def _brown_radius(distortion: tuple[float, ...], radius: np.ndarray):
+def _brown_radius(distortion: Numbers, radius: np.ndarray):
     factor, slope = _radial(distortion, radius * radius)
     return radius * factor, factor + 2 * radius * radius * slope
 
 
-def _brown(distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray):
+def _brown(distortion: Numbers, x: np.ndarray, y: np.ndarray):
     """Distorted (u, v) of the perspective model, and the derivatives u_x, u_y, v_x, v_y."""
     p1, p2 = (*distortion, 0, 0, 0, 0)[2:4]
     factor, slope = _radial(distortion, x * x + y * y)

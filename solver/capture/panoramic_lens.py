@@ -13,6 +13,8 @@ one pixel. Nothing is behind such a camera: its depths are distances.
 
 import numpy as np
 
+from .lens_solve import Numbers, Pair
+
 EQUIRECTANGULAR = "equirectangular"
 PANORAMIC = (EQUIRECTANGULAR,)
 _SLACK = 1 + 1e-9  # what comes back from the edge itself is still seen
@@ -38,14 +40,12 @@ def shows_whole_sphere(
     return bool((np.abs(np.array((fx, fy, cx, cy)) - wanted) <= share * wanted).all())
 
 
-def is_usable(lens: str, distortion: tuple[float, ...]) -> bool:
+def is_usable(lens: str, distortion: Numbers) -> bool:
     """False for numbers that such a lens has not: it has none."""
     return not any(distortion)
 
 
-def distort(
-    lens: str, distortion: tuple[float, ...], directions: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def distort(lens: str, distortion: Numbers, directions: np.ndarray) -> Pair:
     """Image coordinates (x, y) [N], rad, of directions [N, 3] in OpenCV's camera axes; NaN of zero."""
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     level = np.hypot(x, z)
@@ -55,9 +55,7 @@ def distort(
     return np.where(nowhere, np.nan, azimuth), np.where(nowhere, np.nan, elevation)
 
 
-def undistort(
-    lens: str, distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def undistort(lens: str, distortion: Numbers, x: np.ndarray, y: np.ndarray) -> Pair:
     """Unit directions [N, 3] of image coordinates [N], rad, and a mask [N] of those within the sphere."""
     met = (np.abs(x) <= np.pi * _SLACK) & (np.abs(y) <= np.pi / 2 * _SLACK)
     azimuth, elevation = np.clip(x, -np.pi, np.pi), np.clip(y, -np.pi / 2, np.pi / 2)

@@ -13,14 +13,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from .lens_solve import first_positive_root, invert_growing, refine_in_plane, scaled_to
+from .lens_solve import Numbers, Pair, first_positive_root, invert_growing, refine_in_plane, scaled_to
 
 PRISM = ("thin_prism_fisheye", "rad_tan_thin_prism_fisheye")
 
 
-def distort(
-    lens: str, distortion: tuple[float, ...], directions: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def distort(lens: str, distortion: Numbers, directions: np.ndarray) -> Pair:
     """Image coordinates (x, y) [N] of directions [N, 3] in OpenCV's camera axes; NaN if not seen."""
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     across = np.hypot(x, y)
@@ -31,9 +29,7 @@ def distort(
     return image_x, image_y
 
 
-def undistort(
-    lens: str, distortion: tuple[float, ...], x: np.ndarray, y: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def undistort(lens: str, distortion: Numbers, x: np.ndarray, y: np.ndarray) -> Pair:
     """Directions [N, 3] of image coordinates [N], and a mask of those that a direction has."""
     radius, limit = np.hypot(x, y), widest_angle(lens, distortion)
     radial = _radial_numbers(lens, distortion)
@@ -49,18 +45,18 @@ def undistort(
 
 
 @lru_cache(maxsize=256)
-def widest_angle(lens: str, distortion: tuple[float, ...]) -> float:
+def widest_angle(lens: str, distortion: Numbers) -> float:
     """Angle from the axis, rad, up to which the radial part grows."""
     radial = np.array(_radial_numbers(lens, distortion))
     slope = np.append(1.0, radial * (2 * np.arange(len(radial)) + 3))
     return min(first_positive_root(slope), np.pi)
 
 
-def _radial_numbers(lens: str, distortion: tuple[float, ...]) -> tuple[float, ...]:
+def _radial_numbers(lens: str, distortion: Numbers) -> Numbers:
     return distortion[:6] if lens == PRISM[1] else (*distortion[:2], *distortion[4:6])
 
 
-def _radial_factor(radial: tuple[float, ...], squared: np.ndarray):
+def _radial_factor(radial: Numbers, squared: np.ndarray):
     """1 + k1 s + k2 s² + … and its derivative in s."""
     value, slope = np.zeros_like(squared), np.zeros_like(squared)
     for number in reversed((1.0, *radial)):
@@ -69,12 +65,12 @@ def _radial_factor(radial: tuple[float, ...], squared: np.ndarray):
     return value, slope
 
 
-def _radial_image(radial: tuple[float, ...], angle: np.ndarray):
+def _radial_image(radial: Numbers, angle: np.ndarray):
     factor, slope = _radial_factor(radial, angle * angle)
     return angle * factor, factor + 2 * angle * angle * slope
 
 
-def _map(lens: str, distortion: tuple[float, ...], a: np.ndarray, b: np.ndarray):
+def _map(lens: str, distortion: Numbers, a: np.ndarray, b: np.ndarray):
     """Image (x, y) of equidistant (a, b), and the derivatives x_a, x_b, y_a, y_b."""
     factor, slope = _radial_factor(_radial_numbers(lens, distortion), a * a + b * b)
     cross = 2 * a * b * slope
