@@ -7,14 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from .errors import CaptureError
-from .files import as_text, read_bytes
+from .files import CUT_OFF, as_text, read_bytes
 from .picture_names import folder_called, numbered, pictures_in
 
 LARGEST_FILE = 1 << 20
 """bytes; a camera has a thousandth of that"""
 MOST_FILES = 20_000
-
-_REMEDY = "the file seems cut off or edited; export the cameras again"
 
 
 @contextmanager
@@ -79,7 +77,7 @@ def matrix_of(path: Path, field: str, words: Sequence[str], rows: int, columns: 
     except ValueError:
         values = []
     if len(values) != rows * columns:
-        raise CaptureError(path, field, f"this is not a {rows} × {columns} matrix", _REMEDY)
+        raise CaptureError(path, field, f"this is not a {rows} × {columns} matrix", CUT_OFF)
     return np.array(values, dtype=np.float64).reshape(rows, columns)
 
 

@@ -35,6 +35,11 @@ def counted(text: str) -> str:
     return re.sub(r"(\w*)\|(\w*)", r"\1" if text.startswith("1 ") else r"\2", text)
 
 
+def told_of(file: Path, names: list[str], what: str) -> str:
+    """What `counted` has of a number of names, with the first, for a sentence about a file."""
+    return f"{file.name}: {counted(f'{len(names)} {what}')} (the first: {shown(names[0])})"
+
+
 def listed(names: list[str]) -> str:
     """The first names and how many more."""
     more = len(names) - _NAMED

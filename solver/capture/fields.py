@@ -12,6 +12,7 @@ from .errors import CaptureError, shown
 from .files import read_json
 from .frames import pose_of_opencv, rigid
 
+SOLVE_AGAIN = "solve or export the cameras again"
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+(e[+-]?\d+)?", re.I)
 
 
@@ -161,20 +162,22 @@ def rigid_pose(path: Path, field: str, value: Any) -> np.ndarray:
     Raises:
         CaptureError: no such matrix, or one that is singular, sheared or mirrors the world.
     """
-    remedy = "solve or export the cameras again"
     matrix = _pose_matrix(value)
     if matrix is None:
-        raise CaptureError(path, field, "a pose must be a 4 × 4 matrix of numbers", remedy)
-    if not np.isfinite(matrix).all() or np.abs(matrix).max() > 1e12:
-        raise CaptureError(path, field, "the pose holds a value that is not a number", remedy)
-    u, scale, vt = np.linalg.svd(matrix[:3, :3])
-    if scale[2] < 1e-6 * max(scale[0], 1e-12):
-        raise CaptureError(path, field, "the pose's rotation is singular", remedy)
-    if scale[0] > 1.02 * scale[2]:
-        raise CaptureError(path, field, "the pose's axes are not at right angles", remedy)
-    if np.linalg.det(matrix[:3, :3]) < 0:
-        raise CaptureError(path, field, "the pose mirrors the world", remedy)
-    return rigid(u @ vt, matrix[:3, 3])
+        problem = "a pose must be a 4 × 4 matrix of numbers"
+    elif not np.isfinite(matrix).all() or np.abs(matrix).max() > 1e12:
+        problem = "the pose holds a value that is not a number"
+    else:
+        u, scale, vt = np.linalg.svd(matrix[:3, :3])
+        if scale[2] < 1e-6 * max(scale[0], 1e-12):
+            problem = "the pose's rotation is singular"
+        elif scale[0] > 1.02 * scale[2]:
+            problem = "the pose's axes are not at right angles"
+        elif np.linalg.det(matrix[:3, :3]) < 0:
+            problem = "the pose mirrors the world"
+        else:
+            return rigid(u @ vt, matrix[:3, 3])
+    raise CaptureError(path, field, problem, SOLVE_AGAIN)
 
 
 def pose_of_world(path: Path, field: str, from_world: Any) -> np.ndarray:

@@ -14,6 +14,7 @@ from typing import Any
 
 from .errors import CaptureError
 
+CUT_OFF = "the file seems cut off or edited; export it again"
 LARGEST_TEXT = 1 << 28
 """bytes; a camera file of a thousand photos with all its sparse points has a tenth of that"""
 LONGEST_LINE = 1 << 24
@@ -148,8 +149,8 @@ def read_text(path: Path) -> str:
     raise CaptureError(path, "", "this is not a text file", "give a camera file")
 
 
-def read_lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Lines of a text file in UTF-8 with their numbers from 1, without blanks at their ends.
+def read_lines(path: Path) -> Iterator[tuple[str, str]]:
+    """Lines of a text file in UTF-8, without blanks at their ends, each with its place ("line 1").
 
     They are read one by one, for lists of sparse points can have gigabytes. Bytes that are no UTF-8
     (names of photos, in another encoding) stay as Python's file names have them.
@@ -170,7 +171,7 @@ def read_lines(path: Path) -> Iterator[tuple[int, str]]:
                     raise CaptureError(path, where, problem, "give a camera file")
                 if index == 1:
                     raw = raw.removeprefix(b"\xef\xbb\xbf")
-                yield index, raw.decode("utf-8", "surrogateescape").strip()
+                yield where, raw.decode("utf-8", "surrogateescape").strip()
     except OSError as error:
         raise no_access(path, error) from error
 
@@ -188,7 +189,7 @@ def read_json(path: Path) -> Any:
     except json.JSONDecodeError as error:
         raise CaptureError(
             path, f"line {error.lineno}", f"this is not valid JSON ({error.msg})",
-            "the file seems cut off or edited; export it again",
+            CUT_OFF,
         ) from error  # fmt: skip
     except (RecursionError, ValueError) as error:
         problem = "its JSON is nested too deeply or holds a number of absurd length"
@@ -215,7 +216,7 @@ def read_xml(path: Path) -> ElementTree.Element:
         line = getattr(error, "position", (0, 0))[0]
         raise CaptureError(
             path, f"line {line}", "this is not valid XML",
-            "the file seems cut off or edited; export it again",
+            CUT_OFF,
         ) from error  # fmt: skip
     except RecursionError as error:
         raise CaptureError(path, "", "its XML is nested too deeply") from error

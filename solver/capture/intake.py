@@ -8,8 +8,8 @@ import numpy as np
 
 from .camera import Camera
 from .capture import Capture, region_seen_by
-from .errors import CaptureError, counted, shown
-from .fields import rigid_pose
+from .errors import CaptureError, counted, shown, told_of
+from .fields import SOLVE_AGAIN, rigid_pose
 from .image_header import EXTENSIONS, UnknownSize, image_orientation, image_size, is_raw
 from .lenses import is_usable
 from .mask_finder import none_fits
@@ -64,7 +64,7 @@ class Found:
 def assemble(
     source: Path, format: str, found: list[Found], photos: PhotoFinder, *,
     points: np.ndarray | None = None, up: tuple[float, float, float] | None = None,
-    metric: bool = False, warnings: tuple[str, ...] = (),
+    metric: bool = False, warnings: tuple[str, ...] = (), lost: tuple[list[str], str] | None = None,
 ) -> Capture:  # fmt: skip
     """A capture of all cameras whose photos are there, or of all where `photos` are not wanted.
 
@@ -76,10 +76,13 @@ def assemble(
         points: [N, 3] sparse points in the file's world.
         up: the world's axis that points up, if the format says so.
         metric: world units are metres.
+        lost: photos without a pose, the field of poses, and what to do if all are.
 
     Raises:
         CaptureError: anything that cannot be used.
     """
+    if lost is not None:
+        warnings = without_pose(source, len(found) + len(lost[0]), *lost) + warnings
     if not found:
         raise CaptureError(source, "cameras", "there are none in it", "export the cameras again")
     found = _in_their_folders(found)
@@ -89,8 +92,8 @@ def assemble(
         raise _too_few(source, len(found), missing, photos)
     notes = list(warnings)
     if missing:
-        what = f"{len(missing)} of {len(found)} listed photos does|do not exist and is|are left out"
-        notes.insert(0, f"{source.name}: {counted(what)} (the first: {shown(missing[0])})")
+        what = f"of {len(found)} listed photos does|do not exist and is|are left out"
+        notes.insert(0, told_of(source, missing, what))
     names: set[str] = set()
     cameras, resized = [], []
     for item in there:
@@ -149,7 +152,9 @@ def _too_few(source: Path, count: int, missing: list[str], photos: PhotoFinder) 
     )  # fmt: skip
 
 
-def without_pose(source: Path, field: str, lost: list[str], count: int, remedy: str) -> tuple[str, ...]:
+def without_pose(
+    source: Path, count: int, lost: list[str], field: str, remedy: str = SOLVE_AGAIN
+) -> tuple[str, ...]:
     """The warning that `lost` of `count` photos have no pose and are left out; none if none is lost.
 
     Raises:
@@ -160,8 +165,7 @@ def without_pose(source: Path, field: str, lost: list[str], count: int, remedy: 
     if len(lost) == count:
         none = "its photo has no" if count == 1 else f"none of its {count} photos has a"
         raise CaptureError(source, field, f"{none} pose", remedy)
-    what = counted(f"{len(lost)} of {count} photos has|have no pose and is|are left out")
-    return (f"{source.name}: {what} (the first: {shown(lost[0])})",)
+    return (told_of(source, lost, f"of {count} photos has|have no pose and is|are left out"),)
 
 
 def _ignored(item: Found, photos: PhotoFinder) -> dict[str, object]:

@@ -25,7 +25,8 @@ _NAMES = (
 )
 FORMATS = tuple(import_module(f"{__package__}.formats.{name}") for name in _NAMES.split())
 """readers, the likeliest first"""
-CAMERA_FILES = tuple(sorted({e for reader in FORMATS for e in reader.EXTENSIONS} | set(PROJECTS)))
+_EXTENSIONS = {reader: {Path(pattern).suffix for pattern in reader.PATTERNS} for reader in FORMATS}
+CAMERA_FILES = tuple(sorted({*PROJECTS}.union(*_EXTENSIONS.values()) - {""}))
 """extensions of camera files, for file dialogs and drops; and of projects, to tell what to export"""
 
 _FILES_OF_SPLIT = {
@@ -166,7 +167,7 @@ def _read(reader: ModuleType, file: Path, finder: PhotoFinder) -> Capture:
 def reader_of(file: Path) -> ModuleType | None:
     """The reader that recognises a file, those for its extension first; None if there is none."""
     extension = file.suffix.lower()
-    ordered = sorted(FORMATS, key=lambda reader: extension not in reader.EXTENSIONS)
+    ordered = sorted(FORMATS, key=lambda reader: extension not in _EXTENSIONS[reader])
     return next((reader for reader in ordered if reader.recognises(file)), None)
 
 

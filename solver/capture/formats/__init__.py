@@ -3,8 +3,8 @@
 A reader is a module with
 
     NAME        what a person calls the format
-    EXTENSIONS  of its camera files, in lower case, for file dialogs
-    PATTERNS    where its camera file usually lies in a capture's folder (globs, likeliest first)
+    PATTERNS    where its camera file usually lies in a capture's folder (globs, likeliest first);
+                their extensions, in lower case, are in file dialogs
     recognises(file) -> bool          by content; never raises
     read(file, photos) -> Capture     raises CaptureError for anything that cannot be used; `photos`
                                       finds what the file names

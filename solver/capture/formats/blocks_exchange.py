@@ -27,7 +27,6 @@ from ..sparse_points import SparsePoints
 from .blocks_exchange_lens import axes_of, read_lens, value_of
 
 NAME = "BlocksExchange XML"
-EXTENSIONS = (".xml",)
 PATTERNS = ("*.xml", "AT/*.xml", "*/*.xml")
 
 _GEOCENTRIC = re.compile(r"EPSG:4978\b|\+proj=geocent|^GEOCCS|^GEOD\w*CRS.*\bCartesian\b", re.I | re.S)
@@ -59,7 +58,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     posed = {photo: pose for photo in groups if (pose := _pose_of(photo)) is not None}
     lost = [photo for photo in listed if photo not in posed]
     warnings += without_pose(
-        path, "Pose", [_stated(photo, "ImagePath", base) for photo in lost], len(listed),
+        path, len(listed), [_stated(photo, "ImagePath", base) for photo in lost], "Pose",
         "export it after the photos are aligned (aerotriangulation), with their poses",
     )  # fmt: skip
     parts = Counter(map(_component, posed))

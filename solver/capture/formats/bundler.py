@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import CaptureError, counted, shown
+from ..errors import CaptureError, shown, told_of
 from ..fields import number, rigid_pose
-from ..files import read_lines, text_head
+from ..files import CUT_OFF, read_lines, text_head
 from ..frames import invert_pose
 from ..image_header import EXTENSIONS as PICTURES
 from ..image_header import image_size
@@ -22,7 +22,6 @@ from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..sparse_points import SparsePoints
 
 NAME = "Bundler"
-EXTENSIONS = (".out",)
 PATTERNS = (
     "bundle.out", "bundle/bundle.out", "bundle.rd.out", "pmvs/bundle.rd.out", "*.bundle.out",
     "*bundle*.out", "bundle/*.out",
@@ -30,7 +29,6 @@ PATTERNS = (
 
 _HEADER = b"# Bundle file v"
 _LISTS = ("txt", "lst", "imagelist")
-_REMEDY = "the file seems cut off or edited; export it again"
 _NUMBERS = 15  # of a camera: f k1 k2, rotation, translation
 
 
@@ -41,14 +39,14 @@ def recognises(file: Path) -> bool:
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read a `.out` file with the list of photos beside it."""
-    lines = ((where, line) for where, line in read_lines(path) if line)
+    lines = (line for line in read_lines(path) if line[1])
     version = next((line for _, line in lines), "")
     if not version.startswith(_HEADER.decode() + "0.3"):
         raise CaptureError(path, "line 1", f"'{shown(version)}' is not version 0.3", "export version 0.3")
-    where, line = next(lines, (2, ""))
+    where, line = next(lines, ("line 2", ""))
     counts = line.split()
     if len(counts) != 2 or not all(w.isascii() and w.isdigit() and len(w) < 20 for w in counts):
-        raise CaptureError(path, f"line {where}", "it does not count cameras and points", _REMEDY)
+        raise CaptureError(path, where, "it does not count cameras and points", CUT_OFF)
     camera_count, point_count = map(int, counts)
     # Names come after the cameras are read: a count may be anything, the cameras are there.
     cameras = _cameras(path, lines, camera_count)
@@ -56,8 +54,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     names = _names(path, camera_count, photos, warnings.append)
     unsolved = [name for name, values in zip(names, cameras, strict=True) if values[0] <= 0]
     if unsolved:
-        what = counted(f"{len(unsolved)} of {camera_count} photos was|were not solved and is|are left out")
-        warnings.append(f"{path.name}: {what} (the first: {shown(unsolved[0])})")
+        what = f"of {camera_count} photos was|were not solved and is|are left out"
+        warnings.append(told_of(path, unsolved, what))
     for index, (name, values) in enumerate(zip(names, cameras, strict=True)):
         if values[0] > 0:
             found.append(_found(path, index, name, values, photos))
@@ -89,18 +87,16 @@ def _found(path: Path, index: int, name: str, values: np.ndarray, photos: PhotoF
     )  # fmt: skip
 
 
-def _cameras(path: Path, lines: Iterator[tuple[int, str]], count: int) -> list[np.ndarray]:
+def _cameras(path: Path, lines: Iterator[tuple[str, str]], count: int) -> list[np.ndarray]:
     cameras: list[np.ndarray] = []
     values: list[float] = []
-    where = 2
+    where = "line 2"
     while len(cameras) < count:
         where, line = next(lines, (where, None))
         words = [] if line is None else line.split()
         if not words or len(values) + len(words) > _NUMBERS:
-            raise CaptureError(
-                path, f"line {where}", f"camera {len(cameras)} of {count} breaks off", _REMEDY
-            )
-        values += [number(path, f"line {where}", word) for word in words]
+            raise CaptureError(path, where, f"camera {len(cameras)} of {count} breaks off", CUT_OFF)
+        values += [number(path, where, word) for word in words]
         if len(values) == _NUMBERS:
             cameras.append(np.array(values))
             values = []

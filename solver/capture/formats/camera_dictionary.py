@@ -9,14 +9,12 @@ https://github.com/Kai-46/nerfplusplus (colmap_runner/extract_sfm.py)
 from pathlib import Path
 
 from ..camera_folder import photo_folder
-from ..fields import Entry, rigid_pose
+from ..fields import Entry, pose_of_world
 from ..files import json_holds
-from ..frames import pose_of_opencv
 from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..pinhole import pinhole_of
 
 NAME = "PhySG cam_dict_norm.json"
-EXTENSIONS = (".json",)
 PATTERNS = tuple(
     f"{folder}{name}"
     for folder in ("", "train/", "posed_images/")
@@ -38,7 +36,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 def _camera(content: Entry, name: str, folder: Path, photos: PhotoFinder) -> Found:
     path, entry, photo = content.path, content.inner(name), photos.find_in(folder, name)
     k, from_world = (entry.numbers(key, 16).reshape(4, 4) for key in ("K", "W2C"))
-    pose = pose_of_opencv(rigid_pose(path, entry.field("W2C"), from_world))
+    pose = pose_of_world(path, entry.field("W2C"), from_world)
     width, height = map(int, entry.numbers("img_size", 2))
     lens = pinhole_of(path, entry.field("K"), k[:3, :3])
     return Found(entry.field("W2C"), name, photo, pose, Intrinsics(width, height, *lens))

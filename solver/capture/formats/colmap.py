@@ -17,12 +17,12 @@ from . import colmap_binary, colmap_text
 from .colmap_model import KINDS, Image, intrinsics_of, pose_matrix
 
 NAME = "COLMAP"
-EXTENSIONS = (".bin", ".txt")
+_EXTENSIONS = (".bin", ".txt")
 _FOLDERS = (
     "sparse/0/", "sparse/", "", "colmap/sparse/0/", "colmap/sparse/", "dense/sparse/",
     "dense/0/sparse/", "distorted/sparse/0/",
 )  # fmt: skip
-PATTERNS = tuple(f"{folder}images{extension}" for extension in EXTENSIONS for folder in _FOLDERS)
+PATTERNS = tuple(f"{folder}images{extension}" for extension in _EXTENSIONS for folder in _FOLDERS)
 
 _MOST_BESIDE = 200
 
@@ -111,7 +111,7 @@ def _model_files(path: Path) -> dict[str, Path]:
     files = {} if own is None else {own: path}
     for kind in KINDS:
         # Rigs and frames of another export could belong to another solve.
-        suffixes = (path.suffix,) if kind in KINDS[3:] else (path.suffix, *EXTENSIONS)
+        suffixes = (path.suffix,) if kind in KINDS[3:] else (path.suffix, *_EXTENSIONS)
         for suffix in suffixes:
             if kind not in files and (beside := path.with_name(kind + suffix)).is_file():
                 files[kind] = beside

@@ -89,14 +89,14 @@ def read_images(file: Path) -> list[Image]:
 def read_points(file: Path) -> np.ndarray:
     """Sparse points [N, 3], world."""
     points = SparsePoints()
-    for number, line in read_lines(file):
+    for where, line in read_lines(file):
         if not line or line.startswith("#"):
             continue
         try:
             _, x, y, z, _ = line.split(maxsplit=4)
             points.add(float(x), float(y), float(z))
         except ValueError as error:
-            raise CaptureError(file, f"line {number}", "this is not a point", _REMEDY) from error
+            raise CaptureError(file, where, "this is not a point", _REMEDY) from error
     return points.array()
 
 
@@ -153,9 +153,9 @@ class _Words:
 
 
 def _lines(file: Path, with_empty: bool = False) -> Iterator[tuple[str, str]]:
-    for number, line in read_lines(file):
+    for where, line in read_lines(file):
         if not line.startswith("#") and (line or with_empty):
-            yield f"line {number}", line
+            yield where, line
 
 
 def _is_observations(line: str) -> bool:

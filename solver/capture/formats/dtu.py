@@ -28,7 +28,6 @@ from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..pinhole import of_projection
 
 NAME = "DTU"
-EXTENSIONS = (".txt",)
 PATTERNS = tuple(
     f"{folder}pos_*.txt" for folder in ("", "cal18/", "[Cc]alibration/cal18/", "*/Calibration/cal18/")
 )

@@ -17,7 +17,6 @@ from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, asse
 from ..ply_points import read_ply_points
 
 NAME = "Gaussian splatting"
-EXTENSIONS = (".json",)
 PATTERNS = ("cameras.json", "*/cameras.json")
 
 _POINTS = "input.ply"

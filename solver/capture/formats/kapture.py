@@ -21,21 +21,19 @@ import numpy as np
 
 from ..errors import CaptureError, shown
 from ..fields import check_quaternion, number, numbers
-from ..files import read_lines, text_head
+from ..files import CUT_OFF, read_lines, text_head
 from ..frames import pose_of_opencv
-from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble, without_pose
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..sparse_points import SparsePoints
 from .colmap_model import Sensor, intrinsics_of, pose_matrix
 
 NAME = "Kapture"
-EXTENSIONS = (".txt",)
 PATTERNS = ("sensors/sensors.txt", "sensors.txt", "*/sensors/sensors.txt")
 
 _SENSORS = "sensors.txt"
 _PHOTOS = "records_data"
 _BEGINS = b"# kapture format:"
 _KNOWN = re.compile(rb"# kapture format:\s*1\.\d+\s")
-_AGAIN = "the file seems cut off or edited; export the data set again"
 
 _Poses = dict[tuple[str, str], np.ndarray | None]
 _Rigs = dict[str, list[tuple[str, np.ndarray]]]
@@ -70,17 +68,14 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         if photos.serves(photo) and key not in lenses:
             if key not in sensors:
                 raise CaptureError(
-                    records, where, f"there is no sensor '{shown(key)}' in {_SENSORS}", _AGAIN
+                    records, where, f"there is no sensor '{shown(key)}' in {_SENSORS}", CUT_OFF
                 )
             lenses[key] = _lens(sensors_file, *sensors[key])
         pose = pose_of_opencv(from_world)
         found.append(Found(f"{records.name}, {where}", stated, photo, pose, lenses.get(key)))
-    warnings = without_pose(
-        path, "trajectories.txt", lost, len(found) + len(lost), "solve their cameras, and export it again"
-    )
-    return assemble(
-        path, NAME, found, photos, points=_points(path.parent.parent / "reconstruction"), warnings=warnings
-    )
+    lost = lost, "trajectories.txt", "solve their cameras, and export it again"
+    points = _points(path.parent.parent / "reconstruction")
+    return assemble(path, NAME, found, photos, points=points, lost=lost)
 
 
 def _rows(path: Path, fewest: int, most: int = 0) -> Iterator[tuple[str, list[str]]]:
@@ -90,13 +85,13 @@ def _rows(path: Path, fewest: int, most: int = 0) -> Iterator[tuple[str, list[st
         fewest: columns that there must be.
         most: columns that there are, the last of which may have commas; 0: any number.
     """
-    for line, text in read_lines(path):
+    for where, text in read_lines(path):
         if not text or text.startswith("#"):
             continue
         row = [word.strip() for word in text.split(",", most - 1)]
         if len(row) < fewest:
-            raise CaptureError(path, f"line {line}", f"'{shown(text)}' breaks off", _AGAIN)
-        yield f"line {line}", row
+            raise CaptureError(path, where, f"'{shown(text)}' breaks off", CUT_OFF)
+        yield where, row
 
 
 def _poses(path: Path) -> _Poses:
@@ -107,7 +102,7 @@ def _poses(path: Path) -> _Poses:
             found[first, second] = None  # a place without a rotation, or the other way round
             continue
         pose = numbers(path, where, words, 7)
-        check_quaternion(path, where, pose[:4], _AGAIN)
+        check_quaternion(path, where, pose[:4], CUT_OFF)
         found[first, second] = pose_matrix(tuple(pose))
     return found
 
@@ -137,7 +132,7 @@ def _from_world(time: str, key: str, poses: _Poses, rigs: _Rigs) -> np.ndarray |
 
 def _lens(path: Path, where: str, row: list[str]) -> Intrinsics:
     if row[2].lower() != "camera" or len(row) < 6:
-        raise CaptureError(path, where, f"'{shown(', '.join(row))}' is not a camera with a lens", _AGAIN)
+        raise CaptureError(path, where, f"'{shown(', '.join(row))}' is not a camera with a lens", CUT_OFF)
     width, height, *parameters = (number(path, where, word) for word in row[4:])
     return intrinsics_of(path, Sensor(where, row[3], int(width), int(height), tuple(parameters)))
 

@@ -21,7 +21,6 @@ from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..pinhole import pinhole_of
 
 NAME = "Objects with Lighting"
-EXTENSIONS = (".txt",)
 PATTERNS = tuple(f"{folder}camera_[0-9]*.txt" for folder in ("", "inputs/", "test/inputs/"))
 
 _FILE = re.compile(r"(.*)camera_(\d+)\.txt")

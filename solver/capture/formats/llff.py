@@ -17,7 +17,6 @@ from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, asse
 from ..npy_files import MAGIC, read_npy
 
 NAME = "LLFF"
-EXTENSIONS = (".npy",)
 PATTERNS = ("poses_bounds.npy", "*/poses_bounds.npy")
 
 _PHOTO_FOLDERS = ("images", "rgb", "image", "images_2", "images_4", "images_8")

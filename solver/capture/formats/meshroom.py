@@ -38,11 +38,10 @@ from ..errors import CaptureError, shown
 from ..fields import Entry
 from ..files import head_of, json_head
 from ..frames import pose_opengl_from_opencv, rigid
-from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble, without_pose
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..panoramic_lens import EQUIRECTANGULAR
 
 NAME = "Meshroom SfM data"
-EXTENSIONS = (".sfm", ".json")
 PATTERNS = (
     "cameras.sfm", "sfm.sfm", "*.sfm", "sfm.json", "cameras.json", "*/cameras.sfm", "*/*.sfm",
     "MeshroomCache/StructureFromMotion/*/cameras.sfm", "MeshroomCache/*/*/*.sfm",
@@ -122,12 +121,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         if photos.serves(photo) and key not in read_lenses:
             read_lenses[key] = _intrinsics(lenses[key], version)
         found.append(Found(view.where, stated, photo, pose_opengl_from_opencv(pose), read_lenses.get(key)))
-    warnings = without_pose(
-        path, "poses", lost, len(found) + len(lost),
-        "give the file that the node StructureFromMotion has written",
-    )  # fmt: skip
     points = [point.numbers("X", 3) for point in content.objects("structure")]
-    return assemble(path, NAME, found, photos, points=np.array(points), warnings=warnings)
+    lost = lost, "poses", "give the file that the node StructureFromMotion has written"
+    return assemble(path, NAME, found, photos, points=np.array(points), lost=lost)
 
 
 def _identity(value: Any) -> str | None:

@@ -14,15 +14,13 @@ metashape_to_krt.py of Meta's converters for Eyeful Tower, whose rigs were expor
 moved from the first row to the last (`rolling_shutter`) is left aside with a word.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ..errors import CaptureError, counted, shown
+from ..errors import CaptureError, counted, shown, told_of
 from ..fields import number, numbers
 from ..files import read_xml, text_head
 from ..frames import pose_opengl_from_opencv, unit
@@ -31,7 +29,6 @@ from ..picture_names import parts_of, stem_of
 from .metashape_lens import has_rolling_shutter, is_other_panorama, read_lens
 
 NAME = "Metashape cameras.xml"
-EXTENSIONS = (".xml",)
 PATTERNS = ("cameras.xml", "*cameras*.xml", "*.xml")
 
 FAR = 1e5
@@ -94,15 +91,11 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         pose = pose_opengl_from_opencv(matrix if world is None else world @ matrix)
         found.append(Found(where, stated, photo, pose, lenses.get(key)))
     if moving:
-        told = counted(
-            f"{len(moving)} camera|cameras was|were aligned with a rolling shutter, and is|are taken as "
-            "standing still where it|they was|were at a photo's middle row"
-        )
-        warnings.append(f"{path.name}: {told} (the first: {shown(moving[0])})")
+        what = "camera|cameras was|were aligned with a rolling shutter, and is|are taken as standing still"
+        warnings.append(told_of(path, moving, f"{what} where it|they was|were at a photo's middle row"))
     for what, names in left_out.items():
         if names:
-            told = counted(f"{len(names)} camera|cameras is|are {what} and left out")
-            warnings.append(f"{path.name}: {told} (the first: {shown(names[0])})")
+            warnings.append(told_of(path, names, f"camera|cameras is|are {what} and left out"))
     if len(set(parts)) > 1:
         largest = max(sorted(set(parts)), key=parts.count)
         found = [item for item, part in zip(found, parts, strict=True) if part == largest]
@@ -123,7 +116,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     return assemble(path, NAME, found, photos, up=worlds.up, metric=worlds.metric, warnings=tuple(warnings))
 
 
-def _why_not(camera: Element, panoramas: set[str | None], rigs: _Rigs) -> str | None:
+def _why_not(camera: Element, panoramas: set[str | None], rigs: "_Rigs") -> str | None:
     """Why a camera is left out, such as one of a sensor of `panoramas` (ids); None: it is not."""
     if (camera.get("enabled") or "true").strip().lower() in ("false", "0", "no"):
         return _DISABLED

@@ -16,12 +16,11 @@ import numpy as np
 from ..camera_folder import matrix_of
 from ..errors import CaptureError, shown
 from ..fields import pose_of_world
-from ..files import read_lines, text_head
+from ..files import CUT_OFF, read_lines, text_head
 from ..intake import Capture, Found, PhotoFinder, assemble
 from ..pinhole import lens_on, pinhole_of
 
 NAME = "Middlebury"
-EXTENSIONS = (".txt",)
 PATTERNS = ("*_par.txt", "*/*_par.txt")
 
 _NUMBERS = 21
@@ -41,8 +40,8 @@ def recognises(file: Path) -> bool:
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the cameras of all lines."""
-    lines = [(number, line) for number, line in read_lines(path) if line][1:]  # behind the count
-    found = [_camera(path, f"line {number}", line, photos) for number, line in lines]
+    lines = [line for line in read_lines(path) if line[1]][1:]  # behind the count
+    found = [_camera(path, *line, photos) for line in lines]
     return assemble(path, NAME, found, photos)
 
 
@@ -51,7 +50,7 @@ def _camera(path: Path, where: str, line: str, photos: PhotoFinder) -> Found:
     if len(words) != _NUMBERS:
         raise CaptureError(
             path, where, f"'{shown(line)}' is not a name with {_NUMBERS} numbers",
-            "the file seems cut off or edited; get it again",
+            CUT_OFF,
         )  # fmt: skip
     lens, rotation = (matrix_of(path, where, words[at : at + 9], 3, 3) for at in (0, 9))
     translation = matrix_of(path, where, words[18:], 3, 1)

@@ -21,11 +21,10 @@ from ..camera_folder import LARGEST_FILE, files_in, matrix_of, photo_folder, wor
 from ..fields import is_no_pose, pose_of_world
 from ..files import head_of, text_head
 from ..image_header import image_size
-from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, assemble, without_pose
+from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, assemble
 from ..pinhole import is_for_another_size, pinhole_of
 
 NAME = "MVSNet"
-EXTENSIONS = (".txt",)
 PATTERNS = ("cams*/*_cam.txt", "[Cc]ameras/*_cam.txt", "*_cam.txt")
 
 _PHOTO_FOLDERS = ("images", "blended_images", "image", "rgb")
@@ -52,9 +51,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     folder = photo_folder(path.absolute().parent.parent, _PHOTO_FOLDERS)
     cameras = [_camera(file, folder, photos) for file in files]
     found = [camera for camera in cameras if camera.camera_to_world is not None]
-    lost = [camera.stated for camera in cameras if camera.camera_to_world is None]
-    warnings = without_pose(path, "extrinsic", lost, len(files), "solve or export the cameras again")
-    return assemble(path, NAME, found, photos, warnings=warnings)
+    lost = [camera.stated for camera in cameras if camera not in found]
+    return assemble(path, NAME, found, photos, lost=(lost, "extrinsic"))
 
 
 def _camera(file: Path, folder: Path, photos: PhotoFinder) -> Found:

@@ -16,11 +16,10 @@ import numpy as np
 
 from ..fields import Entry, number, numbers, pose_of_world
 from ..files import json_head
-from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble, without_pose
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..picture_names import parts_of
 
 NAME = "NeILF sfm_scene.json"
-EXTENSIONS = (".json",)
 PATTERNS = ("sfm_scene.json", "inputs/sfm_scene.json", "*/inputs/sfm_scene.json")
 
 _KNOWN = 2
@@ -46,9 +45,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             lost.append(stated)
             continue
         found.append(_camera(camera, stated, photos))
-    warnings = without_pose(path, "flg", lost, len(cameras), "solve or export the cameras again")
-    capture = assemble(path, NAME, found, photos, warnings=warnings)
-    return _within_box(content, capture)
+    lost = lost, "flg"
+    return _within_box(content, assemble(path, NAME, found, photos, lost=lost))
 
 
 def _camera(camera: Entry, stated: str, photos: PhotoFinder) -> Found:

@@ -20,7 +20,6 @@ from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..picture_names import numbered
 
 NAME = "NeRFactor"
-EXTENSIONS = (".json",)
 _FILE, _PHOTO = "metadata.json", "rgba"
 PATTERNS = (f"train_[0-9]*/{_FILE}",)
 

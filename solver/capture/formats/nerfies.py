@@ -17,15 +17,14 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..camera_folder import files_in
 from ..errors import CaptureError, counted
-from ..fields import Entry, numbers, rigid_pose
+from ..fields import Entry, numbers
 from ..files import json_holds
-from ..frames import invert_pose, pose_opengl_from_opencv
+from ..frames import pose_opengl_from_opencv, rigid
 from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..npy_files import read_npy
 from ..picture_names import numbered, pictures_in
 
 NAME = "Nerfies"
-EXTENSIONS = (".json",)
 PATTERNS = ("camera/*.json", "*/camera/*.json")
 
 _PHOTOS = "rgb"
@@ -44,7 +43,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     files = files_in(path.parent, ".json")
     used = _of_training(place / "dataset.json", files)
     found = [_camera(file, folder, photos) for file in used]
-    warnings: tuple[str, ...] = ()
+    warnings = ()
     if len(used) < len(files):
         others = f"{len(files) - len(used)} photo|photos for validation"
         warnings = (counted(f"{others} is|are left out (dataset.json)"),)
@@ -63,15 +62,14 @@ def _of_training(path: Path, files: list[Path]) -> list[Path]:
 
 def _camera(file: Path, folder: Path, photos: PhotoFinder) -> Found:
     content = Entry.of_file(file)
-    rotation = np.zeros((3, 4))
+    rotation = np.zeros((3, 3))
     for row, values in enumerate(content.entries("orientation")[:3]):
-        rotation[row, :3] = numbers(file, f"orientation[{row}]", values, 3)
-    pose = invert_pose(rigid_pose(file, "orientation", rotation))
-    pose[:3, 3] = content.numbers("position", 3)
+        rotation[row] = numbers(file, f"orientation[{row}]", values, 3)
+    pose = rigid(rotation.T, content.numbers("position", 3))
     photo = photos.find_in(folder, f"{file.stem}.png")
     intrinsics = _intrinsics(content) if photos.serves(photo) else None
     stated = f"{_PHOTOS}/{folder.name}/{file.stem}"
-    return Found(file.name, stated, photo, pose_opengl_from_opencv(pose), intrinsics)
+    return Found(f"{file.name}, orientation", stated, photo, pose_opengl_from_opencv(pose), intrinsics)
 
 
 def _intrinsics(content: Entry) -> Intrinsics:

@@ -14,12 +14,11 @@ from pathlib import Path
 from ..camera_folder import LARGEST_FILE, files_in
 from ..fields import is_no_pose, pose_of_world
 from ..files import head_of
-from ..intake import Capture, CaptureError, Found, PhotoFinder, assemble, without_pose
+from ..intake import Capture, CaptureError, Found, PhotoFinder, assemble
 from ..pickled import matrices_in
 from ..pinhole import lens_on, pinhole_of
 
 NAME = "NeRO"
-EXTENSIONS = (".pkl",)
 _ENDING = "-camera.pkl"
 PATTERNS = (f"[0-9]*{_ENDING}",)
 
@@ -38,9 +37,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     files = [file for file in files_in(folder, _ENDING) if _FILE.fullmatch(file.name)]
     cameras = [_camera(file, photos) for file in files]
     found = [camera for camera in cameras if camera.camera_to_world is not None]
-    lost = [camera.stated for camera in cameras if camera.camera_to_world is None]
-    warnings = without_pose(path, "pose", lost, len(files), "render or export the cameras again")
-    return assemble(path, NAME, found, photos, warnings=warnings)
+    lost = [camera.stated for camera in cameras if camera not in found]
+    return assemble(path, NAME, found, photos, lost=(lost, "pose"))
 
 
 def _camera(file: Path, photos: PhotoFinder) -> Found:

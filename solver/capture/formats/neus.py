@@ -22,7 +22,6 @@ from ..picture_names import folder_called, pictures_in
 from ..pinhole import lens_on, of_projection
 
 NAME = "NeuS"
-EXTENSIONS = (".npz",)
 PATTERNS = ("cameras_sphere.npz", "cameras*.npz", "*/cameras_sphere.npz", "*/cameras*.npz")
 
 _PHOTO_FOLDERS = ("image", "images", "rgb")

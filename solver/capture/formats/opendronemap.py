@@ -19,12 +19,11 @@ import numpy as np
 from ..fields import Entry
 from ..files import json_holds
 from ..frames import pose_opengl_from_opencv, rigid
-from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, assemble
+from ..intake import Capture, CaptureError, Found, PhotoFinder, assemble
 from ..placement import far_origin, seen_from
 from .opensfm import intrinsics_of, rotation_of
 
 NAME = "OpenDroneMap shots.geojson"
-EXTENSIONS = (".geojson",)
 PATTERNS = ("odm_report/shots.geojson", "shots.geojson", "*/odm_report/shots.geojson")
 
 _UP = (0.0, 0.0, 1.0)
@@ -37,11 +36,11 @@ def recognises(file: Path) -> bool:
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read all shots, with the lenses of `cameras.json`."""
-    features, lenses = Entry.of_file(path).entries("features"), _lenses(path)
-    read_lenses: dict[str, Intrinsics] = {}
+    features, lenses = Entry.of_file(path).objects("features"), _lenses(path)
+    read_lenses = {}
     found = []
-    for index, feature in enumerate(features):
-        shot = Entry(path, f"features[{index}].properties", feature).within("properties")
+    for feature in features:
+        shot = feature.inner("properties")
         name = shot.name("filename", "the shot names no photo", "download it again")
         pose = rigid(rotation_of(shot).T, shot.numbers("translation", 3))
         photo = photos.find(f"images/{name}", beside=path)

@@ -23,11 +23,10 @@ from ..errors import shown
 from ..fields import Entry, numbers
 from ..files import json_holds
 from ..frames import pose_opengl_from_opencv, rigid
-from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble, without_pose
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..panoramic_lens import EQUIRECTANGULAR, in_turns
 
 NAME = "OpenMVG sfm_data.json"
-EXTENSIONS = (".json",)
 PATTERNS = (
     # A project's matches/sfm_data.json has no poses.
     "sfm_data.json", "sfm_data*.json", "reconstruction*/sfm_data*.json", "*/sfm_data*.json",
@@ -71,12 +70,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         photo = photos.find(stated, beside=path)
         to_world = rigid(pose.matrix("rotation", (3, 3)).T, pose.numbers("center", 3))
         found.append(Found(pose.where, stated, photo, pose_opengl_from_opencv(to_world), lens))
-    warnings = without_pose(
-        path, "extrinsics", lost, len(found) + len(lost),
-        "give the file that a reconstruction has written, as JSON",
-    )  # fmt: skip
     points = [point.within("value").numbers("X", 3) for point in content.objects("structure")]
-    return assemble(path, NAME, found, photos, points=np.array(points), warnings=warnings)
+    lost = lost, "extrinsics", "give the file that a reconstruction has written, as JSON"
+    return assemble(path, NAME, found, photos, points=np.array(points), lost=lost)
 
 
 def _identity(value: Any) -> int | None:

@@ -30,14 +30,13 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..errors import CaptureError, counted, shown
 from ..fields import Entry, pose_of_world
-from ..files import read_json, text_head
+from ..files import text_head
 from ..frames import rigid, rotation_from_quaternion
-from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble, without_pose
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..panoramic_lens import EQUIRECTANGULAR, in_turns
 from ..sparse_points import SparsePoints
 
 NAME = "OpenSfM reconstruction.json"
-EXTENSIONS = (".json",)
 PATTERNS = (
     "reconstruction.json", "opensfm/reconstruction.json", "*/reconstruction.json",
     "*/opensfm/reconstruction.json",
@@ -75,17 +74,16 @@ def recognises(file: Path) -> bool:
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the reconstruction with the most shots."""
-    content = read_json(path)
-    if not isinstance(content, list) or not content:
-        raise CaptureError(path, "", "there is no list of reconstructions", "solve the photos again")
-    scenes = [Entry(path, f"[{i}]", scene) for i, scene in enumerate(content)]
+    scenes = Entry.listed(path)
+    if not scenes:
+        raise CaptureError(path, "", "there is no reconstruction in it", "solve the photos again")
     all_shots = [scene.inner("shots", {}) for scene in scenes]
     scene, shots = max(zip(scenes, all_shots, strict=True), key=lambda pair: len(pair[1]))
     cameras = scene.inner("cameras", {})
     # They have changed with OpenSfM's versions, and matter only where a shot does not say it all.
     has_all = all(isinstance(s, dict) and s.get("rotation") for s in shots.values())
     rigs = {} if has_all else _rigs(scene)
-    lenses: dict[str, Intrinsics] = {}
+    lenses = {}
     found, lost = [], []
     for name in shots:
         shot = shots.inner(name)
@@ -102,16 +100,14 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             lenses[key] = intrinsics_of(cameras.inner(key))
         pose = pose_of_world(path, shot.where, from_world)
         found.append(Found(shot.where, stated, photo, pose, lenses.get(key)))
-    warnings = list(
-        without_pose(path, shots.where, lost, len(shots), "give the file that a reconstruction has written")
-    )
+    warnings = ()
     if len(scenes) > 1:
         others = sum(map(len, all_shots)) - len(shots)
-        warnings.append(f"{path.name}: of {len(scenes)} reconstructions only the largest is read; "
-                        + counted(f"{others} photo|photos is|are in others"))  # fmt: skip
+        warnings = (f"{path.name}: of {len(scenes)} reconstructions only the largest is read; "
+                    + counted(f"{others} photo|photos is|are in others"),)  # fmt: skip
     return assemble(
         path, NAME, found, photos, points=_points(scene), up=_UP, metric=_is_placed(scene),
-        warnings=tuple(warnings),
+        warnings=warnings, lost=(lost, shots.where, "give the file that a reconstruction has written"),
     )  # fmt: skip
 
 

@@ -29,11 +29,10 @@ from ..fields import Entry
 from ..files import file_below, json_head
 from ..fisheye_power import of_quarter_turns
 from ..frames import rigid, rotation_from_omega_phi_kappa
-from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble, without_pose
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from .opf_points import read_gltf_points
 
 NAME = "OPF"
-EXTENSIONS = (".opf",)
 PATTERNS = ("*.opf", "*/*.opf")
 
 _AGAIN = "export the project again"
@@ -84,15 +83,15 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         pose = rigid(rotation, camera.numbers("position", 3))
         found.append(Found(camera.where, uris[identity], photo, pose, lens))
     lost = [uris.get(identity, str(identity)) for identity in taken if identity not in cameras]
-    warnings = without_pose(
-        path, "calibration", lost, len(found) + len(lost), "calibrate its cameras, and export it again"
-    )
+    lost, warnings = (lost, "calibration", "calibrate its cameras, and export it again"), ()
     if moving:
         what = counted(f"{moving} camera|cameras moved while its|their photo|photos was|were")
-        warnings += (f"{calibration.path.name}: {what} read out (rolling shutter); that is not used",)
+        warnings = (f"{calibration.path.name}: {what} read out (rolling shutter); that is not used",)
     up = None if _is_local(path, items) else (0.0, 0.0, 1.0)
     points, problems = _points(path, items)
-    return assemble(path, NAME, found, photos, points=points, up=up, warnings=warnings + problems)
+    return assemble(
+        path, NAME, found, photos, points=points, up=up, warnings=warnings + problems, lost=lost
+    )
 
 
 def _points(path: Path, items: list[Entry]) -> tuple[np.ndarray | None, tuple[str, ...]]:

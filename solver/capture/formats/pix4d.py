@@ -30,14 +30,13 @@ import numpy as np
 
 from ..brown_lens import polynomial_lens
 from ..errors import CaptureError, shown
-from ..fields import number, numbers, rigid_pose
-from ..files import read_lines, text_head
-from ..frames import invert_pose, pose_opengl_from_opencv
+from ..fields import number, numbers
+from ..files import CUT_OFF, read_lines, text_head
+from ..frames import pose_opengl_from_opencv, rigid
 from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..pinhole import pinhole_of
 
 NAME = "Pix4D"
-EXTENSIONS = (".txt",)
 PATTERNS = tuple(
     f"{folder}*calibrated_camera_parameters.txt"
     for folder in ("", "params/", "1_initial/params/", "*/1_initial/params/")
@@ -51,7 +50,6 @@ _EQUATION = "[r|-rt]"
 _ENDING = "calibrated_camera_parameters.txt"
 _UNDISTORTED = "undistorted_images"
 _LINES = 10  # of a photo
-_REMEDY = "the file seems cut off or edited; export it again"
 
 
 def recognises(file: Path) -> bool:
@@ -62,7 +60,7 @@ def recognises(file: Path) -> bool:
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read all photos of a file of calibrated cameras."""
-    lines = ((where, line) for where, line in read_lines(path) if line)
+    lines = (line for line in read_lines(path) if line[1])
     titles = [" ".join(line.lower().split()) for _, line in islice(lines, len(_TITLES))]
     unknown = next((t for t, known in zip(titles, _TITLES, strict=False) if t != known), None)
     if unknown is not None or len(titles) < len(_TITLES):
@@ -70,9 +68,9 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             path, shown(unknown or "titles"), "this is not said of a perspective lens",
             "export the project as OPF, of which fisheyes are read, or solve the cameras from the photos",
         )  # fmt: skip
-    _, equation = next(lines, (0, ""))
+    _, equation = next(lines, ("", ""))
     if _EQUATION not in equation.replace(" ", "").lower():
-        raise CaptureError(path, shown(equation), "this is not Pix4D's projection, K [R|-Rt] X", _REMEDY)
+        raise CaptureError(path, shown(equation), "this is not Pix4D's projection, K [R|-Rt] X", CUT_OFF)
     found = []
     while block := list(islice(lines, _LINES)):
         found.append(_camera(path, block, photos))
@@ -80,17 +78,15 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     return assemble(path, NAME, found, photos, up=up)
 
 
-def _camera(path: Path, block: list[tuple[int, str]], photos: PhotoFinder) -> Found:
+def _camera(path: Path, block: list[tuple[str, str]], photos: PhotoFinder) -> Found:
     first, stated = block[0]
     name, *size = stated.rsplit(maxsplit=2)
     if len(block) < _LINES or len(size) != 2:
-        raise CaptureError(path, f"line {first}", f"'{shown(stated)}' breaks off", _REMEDY)
-    where, rest = f"line {first}, {shown(name)}", iter(block[1:])
+        raise CaptureError(path, first, f"'{shown(stated)}' breaks off", CUT_OFF)
+    where, rest = f"{first}, {shown(name)}", iter(block[1:])
     k = _matrix(path, rest, 3, 3)
     radial, tangential, place = (_matrix(path, rest, 1, count)[0] for count in (3, 2, 3))
-    from_world = np.column_stack([_matrix(path, rest, 3, 3), np.zeros(3)])
-    pose = invert_pose(rigid_pose(path, where, from_world))
-    pose[:3, 3] = place
+    pose = rigid(_matrix(path, rest, 3, 3).T, place)
     photo = photos.find(name, beside=path)
     intrinsics = None
     if photos.serves(photo):
@@ -102,10 +98,8 @@ def _camera(path: Path, block: list[tuple[int, str]], photos: PhotoFinder) -> Fo
     return Found(where, name, photo, pose_opengl_from_opencv(pose), intrinsics)
 
 
-def _matrix(path: Path, lines: Iterator[tuple[int, str]], rows: int, columns: int) -> np.ndarray:
-    return np.stack(
-        [numbers(path, f"line {where}", line.split(), columns) for where, line in islice(lines, rows)]
-    )
+def _matrix(path: Path, lines: Iterator[tuple[str, str]], rows: int, columns: int) -> np.ndarray:
+    return np.stack([numbers(path, where, line.split(), columns) for where, line in islice(lines, rows)])
 
 
 def _is_on_map(path: Path) -> bool:

@@ -18,7 +18,6 @@ from ..files import json_holds
 from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 
 NAME = "Polycam"
-EXTENSIONS = (".json",)
 PATTERNS = (
     "keyframes/corrected_cameras/*.json", "corrected_cameras/*.json",
     "*/keyframes/corrected_cameras/*.json", "keyframes/cameras/*.json", "cameras/*.json",
@@ -45,7 +44,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         if _is_blurred(content.get("blur_score")):
             blurred.append(len(found))
         found.append(_camera(content, photos))
-    warnings: tuple[str, ...] = ()
+    warnings = ()
     if blurred and 2 * len(blurred) < len(found):
         first = found[blurred[0]].stated
         what = f"{len(blurred)} photo|photos that Polycam scores as blurred is|are left out"
@@ -57,7 +56,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 def _camera(content: Entry, photos: PhotoFinder) -> Found:
     def value(key: str) -> float:
         if key not in content:
-            raise content.error(key, "the camera lacks it", "export the raw data again")
+            raise content.error(key, "the camera lacks it")
         return content.number(key)
 
     file = content.path

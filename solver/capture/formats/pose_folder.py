@@ -29,11 +29,10 @@ from ..errors import CaptureError, counted
 from ..fields import is_no_pose, rigid_pose
 from ..files import text_head
 from ..frames import invert_pose, pose_opengl_from_opencv
-from ..intake import Capture, Found, PhotoFinder, assemble, without_pose
+from ..intake import Capture, Found, PhotoFinder, assemble
 from ..pinhole import lens_on, pinhole_of
 
 NAME = "NSVF, ScanNet, NeRF++"
-EXTENSIONS = (".txt",)
 _OF_ALL = ("intrinsics.txt", "intrinsic.txt", "intrinsic/intrinsic_color.txt")
 _OF_EACH = "intrinsics"
 PATTERNS = (*_OF_ALL, f"{_OF_EACH}/*.txt", f"train/{_OF_EACH}/*.txt")
@@ -76,12 +75,12 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         lens = _lens(lens_file.with_name(file.name)) if has_each else of_all
         where, pose = f"{file.parent.name}/{file.name}", pose_opengl_from_opencv(pose)
         found.append(Found(where, stated, photo, pose, lens_on(photo, *lens)))
-    warnings = without_pose(lens_file, "poses", lost, len(used), "solve or export the cameras again")
+    lost, warnings = (lost, "poses"), ()
     if len(used) < len(files):
         what = f"{len(files) - len(used)} photo|photos for validation and tests (1_…, 2_…) is|are left out"
-        warnings += (f"{place.name}: {counted(what)}",)
+        warnings = (f"{place.name}: {counted(what)}",)
     name = "NeRF++" if has_each else "ScanNet" if is_scannet else "NSVF"
-    capture = assemble(lens_file, name, found, photos, metric=is_scannet, warnings=warnings)
+    capture = assemble(lens_file, name, found, photos, metric=is_scannet, warnings=warnings, lost=lost)
     return _within_box(capture, place / _BOX)
 
 

@@ -23,7 +23,6 @@ from .realitycapture_lens import CHOOSE_BROWN, brown_lens
 from .realitycapture_table import UP, is_table, read_table
 
 NAME = "RealityCapture"
-EXTENSIONS = (".csv", ".xmp")
 PATTERNS = ("*.csv", "*.xmp", "*/*.xmp")
 
 _NAMESPACE = "http://www.capturingreality.com/ns/xcr/1.1#"

@@ -19,7 +19,6 @@ from ..frames import rotation_from_quaternion
 from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, assemble
 
 NAME = "Record3D"
-EXTENSIONS = (".json",)
 PATTERNS = ("metadata.json", "metadata", "EXR_RGBD/metadata.json", "*/metadata.json", "*/metadata")
 
 _PHOTO_FOLDERS = ("rgb", "rgbd")
@@ -36,7 +35,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     content = Entry.of_file(path)
     poses = content.entries("poses")
     if not poses:
-        raise content.error("poses", "there is no list of poses", "export the recording again")
+        raise content.error("poses", "there is no list of poses")
     values = np.stack([numbers(path, f"poses[{i}]", pose, 7) for i, pose in enumerate(poses)])
     if len(values) > 1 and np.ptp(values, axis=0).max() < 1e-9:
         raise CaptureError(
@@ -59,7 +58,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 def _size(content: Entry) -> tuple[int, int]:
     width, height = content.number("w"), content.number("h")
     if not (1 <= width <= 1e6 and 1 <= height <= 1e6):
-        raise content.error("w", "the pictures have no size", "export the recording again")
+        raise content.error("w", "the pictures have no size")
     return int(width), int(height)
 
 
@@ -78,5 +77,5 @@ def _intrinsics(content: Entry, index: int, size: tuple[int, int]) -> Intrinsics
 def _matrix(path: Path, where: str, pose: np.ndarray) -> np.ndarray:
     """Camera-to-world [3, 4] of qx qy qz qw tx ty tz."""
     if not 1e-3 < np.linalg.norm(pose[:4]) < 1e3:
-        raise CaptureError(path, where, "its quaternion is not a rotation", "export the recording again")
+        raise CaptureError(path, where, "its quaternion is not a rotation")
     return np.column_stack([rotation_from_quaternion(pose[[3, 0, 1, 2]]), pose[4:]])

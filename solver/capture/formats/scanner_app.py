@@ -15,7 +15,6 @@ from ..intake import Capture, CaptureError, Found, PhotoFinder, assemble
 from ..pinhole import lens_on, pinhole_of
 
 NAME = "3D Scanner App"
-EXTENSIONS = (".json",)
 PATTERNS = ("frame_*.json", "*/frame_*.json")
 
 

@@ -13,12 +13,10 @@ import numpy as np
 from ..fields import Entry
 from ..files import json_holds
 from ..frames import pose_opengl_from_opencv
-from ..image_header import image_size
 from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
-from ..pinhole import pinhole_of, size_meant
+from ..pinhole import lens_on, pinhole_of
 
 NAME = "SDFStudio meta_data.json"
-EXTENSIONS = (".json",)
 PATTERNS = ("meta_data.json", "*/meta_data.json")
 
 
@@ -51,12 +49,10 @@ def _intrinsics(content: Entry, frame: Entry, photo: Path | None) -> Intrinsics:
     matrix = frame.matrix("intrinsics", (3, 3))
     lens = pinhole_of(frame.path, frame.field("intrinsics"), matrix)
     if content.get("width") is not None and content.get("height") is not None:
-        width, height = int(content.number("width")), int(content.number("height"))
-    elif photo is not None:
-        width, height = size_meant(image_size(photo), *lens[2:])
-    else:
+        return Intrinsics(int(content.number("width")), int(content.number("height")), *lens)
+    if photo is None:
         raise content.error("width", "the photos' size is missing", "add width and height")
-    return Intrinsics(width, height, *lens)
+    return lens_on(photo, *lens)
 
 
 def _region(content: Entry) -> np.ndarray | None:

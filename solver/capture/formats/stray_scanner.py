@@ -27,7 +27,6 @@ from ..picture_names import pictures_in
 from ..pinhole import OFF_CENTRE, pinhole_of
 
 NAME = "Stray Scanner"
-EXTENSIONS = (".csv",)
 PATTERNS = ("odometry.csv", "*/odometry.csv")
 
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
@@ -66,7 +65,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 
 def _rows(path: Path) -> dict[int, tuple[str, dict[str, str]]]:
     """The lines of the table by their frames' numbers, each with where it is and its columns."""
-    lines = ((f"line {i}", line.split(",")) for i, line in read_lines(path) if line)
+    lines = ((where, line.split(",")) for where, line in read_lines(path) if line)
     titles = [title.strip().lower() for title in next(lines, ("", []))[1]]
     rows: dict[int, tuple[str, dict[str, str]]] = {}
     for where, words in lines:

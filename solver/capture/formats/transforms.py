@@ -20,10 +20,10 @@ import numpy as np
 from ..camera import Camera
 from ..errors import CaptureError, counted, shown
 from ..fields import Entry, is_no_pose, rigid_pose
-from ..files import json_head, read_json
+from ..files import json_head
 from ..frames import pose_opengl_from_opencv
 from ..image_header import image_size
-from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble, without_pose
+from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..panoramic_lens import EQUIRECTANGULAR
 from ..picture_names import parts_of
 from ..pinhole import pinhole_of, size_meant
@@ -32,7 +32,6 @@ from ..upright import estimate_up
 from .transforms_lens import focal_lengths_of_panorama, lens_entries, read_lens
 
 NAME = "transforms.json"
-EXTENSIONS = (".json",)
 PATTERNS = ("transforms_train.json", "transforms.json")
 
 SURE = math.cos(math.radians(20))
@@ -42,13 +41,6 @@ POSSIBLE = math.cos(math.radians(60))
 one side leave their slope open, but hardly lie on their sides"""
 _LAYERS = ("_rgb", "_rgba")
 _ANGLES = {"camera_angle_x", "camera_angle_y", "x_fov", "y_fov"}
-
-
-def is_transforms(content: Any) -> bool:
-    """True if parsed JSON looks like a transforms file."""
-    return (
-        isinstance(content, dict) and "frames" in content and not ("views" in content or "poses" in content)
-    )
 
 
 def recognises(file: Path) -> bool:
@@ -63,19 +55,16 @@ def recognises(file: Path) -> bool:
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read a transforms file; frames without a pose are left out with a warning."""
-    content = read_json(path)
-    if not is_transforms(content):
-        raise CaptureError(path, "frames", "there is no list of frames", "give a transforms.json")
-    frames = content["frames"]
-    if not isinstance(frames, list) or not frames:
-        raise CaptureError(path, "frames", "the list of frames is empty")
+    content = Entry.of_file(path)
+    if "frames" not in content or "views" in content or "poses" in content:
+        raise content.error("frames", "there is no list of frames", "give a transforms.json")
+    frames = list(content.objects("frames"))
+    if not frames:
+        raise content.error("frames", "the list of frames is empty")
     found, lost = [], []
-    kept = _for_training(content, photos)
-    for index, frame in enumerate(frames):
-        where = f"frames[{index}]"
-        if not isinstance(frame, dict):
-            raise CaptureError(path, where, "a frame must be an object", "export the file again")
-        frame = Entry(path, where, frame)
+    kept = _for_training(content, frames, photos)
+    for frame in frames:
+        where = frame.field("transform_matrix")
         stated = frame.name("file_path", "the frame names no photo", "add the photo's path")
         if kept and tuple(parts_of(stated)) not in kept:
             continue
@@ -84,7 +73,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             lost.append(stated)
             continue
         if content.get("from_na") is True:  # NeuS2's own, with OpenCV's axes
-            pose = pose_opengl_from_opencv(rigid_pose(path, f"{where}.transform_matrix", pose))
+            pose = pose_opengl_from_opencv(rigid_pose(path, where, pose))
         photo = photos.find(stated, beside=path)
         intrinsics = mask = None
         if photo is None:  # Synthetic4Relight's are in layers
@@ -95,23 +84,21 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         if photo is not None and mask is None:
             mask = photos.mask_of(photo, frame.get("mask_path") or frame.get("fg_mask_path"), path)
         found.append(
-            Found(f"{where}.transform_matrix", stated, photo, pose, intrinsics, mask,
+            Found(where, stated, photo, pose, intrinsics, mask,
                   photos.picture_at(frame.get("ignored_path"), path),
                   frame.get("ignored_is_black") is True)
         )  # fmt: skip
-    warnings = without_pose(
-        path, "transform_matrix", lost, len(frames), "solve or export the cameras again"
-    )
-    others = len(frames) - len(found) - len(lost)
+    warnings, others = (), len(frames) - len(found) - len(lost)
     if others:
         left = counted(f"{others} photo|photos")
-        warnings += (f"{path.name}: {left} for validation or tests left out (train_filenames)",)
+        warnings = (f"{path.name}: {left} for validation or tests left out (train_filenames)",)
     points, problems = _points(path, content.get("ply_file_path"), photos)
     found, of_all = _without_lens_masks(path, found)
     applied = content.get("applied_transform")
     capture = assemble(
-        path, NAME, found, photos, points=points, up=_up(applied), warnings=warnings + problems + of_all
-    )
+        path, NAME, found, photos, points=points, up=_up(applied), warnings=warnings + problems + of_all,
+        lost=(lost, "transform_matrix"),
+    )  # fmt: skip
     capture = _as_held(capture, turned=applied is not None)
     aim = capture.region.mean(0)
     depths = [c.view_direction @ (aim - c.position) for c in capture.cameras if not c.is_panoramic]
@@ -122,15 +109,16 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     return replace(capture, warnings=(*capture.warnings, told))
 
 
-def _for_training(content: dict, photos: PhotoFinder) -> set[tuple[str, ...]]:
+def _for_training(content: Entry, frames: list[Entry], photos: PhotoFinder) -> set[tuple[str, ...]]:
     """Parts of the paths of frames that nerfstudio lists for training; none if it lists too few."""
 
     def parts(names: list) -> set[tuple[str, ...]]:
         return {tuple(parts_of(name)) for name in names if isinstance(name, str)}
 
     stated = content.get("train_filenames")
-    frames = [frame.get("file_path") for frame in content["frames"] if isinstance(frame, dict)]
-    kept = parts(frames) & parts(stated if isinstance(stated, list) else [])
+    kept = parts([frame.get("file_path") for frame in frames]) & parts(
+        stated if isinstance(stated, list) else []
+    )
     return kept if photos.wanted and len(kept) >= photos.fewest else set()
 
 

@@ -14,17 +14,14 @@ import numpy as np
 
 from ..errors import CaptureError, shown
 from ..fields import numbers, rigid_pose
-from ..files import read_lines, text_head
+from ..files import CUT_OFF, read_lines, text_head
 from ..frames import invert_pose, pose_opengl_from_opencv, rigid, rotation_from_quaternion
 from ..image_header import image_size
 from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
 from ..sparse_points import SparsePoints
 
 NAME = "VisualSFM"
-EXTENSIONS = (".nvm",)
 PATTERNS = ("*.nvm", "*/*.nvm")
-
-_REMEDY = "the file seems cut off or edited; export it again"
 
 
 def recognises(file: Path) -> bool:
@@ -34,7 +31,7 @@ def recognises(file: Path) -> bool:
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
     """Read the first model of an `.nvm` file, which is the largest."""
-    lines = ((f"line {where}", line) for where, line in read_lines(path) if line)
+    lines = (line for line in read_lines(path) if line[1])
     version = next((line for _, line in lines), "")
     head = version.split()
     if not head or head[0] not in ("NVM_V3", "NVM_V3_R9T"):
@@ -49,7 +46,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     for index in range(count):
         where, line = next(lines, (f"camera {index}", None))
         if line is None:
-            raise CaptureError(path, where, f"the file ends before its {count} cameras", _REMEDY)
+            raise CaptureError(path, where, f"the file ends before its {count} cameras", CUT_OFF)
         found.append(_found(path, where, line, head[0].endswith("R9T"), calibration, photos))
     points, warnings = _points(path, lines)
     return assemble(path, NAME, found, photos, points=points, warnings=tuple(warnings))
@@ -95,7 +92,7 @@ def _name_and_numbers(path: Path, where: str, line: str, count: int) -> tuple[st
 def _count(path: Path, lines: Iterator[tuple[str, str]]) -> int:
     where, line = next(lines, ("line 2", ""))
     if not (line.isascii() and line.isdigit() and len(line) < 20):
-        raise CaptureError(path, where, f"'{shown(line)}' is not a number of cameras", _REMEDY)
+        raise CaptureError(path, where, f"'{shown(line)}' is not a number of cameras", CUT_OFF)
     return int(line)
 
 
