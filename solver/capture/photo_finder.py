@@ -30,7 +30,7 @@ from .picture_names import (
 MIN_PHOTOS = 3
 """of a reconstruction"""
 MODEL_FOLDERS = re.compile(
-    r"sparse|dense|distorted|bundle|models?|colmap|text|bin|(corrected_)?cameras?|cams(_\w+)?|poses?|intrinsics?|extrinsic|(open)?sfm|matches|params|1_initial|reconstruction(_\w+)?|calibration|cal\d+|\d+",
+    r"sparse|dense|distorted|bundle|models?|colmap|text|bin|(corrected_)?cameras?|cams(_\w+)?|poses?|intrinsics?|extrinsic|cam_in_ob|ob_in_cam|(open)?sfm|matches|params|1_initial|reconstruction(_\w+)?|calibration|cal\d+|\d+",
     re.I,
 )
 """folders that hold a solved model beside its photos, never photos alone"""

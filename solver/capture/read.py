@@ -41,7 +41,7 @@ _AROUND = tuple(
     for folders in ("*/", "*/*/")
     for name in (
         *_FILES_OF_SPLIT["train"], "cams/00000000_cam.txt", "intrinsics.txt",
-        "intrinsic/intrinsic_color.txt",
+        "intrinsic/intrinsic_color.txt", "K.txt",
     )
 )  # fmt: skip
 """of a folder around a capture's, as archives have it"""

@@ -108,6 +108,7 @@ MAKERS = {
     "DTU": lambda folder, solved: test_dtu.make(folder),
     "NSVF": lambda folder, solved: test_pose_folder.make_nsvf(folder),
     "ScanNet": lambda folder, solved: test_pose_folder.make_scannet(folder),
+    "FoundationPose": lambda folder, solved: test_pose_folder.make_reference_views(folder),
     "NeRFactor": lambda folder, solved: test_nerfactor.write(folder),
     "Objects with Lighting": lambda folder, solved: test_lit_objects.make(folder),
     "PhySG cam_dict_norm.json": lambda folder, solved: test_camera_dictionary.make(folder),

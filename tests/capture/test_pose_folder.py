@@ -66,6 +66,19 @@ def make_nerf_plus_plus(folder, lenses, sides=4):
     return folder
 
 
+def make_reference_views(folder, by_bundle_sdf=False):
+    """As FoundationPose's `run_one_ob` reads them, or with what BundleSDF writes."""
+    stems = [f"{index:07d}" for index in range(COUNT)]
+    for place in ("color_segmented" if by_bundle_sdf else "rgb", "mask", "depth_enhanced"):
+        save_photos(folder / place, stems)
+    for stem, pose in zip(stems, poses(), strict=True):
+        kind = ("ob_in_cam", np.linalg.inv(pose)) if by_bundle_sdf else ("cam_in_ob", pose)
+        write(folder / kind[0] / f"{stem}.txt", rows(kind[1]))
+    write(folder / ("cam_K.txt" if by_bundle_sdf else "K.txt"), rows(matrix_of(*LENS)))
+    write(folder / "select_frames.yml", "[]")
+    return folder
+
+
 def pinhole(fx, fy, cx, cy):
     def project(index, point):
         x, y, z = poses()[index, :3, :3].T @ (point - poses()[index, :3, 3])
@@ -85,6 +98,24 @@ def test_scannets_points_project_where_its_matrices_have_them(tmp_path):
     assert capture.format == "ScanNet" and not capture.warnings and capture.metric
     assert {camera.image_path.parent.name for camera in capture.cameras} == {"color"}
     check_projection(capture, pinhole(*LENS), poses())
+
+
+@pytest.mark.parametrize("by_bundle_sdf", [False, True])
+@pytest.mark.parametrize("given_as", ["", "{poses}", "{poses}/0000003.txt", "{lens}", ".."])
+def test_reference_views_of_an_object_are_read_with_their_masks(tmp_path, by_bundle_sdf, given_as):
+    folder = make_reference_views(tmp_path / "ref_views" / "ob_0000001", by_bundle_sdf)
+    named = (
+        dict(poses="ob_in_cam", lens="cam_K.txt")
+        if by_bundle_sdf
+        else dict(poses="cam_in_ob", lens="K.txt")
+    )
+    capture = read_capture(folder / given_as.format(**named))
+    assert capture.format == "FoundationPose" and not capture.warnings and capture.metric
+    check_projection(capture, pinhole(*LENS[:2], LENS[2] + 0.5, LENS[3] + 0.5), poses())
+    for camera in capture.cameras:
+        assert camera.image_path.parent.name == ("color_segmented" if by_bundle_sdf else "rgb")
+        assert camera.mask_path.parent.name == "mask"
+        assert camera.mask_path.name == camera.image_path.name
 
 
 @pytest.mark.parametrize("given", ["scene", "train", "pose", "lens"])
@@ -280,7 +311,7 @@ def test_a_lens_or_poses_alone_are_no_capture(tmp_path):
 
 
 @RANDOM_TESTS
-@given(data=st.data(), make=st.sampled_from([make_nsvf, make_scannet]))
+@given(data=st.data(), make=st.sampled_from([make_nsvf, make_scannet, make_reference_views]))
 def test_cut_and_shuffled_files_end_in_a_capture_or_an_error(tmp_path, data, make):
     folder = make(tmp_path / make.__name__)
     write(folder / "bbox.txt", "-9 -9 -9 9 9 9 0.4")

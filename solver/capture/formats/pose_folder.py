@@ -1,19 +1,23 @@
-"""Folders of poses: NSVF's, which svox2 and scene representation networks share, ScanNet's and NeRF++'s.
+"""Folders of poses: NSVF's, which svox2 and scene representation networks share, and others'.
 
     NSVF:    intrinsics.txt, pose/0_train_0000.txt …, rgb/0_train_0000.png …, bbox.txt
     ScanNet: intrinsic/intrinsic_color.txt, pose/0.txt …, color/0.jpg …
     NeRF++:  train/intrinsics/000.txt …, train/pose/000.txt …, train/rgb/000.png …
+    FoundationPose: K.txt, cam_in_ob/000000.txt …, rgb/000000.png …
+    BundleSDF: cam_K.txt, ob_in_cam/0.txt …, color_segmented/0.png …
 
 A pose is a matrix from the camera to the world, with OpenCV's axes; NSVF also reads those from the world
-to the camera, in a folder `extrinsic`. ScanNet's are in metres, and −inf where the camera was lost. The
-lens is a matrix of 3 × 3 or 4 × 4 numbers, or `f cx cy` in the first line, in pixels counted from the
-picture's corner; for photos of which size is not stated. NeRF++ has a lens for each photo, and all
-numbers of a matrix in one line. Where names begin with 0_, 1_ or 2_, photos are for training, validation
-and tests: only the first are read. `bbox.txt` has the lowest and the highest x y z of what is to be
-reconstructed, and a voxel's size.
+to the camera, in a folder `extrinsic`, as those in `ob_in_cam` are. ScanNet's and objects' are in metres,
+and −inf where the camera was lost. The lens is a matrix of 3 × 3 or 4 × 4 numbers, or `f cx cy` in
+the first line, in pixels counted from the picture's corner, or, of objects, from the middle of the first
+one; for photos of which size is not stated. NeRF++ has a lens for each photo, and all numbers of a matrix
+in one line. Where names begin with 0_, 1_ or 2_, photos are for training, validation and tests: only the
+first are read. `bbox.txt` has the lowest and the highest x y z of what is to be reconstructed, and a
+voxel's size.
 https://github.com/facebookresearch/NSVF#dataset (data_utils.py, shape_dataset.py) and its issue 64;
 https://github.com/sxyu/svox2 (nsvf_dataset.py); https://github.com/ScanNet/ScanNet (SensorData.py);
-https://github.com/Kai-46/nerfplusplus#data
+https://github.com/Kai-46/nerfplusplus#data; https://github.com/NVlabs/FoundationPose
+(bundlesdf/run_nerf.py: `run_one_ob`), https://github.com/NVlabs/BundleSDF (bundlesdf.py)
 """
 
 import math
@@ -32,14 +36,14 @@ from ..frames import invert_pose, pose_opengl_from_opencv
 from ..intake import Capture, Found, PhotoFinder, assemble
 from ..pinhole import lens_on, pinhole_of
 
-NAME = "NSVF, ScanNet, NeRF++"
-_OF_ALL = ("intrinsics.txt", "intrinsic.txt", "intrinsic/intrinsic_color.txt")
+NAME = "NSVF, ScanNet, NeRF++, FoundationPose"
+_OF_ALL = ("intrinsics.txt", "intrinsic.txt", "intrinsic/intrinsic_color.txt", "K.txt", "cam_K.txt")
 _OF_EACH = "intrinsics"
 PATTERNS = (*_OF_ALL, f"{_OF_EACH}/*.txt", f"train/{_OF_EACH}/*.txt")
 
-_FROM_WORLD = "extrinsic"
-_POSE_FOLDERS = ("pose", "poses", _FROM_WORLD)
-_PHOTO_FOLDERS = ("rgb", "color", "images", "image")
+_FROM_WORLD = ("extrinsic", "ob_in_cam")
+_POSE_FOLDERS = ("pose", "poses", "cam_in_ob", *_FROM_WORLD)
+_PHOTO_FOLDERS = ("rgb", "color", "images", "image", "color_segmented")
 _BOX = "bbox.txt"
 _SPLIT = re.compile(r"[012]_.")
 _TRAINING = "0_"
@@ -59,6 +63,8 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     lens_file = _lens_file(path)
     place = next(folder for folder in lens_file.parents if _pose_folder(folder) is not None)
     has_each, is_scannet = lens_file.parent.name == _OF_EACH, lens_file.parent.name == "intrinsic"
+    of_object = lens_file.stem in ("K", "cam_K")
+    middle = np.array((0, 0, 0.5, 0.5)) * of_object
     of_all = None if has_each else _lens(lens_file)
     files = files_in(_pose_folder(place), ".txt")
     used = _of_training(files)
@@ -70,17 +76,18 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
         if is_no_pose(pose):
             lost.append(stated)
             continue
-        if file.parent.name == _FROM_WORLD:
+        if file.parent.name in _FROM_WORLD:
             pose = invert_pose(rigid_pose(file, "", pose))
         lens = _lens(lens_file.with_name(file.name)) if has_each else of_all
         where, pose = f"{file.parent.name}/{file.name}", pose_opengl_from_opencv(pose)
-        found.append(Found(where, stated, photo, pose, lens_on(photo, *lens)))
+        found.append(Found(where, stated, photo, pose, lens_on(photo, *np.add(lens, middle))))
     lost, warnings = (lost, "poses"), ()
     if len(used) < len(files):
         what = f"{len(files) - len(used)} photo|photos for validation and tests (1_…, 2_…) is|are left out"
         warnings = (f"{place.name}: {counted(what)}",)
-    name = "NeRF++" if has_each else "ScanNet" if is_scannet else "NSVF"
-    capture = assemble(lens_file, name, found, photos, metric=is_scannet, warnings=warnings, lost=lost)
+    name = "NeRF++" if has_each else "ScanNet" if is_scannet else "FoundationPose" if of_object else "NSVF"
+    metric = is_scannet or of_object
+    capture = assemble(lens_file, name, found, photos, metric=metric, warnings=warnings, lost=lost)
     return _within_box(capture, place / _BOX)
 
 
