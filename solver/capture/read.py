@@ -21,7 +21,7 @@ _NAMES = (
     "transforms colmap metashape realitycapture meshroom openmvg opensfm opendronemap blocks_exchange "
     "opf pix4d polycam record3d scanner_app stray_scanner bundler visualsfm neus sdfstudio neilf "
     "gaussians llff mvsnet dtu middlebury pose_folder nerfies nero nerfactor kapture lit_objects "
-    "camera_dictionary"
+    "camera_dictionary bop"
 )
 FORMATS = tuple(import_module(f"{__package__}.formats.{name}") for name in _NAMES.split())
 """readers, the likeliest first"""
@@ -41,7 +41,7 @@ _AROUND = tuple(
     for folders in ("*/", "*/*/")
     for name in (
         *_FILES_OF_SPLIT["train"], "cams/00000000_cam.txt", "intrinsics.txt",
-        "intrinsic/intrinsic_color.txt", "K.txt",
+        "intrinsic/intrinsic_color.txt", "scene_camera.json", "K.txt",
     )
 )  # fmt: skip
 """of a folder around a capture's, as archives have it"""

@@ -7,6 +7,7 @@ import numpy as np
 from tests.capture import (
     blocks,
     colmap_models,
+    test_bop,
     test_bundler,
     test_camera_dictionary,
     test_dtu,
@@ -112,6 +113,7 @@ MAKERS = {
     "NeRFactor": lambda folder, solved: test_nerfactor.write(folder),
     "Objects with Lighting": lambda folder, solved: test_lit_objects.make(folder),
     "PhySG cam_dict_norm.json": lambda folder, solved: test_camera_dictionary.make(folder),
+    "BOP": lambda folder, solved: test_bop.make(folder, of_world=False),
     "NeRO": lambda folder, solved: test_nero.make(folder),
     "Pix4D": lambda folder, solved: test_pix4d.write(folder),
 }
