@@ -1,6 +1,7 @@
 """Find the camera file a person meant and read it, whatever program wrote it."""
 
 import re
+import zlib
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -10,7 +11,7 @@ from .archives import check_unpacked
 from .capture import Capture
 from .errors import CaptureError, shown
 from .files import check_readable
-from .formats import colmap, meshroom, nerfactor
+from .formats import co3d, colmap, meshroom, nerfactor
 from .ignored import check_ignored
 from .image_header import EXTENSIONS as PICTURES
 from .no_capture import PROJECTS, no_camera_file, nothing_in, several_in
@@ -21,7 +22,7 @@ _NAMES = (
     "transforms colmap metashape realitycapture meshroom openmvg opensfm opendronemap blocks_exchange "
     "opf pix4d polycam record3d scanner_app stray_scanner bundler visualsfm neus sdfstudio neilf "
     "gaussians llff mvsnet dtu middlebury pose_folder nerfies nero nerfactor kapture lit_objects "
-    "camera_dictionary bop"
+    "camera_dictionary bop co3d"
 )
 FORMATS = tuple(import_module(f"{__package__}.formats.{name}") for name in _NAMES.split())
 """readers, the likeliest first"""
@@ -46,7 +47,10 @@ _AROUND = tuple(
 )  # fmt: skip
 """of a folder around a capture's, as archives have it"""
 _DEEPEST, _MOST_TRIED = 3, 2000
-_FAULTS = (ArithmeticError, LookupError, TypeError, ValueError, MemoryError, RecursionError)
+_FAULTS = (
+    ArithmeticError, EOFError, LookupError, OSError, TypeError, ValueError, MemoryError, RecursionError,
+    zlib.error,
+)  # fmt: skip
 _SIDECAR = ".xmp"
 """of files that lie beside photos, in as many folders as these, as NeRFactor's do"""
 _HELD_OUT = re.compile(r"(?<![a-z])(test|val|validation|eval)(?![a-z])", re.I)
@@ -85,6 +89,8 @@ def camera_file(path: Path | str, split: str = "train") -> Path:
         # Who names a project means its largest model, who names the folder of a model means that.
         return colmap.largest(file) if file.parent != path and reader_of(file) is colmap else file
     if split == "train":
+        if (above := path.absolute().with_name(co3d.FILE)).is_file():
+            return above  # this is one of its sequences
         raise nothing_in(path, _FILES_OF_SPLIT["train"])
     raise CaptureError(
         path, "", f"there is no camera file for '{split}' in this folder", f"add {' or '.join(wanted)}"

@@ -10,6 +10,7 @@ from tests.capture import (
     test_bop,
     test_bundler,
     test_camera_dictionary,
+    test_co3d,
     test_dtu,
     test_kapture,
     test_lit_objects,
@@ -114,6 +115,7 @@ MAKERS = {
     "Objects with Lighting": lambda folder, solved: test_lit_objects.make(folder),
     "PhySG cam_dict_norm.json": lambda folder, solved: test_camera_dictionary.make(folder),
     "BOP": lambda folder, solved: test_bop.make(folder, of_world=False),
+    "CO3D": lambda folder, solved: test_co3d.make(folder),
     "NeRO": lambda folder, solved: test_nero.make(folder),
     "Pix4D": lambda folder, solved: test_pix4d.write(folder),
 }
