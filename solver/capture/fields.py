@@ -149,7 +149,7 @@ class Entry(dict):
 
     def inner(self, key: str, default: Any = None) -> "Entry":
         """An object in this one; the default if there is none."""
-        return Entry(self.path, self.field(key), self.get(key, default))
+        return Entry(self.path, self.field(key), default if self.get(key) is None else self[key])
 
     def within(self, key: str) -> "Entry":
         """An object in this one whose values are called as if they were this one's."""

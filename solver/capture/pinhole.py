@@ -12,6 +12,8 @@ from .intake import Intrinsics
 
 OFF_CENTRE = 0.2
 """how far from the middle no lens's centre is, as a share of half the photo"""
+FEWEST_PIXELS = 10.0
+"""that a focal length has; that of a pose, which may be written as a projection, is 1"""
 _NEAR = 0.04
 """how far from a whole number times its size a photo was resized by that number"""
 _MOST_SKEW = 0.02
@@ -61,7 +63,10 @@ def of_projection(
     signs = np.sign(np.diag(k))
     k, rotation = k * signs, rotation * signs[:, None]
     place = -np.linalg.solve(projection[:, :3], projection[:, 3])
-    return pinhole_of(path, where, k), rigid(rotation.T, place)
+    lens = pinhole_of(path, where, k)
+    if lens[0] < FEWEST_PIXELS:  # DVR's
+        raise CaptureError(path, where, "it does not lead to pixels", "give cameras that do")
+    return lens, rigid(rotation.T, place)
 
 
 def is_for_another_size(size: tuple[int, int], cx: float, cy: float) -> bool:

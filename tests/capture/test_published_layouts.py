@@ -8,7 +8,9 @@ from PIL import Image
 
 from solver.capture.errors import CaptureError
 from solver.capture.read import read_capture
+from tests.capture.programs import COUNT, names, poses, save_photos
 from tests.capture.test_capture import pose
+from tests.capture.test_radiance_fields import make_neus
 
 VIEWS = ("CA2", "CB5", "NA3", "NE7")
 
@@ -82,3 +84,31 @@ def test_tensoirs_views_lie_in_folders_of_their_own(tmp_path):
     cameras = read_capture(tmp_path).cameras
     assert parts(tmp_path, cameras) == [f"train_{i:03d}/rgba.png" for i in range(4)]
     assert len({camera.name for camera in cameras}) == 4
+
+
+def test_mobilebricks_processed_cameras_are_neuss_with_masks(tmp_path):
+    make_neus(tmp_path, name="cameras.npz")
+    for folder in ("mask", "arkit_depth", "gt_depth"):
+        save_photos(tmp_path / folder)
+    for stem, matrix in zip(names(), poses(), strict=True):
+        for folder, values in (("intrinsic", np.eye(3)), ("pose", matrix)):
+            (tmp_path / folder).mkdir(exist_ok=True)
+            np.savetxt(tmp_path / folder / f"{stem}.txt", values)
+    capture = read_capture(tmp_path)
+    assert capture.format == "NeuS" and len(capture.cameras) == COUNT
+    for kind, what in (("image", "image_path"), ("mask", "mask_path")):
+        assert {getattr(camera, what).parent.name for camera in capture.cameras} == {kind}
+
+
+def test_monosdfs_depths_and_normals_are_not_taken_for_photos(tmp_path):
+    make_neus(tmp_path, name="cameras.npz", photos="images")
+    for folder in ("depths", "normals"):
+        save_photos(tmp_path / folder)
+    cameras = read_capture(tmp_path).cameras
+    assert len(cameras) == COUNT and {camera.image_path.parent.name for camera in cameras} == {"images"}
+
+
+def test_dvrs_shapenet_whose_world_mat_is_a_pose_is_refused(tmp_path):
+    make_neus(tmp_path, np.linalg.inv(poses()), name="cameras.npz")
+    with pytest.raises(CaptureError, match="world_mat_0: it does not lead to pixels"):
+        read_capture(tmp_path)

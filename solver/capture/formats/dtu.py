@@ -25,7 +25,7 @@ from ..camera_folder import files_in, matrix_of, words_of
 from ..files import text_head
 from ..frames import pose_opengl_from_opencv
 from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
-from ..pinhole import of_projection
+from ..pinhole import FEWEST_PIXELS, of_projection
 
 NAME = "DTU"
 PATTERNS = tuple(
@@ -41,8 +41,6 @@ _PHOTOS = tuple(
     for kind in ("rect", "clean")
 )
 """what photos are called by their numbers, those that are taken first before others"""
-_PIXELS = 10.0
-"""focal length in pixels that a projection has at least; that of a pose, which may be written so, is 1"""
 _LONGEST = 1 << 12
 """bytes; twelve numbers are a tenth of that"""
 
@@ -61,7 +59,7 @@ def recognises(file: Path) -> bool:
         return False
     with np.errstate(all="ignore"):
         across, _, ahead = np.linalg.norm(matrix[:, :3], axis=1)
-    return bool(across > _PIXELS * ahead > 0)
+    return bool(across > FEWEST_PIXELS * ahead > 0)
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:

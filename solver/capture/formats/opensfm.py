@@ -126,22 +126,17 @@ def _pose(entry: Entry) -> np.ndarray:
     return rigid(rotation_of(entry), place)
 
 
-def _inner(entry: Entry, key: str) -> Entry:
-    """An object in another; an empty one where there is none."""
-    return Entry(entry.path, entry.field(key), entry.get(key) or {})
-
-
 def _rigs(scene: Entry) -> dict[str, np.ndarray]:
     """World-to-camera matrices [4, 4] of the photos of rigs."""
 
     def called(key: str) -> dict[str, Entry]:
-        objects = _inner(scene, key)
+        objects = scene.inner(key, {})
         return {name: objects.inner(name) for name in objects}
 
     inner = {key: _pose(entry) for key, entry in called("rig_cameras").items()}
     found = {}
     for entry in called("rig_instances").values():
-        for name, key in _inner(entry, "rig_camera_ids").items():
+        for name, key in entry.inner("rig_camera_ids", {}).items():
             if isinstance(key, str) and key in inner and entry.get("rotation"):
                 found[name] = inner[key] @ _pose(entry)
     return found
@@ -207,7 +202,7 @@ def _no_lens(entry: Entry, what: str) -> CaptureError:
 
 
 def _points(scene: Entry) -> np.ndarray:
-    stated, points = _inner(scene, "points"), SparsePoints()
+    stated, points = scene.inner("points", {}), SparsePoints()
     for key in stated:
         points.add(*stated.inner(key).numbers("coordinates", 3))
     return points.array()
@@ -215,5 +210,5 @@ def _points(scene: Entry) -> np.ndarray:
 
 def _is_placed(scene: Entry) -> bool:
     """True if photos had GPS, so that the world has metres."""
-    place = _inner(scene, "reference_lla")
+    place = scene.inner("reference_lla", {})
     return any(place.number(k) for k in ("latitude", "longitude", "altitude") if k in place)
