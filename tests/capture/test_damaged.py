@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from solver.capture.formats.transforms import write_transforms
 from solver.capture.image_header import EXTENSIONS
 from solver.capture.read import FORMATS, read_capture, reader_of
 from tests.capture.every_format import MAKERS
@@ -33,6 +34,14 @@ def test_every_format_is_tried_here(tmp_path, solved):
         make(folder, solved)
         tried.add(reader_of(read_capture(folder).source))
     assert tried == set(FORMATS)
+
+
+def test_cameras_of_every_format_are_written_and_read_again(capture, tmp_path):
+    folder, _ = capture
+    cameras = read_capture(folder).cameras
+    write_transforms(tmp_path / "transforms.json", list(cameras))
+    again = read_capture(tmp_path / "transforms.json", trusted=True).cameras
+    assert [(c.width, c.height, c.lens) for c in again] == [(c.width, c.height, c.lens) for c in cameras]
 
 
 def shuffled(data, content):
