@@ -31,7 +31,8 @@ class MicrofacetField(nn.Module):
             from the derivative of the interpolation.
 
     `smoothing` is the standard deviation of that Gaussian as a share of the box's edge; where it is
-    narrower than the paper's kernel, as at the start, the paper's is taken.
+    narrower than the paper's kernel, as at the start, the paper's is taken. `steepness` is how many times
+    as steep as at first `steepen` has made it.
     """
 
     def __init__(
@@ -48,6 +49,7 @@ class MicrofacetField(nn.Module):
         self.density_shift, self.density_scale = density_shift, density_scale
         self.smoothed_normals = smoothed_normals
         self.smoothing = 0.0
+        self.steepness = 1.0
         self.density_planes = _factor(3, size, size, density_components)
         self.density_lines = _factor(3, size, density_components)
         self.feature_planes = _factor(3, size, size, feature_components)
@@ -93,6 +95,17 @@ class MicrofacetField(nn.Module):
         """
         nodes = self.size - 1
         return vm_sum(box_points * nodes, self.density_planes, self.density_lines, known)
+
+    @torch.no_grad()
+    def steepen(self, factor: float, extinction: float) -> None:
+        """Make the raw density `factor` times as steep about where σ is `extinction` per world unit.
+
+        That stays where it is, and normals as they are; what is denser becomes denser, all else emptier.
+        """
+        self.density_planes *= math.sqrt(factor)
+        self.density_lines *= math.sqrt(factor)
+        self.density_shift += (1 - factor) * self.raw_of(extinction)
+        self.steepness *= factor
 
     @torch.no_grad()
     def raw_density_grid(self, count: int) -> Tensor:

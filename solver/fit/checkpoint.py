@@ -72,7 +72,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
             "feature_size": settings.field.feature_size,
             "smoothed_normals": scene.field.smoothed_normals,
             "density_scale": scene.field.density_scale,
-            "density_shift": scene.field.density_shift,
+            "density_shift": scene.field.density_shift, "steepness": scene.field.steepness,
             "smoothing": scene.field.smoothing,
             "occupancy_cells": scene.occupancy.cells,
         },
@@ -186,7 +186,7 @@ def load_scene(folder: Path, device: str = "cpu") -> tuple[Scene, dict, dict[str
         density_scale=shape["density_scale"], density_shift=shape["density_shift"],
         axes=shape["axes"] and torch.tensor(shape["axes"]),
     )  # fmt: skip
-    field.smoothing = shape["smoothing"]
+    field.smoothing, field.steepness = shape["smoothing"], shape["steepness"]
     scene = Scene(
         field, EnvironmentMap(state["environment_height"], floor=_floor_of(state)),
         NeuralTerm(shape["feature_size"]), shape["occupancy_cells"], _room_of(state, tensors),

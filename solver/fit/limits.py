@@ -15,7 +15,7 @@ _TINY = 1e-6
 LEAST = {
     "field.sizes": 8, "field.density_components": 1, "field.feature_components": 1,
     "field.feature_size": 1, "field.occupancy_cells": 4, "field.hull_cells": 8,
-    "field.finest_without_masks": 8,
+    "field.finest_without_masks": 8, "field.steepening": 1,
     "field.initial_albedo": _TINY, "field.initial_roughness": 0.01, "field.initial_f0": _TINY,
     "light.heights": 2, "light.initial": _TINY,
     "render.step": 0.01, "render.secondary_step": 0.01, "render.pixel_grid": 1,
@@ -29,6 +29,7 @@ MOST = {
     "field.size_starts": 1, "field.initial_albedo": 0.999, "field.initial_roughness": 1,
     "field.initial_f0": 0.999, "field.occupancy_min_alpha": 1, "field.sizes": 2048,
     "field.occupancy_cells": 1024, "field.hull_cells": 1024, "light.heights": 8192,
+    "field.steepening": 100, "field.steepening_span": 1,
     "light.step_smoothing_end": 1, "light.smoothness_start": 1,
     "render.pixel_grid": 16, "render.min_weight": 1, "render.min_transmittance": 1,
     "fit.pixel_grid_start": 1, "fit.final_learning_rate": 1, "fit.smoothness_end": 1,
@@ -37,7 +38,9 @@ MOST = {
     "asset.cells": 2048, "asset.smoothing": 1000, "asset.texture_size": 16384, "asset.floater_share": 1,
     "asset.shred_share": 1, "asset.unseen_share": 1,
 }  # fmt: skip
-RISING = ("field.sizes", "field.size_starts", "fit.neural_fade", "fit.emission_fade")
+RISING = (
+    "field.sizes", "field.size_starts", "field.steepening_span", "fit.neural_fade", "fit.emission_fade",
+)  # fmt: skip
 DECIDED_ELSEWHERE = {
     "render.neural": "fit.neural_start and fit.neural_fade", "render.emission": "fit.emission_fade",
     "render.neighbour_distance": "fit.neighbour_distance", "render.widening_gradient": "fit.unbiased",

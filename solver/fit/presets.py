@@ -29,7 +29,7 @@ PAPER = Settings(
         size_starts=(0.0, 2000 / 30000, 3000 / 30000, 4000 / 30000, 5500 / 30000, 7000 / 30000),
         finest_without_masks=2048, hull_start=False, turn_box=False,
         initial_albedo=0.91, initial_roughness=0.6, initial_f0=0.5,
-        occupancy_min_alpha=0.001, step_smoothing=(0.0, 0.0),
+        occupancy_min_alpha=0.001, step_smoothing=(0.0, 0.0), steepening=1.0,
     ),
     light=LightSettings(
         heights=(512,), turntable="no", colour_tolerance=0.0, step_smoothing=0.0,

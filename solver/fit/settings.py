@@ -38,6 +38,11 @@ class FieldSettings:
     step_smoothing: tuple[float, float] = (0.006, 0.006)
     """standard deviation of the smoothing of the density's every step, at the start and at the end, as
     shares of the box's edge (0: none): surfaces are smooth unless the photos insist"""
+    steepening: float = 4.0
+    """how many times as steep the density becomes over a fit (1: not at all): a soft surface is seen at
+    many depths at once, which blurs what it mirrors (docs/decisions/0051)"""
+    steepening_span: tuple[float, float] = (0.1, 0.6)
+    """fractions of the fit between which it does; not before a fog's points reflect"""
     initial_albedo: float = 0.5
     """albedo of every point at the start"""
     initial_roughness: float = 0.4

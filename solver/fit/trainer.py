@@ -24,7 +24,14 @@ from .light_detail import OpenDetail
 from .light_start import light_from_room
 from .ray_bank import RayBank
 from .replay import replay_for
-from .schedule import light_step_width, pixel_grid, probe_turn, smoothing_width, step_width
+from .schedule import (
+    light_step_width,
+    pixel_grid,
+    probe_turn,
+    smoothing_width,
+    steepness,
+    step_width,
+)
 from .settings import Settings
 from .step import Drawn, Step, StepPixels, StepPlan, add_gradients
 
@@ -36,6 +43,8 @@ STEPS_OF_PIXELS = 4
 """as many pixels as steps have tell, at the end, how fine the colours of the light have to be"""
 TURNS_A_STEP = 4
 """photos of which a step has pixels, at least, where the light turned with them; each has its own tables"""
+STEEPENED_ABOUT = 0.1
+"""optical depth of a voxel that stays: about that of an outline, where rays are long within the surface"""
 HELD = 0.02
 """of the fit, for which what steps do may stay the same where they are replayed"""
 
@@ -207,6 +216,7 @@ class Trainer:
             self.opened = None
             self.refresh_occupancy()
         if self.step % self.OCCUPANCY_EVERY == 0:
+            self._steepen(fraction)
             self.refresh_occupancy()
         if probe_turn(fraction) != self.probe_turn:
             self._renew(fraction)
@@ -226,6 +236,13 @@ class Trainer:
         image = sum(taken.image * share for taken, share in zip(found, plan.shares, strict=True))
         image = float(image) if self.replay is None else self.replay.told_before(image)
         return {"image": image, "rays": sum(plan.rays)}
+
+    def _steepen(self, fraction: float) -> None:
+        settings, field = self.settings, self.scene.field
+        earliest = settings.fit.emission_fade[1] if self.fog else 0.0
+        factor = steepness(settings.field, fraction, earliest) / field.steepness
+        if factor > 1:
+            field.steepen(factor, STEEPENED_ABOUT / field.voxel)
 
     def _renew(self, fraction: float) -> None:
         began = time.monotonic()

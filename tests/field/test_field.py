@@ -145,6 +145,36 @@ def test_an_extinction_is_that_of_its_raw_density():
         assert float(field.extinction(raw)) == pytest.approx(extinction, rel=1e-6)
 
 
+@torch.no_grad()
+def seen_depths(field: MicrofacetField) -> tuple[float, float]:
+    """Mean and standard deviation of the places along x where rays that enter at 1 end, in box units."""
+    along = torch.linspace(1, 0, 4001)
+    points = torch.stack([along, torch.full_like(along, 0.4), torch.full_like(along, 0.7)], -1)
+    depth = field.extinction(field.raw_density(points)) * 2 * field.half_size / 4000
+    weights = torch.exp(-depth.cumsum(0)) * depth
+    mean = (weights * along).sum() / weights.sum()
+    return float(mean), float(((weights * (along - mean) ** 2).sum() / weights.sum()).sqrt())
+
+
+def test_a_steeper_density_has_the_same_normals_and_rays_end_in_a_thinner_layer_that_is_further_out():
+    field = field_of_slope((1.0, 0.0, 0.0))
+    with torch.no_grad():
+        field.density_planes.mul_(70).add_(15)
+    torch.manual_seed(2)
+    points, held = 0.2 + 0.6 * torch.rand(50, 3), 2.0
+    normals, raw = field.normals(points, field.normal_factors()), field.raw_density(points).detach()
+    (before, soft), level = seen_depths(field), field.raw_of(held)
+    told = raw - level
+    field.steepen(3.0, held)
+    torch.testing.assert_close(field.normals(points, field.normal_factors()), normals, atol=1e-5, rtol=0)
+    steep = field.raw_density(points).detach() - field.raw_of(held)
+    torch.testing.assert_close(steep, 3 * told, atol=2e-4, rtol=1e-4)
+    assert field.raw_of(held) == pytest.approx(3 * level, rel=1e-5)
+    after, sharp = seen_depths(field)
+    assert sharp < 0.6 * soft and before + 0.5 * soft < after
+    assert field.steepness == 3.0
+
+
 @pytest.mark.parametrize("count", [5, 16, 33])
 def test_the_allowed_space_on_a_grid_is_that_of_its_points(count):
     occupancy = Occupancy(16)
