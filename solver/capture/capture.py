@@ -45,6 +45,8 @@ FEWEST_POINTS = 100
 
 MARGIN, CLOSEST = 0.3, 0.7
 """of half the views: how far a box reaches beyond its sparse points, and at least from its centre"""
+WIDE_VIEWS = 0.8
+"""share of the views that may be narrower than a box: masks find the object in it, whatever its size"""
 LONGEST_WITHOUT_MASKS = 1.2
 """longer side of what belongs to the object, in shorter sides of the views, where there are no masks"""
 
@@ -53,7 +55,8 @@ def region_seen_by(cameras: list[Camera], points: np.ndarray | None = None) -> n
     """World box [2, 3] of what the cameras look at.
 
     A cube around the point where the optical axes meet, as big as the views: the centre minimises
-    the squared distance to all axes, the half edge is what the median camera sees to either side.
+    the squared distance to all axes, the half edge is what the median camera sees to either side; with
+    masks, what a fifth see at least, up to where they look past the centre, for most may be close-ups.
     Panoramas have no axis: alone, they are taken to go around what they show, so the cube is around their
     middle and reaches nearly to them; beside other cameras, those tell.
     Sparse points within it, where there are many, draw its faces closer. Masks will do so better, so
@@ -100,11 +103,13 @@ def cube_seen_by(cameras: list[Camera]) -> np.ndarray:
         # The axes diverge, or there is one camera: look a unit ahead.
         distance = np.ones(len(cameras))
         centre = (positions + axes).mean(0)
-    sides = np.array([sorted((c.width / c.fx, c.height / c.fy)) for c in cameras]) / 2
-    if not _may_have_masks(cameras):
-        sides[:, 1] = np.minimum(sides[:, 1], LONGEST_WITHOUT_MASKS * sides[:, 0])
-    half = float(np.median(distance * sides[:, 1]))
-    half = min(half, 0.9 * float(np.median(distance)))
+    shorter, longer = np.sort([(c.width / c.fx, c.height / c.fy) for c in cameras]).T / 2
+    if _may_have_masks(cameras):
+        past = np.linalg.norm(positions + distance[:, None] * axes - centre, axis=1)
+        half = np.quantile(past + distance * longer, WIDE_VIEWS)
+    else:
+        half = np.median(distance * np.minimum(longer, LONGEST_WITHOUT_MASKS * shorter))
+    half = min(half, 0.9 * np.median(distance))
     return np.stack([centre - half, centre + half])
 
 

@@ -8,13 +8,14 @@ from scipy.spatial.transform import Rotation
 from solver.asset.from_scene import SceneSurface
 from solver.asset.surface import marching_cubes
 from solver.capture.camera import Camera
-from solver.capture.capture import Capture
+from solver.capture.capture import Capture, region_seen_by
 from solver.capture.photos import Photo
 from solver.fit.box import Box, box_around_hull
 from solver.fit.settings import overridden
 from solver.fit.start import BOXED, masks_of, new_trainer
 from solver.render.image import render_view
 from solver.render.scene import StepTables
+from tests.capture.poses import look_at
 from tests.fit.test_fit import SMALL, resumed
 from tests.fit.test_simplest_axes import off
 
@@ -41,15 +42,20 @@ def askew_brick(axes=AXES, views=24):
         pose[:3] = axes.T @ np.stack([right, np.cross(back, right), back, 4 * back], axis=1)
         pose[:3, 3] += PLACE
         camera = Camera(f"r_{number}", None, pose, SIZE, SIZE, 110.0, 110.0, SIZE / 2, SIZE / 2)
-        row, column = np.mgrid[:SIZE, :SIZE]
-        origins, directions = camera.rays(column.ravel() + 0.5, row.ravel() + 0.5)
-        origins, directions = (origins - PLACE) @ axes.T, directions @ axes.T
-        ends = np.stack([(LOW - origins) / directions, (HIGH - origins) / directions])
-        alpha = ends.min(0).max(1) < ends.max(0).min(1)
-        pixels = np.repeat(alpha.reshape(SIZE, SIZE, 1), 4, axis=2) * np.float32([0.5, 0.3, 0.2, 1])
+        alpha = shown_by(camera, axes)
+        pixels = np.repeat(alpha[..., None], 4, axis=2) * np.float32([0.5, 0.3, 0.2, 1])
         cameras.append(camera)
         photos.append(Photo(pixels.astype(np.float32), True, False))
     return Capture("memory", tuple(cameras), REGION), photos
+
+
+def shown_by(camera, axes, place=PLACE, low=LOW, high=HIGH):
+    """[SIZE, SIZE] bool: where a camera shows a brick."""
+    row, column = np.mgrid[:SIZE, :SIZE]
+    origins, directions = camera.rays(column.ravel() + 0.5, row.ravel() + 0.5)
+    origins, directions = (origins - place) @ axes.T, directions @ axes.T
+    ends = np.stack([(low - origins) / directions, (high - origins) / directions])
+    return (ends.min(0).max(1) < ends.max(0).min(1)).reshape(SIZE, SIZE)
 
 
 def boxed(region=REGION, turn=True, axes=AXES):
@@ -61,6 +67,21 @@ def in_brick(points, margin=0.0):
     """Which of world points [N, 3] are in the brick, or no further from it than a margin."""
     local = (points - PLACE) @ AXES.T
     return ((local >= LOW - margin) & (local <= HIGH + margin)).all(axis=1)
+
+
+@pytest.mark.parametrize("overviews", [0, 12])
+def test_a_long_object_of_which_most_photos_show_a_part_is_whole_in_the_box(overviews):
+    half, cameras = np.array([0.08, 0.08, 1.0]), []
+    for number in range(48):
+        angle, close = 2.4 * number, number >= overviews
+        target = np.array([0.0, 0.0, 0.9 * np.cos(1.7 * number)]) * close
+        back = 1.6 if close else 4.0
+        place = target + back * np.array([np.cos(angle), np.sin(angle), 0.3 * np.sin(number)])
+        pose = look_at(place, target=target)
+        cameras.append(Camera(f"r_{number}", None, pose, SIZE, SIZE, 90.0, 90.0, SIZE / 2, SIZE / 2))
+    masks = [shown_by(camera, np.eye(3), np.zeros(3), -half, half) for camera in cameras]
+    box = box_around_hull(cameras, lambda: masks, region_seen_by(cameras), 0.08, False)
+    assert (box.world[0] < -half).all() and (box.world[1] > half).all() and box.half_size < 1.5
 
 
 def test_the_box_around_an_askew_brick_has_its_axes_and_just_holds_it():
