@@ -18,8 +18,8 @@ from ..threads import mapped_ahead, usable_cores
 from .seen_space import cell_centres
 
 SEEN_BY = 0.2
-"""share of the photos that see any part of the object. What stands before a camera, so that the others
-don't see it, lies inside all their masks, as it were"""
+"""share of the photos that see any part of the object. What stands before a camera, or in a corner of the
+box, so that the others don't see it, lies inside all their masks, as it were"""
 
 
 NOTHING_IN_COMMON = "no point in the region lies inside the masks of all photos"
@@ -112,7 +112,7 @@ def whole_hull(
         # Most of the box is empty, which an eighth of the cells tell; two pixels are lost in rounding.
         coarse = carve(cameras, masks(), region, cells // 2, whole_cells=True, spare=2)
         within = coarse.repeat(2, 0).repeat(2, 1).repeat(2, 2)
-    reached = carve(cameras, masks(), region, cells, whole_cells=True, within=within)
+    reached = carve(cameras, masks(), region, cells, SEEN_BY, whole_cells=True, within=within)
     hull = carve(cameras, masks(), region, cells, within=reached)
     near = ndimage.binary_dilation(hull, np.ones((3, 3, 3)), THIN_CELLS) if hull.any() else hull
     return hull | (reached & ~near), reached

@@ -13,6 +13,7 @@ from solver.capture.photos import Photo
 from solver.fit.box import Box, box_around_hull
 from solver.fit.settings import overridden
 from solver.fit.start import BOXED, masks_of, new_trainer
+from solver.fit.visual_hull import bounding_box, whole_hull
 from solver.render.image import render_view
 from solver.render.scene import StepTables
 from tests.capture.poses import look_at
@@ -82,6 +83,19 @@ def test_a_long_object_of_which_most_photos_show_a_part_is_whole_in_the_box(over
     masks = [shown_by(camera, np.eye(3), np.zeros(3), -half, half) for camera in cameras]
     box = box_around_hull(cameras, lambda: masks, region_seen_by(cameras), 0.08, False)
     assert (box.world[0] < -half).all() and (box.world[1] > half).all() and box.half_size < 1.5
+
+
+def test_what_few_photos_have_in_their_frames_is_not_in_the_hull():
+    half, cameras = np.array([0.08, 0.08, 1.0]), []
+    for number in range(24):
+        angle, height = 2.4 * number, np.cos(1.7 * number)
+        pose = look_at((4 * np.cos(angle), 4 * np.sin(angle), 2 * height))
+        cameras.append(Camera(f"r_{number}", None, pose, SIZE, SIZE, 110.0, 110.0, SIZE / 2, SIZE / 2))
+    masks = [shown_by(camera, np.eye(3), np.zeros(3), -half, half) for camera in cameras]
+    cube = np.array([[-1.8] * 3, [1.8] * 3])
+    for cells in whole_hull(cameras, lambda: masks, cube, 48):
+        found = bounding_box(cells, cube)
+        assert (np.abs(found) < half + 0.2).all() and (np.abs(found)[:, 2] > 0.95).all()
 
 
 def test_the_box_around_an_askew_brick_has_its_axes_and_just_holds_it():
