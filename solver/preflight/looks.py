@@ -228,14 +228,17 @@ def look_at(
         inside = inside if inside.any() else told
     white = border_share((colour >= 250).all(axis=-1))
     shown, coverage, cut, across, half_shown = None, None, 0.0, None, 0.0
+    detailed = inside
     if alpha is not None:
         shown = alpha > 127
         half_shown = 1 - (alpha > WHOLE).sum() / max((alpha > 255 - WHOLE).sum(), 1)
         coverage, cut = float(shown.mean()), _cut_share(shown, camera)
         across = _longer_side(shown, camera) * scale
         # Away from the mask's edge, whose sharpness and brightness are the mask's.
-        object_only = without_untold(ndimage.binary_erosion(shown, iterations=2), told)
-        inside = object_only if object_only.sum() > FEWEST_PIXELS else inside
+        detailed, seen = (
+            without_untold(mask, told) for mask in (ndimage.binary_erosion(shown, iterations=2), shown)
+        )
+        inside = detailed if detailed.sum() >= FEWEST_PIXELS else seen if seen.any() else inside
     linear = TO_LINEAR[colour] @ _LUMINANCE
     pixels = colour[inside]
     values = linear[inside]
@@ -244,7 +247,7 @@ def look_at(
     )
     grey = colour.astype(np.float32) @ _LUMINANCE
     return Look(
-        camera, sharpness_of(grey, inside), float((pixels >= 254).any(axis=-1).mean()),
+        camera, sharpness_of(grey, detailed), float((pixels >= 254).any(axis=-1).mean()),
         _middle_stops(values), white, coverage, cut, across,
         np.asarray(thumbnail).astype(np.int16), shown, backdrop, float(half_shown),
     )  # fmt: skip

@@ -91,6 +91,16 @@ def test_overexposed_and_dark_photos_are_named(pictures, tmp_path):
     assert len(dark) == 1 and re.search(r"1\.[3-7] stops darker", dark[0]) and "exposure" in dark[0]
 
 
+def test_a_photo_that_shows_little_of_the_object_is_as_sharp_and_bright_as_that(pictures, tmp_path):
+    def little(colour, mask):
+        middle = int(mask.nonzero()[1].mean())
+        mask = mask & (abs(np.arange(mask.shape[1]) - middle) < 3)
+        return np.where(mask[..., None], colour, 0).astype(np.uint8), mask
+
+    looks = look_at_photos(write(tmp_path, pictures, only(at7=little)))
+    assert checks.exposure(looks) == [] and checks.blur(looks) == []
+
+
 def test_a_white_backdrop_is_not_overexposure_but_a_burnt_out_object_is(pictures, tmp_path):
     def on_white(index, colour, mask):
         return np.where(mask[..., None], colour, 255).astype(np.uint8), mask
