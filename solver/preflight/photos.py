@@ -19,6 +19,8 @@ INVERTED = 0.9
 SAME_MEAN, SAME_MOST = 1.5, 16
 """levels of 255 by which thumbnails of one picture differ, on average and at most"""
 SAME_POSE_DEGREES = 3.0
+NEAREST, SAME_WAY = 6, 40.0
+"""photos that one is compared with, and degrees by which they may look another way: light has sides"""
 FEWEST_ACROSS = 100
 HALF_SHOWN = 0.6
 """share of what masks show, shown in part, from which on it is no soft edge"""
@@ -70,7 +72,7 @@ def exposure(looks: list[Look], fixed: bool = True) -> list[Finding]:
         return found
     values = np.array([look.exposure for look in looks])
     stops = values - np.median(values)
-    near = np.array([values[i] - np.median(values[_nearest(looks, i)]) for i in range(len(looks))])
+    near = np.array([values[i] - np.median(values[_near(looks, i)]) for i in range(len(looks))])
     apart = np.flatnonzero((np.abs(stops) > STOPS) & (np.abs(near) > STOPS) & (stops * near > 0))
     remedy = "set Exposure to Even Out (fit.exposure=gain), and lock it next time"
     if len(apart) > MANY:
@@ -200,11 +202,12 @@ def pixels_across(looks: list[Look], capture: Capture) -> float:
     return float(np.median(seen))
 
 
-def _nearest(looks: list[Look], index: int) -> np.ndarray:
+def _near(looks: list[Look], index: int) -> list[int]:
+    """The photos nearest to one, of those that look the same way; itself where there are none."""
     positions = np.stack([look.camera.position for look in looks])
     distance = np.linalg.norm(positions - positions[index], axis=1)
-    distance[index] = np.inf
-    return np.argsort(distance, kind="stable")[: max(1, min(6, len(looks) - 1))]
+    nearest = np.argsort(distance, kind="stable")[: NEAREST + 1]
+    return [i for i in nearest if i != index and _turn(looks[index], looks[i]) < SAME_WAY] or [index]
 
 
 def _turn(a: Look, b: Look) -> float:

@@ -101,6 +101,13 @@ def test_a_photo_that_shows_little_of_the_object_is_as_sharp_and_bright_as_that(
     assert checks.exposure(looks) == [] and checks.blur(looks) == []
 
 
+def test_brightness_is_compared_among_photos_that_look_the_same_way(pictures, tmp_path):
+    looks = look_at_photos(write(tmp_path, pictures, only(at12=brighter(-2.5))))
+    assert [finding.photo for finding in checks.exposure(looks)] == ["IMG_012"]
+    # From 60° further around, the light may be on the object's other side.
+    assert looks[12] in looks[::4] and checks.exposure(looks[::4]) == []
+
+
 def test_a_white_backdrop_is_not_overexposure_but_a_burnt_out_object_is(pictures, tmp_path):
     def on_white(index, colour, mask):
         return np.where(mask[..., None], colour, 255).astype(np.uint8), mask
