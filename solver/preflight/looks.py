@@ -235,9 +235,8 @@ def look_at(
         coverage, cut = float(shown.mean()), _cut_share(shown, camera)
         across = _longer_side(shown, camera) * scale
         # Away from the mask's edge, whose sharpness and brightness are the mask's.
-        detailed, seen = (
-            without_untold(mask, told) for mask in (ndimage.binary_erosion(shown, iterations=2), shown)
-        )
+        detailed = without_untold(ndimage.binary_erosion(shown, iterations=2), told)
+        seen = without_untold(shown, told)
         inside = detailed if detailed.sum() >= FEWEST_PIXELS else seen if seen.any() else inside
     linear = TO_LINEAR[colour] @ _LUMINANCE
     pixels = colour[inside]

@@ -176,8 +176,7 @@ def size(looks: list[Look], capture: Capture, most_pixels: int) -> list[Finding]
     Args:
         most_pixels: to which larger photos are made smaller (see `PhotoSettings`).
     """
-    largest = max(capture.cameras, key=lambda camera: camera.width * camera.height)
-    scale = largest.no_larger(most_pixels).width / largest.width
+    scale = float(np.median([c.no_larger(most_pixels).width / c.width for c in capture.cameras]))
     across = scale * pixels_across(looks, capture)
     smaller = ""
     if scale < 1:

@@ -166,6 +166,15 @@ def lying_on_their_side(folder, pictures):
     return read_capture(folder)
 
 
+def test_one_photo_that_is_scaled_down_makes_the_object_no_smaller_in_the_others(pictures, tmp_path):
+    capture = write(tmp_path, pictures)
+    looks = look_at_photos(capture)
+    first, *others = capture.cameras
+    mixed = replace(capture, cameras=(first.resized(20 * first.width, 20 * first.height), *others))
+    most = first.width * first.height
+    assert checks.size(looks, mixed, most) == checks.size(looks, capture, most)
+
+
 def test_photos_that_ask_to_be_turned_are_looked_at_as_their_cameras_saw_them(pictures, tmp_path):
     """As COLMAP leaves them: the tag is there, and the camera is that of the pixels as they lie."""
     (tmp_path / "plain").mkdir()
