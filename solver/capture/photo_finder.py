@@ -93,7 +93,7 @@ class PhotoFinder:
         self._folders: set[tuple[str, ...]] = set()
         self._of_masks: dict[Path, bool] = {}
         # In folders: to ask for one with each extension takes long.
-        self._names: dict[Path, set[str] | None] = {}
+        self._names: dict[Path, dict[str, str] | None] = {}
 
     def find(self, stated: str, beside: Path | None = None) -> Path | None:
         """The photo that a file calls `stated` (a path or a name, with or without extension).
@@ -212,18 +212,19 @@ class PhotoFinder:
                 return None
             there = self._listed(path.parent)
             for ending in ("", *EXTENSIONS):
-                named = plain(path.name + ending)
-                if named.endswith(EXTENSIONS) and (there is None or named in there):
-                    candidate = path.with_name(path.name + ending)
-                    if candidate.is_file():
-                        return candidate
+                name = path.name + ending
+                listed = name if there is None else there.get(name) or there.get(plain(name), "")
+                # As it is called, also on a disk that takes letters of either case for the same.
+                if listed.lower().endswith(EXTENSIONS) and path.with_name(name).is_file():
+                    return path.with_name(listed)
         return None
 
-    def _listed(self, folder: Path) -> set[str] | None:
-        """The names in a folder; None where one may enter but not list it."""
+    def _listed(self, folder: Path) -> dict[str, str] | None:
+        """The names in a folder, by themselves and plain; None where one may enter but not list it."""
         if folder not in self._names:
             try:
-                self._names[folder] = set(map(plain, os.listdir(folder)))
+                names = os.listdir(folder)
+                self._names[folder] = {plain(name): name for name in names} | {n: n for n in names}
             except PermissionError:
                 self._names[folder] = None
         return self._names[folder]

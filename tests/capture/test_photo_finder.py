@@ -498,3 +498,25 @@ def test_a_photo_in_a_folder_that_may_be_entered_but_not_listed_is_found_by_its_
     monkeypatch.setattr(os, "scandir", refuse)
     assert PhotoFinder(tmp_path).find("images/r_1.png") == photo
     assert PhotoFinder(tmp_path).find("images/r_1") == photo
+
+
+@pytest.mark.parametrize("stated", ["images/r_1", "images/R_1.jpeg", "images/R_1.JPEG"])
+def test_a_photo_has_the_letters_that_its_file_has_also_where_disks_take_either(
+    tmp_path, monkeypatch, stated
+):
+    photo = save(tmp_path / "images" / "r_1.JPEG")
+    is_file = Path.is_file
+
+    def of_either_case(path):
+        return is_file(photo if path.name.lower() == "r_1.jpeg" else path)
+
+    monkeypatch.setattr(Path, "is_file", of_either_case)
+    assert str(PhotoFinder(tmp_path).find(stated)) == str(photo)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="its disks take letters of either case for the same")
+def test_of_photos_whose_names_differ_in_letters_alone_each_is_found(tmp_path):
+    photos = [save(tmp_path / "images" / name) for name in ("r_1.png", "R_1.png", "r_1.PNG")]
+    if len(os.listdir(tmp_path / "images")) < 3:
+        pytest.skip("this disk takes letters of either case for the same")
+    assert [PhotoFinder(tmp_path).find(f"images/{photo.name}") for photo in photos] == photos
