@@ -11,7 +11,7 @@ from typing import NamedTuple
 from .errors import CaptureError, shown
 from .files import LEFT_BY_FILE_BROWSERS
 from .image_header import EXTENSIONS as PICTURES
-from .picture_names import UNREADABLE, VIDEOS, plain
+from .picture_names import UNREADABLE, VIDEOS, on_windows, parts_of, plain
 
 ARCHIVES = (".zip", ".r3d")
 """extensions of archives, in lower case"""
@@ -94,11 +94,11 @@ def _parts(path: Path, name: str, info: zipfile.ZipInfo) -> tuple[str, ...]:
         remedy = "pack the photos themselves, not links to them"
         raise CaptureError(path, shown(name), "this is not a file", remedy)
     # Windows cuts off points and blanks at the ends of names, so ".. " may mean "..".
-    cut = [part.rstrip(" .") for part in parts]
-    if not parts or parts[0].startswith("/") or not all(cut) or any(":" in part for part in parts):
+    cut = tuple(map(on_windows, parts))
+    if not parts or not all(cut) or parts_of(name) != [*parts]:
         problem = "it would be outside the archive's folder"
         raise CaptureError(path, shown(name), problem, "pack it again")
-    return tuple(cut) if _WINDOWS else parts
+    return cut if _WINDOWS else parts
 
 
 def common_folder(members: list[Member]) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from .lenses import is_usable
 from .mask_finder import none_fits
 from .orientation import same_shape
 from .photo_finder import PhotoFinder
-from .picture_names import agreement, folders_of, parts_of
+from .picture_names import agreement, folders_of, on_windows, parts_of
 
 _BORDER = 0.05
 """share of a sensor's width that programs which develop raw photos may leave out or not"""
@@ -260,7 +260,7 @@ def _unique_name(file_name: str, taken: set[str]) -> str:
     for extension in EXTENSIONS:
         if stem.lower().endswith(extension):
             stem = stem[: -len(extension)]
-    stem = re.sub(r"[^\w.\-]+", "_", stem).strip("._")[:80] or "photo"
+    stem = on_windows(re.sub(r"[^\w.\-]+", "_", stem).strip("._")[:80]) or "photo"
     name, number = stem, 2
     while name.lower() in taken:
         name, number = f"{stem}_{number}", number + 1

@@ -22,6 +22,8 @@ NO_PHOTOS = (JOBS_FOLDER, "@eaDir")
 """folders that are not looked into; the other has the thumbnails of a network drive"""
 _THUMBNAILS = re.compile(r"thumb|preview", re.I)
 _DRIVE = re.compile(r"[a-z]:", re.I)
+_FORBIDDEN = dict.fromkeys([*range(32), *map(ord, ':<>|"?*')], "_")
+_DEVICE = re.compile(r"(con|prn|aux|nul|(com|lpt)\d) *(\.|$)", re.I)
 
 
 def plain(name: str) -> str:
@@ -35,9 +37,15 @@ def numbered(name: str) -> list[tuple[bool, int, str]]:
     return [(p.isdecimal(), int(p) if p.isdecimal() else 0, p) for p in parts if p]
 
 
+def on_windows(name: str) -> str:
+    """What a file or folder of a name is called on Windows, as programs that unpack archives have it."""
+    name = name.translate(_FORBIDDEN).rstrip(" .")
+    return f"_{name}" if _DEVICE.match(name) else name
+
+
 def stem_of(name: str) -> str:
-    """A file's plain name without a picture's extension."""
-    name = plain(name)
+    """A file's plain name without a picture's extension, the same on all systems."""
+    name = on_windows(plain(name))
     for extension in EXTENSIONS + UNREADABLE:
         if name.endswith(extension):
             return name[: -len(extension)]

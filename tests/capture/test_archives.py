@@ -8,6 +8,7 @@ import stat
 import subprocess
 import sys
 import zipfile
+from pathlib import PurePath
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -160,13 +161,39 @@ def test_what_an_archive_has_once_unpacked_is_not_unpacked_again(tmp_path):
 
 @pytest.mark.parametrize("name", [
     "../evil.png", "a/../../evil.png", "/evil.png", "C:/evil.png", "C:\\evil.png", "..\\evil.png",
-    "\\\\server\\evil.png", "a/c:evil.png",
+    "\\\\server\\evil.png", "a/c:/evil.png",
 ])  # fmt: skip
 def test_no_path_leads_out_of_the_archives_folder(tmp_path, name):
     archive = with_member(tmp_path / "bad.zip", name)
     with pytest.raises(CaptureError, match="it would be outside the archive's folder; pack it again"):
         unpacked(archive)
     assert os.listdir(tmp_path) == ["bad.zip"]
+
+
+@pytest.mark.parametrize("name, written", [
+    ("a/c:evil.png", "a/c_evil.png"), ("c:evil.png", "c_evil.png"), ("a/12:30?.png", "a/12_30_.png"),
+    ("aux/con.png", "_aux/_con.png"), ("Lpt1 .x/b\n.png", "_Lpt1 .x/b_.png"), ("a. /b.png .", "a/b.png"),
+    ("console/com.png", "console/com.png"),
+])  # fmt: skip
+def test_what_windows_forbids_in_names_is_written_there_in_others(tmp_path, monkeypatch, name, written):
+    monkeypatch.setattr(archive_members, "_WINDOWS", True)
+    unpacked(with_member(tmp_path / "scan.zip", name))
+    written = str(PurePath(written))
+    assert files_below(tmp_path / "scan") == {"photo.png": b"x" * 100, written: b"x"}
+    assert sorted(os.listdir(tmp_path)) == ["scan", "scan.zip"]
+
+
+@pytest.mark.parametrize("windows", [True, os.name == "nt"])
+def test_cameras_find_their_photos_whatever_windows_forbids_in_their_names(tmp_path, monkeypatch, windows):
+    monkeypatch.setattr(archive_members, "_WINDOWS", windows)
+    with zipfile.ZipFile(packed(make_capture(tmp_path / "o"), tmp_path / "own.zip")) as own:
+        with zipfile.ZipFile(tmp_path / "scan.zip", "w") as file:
+            for name in own.namelist():
+                content = own.read(name).replace(b"./r_0", b"./12:30:00").replace(b"./r_1", b"./aux/con")
+                name = name.replace("r_0", "12:30:00").replace("r_1", "aux/con")
+                file.writestr(name, content)
+    names = [camera.name for camera in read_capture(unpacked(tmp_path / "scan.zip")).cameras]
+    assert names[:2] == ["12_30_00", "_con"], "outputs are named so"
 
 
 @pytest.mark.parametrize("kind", [stat.S_IFLNK, stat.S_IFIFO, stat.S_IFBLK])
