@@ -33,7 +33,7 @@ from .job.resume import take_up
 from .job.status import process_is_alive, read_status
 from .preflight.command import add_check, add_pictures
 from .session import KNOWN_FAILURES, explain, session
-from .streams import escape_missing_letters, flush_stdout, naming_stdout, nobody_reads, print_result, say
+from .streams import drop_unwritten, escape_missing_letters, flush_stdout, naming_stdout, print_result, say
 from .threads import prepare_runtimes
 
 MOST_RAYS = 1 << 16
@@ -53,7 +53,7 @@ def main(arguments: list[str] | None = None) -> int:
         flush_stdout()
         return code
     except Exception as error:
-        if isinstance(error, BrokenPipeError) and nobody_reads():
+        if isinstance(error, BrokenPipeError) and error.filename:
             return FAILED
         code, message = explain(error)
         if code == FAILED and not isinstance(error, KNOWN_FAILURES):
@@ -61,7 +61,7 @@ def main(arguments: list[str] | None = None) -> int:
         say(message)
         return code
     finally:
-        nobody_reads()
+        drop_unwritten()
 
 
 def _parser() -> argparse.ArgumentParser:

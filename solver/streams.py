@@ -1,8 +1,8 @@
 """Standard streams as a process finds them: closed, lacking letters, or with nobody at the other end."""
 
+import errno
 import io
 import os
-import select
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -39,16 +39,19 @@ def say(text: str) -> None:
 
 @contextmanager
 def naming_stdout() -> Iterator[None]:
-    """Let an error of what is printed in the body say where it was, for by itself it does not."""
+    """Let an error of what is printed in the body say where it was, for by itself it does not; if nobody
+    reads, it is a `BrokenPipeError` on Windows, too."""
     try:
         yield
     except OSError as error:
+        if error.errno == errno.EINVAL:
+            error = BrokenPipeError(errno.EPIPE, error.strerror)
         error.filename = "standard output"
-        raise
+        raise error
 
 
 def print_result(result: object) -> None:
-    """Print what a command that is done has to say, also if whoever read it has gone, as `head` does.
+    """Print what a command has done, also if whoever read it has gone, as `head` does.
 
     Raises:
         OSError: it cannot be written; it says that it was standard output.
@@ -64,31 +67,13 @@ def flush_stdout() -> None:
             sys.stdout.flush()
 
 
-def nobody_reads() -> bool:
-    """Whether who read what is printed has gone, as `head` does.
-
-    What cannot be written, also for want of space, goes nowhere, so that Python's exit says no more of it.
-    """
+def drop_unwritten() -> None:
+    """Let what cannot be written go nowhere, so that Python's exit says no more of it."""
     try:
         if sys.stdout is not None:
             sys.stdout.flush()
-            return _has_hung_up(sys.stdout)
-    except OSError as error:
+    except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return isinstance(error, BrokenPipeError)
-    return False
-
-
-def _has_hung_up(stream: TextIO) -> bool:
-    """Whether nobody reads a pipe, as far as the system tells: unbuffered, it has nothing to flush."""
-    if not hasattr(select, "poll"):  # on Windows
-        return False
-    try:
-        pipe = select.poll()
-        pipe.register(stream.fileno(), select.POLLERR)
-    except (OSError, ValueError):  # what stands in for it has no number
-        return False
-    return any(state & (select.POLLERR | select.POLLHUP) for _, state in pipe.poll(0))
 
 
 def take_stdout_for_events() -> TextIO:

@@ -14,7 +14,7 @@ from ..job.begun import Begun
 from ..job.exit_codes import CANCELLED, DONE
 from ..job.status import process_is_alive, read_status
 from ..session import Session, passing_session, session
-from ..streams import say
+from ..streams import print_result, say
 from .folder import (
     CAMERA_MODELS,
     FEWEST_PHOTOS,
@@ -103,7 +103,7 @@ def run_frames(options: argparse.Namespace) -> int:
         names = take_photos(video, folder, options.photos, run.told, span)
         run.events.emit("result", photos=list(names))
     if run.code == DONE and not options.events:
-        print(f"{len(names)} photos in {folder}")
+        print_result(f"{len(names)} photos in {folder}")
     return run.code
 
 
@@ -218,11 +218,12 @@ def _with_photos(folder: SolveFolder, request: SolveRequest, run: Session) -> So
 
 
 def _tell(folder: SolveFolder, request: SolveRequest, solved) -> None:
-    print(f"{solved.placed} of {solved.photos} photos have a camera, {solved.points} sparse points.")
+    print_result(f"{solved.placed} of {solved.photos} photos have a camera, {solved.points} sparse points.")
     photos = Path(request.photos)
     elsewhere = [] if folder.finds_photos_of(photos) else [f"--photos {photos}"]
     if request.ignored is not None and not Path(request.ignored).is_relative_to(photos):
         elsewhere.append(f"--ignore {request.ignored}")
     if elsewhere:
-        print(f"Reconstruct with {' '.join(elsewhere)}, since the camera file does not say where that is.")
-    print(folder.cameras_path)
+        told = " ".join(elsewhere)
+        print_result(f"Reconstruct with {told}, since the camera file does not say where that is.")
+    print_result(folder.cameras_path)

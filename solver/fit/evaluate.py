@@ -28,6 +28,7 @@ from ..metrics.scale import clipped_factor
 from ..render.image import RenderedView
 from ..render.scene import Scene
 from ..replacing import write_json_atomic
+from ..streams import print_result
 from .exposure import brought_to
 from .load import background_of_job, held_out_photos, load_job, load_light, render_cameras
 from .material_scores import MaterialScores
@@ -75,7 +76,7 @@ def evaluate_job(
         )
         scores.update(_normal_scores(camera, view, photo))
         scores.update(materials.add(camera, view, photo.cover))
-        print(camera.name, _text(scores), flush=True)
+        print_result(f"{camera.name} {_text(scores)}")
     result = {"views": views, "code_version": __version__, "cameras": str(cameras)}
     factor = materials.albedo_factor
     for name, errors in materials.albedo_errors():
@@ -95,7 +96,7 @@ def evaluate_job(
     result["mean"] = mean
     if out is not None:
         write_json_atomic(out, result)
-    print("mean", _text(mean))
+    print_result(f"mean {_text(mean)}")
     return result
 
 
@@ -172,7 +173,7 @@ def _relight_scores(
             views[camera.name]["psnr_without_factor"] = psnr(plain, truth, photo.told)
         mean = _mean(list(views.values()))
         name = folder.name.removeprefix("relight_")
-        print(f"relit by {name}", _text(mean), flush=True)
+        print_result(f"relit by {name} {_text(mean)}")
         results[name] = {"mean": mean, "factor": factor.tolist(), "views": views}
     scene.environment, scene.turntable = own_light
     return results

@@ -12,7 +12,7 @@ from ..job.exit_codes import DONE
 from ..job.folder import JobFolder
 from ..job.request import DEVICES
 from ..session import passing_session
-from ..streams import naming_stdout
+from ..streams import naming_stdout, print_result
 
 if TYPE_CHECKING:
     import numpy as np
@@ -100,7 +100,7 @@ def run_pictures(options: argparse.Namespace) -> int:
         pictures = write_pictures(capture, options.out, tell)
         run.events.emit("result", pictures=pictures)
     if run.code == DONE and not options.events:
-        print(f"{len(pictures)} pictures in {options.out}")
+        print_result(f"{len(pictures)} pictures in {options.out}")
     return run.code
 
 

@@ -1,5 +1,6 @@
 """Jobs that are killed, cancelled and taken up again, and by whom."""
 
+import errno
 import json
 import os
 import shutil
@@ -308,6 +309,40 @@ def test_without_a_buffer_a_reader_that_hangs_up_is_no_error_either():
     )  # fmt: skip
     os.close(ours)
     assert result.returncode == 1 and "Error" not in result.stderr, result.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "buffered", "code"),
+    [("check", True, 0), ("check", False, 1), ("doctor", True, 1), ("doctor", False, 1),
+     ("pictures", True, 0), ("pictures", False, 0)],
+)  # fmt: skip
+def test_a_reader_that_hangs_up_is_told_by_another_number_on_windows(
+    command, buffered, code, tmp_path, duck, monkeypatch, capsys
+):
+    with (tmp_path / "pipe").open("wb") as pipe:
+
+        class Closed:
+            written = False
+
+            def write(self, text):
+                self.written = buffered
+                if not buffered:
+                    self.refuse()
+
+            def flush(self):
+                if self.written:
+                    self.refuse()
+
+            def refuse(self):
+                raise OSError(errno.EINVAL, "Invalid argument")
+
+            def fileno(self):
+                return pipe.fileno()
+
+        monkeypatch.setattr(sys, "stdout", Closed())
+        arguments = {"check": [duck], "pictures": [duck, "--out", tmp_path / "out"]}.get(command, [])
+        assert main([command, *map(str, arguments)]) == code
+    assert "rror" not in capsys.readouterr().err
 
 
 def test_a_pipe_that_breaks_elsewhere_is_told(monkeypatch, capsys):
