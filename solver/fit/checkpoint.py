@@ -31,8 +31,8 @@ from .settings import Settings
 from .trainer import Trainer
 
 TENSORS, STATE = "scene.safetensors", "state.json"
-_LEAST = {"field", "settings", "step"}
-"""what no state lacks"""
+FORMAT = 1
+"""of a checkpoint; raise it with each change of what one holds"""
 
 
 def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) -> None:
@@ -58,7 +58,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     if trainer.exposures is not None:
         tensors |= {f"exposures.{key}": v for key, v in trainer.exposures.state().items()}
     state = {
-        "step": trainer.step, "fraction": trainer.fraction,
+        "format": FORMAT, "step": trainer.step, "fraction": trainer.fraction,
         "level": trainer.level, "steps_at_level": trainer.steps_at_level,
         "fraction_at_level": trainer.fraction_at_level, "probe_turn": trainer.probe_turn,
         "batching": trainer.batching.state(),
@@ -120,8 +120,8 @@ def read_state(folder: Path) -> dict | None:
     path = folder / STATE
     try:
         state = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
-        if state is not None and not (isinstance(state, dict) and _LEAST <= state.keys()):
-            raise ValueError("it is not whole")
+        if state is not None and (not isinstance(state, dict) or state.get("format") != FORMAT):
+            raise ValueError("it is not whole, or another version of the solver wrote it")
         return state
     except ValueError as error:
         raise _damaged(path, error) from error

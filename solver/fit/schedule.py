@@ -33,10 +33,9 @@ def step_width(field: FieldSettings, fraction: float) -> float:
     return _between(field.step_smoothing, fraction)
 
 
-def steepness(field: FieldSettings, fraction: float, earliest: float = 0.0) -> float:
-    """How many times as steep as at first the density is at a fraction of the fit, 1 until `earliest`."""
-    first, last = (max(end, earliest) for end in field.steepening_span)
-    return field.steepening ** (1 - _left_of_fade((first, last), fraction))
+def steepness(field: FieldSettings, fraction: float) -> float:
+    """How many times as steep as at first the density is at a fraction of the fit."""
+    return field.steepening ** (1 - _left_of_fade(field.steepening_span, fraction))
 
 
 def light_step_width(light: LightSettings, height: int, fraction: float) -> float:

@@ -42,7 +42,7 @@ class FieldSettings:
     """how many times as steep the density becomes over a fit (1: not at all): a soft surface is seen at
     many depths at once, which blurs what it mirrors (docs/decisions/0051)"""
     steepening_span: tuple[float, float] = (0.1, 0.6)
-    """fractions of the fit between which it does; not before a fog's points reflect"""
+    """fractions of the fit between which it does; a fit that starts as a fog stays soft"""
     initial_albedo: float = 0.5
     """albedo of every point at the start"""
     initial_roughness: float = 0.4

@@ -238,10 +238,9 @@ class Trainer:
         return {"image": image, "rays": sum(plan.rays)}
 
     def _steepen(self, fraction: float) -> None:
-        settings, field = self.settings, self.scene.field
-        earliest = settings.fit.emission_fade[1] if self.fog else 0.0
-        factor = steepness(settings.field, fraction, earliest) / field.steepness
-        if factor > 1:
+        field = self.scene.field
+        factor = steepness(self.settings.field, fraction) / field.steepness
+        if factor > 1 and not self.fog:
             field.steepen(factor, STEEPENED_ABOUT / field.voxel)
 
     def _renew(self, fraction: float) -> None:

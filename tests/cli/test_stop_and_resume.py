@@ -168,9 +168,12 @@ def test_cancel_is_heard_while_photos_are_read(tmp_path, duck):
 @pytest.mark.parametrize(
     ("name", "damage"),
     [("state.json", lambda f: os.truncate(f, 1000)), ("scene.safetensors", lambda f: os.truncate(f, 1000)),
-     ("scene.safetensors", os.remove), ("state.json", lambda f: f.write_text('{"step": 1}'))],
+     ("scene.safetensors", os.remove), ("state.json", lambda f: f.write_text('{"step": 1}')),
+     ("state.json", lambda f: f.write_text(f.read_text().replace('"format": 1', '"format": 0')))],
 )  # fmt: skip
-def test_a_damaged_checkpoint_is_named_with_the_way_out(tmp_path, job, name, damage):
+def test_a_checkpoint_that_is_damaged_or_of_another_version_is_named_with_the_way_out(
+    tmp_path, job, name, damage
+):
     broken = tmp_path / "job"
     shutil.copytree(job, broken)
     damage(broken / "checkpoint" / name)
