@@ -66,8 +66,9 @@ def region_seen_by(cameras: list[Camera], points: np.ndarray | None = None) -> n
     Args:
         points: [N, 3] sparse points, world.
     """
-    cube = cube_seen_by(cameras)
-    if points is None or _may_have_masks(cameras):
+    masked = _may_have_masks(cameras)
+    cube = cube_seen_by(cameras, masked)
+    if points is None or masked:
         return cube
     inside = points[((points >= cube[0]) & (points <= cube[1])).all(axis=1)]
     if len(inside) < FEWEST_POINTS:
@@ -85,8 +86,12 @@ def evenly_taken(count: int, most: int) -> np.ndarray:
     return np.linspace(0, count - 1, min(most, count)).astype(int)
 
 
-def cube_seen_by(cameras: list[Camera]) -> np.ndarray:
-    """World cube [2, 3] as big as the views of cameras, around what they look at (see `region_seen_by`)."""
+def cube_seen_by(cameras: list[Camera], masked: bool = False) -> np.ndarray:
+    """World cube [2, 3] as big as the views of cameras, around what they look at (see `region_seen_by`).
+
+    Args:
+        masked: photos have masks, or may have.
+    """
     cameras = [camera for camera in cameras if not camera.is_panoramic] or cameras
     positions = positions_of(cameras)
     axes = np.stack([camera.view_direction for camera in cameras])
@@ -104,7 +109,7 @@ def cube_seen_by(cameras: list[Camera]) -> np.ndarray:
         distance = np.ones(len(cameras))
         centre = (positions + axes).mean(0)
     shorter, longer = np.sort([(c.width / c.fx, c.height / c.fy) for c in cameras]).T / 2
-    if _may_have_masks(cameras):
+    if masked:
         past = np.linalg.norm(positions + distance[:, None] * axes - centre, axis=1)
         half = np.quantile(past + distance * longer, WIDE_VIEWS)
     else:
