@@ -1,7 +1,6 @@
 """Find the camera file a person meant and read it, whatever program wrote it."""
 
 import re
-import zlib
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -47,10 +46,7 @@ _AROUND = tuple(
 )  # fmt: skip
 """of a folder around a capture's, as archives have it"""
 _DEEPEST, _MOST_TRIED = 3, 2000
-_FAULTS = (
-    ArithmeticError, EOFError, LookupError, OSError, TypeError, ValueError, MemoryError, RecursionError,
-    zlib.error,
-)  # fmt: skip
+_FAULTS = (ArithmeticError, LookupError, TypeError, ValueError, MemoryError, RecursionError)
 _SIDECAR = ".xmp"
 """of files that lie beside photos, in as many folders as these, as NeRFactor's do"""
 _HELD_OUT = re.compile(r"(?<![a-z])(test|val|validation|eval)(?![a-z])", re.I)

@@ -20,8 +20,8 @@ import numpy as np
 
 from ..camera_folder import MOST_FILES
 from ..fields import Entry, pose_of_world
-from ..files import head_of
-from ..intake import Capture, Found, Intrinsics, PhotoFinder, assemble
+from ..files import CUT_OFF, head_of
+from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, assemble
 from ..no_capture import several_in
 from ..picture_names import pictures_below
 
@@ -47,8 +47,11 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
             raise several_in(beside, folders)
         folder = next(iter(folders), folder)
     begins = rf'\{{\s*"sequence_name"\s*:\s*{re.escape(json.dumps(folder.name))}'
-    with gzip.open(path, "rt", encoding="utf-8") as file:
-        text = file.read(1 << 29)  # a frame has a thousand
+    try:
+        with gzip.open(path, "rt", encoding="utf-8") as file:
+            text = file.read(1 << 29)  # a frame has a thousand
+    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+        raise CaptureError(path, "", f"it cannot be read as {NAME} ({error})", CUT_OFF) from error
     found, lost = [], []
     for index, match in enumerate(islice(re.finditer(begins, text), MOST_FILES)):
         frame = json.JSONDecoder().raw_decode(text, match.start())[0]

@@ -51,7 +51,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     folder = photo_folder(path.absolute().parent.parent, _PHOTO_FOLDERS)
     cameras = [_camera(file, folder, photos) for file in files]
     found = [camera for camera in cameras if camera.camera_to_world is not None]
-    lost = [camera.stated for camera in cameras if camera not in found]
+    lost = [camera.stated for camera in cameras if camera.camera_to_world is None]
     return assemble(path, NAME, found, photos, lost=(lost, "extrinsic"))
 
 

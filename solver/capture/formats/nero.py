@@ -37,7 +37,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
     files = [file for file in files_in(folder, _ENDING) if _FILE.fullmatch(file.name)]
     cameras = [_camera(file, photos) for file in files]
     found = [camera for camera in cameras if camera.camera_to_world is not None]
-    lost = [camera.stated for camera in cameras if camera not in found]
+    lost = [camera.stated for camera in cameras if camera.camera_to_world is None]
     return assemble(path, NAME, found, photos, lost=(lost, "pose"))
 
 
