@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -35,6 +36,10 @@ _REMEDIES = {
     **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM), "make it writable or write elsewhere"),
 }
 """of a disk that takes nothing, by the number of its error"""
+_NO_MEMORY = re.compile("out of memory|not enough memory|can't allocate|bad.alloc")
+"""as cards, PyTorch on Windows and elsewhere, and C++ say it"""
+_NO_MEMORY_ON_WINDOWS = (8, 14, 1455)
+"""the last: the paging file cannot grow"""
 
 
 @dataclass
@@ -139,7 +144,8 @@ def explain(error: Exception) -> tuple[int, str]:
     if isinstance(error, INPUT_ERRORS):
         return BAD_INPUT, str(error)
     text = str(error).lower()
-    if isinstance(error, MemoryError) or "out of memory" in text or "can't allocate" in text:
+    windows = getattr(error, "winerror", None) in _NO_MEMORY_ON_WINDOWS
+    if isinstance(error, MemoryError) or windows or _NO_MEMORY.search(text):
         return OUT_OF_MEMORY, "Out of memory: close other programs, use smaller photos, or choose draft."
     in_the_way = isinstance(error, (NotADirectoryError, FileExistsError)) and error.filename
     if in_the_way and not os.path.isdir(in_the_way):

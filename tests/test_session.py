@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 import pytest
+import torch
 
 from solver.capture import triangulate
 from solver.job.request import JobError
@@ -58,6 +59,38 @@ def test_a_path_that_windows_does_not_find_for_its_length_is_told_so(monkeypatch
         ):
             code, message = explain(error)
             assert (code == 2 and "too long for this disk" in message) == told, message
+
+
+@pytest.mark.parametrize("number", [8, 14, 1455])
+def test_windows_errors_of_memory_are_told_so_in_any_language(number):
+    """1455 is what loading PyTorch's libraries ends in where the paging file is small."""
+    error = OSError(errno.EINVAL, "Die Auslagerungsdatei ist zu klein")
+    error.winerror = number
+    code, message = explain(error)
+    assert code == 4 and message.startswith("Out of memory: ")
+    error.winerror = 5
+    assert explain(error)[0] != 4
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "DefaultCPUAllocator: not enough memory: you tried to allocate 7 bytes.",  # Windows
+        "DefaultCPUAllocator: can't allocate memory: you tried to allocate 7 bytes.",
+        "CUDA out of memory. Tried to allocate 7 bytes",
+        "std::bad_alloc",
+        "bad allocation",  # Windows
+    ],
+)
+def test_libraries_errors_of_memory_are_told_so_on_every_system(said):
+    code, message = explain(RuntimeError(said))
+    assert code == 4 and message.startswith("Out of memory: ")
+
+
+def test_more_memory_than_there_is_is_told_so():
+    with pytest.raises(RuntimeError) as told:
+        torch.empty(1 << 60, dtype=torch.uint8)
+    assert explain(told.value)[0] == 4
 
 
 @pytest.mark.parametrize("inside", ["", "deeper"])
