@@ -65,6 +65,7 @@ def _first_of(error: OSError, out: Path) -> Exception:
     """The first of the errors that a copy of many files has collected."""
     if isinstance(error, shutil.Error) and error.args and error.args[0]:
         file, _, reason = error.args[0][0]
-        return JobError(f"{out}: {Path(file).name} could not be written ({reason}); free space, or give "
-                        "another folder.")  # fmt: skip
+        return JobError(
+            f"{out}: {Path(file).name} could not be written ({reason}); free space, or give another folder."
+        )
     return error

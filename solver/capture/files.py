@@ -188,9 +188,8 @@ def read_json(path: Path) -> Any:
         return json.loads(text)
     except json.JSONDecodeError as error:
         raise CaptureError(
-            path, f"line {error.lineno}", f"this is not valid JSON ({error.msg})",
-            CUT_OFF,
-        ) from error  # fmt: skip
+            path, f"line {error.lineno}", f"this is not valid JSON ({error.msg})", CUT_OFF
+        ) from error
     except (RecursionError, ValueError) as error:
         problem = "its JSON is nested too deeply or holds a number of absurd length"
         raise CaptureError(path, "", problem) from error
@@ -214,10 +213,7 @@ def read_xml(path: Path) -> ElementTree.Element:
         return ElementTree.fromstring(content)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         line = getattr(error, "position", (0, 0))[0]
-        raise CaptureError(
-            path, f"line {line}", "this is not valid XML",
-            CUT_OFF,
-        ) from error  # fmt: skip
+        raise CaptureError(path, f"line {line}", "this is not valid XML", CUT_OFF) from error
     except RecursionError as error:
         raise CaptureError(path, "", "its XML is nested too deeply") from error
 

@@ -137,9 +137,7 @@ def read_capture(
         folder = Path(photos)
     else:
         folder = Path(path) if Path(path).is_dir() else capture_folder(file)
-    how = {
-        "masks": masks, "anywhere": trusted, "fewest": fewest, "wanted": wanted, "ignored": ignored,
-    }  # fmt: skip
+    how = {"masks": masks, "anywhere": trusted, "fewest": fewest, "wanted": wanted, "ignored": ignored}
     finder = PhotoFinder(folder, **how)
     if photos is None and MODEL_FOLDERS.fullmatch(finder.folder.name) and not finder.pictures():
         # The folder of the model was given, not that of the capture.

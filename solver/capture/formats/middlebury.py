@@ -48,10 +48,7 @@ def read(path: Path, photos: PhotoFinder) -> Capture:
 def _camera(path: Path, where: str, line: str, photos: PhotoFinder) -> Found:
     name, *words = line.rsplit(maxsplit=_NUMBERS)
     if len(words) != _NUMBERS:
-        raise CaptureError(
-            path, where, f"'{shown(line)}' is not a name with {_NUMBERS} numbers",
-            CUT_OFF,
-        )  # fmt: skip
+        raise CaptureError(path, where, f"'{shown(line)}' is not a name with {_NUMBERS} numbers", CUT_OFF)
     lens, rotation = (matrix_of(path, where, words[at : at + 9], 3, 3) for at in (0, 9))
     translation = matrix_of(path, where, words[18:], 3, 1)
     where = f"{where}, {shown(name)}"

@@ -54,10 +54,8 @@ _KEYS = {
     "fisheye_power": ("k2", "k3", "k4", "across", "down"),
     EQUIRECTANGULAR: (),
     "thin_prism_fisheye": ("k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1"),
-    "rad_tan_thin_prism_fisheye": (
-        "k0", "k1", "k2", "k3", "k4", "k5", "p0", "p1", "s0", "s1", "s2", "s3",
-    ),
-}  # fmt: skip
+    "rad_tan_thin_prism_fisheye": ("k0", "k1", "k2", "k3", "k4", "k5", "p0", "p1", "s0", "s1", "s2", "s3"),
+}
 
 
 def read_lens(values: Entry) -> tuple[str, tuple[float, ...]]:
