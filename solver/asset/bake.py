@@ -25,7 +25,7 @@ class SurfaceSamples:
 
 def gather(
     field: SurfaceField, points: np.ndarray, normals: np.ndarray, settings: AssetSettings,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] = lambda done: None,
 ) -> SurfaceSamples:  # fmt: skip
     """Materials around surface points [N, 3], weighted as a ray against `normals` sees them.
 
@@ -59,8 +59,7 @@ def gather(
         bad = (direction * normals[part]).sum(1) < 0.1 * np.linalg.norm(direction, axis=1)
         direction[bad] = normals[part][bad]
         gathered[part] = unit(direction, 1e-12)
-        if progress is not None:
-            progress(min(1.0, (first + chunk) / len(points)))
+        progress(min(1.0, (first + chunk) / len(points)))
     return SurfaceSamples(albedo, alpha, f0, gathered)
 
 

@@ -127,7 +127,7 @@ def at_sizes_of(photos: list[Photo], capture: Capture) -> Capture:
 
 
 def load_photos(
-    capture: Capture, progress: Callable[[int, int], None] | None = None,
+    capture: Capture, progress: Callable[[int, int], None] = lambda number, count: None,
     settings: PhotoSettings | None = None, most_pixels: int = 0,
 ) -> list[Photo]:  # fmt: skip
     """Load all photos of a capture, in the cameras' order.
@@ -150,8 +150,7 @@ def load_photos(
         for camera, photo in zip(capture.cameras, pool.map(load, capture.cameras), strict=True):
             photos.append(photo)
             circles.add(camera, photo.pixels[..., :3])
-            if progress is not None:
-                progress(len(photos), len(capture.cameras))
+            progress(len(photos), len(capture.cameras))
     if not any(photo.has_alpha for photo in photos):
         found = circles.found()
         for index, camera in enumerate(capture.cameras):

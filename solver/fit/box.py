@@ -82,7 +82,7 @@ def cameras_along(axes: np.ndarray, cameras: list[Camera]) -> list[Camera]:
 
 def box_around_hull(
     cameras: list[Camera], masks: Masks, region: np.ndarray, margin: float, turn: bool,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] = lambda done: None,
 ) -> Box | None:  # fmt: skip
     """The cube around the visual hull in a world box [2, 3]; None if masks have nothing in common there.
 
@@ -91,13 +91,12 @@ def box_around_hull(
         turn: along the axes that make the object's shape simplest, where that tells.
         progress: called with the share done; may raise to stop.
     """
-    told = progress or (lambda done: None)
     tight = hull_box(cameras, masks, region, CELLS)
     if tight is None:
         return None
     straight = _with_margin(tight, margin, None)
-    told(STRAIGHT)
-    turned = _turned(cameras, masks, tight, margin, told) if turn else None
+    progress(STRAIGHT)
+    turned = _turned(cameras, masks, tight, margin, progress) if turn else None
     if turned is None or turned.half_size > LARGER * straight.half_size:
         return straight
     return turned

@@ -44,7 +44,7 @@ WORTH = 0.1
 
 
 def simplest_axes(
-    occupied: np.ndarray, progress: Callable[[float], None] | None = None
+    occupied: np.ndarray, progress: Callable[[float], None] = lambda done: None
 ) -> np.ndarray | None:
     """Unit rows [3, 3], a rotation: axes along which a shape is simplest; of the 24 rotations that have the
     same axes, the one that turns least. None: those of its grid are as good.
@@ -55,7 +55,6 @@ def simplest_axes(
     """
     if not occupied.any():
         return None
-    told = progress or (lambda done: None)
     shape = _Shape(occupied)
     lattice = different_turns(DIRECTIONS)
     cores, errors = usable_cores(), []
@@ -63,9 +62,11 @@ def simplest_axes(
         with closing(mapped_ahead(pool, shape.log_error, lattice.as_matrix(), 2 * cores)) as found:
             for error in found:
                 errors.append(error)
-                told(ON_LATTICE * len(errors) / len(lattice))
+                progress(ON_LATTICE * len(errors) / len(lattice))
         chosen = lattice[np.argsort(errors, kind="stable")[:BEST]]
-        refined = _all_refined(shape, chosen, pool, lambda done: told(ON_LATTICE + (1 - ON_LATTICE) * done))
+        refined = _all_refined(
+            shape, chosen, pool, lambda done: progress(ON_LATTICE + (1 - ON_LATTICE) * done)
+        )
     error, turn = min(refined, key=lambda found: found[0])
     if shape.log_error(np.eye(3)) - error < WORTH:
         return None

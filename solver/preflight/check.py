@@ -48,7 +48,8 @@ class Report:
 
 
 def check(
-    capture: Capture, preset: str = "draft", progress: Callable[[float, str], None] | None = None,
+    capture: Capture, preset: str = "draft",
+    progress: Callable[[float, str], None] = lambda done, text: None,
     region: np.ndarray | None = None, overrides: Mapping[str, object] | None = None,
     device: str = "auto",
 ) -> Report:  # fmt: skip
@@ -63,14 +64,13 @@ def check(
     Raises:
         CaptureError: a photo cannot be decoded. SettingsError: there is no such preset, setting or device.
     """
-    told = progress or (lambda done, text: None)
     card = card_of(choose_device(device))
     idle = idle_card() if device == "auto" and card is None else None
     settings = settings_for(preset, overrides)
     asked = capture if region is None else replace(capture, region=region)
     reduced = ReducedPhotos()
     looks = look_at_photos(
-        asked, lambda n, count: told(LOOKING * n / count, f"photo {n} of {count}"), reduced
+        asked, lambda n, count: progress(LOOKING * n / count, f"photo {n} of {count}"), reduced
     )
     circles = circles_of(asked)
     asks = settings.light.turntable == "auto"
@@ -96,7 +96,7 @@ def check(
     if not turned and (not masked or all(camera.mask_path for camera in capture.cameras)):
 
         def compared(done: float) -> None:
-            told(LOOKING + (1 - LOOKING) * done, "comparing photos")
+            progress(LOOKING + (1 - LOOKING) * done, "comparing photos")
 
         found = poses(capture, reduced, settings, compared) + found
     margin = settings.field.box_margin

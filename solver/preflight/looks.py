@@ -85,7 +85,7 @@ def look_at_photos(
     if (cut_out := _with_common_backdrop(capture, looks)) is not None:
         return cut_out
     wrong = [look.camera for look in looks if look.backdrop is not None]
-    again = iter(_look_at_all(photos, wrong, capture.region, False, None))
+    again = iter(_look_at_all(photos, wrong, capture.region, False))
     looks = [look if look.backdrop is None else next(again) for look in looks]
     return _before_far_surroundings(photos, capture, looks) or looks
 
@@ -172,14 +172,13 @@ def _with_common_backdrop(capture: Capture, looks: list[Look]) -> list[Look] | N
 
 def _look_at_all(
     photos: ReducedPhotos, cameras: Sequence[Camera], region: np.ndarray, cut_out: bool,
-    progress: Callable[[int, int], None] | None,
+    progress: Callable[[int, int], None] = lambda number, count: None,
 ) -> list[Look]:  # fmt: skip
     looks = []
     with thread_pool(MOST_AT_ONCE) as pool:
         for look in pool.map(lambda camera: look_at(camera, region, cut_out, read=photos), cameras):
             looks.append(look)
-            if progress is not None:
-                progress(len(looks), len(cameras))
+            progress(len(looks), len(cameras))
     return looks
 
 
