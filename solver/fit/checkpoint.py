@@ -33,6 +33,8 @@ from .trainer import Trainer
 TENSORS, STATE = "scene.safetensors", "state.json"
 FORMAT = 1
 """of a checkpoint; raise it with each change of what one holds"""
+_COUNTS = ("step", "fraction", "level", "steps_at_level", "fraction_at_level", "probe_turn")
+"""of a trainer"""
 
 
 def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) -> None:
@@ -58,9 +60,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     if trainer.exposures is not None:
         tensors |= {f"exposures.{key}": v for key, v in trainer.exposures.state().items()}
     state = {
-        "format": FORMAT, "step": trainer.step, "fraction": trainer.fraction,
-        "level": trainer.level, "steps_at_level": trainer.steps_at_level,
-        "fraction_at_level": trainer.fraction_at_level, "probe_turn": trainer.probe_turn,
+        "format": FORMAT, **{name: getattr(trainer, name) for name in _COUNTS},
         "batching": trainer.batching.state(),
         "seconds": seconds, "done": done, "seed": trainer.seed, "use_masks": trainer.use_masks,
         "background": trainer.background,
@@ -250,17 +250,14 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, Tensor]) -> None:
     Raises:
         JobError: its photos are others than those whose exposures the checkpoint knows.
     """
-    trainer.step, trainer.level = state["step"], state["level"]
-    trainer.fraction = state["fraction"]
+    for name in _COUNTS:
+        setattr(trainer, name, state[name])
     trainer.generator.set_state(tensors["generator.pixels"].cpu())
     trainer.optimiser.restore(beginning_with("optimiser.", tensors))
     if trainer.exposures is not None:
         check_exposed(tensors, trainer.bank.mean_colours)
         trainer.exposures.restore(beginning_with("exposures.", tensors))
-    trainer.probe_turn = state["probe_turn"]
     trainer.open_detail.share = tensors.get("light.open_detail")
-    trainer.steps_at_level = state["steps_at_level"]
-    trainer.fraction_at_level = state["fraction_at_level"]
     trainer.batching.restore(state["batching"])
     # A new trainer refreshes the grid; the interrupted one would have done so only later.
     _restore_occupancy(trainer.scene.occupancy, tensors)
