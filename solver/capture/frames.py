@@ -44,16 +44,19 @@ def rigid(rotation: np.ndarray, place: np.ndarray) -> np.ndarray:
     return matrix
 
 
+def rotation_about(axis: int, degrees: float) -> np.ndarray:
+    """The rotation [3, 3] about x, y or z (0, 1, 2), counterclockwise for one who looks against it."""
+    sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
+    first, second, rotation = (axis + 1) % 3, (axis + 2) % 3, np.eye(3)
+    rotation[first, first] = rotation[second, second] = cosine
+    rotation[second, first], rotation[first, second] = sine, -sine
+    return rotation
+
+
 def rotation_from_omega_phi_kappa(degrees: np.ndarray) -> np.ndarray:
     """Rx(ω) Ry(φ) Rz(κ) [3, 3] of photogrammetry's three angles."""
-    (so, sp, sk), (co, cp, ck) = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
-    return np.array(
-        [
-            [cp * ck, -cp * sk, sp],
-            [co * sk + so * sp * ck, co * ck - so * sp * sk, -so * cp],
-            [so * sk - co * sp * ck, so * ck + co * sp * sk, co * cp],
-        ]
-    )
+    about_x, about_y, about_z = map(rotation_about, range(3), degrees)
+    return about_x @ about_y @ about_z
 
 
 def invert_pose(pose: np.ndarray) -> np.ndarray:

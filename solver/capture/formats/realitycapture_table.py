@@ -20,7 +20,7 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..fields import number, pose_of_world
 from ..files import as_text, head_of, read_text
-from ..frames import rigid
+from ..frames import rigid, rotation_about
 from ..image_header import image_size
 from ..intake import Capture, CaptureError, Found, Intrinsics, PhotoFinder, assemble
 from .realitycapture_lens import CHOOSE_BROWN, brown_lens
@@ -182,12 +182,7 @@ def _numbers(value: Value, *columns: tuple[str, ...]) -> list[list[float]]:
 
 def _rotation(heading: float, pitch: float, roll: float) -> np.ndarray:
     """Camera to world [3, 3] with OpenGL's camera axes, of angles in degrees."""
-    turns = np.radians([-heading, pitch, roll])
-    (c, cp, cr), (s, sp, sr) = np.cos(turns), np.sin(turns)
-    about_z = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    about_x = np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]])
-    about_y = np.array([[cr, 0, sr], [0, 1, 0], [-sr, 0, cr]])
-    return about_z @ about_x @ about_y
+    return rotation_about(2, -heading) @ rotation_about(0, pitch) @ rotation_about(1, roll)
 
 
 def _check_no_degrees(path: Path, found: list[Found]) -> None:
