@@ -47,8 +47,7 @@ def evaluate_job(
     Args:
         cameras: camera file with photos. photos_folder: if they are not below its folder.
         out: where to write everything as JSON.
-        rays: secondary rays a pixel.
-        neural: share of the neural term; None: as the fit ended.
+        rays, neural: as in `render_cameras`.
         ignored: of the photos, as `read_capture` takes it.
 
     Returns:
@@ -160,10 +159,8 @@ def _relight_scores(
             continue
         photos = load_photos(relit, settings=settings.photos)
         scene.environment, scene.turntable = load_light(light, scene.device), None
-        rendered = [  # linear RGBA, premultiplied
-            np.concatenate([view.radiance, view.opacity[..., None]], axis=-1)
-            for _, view in render_cameras(scene, settings, relit.cameras, rays, neural)
-        ]
+        views = render_cameras(scene, settings, relit.cameras, rays, neural)
+        rendered = [view.premultiplied for _, view in views]
         factor = _factor_of_all(rendered, photos)
         views = {}
         for camera, picture, photo in zip(relit.cameras, rendered, photos, strict=True):

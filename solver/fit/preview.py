@@ -26,8 +26,7 @@ def display(view: RenderedView, background: str = "white") -> np.ndarray:
     """
     if background in SURROUNDED:
         return np.clip(linear_to_srgb(view.surrounded), 0, 1)
-    premultiplied = np.concatenate([view.radiance, view.opacity[..., None]], axis=-1)
-    return over_plain(premultiplied, background)
+    return over_plain(view.premultiplied, background)
 
 
 def over_plain(premultiplied: np.ndarray, background: str = "white") -> np.ndarray:

@@ -23,8 +23,7 @@ def render_job(
 
     Args:
         environment: an equirect EXR or another job, whose light replaces the scene's own.
-        rays: secondary rays a pixel.
-        neural: share of the neural term; None: as the fit ended.
+        rays, neural: as in `render_cameras`.
 
     Raises:
         CaptureError, JobError: unusable cameras, light or job, or a folder that is not free.
@@ -77,8 +76,7 @@ def _cameras_of(file: Path, out: Path) -> Capture:
 def write_view(view: RenderedView, name: str, folder: Path) -> None:
     """Write NAME.png, NAME_linear.exr, _normal, _albedo, _roughness and _f0 of a view."""
     write_png(folder / f"{name}.png", display(view))
-    premultiplied = np.concatenate([view.radiance, view.opacity[..., None]], axis=-1)
-    write_exr(folder / f"{name}_linear.exr", {"RGBA": premultiplied})
+    write_exr(folder / f"{name}_linear.exr", {"RGBA": view.premultiplied})
     write_exr(folder / f"{name}_normal.exr", {"RGB": view.normal})
     write_exr(folder / f"{name}_albedo.exr", {"RGB": view.albedo})
     write_exr(folder / f"{name}_f0.exr", {"RGB": view.f0})

@@ -34,6 +34,11 @@ class RenderedView:
     f0: np.ndarray  # [H, W, 3] linear, zero where empty
     surrounded: np.ndarray  # [H, W, 3] linear Rec.709, in its room and before its light; opaque
 
+    @property
+    def premultiplied(self) -> np.ndarray:
+        """Radiance with opacity, [H, W, 4]."""
+        return np.concatenate([self.radiance, self.opacity[..., None]], axis=-1)
+
 
 def image_settings(
     settings: RenderSettings, secondary_rays: int = 64, neural: float = 0.0
