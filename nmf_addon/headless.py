@@ -25,7 +25,7 @@ from ..solver.job.resume import take_up
 from ..solver.streams import escape_missing_letters
 from . import preferences
 from .jobs.create import create_job, last_job_root, new_job_root
-from .jobs.process import run_blocking, start_job
+from .jobs.process import log_tail, run_blocking, start_job
 from .reports import reason_of
 from .runtime import RuntimeMissing, bootstrap_script, clean_environment
 from .scene.archives import unpack_all
@@ -237,7 +237,7 @@ def run_solver(python: Path, job: JobFolder, on_event) -> None:
             process.popen.wait(10)
         raise
     if code != 0:
-        reason = " ".join(messages) or f"The solver ended with code {code}.\n{process.log_tail()}"
+        reason = " ".join(messages) or f"The solver ended with code {code}.\n{log_tail(job)}"
         raise SolverFailed(code if code > 0 else FAILED, reason)
 
 

@@ -124,10 +124,6 @@ class JobProcess:
         except OSError:
             return
 
-    def log_tail(self) -> str:
-        """The last lines of the child's log."""
-        return log_tail(self.job)
-
 
 def log_tail(job: JobFolder, lines: int = LOG_LINES) -> str:
     """The last lines of a job's log; empty if there is none."""
@@ -207,7 +203,7 @@ def take_in(process: JobProcess, model: JobModel) -> tuple[list[Event], bool, in
     process.escalate()
     code = process.exit_code
     if code is not None:
-        model.ended(code, process.said_bye, process.log_tail())
+        model.ended(code, process.said_bye, log_tail(process.job))
         process.close()
         changed = True
     return events, changed, code

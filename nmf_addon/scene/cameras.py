@@ -40,7 +40,7 @@ def add_camera(camera: Camera, image: Image | None, frame: float = 0.0) -> Objec
     data.display_size = 0.2
     if image is not None:
         data.show_background_images = not camera.is_panoramic
-        _add_background(data, image, not camera.is_panoramic)
+        keep_behind(data, image, not camera.is_panoramic)
     data[SIZE] = [camera.width, camera.height]
     data[LENS] = camera.lens
     data[DISTORTION] = list(camera.distortion) or [0.0]
@@ -121,11 +121,6 @@ def fit_photos(scene: Scene) -> None:
             _fit_sensor(item.data, to_solver(item, Matrix.Identity(4)), frame)
 
 
-def keep_behind(data: bpy.types.Camera, picture: Image) -> None:
-    """Add a picture to those behind a camera, which is off."""
-    _add_background(data, picture, False)
-
-
 def show_behind(data: bpy.types.Camera, picture: Image) -> None:
     """Of the pictures behind a camera, show one; the others are kept but off."""
     for background in data.background_images:
@@ -139,7 +134,8 @@ def copy_behind(data: bpy.types.Camera) -> Image | None:
     return next((image for image in images if image and image.get(UNDISTORTED)), None)
 
 
-def _add_background(data: bpy.types.Camera, picture: Image, is_shown: bool) -> None:
+def keep_behind(data: bpy.types.Camera, picture: Image, is_shown: bool = False) -> None:
+    """Add a picture to those behind a camera."""
     background = data.background_images.new()
     background.image = picture
     background.alpha = 1.0

@@ -55,7 +55,7 @@ def wait(process, part, seconds=20.0, after=None):
                 after(event, model)
         process.escalate()
         time.sleep(0.005)
-    model.ended(process.exit_code, process.said_bye, process.log_tail())
+    model.ended(process.exit_code, process.said_bye, part("jobs.process").log_tail(process.job))
     return model, process.exit_code
 
 
