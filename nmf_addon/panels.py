@@ -100,7 +100,9 @@ class NMF_PT_reconstruct(Sidebar, Panel):
             _draw_progress(layout, context)
             _draw_preview(layout, context)
             return
-        python, problem = runtime.solver_state(preferences.chosen_python(), preferences.chosen_runtime())
+        python, problem = runtime.solver_state(
+            preferences.chosen("python"), preferences.chosen("runtime_folder")
+        )
         if python is None:
             _draw_missing_solver(layout, context, problem)
             return
@@ -183,7 +185,7 @@ def _draw_findings(layout: UILayout, context: Context, report: dict) -> None:
 def _draw_missing_solver(layout: UILayout, context: Context, problem: str) -> None:
     box = layout.box()
     paragraph(box, context, problem, icon="INFO")
-    if preferences.chosen_python():
+    if preferences.chosen("python"):
         # What is set up here would not be used.
         shown = box.operator("preferences.addon_show", text="Open Preferences", icon="PREFERENCES")
         shown.module = BASE_PACKAGE

@@ -57,14 +57,14 @@ class NMF_preferences(bpy.types.AddonPreferences):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
-        python, problem = runtime.solver_state(chosen_python(), chosen_runtime())
+        python, problem = runtime.solver_state(chosen("python"), chosen("runtime_folder"))
         box = layout.box()
         if python is not None:
             box.label(text="The solver is ready", icon="CHECKMARK")
             detail = box.column(align=True)
             detail.active = False
             detail.label(text=str(python), icon="BLANK1")
-            record = runtime.runtime_record(chosen_runtime())
+            record = runtime.runtime_record(chosen("runtime_folder"))
             if record and not self.python:
                 versions = f"Python {record.get('python')}, torch {record.get('torch') or '–'}"
                 detail.label(text=versions, icon="BLANK1")
@@ -77,7 +77,7 @@ class NMF_preferences(bpy.types.AddonPreferences):
         if offered and not setup_state().running:
             note = box.column()
             note.active = False
-            folder = runtime.managed_runtime(chosen_runtime())
+            folder = runtime.managed_runtime(chosen("runtime_folder"))
             paragraph(note, context, f"Downloads {SIZE_TEXT} into {folder}", icon="BLANK1")
         column = fields(layout, self)
         column.prop(self, "python", placeholder="Built by Set Up Solver")
@@ -132,23 +132,13 @@ def chosen(name: str) -> str:
     return bpy.path.abspath(value) if value and name != "pip_arguments" else value
 
 
-def chosen_python() -> str:
-    """The Python the person chose; empty if none."""
-    return chosen("python")
-
-
-def chosen_runtime() -> str:
-    """The folder the person chose for the runtime; empty if none."""
-    return chosen("runtime_folder")
-
-
 def solver_python() -> Path:
     """The Python that runs the solver.
 
     Raises:
         RuntimeMissing: there is none yet, with the way out.
     """
-    return runtime.solver_python(chosen_python(), chosen_runtime())
+    return runtime.solver_python(chosen("python"), chosen("runtime_folder"))
 
 
 classes = (NMF_preferences,)

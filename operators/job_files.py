@@ -71,8 +71,8 @@ class NMF_OT_copy_report(Operator):
 def error_report() -> str:
     """Versions, request, outcome and end of the log of the last job, without the person's paths."""
     job, model = monitor.job, monitor.model
-    own = preferences.chosen_python()
-    record = None if own else runtime.runtime_record(preferences.chosen_runtime())
+    own = preferences.chosen("python")
+    record = None if own else runtime.runtime_record(preferences.chosen("runtime_folder"))
     request = job.request_path
     text = "\n".join(
         [

@@ -32,7 +32,7 @@ class NMF_OT_setup_solver(Operator):
                 f"Online access is off{why}: allow it in Preferences › System › Network, or choose "
                 "a wheelhouse in the extension's preferences"
             )
-        folder = runtime.managed_runtime(preferences.chosen_runtime())
+        folder = runtime.managed_runtime(preferences.chosen("runtime_folder"))
         python = setup_monitor.base_python(preferences.chosen("base_python"))
         arguments = preferences.chosen("pip_arguments")
         setup_monitor.start_setup(folder, python, wheelhouse, arguments)

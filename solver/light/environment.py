@@ -137,12 +137,16 @@ class EnvironmentMap(nn.Module):
     @property
     def texel_solid_angle(self) -> Tensor:
         """Solid angle of a texel of every row [H], sr."""
-        return _map_constants(self.height, self.log_radiance.device).texel_solid_angle
+        return self._constants.texel_solid_angle
 
     @property
     def row_prefix(self) -> Tensor:
         """Prefix sums of a texel's solid angle down the rows [H + 1]."""
-        return _map_constants(self.height, self.log_radiance.device).row_prefix
+        return self._constants.row_prefix
+
+    @property
+    def _constants(self) -> _MapConstants:
+        return _map_constants(self.height, self.log_radiance.device)
 
     @classmethod
     def from_radiance(cls, radiance: Tensor) -> "EnvironmentMap":
@@ -194,7 +198,7 @@ class EnvironmentMap(nn.Module):
         """
         radiance = self.radiance(turn)
         table = prefix_sums(radiance, self.texel_solid_angle)
-        weights = _map_constants(self.height, radiance.device).irradiance_weights
+        weights = self._constants.irradiance_weights
         irradiance = F.linear(radiance.reshape(3, -1), weights).T[None]
         if arriving is not None:
             irradiance = torch.cat([irradiance, arriving_harmonics(table, arriving)])
@@ -203,7 +207,7 @@ class EnvironmentMap(nn.Module):
     def patch_lobes(self) -> Tensor:
         """`Patches.lobes` [J, 9] where this light is in each patch; no gradient."""
         radiance = self.radiance().detach()
-        harmonics = _map_constants(self.height, radiance.device).irradiance_weights
+        harmonics = self._constants.irradiance_weights
         return bright_lobes(harmonics, radiance.mean(0).flatten())
 
     def lookup(

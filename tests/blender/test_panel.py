@@ -82,7 +82,7 @@ def test_where_the_own_python_is_wrong_the_preferences_are_offered_and_no_set_up
     draw, extension, monkeypatch
 ):
     monkeypatch.delenv("NMF_SOLVER_PYTHON")
-    monkeypatch.setattr(extension("preferences"), "chosen_python", lambda: "/nowhere/python")
+    monkeypatch.setattr(extension("preferences"), "chosen", {"python": "/nowhere/python"}.get)
     extension("runtime").forget()
     drawn, words = draw("reconstruct")
     assert "does not exist" in words and ("operator", "preferences.addon_show") in drawn
