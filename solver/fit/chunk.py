@@ -98,6 +98,8 @@ class ChunkLoss:
         elif self.far is not None:
             difference = self.far.difference(scene, tables, chunk.random, keys)
             loss = loss + fit.room_light_weight * difference
+        elif fit.grey_light_weight > 0 and self.background not in SURROUNDED:
+            loss = loss + fit.grey_light_weight * priors.coloured_light(tables.light)
         (loss * share).backward()
         samples = (buffers.samples, buffers.retraced, buffers.retraced_samples)
         return Taken(terms["image"], samples, None if log_gain is None else log_gain.grad)

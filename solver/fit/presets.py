@@ -48,7 +48,8 @@ PAPER = Settings(
         # The paper sums over the three channels where `losses` takes their mean.
         orientation_weight=0.1 / 3, opacity_weight=6e-4 / 3, bend_weight=0.0,
         unevenness_weight=0.0, palette_weight=0.0, dielectric_weight=0.0, grey_f0_weight=0.0,
-        metal_weight=0.0, metal_albedo_weight=0.0, light_floor_without_room=0.0, neighbour_distance=0.0,
+        metal_weight=0.0, metal_albedo_weight=0.0, grey_light_weight=0.0,
+        light_floor_without_room=0.0, neighbour_distance=0.0,
         neural_start=1.0, neural_fade=(1.0, 1.0), emission_fade=(0.0, 0.0),
     ),
 )  # fmt: skip

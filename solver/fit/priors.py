@@ -1,4 +1,4 @@
-"""What things are usually made of, for where photos leave it open; terms of the loss.
+"""What things are usually made of, and lit by, for where photos leave it open; terms of the loss.
 
 They count as far as points reflect light instead of shining by themselves.
 """
@@ -8,6 +8,7 @@ from torch import Tensor
 
 from ..brdf.microfacet import DIELECTRIC_F0, SURE_DIELECTRIC_F0
 from ..kernels.pointwise import at_hand, rowwise
+from ..light.environment import LightTables
 from ..render.radiance import RayBuffers
 from ..render.smoothness import saturating
 from .settings import FitSettings
@@ -123,6 +124,18 @@ def off_palette(buffers: RayBuffers, spread: float = COLOUR_SPREAD) -> Tensor:
         return rowwise("off_palette", inputs, (spread, half), ((),))[0].mean()
     square = (albedo - albedo.roll(half, 0)).square().mean(-1) / mean.square().clamp(min=1e-6)
     return (share * share.roll(half) * saturating(square, spread)).mean()
+
+
+def coloured_light(tables: LightTables) -> Tensor:
+    """Mean square of how far the logarithms of a light's three channels, each its mean over all directions,
+    are from their mean.
+
+    Photos show products of light and surface: a light that is too blue looks the same with an object that
+    is too yellow. Colours of whole lights differ little, for cameras are balanced for them. This is the
+    grey world of Buchsbaum (1980), doi:10.1016/0016-0032(80)90058-7, asked of the light, not of the photo.
+    """
+    channels = tables.irradiance[0, 0].log()
+    return (channels - channels.mean()).square().mean()
 
 
 def _coolness(f0: Tensor) -> Tensor:

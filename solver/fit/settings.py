@@ -203,6 +203,9 @@ class FitSettings:
     a diffuse share under a bright light from a bright one (docs/decisions/0015)"""
     metal_albedo_weight: float = 0.02
     """of albedo² where F0 is above 0.6: metals have no diffuse layer"""
+    grey_light_weight: float = 0.001
+    """of the squared differences between the logarithms of the whole light's channels, where photos don't
+    show it: as they hardly tell its colour from the object's, it has none (docs/decisions/0052)"""
     f0_start: float = 0.3
     """fraction of the fit from which on the other three count: metals are away from dielectrics by then"""
     roughness_weight: float = 0.0

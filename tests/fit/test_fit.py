@@ -22,6 +22,7 @@ from solver.fit.clock import FitClock
 from solver.fit.errors import SettingsError
 from solver.fit.losses import photometric, total_loss
 from solver.fit.presets import PRESETS, settings_for
+from solver.fit.priors import coloured_light
 from solver.fit.ray_bank import RayBank, RayBatch
 from solver.fit.schedule import neural_share, smoothing_width
 from solver.fit.settings import Settings
@@ -34,6 +35,7 @@ from solver.job.progress import Progress
 from solver.job.request import JobError, JobRequest
 from solver.job.status import Heartbeat
 from solver.render.radiance import RayBuffers
+from solver.render.scene import StepTables
 from solver.render.surroundings import Surroundings
 from solver.render.tonemap import linear_to_srgb
 from tests.capture.test_capture import pose
@@ -438,13 +440,18 @@ def test_smoothness_fades_to_its_end(fraction):
     assert loss(*parts) - loss(None, None) == pytest.approx(expected, rel=1e-5)
 
 
-def mean_material(name, steps, fraction, **changes):
-    """Of a fit whose steps all count as the same fraction of it."""
+def stayed_at(fraction, steps, **changes):
+    """A trainer whose steps all count as the same fraction of the fit."""
     settings = dataclasses.replace(SMALL, fit=dataclasses.replace(SMALL.fit, **changes))
     capture, photos = ball_capture()
     trainer = new_trainer(capture, photos, settings, 0, None, "cpu", lambda fraction: None)
     for _ in range(steps):
         trainer.advance(fraction)
+    return trainer
+
+
+def mean_material(name, steps, fraction, **changes):
+    trainer = stayed_at(fraction, steps, **changes)
     with torch.no_grad():
         features = trainer.scene.field.features(torch.rand(500, 3))
         return float(getattr(trainer.scene.field.materials(features), name).mean())
@@ -465,6 +472,15 @@ def test_the_pull_to_dielectrics_begins_when_metals_have_got_away():
 
     assert mean_f0(1.0, 0.5) < 0.995 * mean_f0(0.0, 0.5)
     assert mean_f0(1.0, 0.1) == pytest.approx(mean_f0(0.0, 0.1), rel=1e-6)
+
+
+def test_the_colour_of_a_red_ball_goes_to_the_light_unless_that_is_held_grey_which_one_in_the_photos_is_not():
+    def colour(weight, background="auto"):
+        trainer = stayed_at(0.5, 15, grey_light_weight=weight, background=background)
+        return float(coloured_light(StepTables.of(trainer.scene).light).detach())
+
+    assert colour(1.0) < 0.5 * colour(0.0)
+    assert colour(1.0, "environment") == colour(0.0, "environment") > 0
 
 
 def test_the_background_is_recognised():

@@ -1,6 +1,7 @@
 """What things are usually made of pulls where it should, and nowhere else."""
 
 import dataclasses
+import math
 from types import SimpleNamespace
 
 import pytest
@@ -8,6 +9,7 @@ import torch
 
 from solver.fit import priors
 from solver.fit.presets import settings_for
+from solver.light.environment import EnvironmentMap, LightTables
 
 
 def pull(term, name, values, **others):
@@ -139,11 +141,40 @@ def test_what_is_not_the_object_has_no_colour():
     assert palette([0.4, 0.6], [0.0, 0.0]) == 0
 
 
+def light(*colours):
+    """A light of so many stripes of these colours."""
+    environment = EnvironmentMap(8).requires_grad_(False)
+    stripes = torch.tensor(colours).log().T.repeat_interleave(16 // len(colours), 1)
+    environment.log_radiance.copy_(stripes[:, None])
+    return environment
+
+
+def test_a_whole_lights_colour_counts_whatever_its_brightness_and_those_of_its_parts_do_not():
+    def of(*colours):
+        return float(priors.coloured_light(light(*colours).tables()))
+
+    assert of((0.3, 0.3, 0.3)) == pytest.approx(0, abs=1e-12)
+    assert of((0.1, 0.5, 1.0), (1.0, 0.6, 0.1)) == pytest.approx(0, abs=1e-12)
+    blue = of((0.5, 0.5, 1.0))
+    assert blue == pytest.approx(2 / 9 * math.log(2) ** 2)
+    assert of((5.0, 5.0, 10.0)) == pytest.approx(blue)
+
+
+def test_the_gradient_of_a_lights_colour_agrees_with_finite_differences():
+    irradiance = torch.rand(2, 9, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+
+    def of(irradiance):
+        return priors.coloured_light(LightTables(None, irradiance))
+
+    torch.autograd.gradcheck(of, irradiance.requires_grad_())
+
+
 def test_the_paper_has_no_such_terms():
     ones = torch.ones(4, 3)
     f0 = torch.tensor([[0.5, 0.5, 0.5], [0.04, 0.04, 0.04], [0.09, 0.05, 0.04], [0.9, 0.6, 0.5]])
     seen = SimpleNamespace(opacity=ones[:, 0], albedo=ones, f0=f0, alpha=ones[:, 0])
     fit = settings_for("paper").fit
+    assert fit.grey_light_weight == 0
     assert priors.of_materials(seen, fit, 0.5) == 0
     assert priors.of_materials(seen, fit, 0.9) == 0
     assert priors.of_materials(seen, dataclasses.replace(fit, metal_weight=1.0), 0.5) > 0
