@@ -159,8 +159,8 @@ def _relight_scores(
             continue
         photos = load_photos(relit, settings=settings.photos)
         scene.environment, scene.turntable = load_light(light, scene.device), None
-        views = render_cameras(scene, settings, relit.cameras, rays, neural)
-        rendered = [view.premultiplied for _, view in views]
+        seen = render_cameras(scene, settings, relit.cameras, rays, neural)
+        rendered = [view.premultiplied for _, view in seen]
         factor = _factor_of_all(rendered, photos)
         views = {}
         for camera, picture, photo in zip(relit.cameras, rendered, photos, strict=True):
