@@ -19,6 +19,5 @@ def start_timer(tick: Callable[[], float | None], seconds: float) -> None:
 
 
 def stop_timer(tick: Callable[[], float | None]) -> None:
-    """Call a function no more."""
     if bpy.app.timers.is_registered(tick):
         bpy.app.timers.unregister(tick)

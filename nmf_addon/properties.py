@@ -105,12 +105,10 @@ def _let_go(scene: bpy.types.Scene, *_) -> None:
 
 
 def register() -> None:
-    """Attach the group to scenes."""
     bpy.types.Scene.nmf = bpy.props.PointerProperty(type=NMF_scene)
     bpy.app.handlers.depsgraph_update_post.append(_let_go)
 
 
 def unregister() -> None:
-    """Detach it."""
     detach(_let_go, bpy.app.handlers.depsgraph_update_post)
     del bpy.types.Scene.nmf

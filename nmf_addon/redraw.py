@@ -4,7 +4,6 @@ import bpy
 
 
 def redraw_panels() -> None:
-    """Redraw the 3D Views' sidebars."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":

@@ -161,7 +161,6 @@ def _tick() -> float | None:
 
 
 def unregister() -> None:
-    """Stop building when the extension goes."""
     global _process, _state
     cancel_setup()
     stop_timer(_tick)

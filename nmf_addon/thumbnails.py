@@ -64,13 +64,11 @@ def read_parts(path: Path, count: int) -> list[np.ndarray]:
 
 
 def register() -> None:
-    """Make the collection of pictures."""
     global _pictures
     _pictures = bpy.utils.previews.new()
 
 
 def unregister() -> None:
-    """Free it."""
     global _pictures
     if _pictures is not None:
         bpy.utils.previews.remove(_pictures)

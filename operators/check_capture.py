@@ -23,7 +23,6 @@ class NMF_OT_check_capture(WithCapture, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """With a capture, while no other task runs."""
         return not is_busy(cls) and super().poll(context)
 
     @reporting()

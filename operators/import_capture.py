@@ -98,7 +98,6 @@ class NMF_FH_capture(FileHandler):
 
     @classmethod
     def poll_drop(cls, context: Context) -> bool:
-        """In the 3D View."""
         return context.area is not None and context.area.type == "VIEW_3D"
 
 

@@ -24,7 +24,6 @@ class NMF_OT_open_job_folder(Operator):
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        """With a job."""
         cls.poll_message_set("There is no job yet")
         return bool(_installed_from(context)) or monitor.job is not None
 
@@ -41,7 +40,6 @@ class NMF_OT_open_report(Operator):
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        """With a finished job."""
         cls.poll_message_set("There is no finished job yet")
         is_done = monitor.job is not None and monitor.model.state == "done"
         return bool(_installed_from(context)) or is_done
@@ -58,7 +56,6 @@ class NMF_OT_copy_report(Operator):
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        """After a job."""
         cls.poll_message_set("There is no job yet")
         return monitor.job is not None
 

@@ -27,7 +27,6 @@ class WithCapture:
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        """With a capture."""
         cls.poll_message_set("Import a capture first")
         return active_capture(context) is not None
 

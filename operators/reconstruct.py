@@ -33,7 +33,6 @@ class NMF_OT_reconstruct(Operator):
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        """With a capture and no job running."""
         cls.poll_message_set(_busy() or "Import a capture first")
         return not _busy() and active_capture(context) is not None
 
@@ -67,7 +66,6 @@ class NMF_OT_resume(Operator):
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        """With a job that does not run."""
         cls.poll_message_set(_busy() or "There is no job to resume")
         return not _busy() and monitor.job is not None
 
@@ -90,7 +88,6 @@ class NMF_OT_cancel(Operator):
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        """With a job running."""
         cls.poll_message_set("No job is running")
         return monitor.running and not monitor.model.cancelling
 

@@ -32,7 +32,6 @@ class NMF_OT_select_region_box(Operator):
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        """With a box, in Object Mode."""
         collection = active_capture(context)
         there = collection is not None and region_box(collection) is not None
         cls.poll_message_set("Switch to Object Mode first" if there else "Add a region box first")

@@ -71,7 +71,6 @@ class NMF_OT_check_solver(Operator):
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        """While neither a set-up nor a check runs."""
         return _may_start(cls)
 
     @reporting()

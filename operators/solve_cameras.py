@@ -80,7 +80,6 @@ class NMF_OT_solve_cameras(Operator):
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        """While no other task runs."""
         return not is_busy(cls)
 
     def invoke(self, context: Context, event: Event) -> set[str]:
@@ -178,7 +177,6 @@ class NMF_OT_cancel_task(Operator):
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        """While one runs."""
         return side_task.running and not side_task.model.cancelling
 
     def execute(self, context: Context) -> set[str]:

@@ -35,7 +35,6 @@ class NMF_OT_use_moving_camera(Operator):
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        """With a camera that has a film, while no other task runs."""
         if is_busy(cls):
             return False
         cls.poll_message_set(

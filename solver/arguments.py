@@ -12,7 +12,6 @@ from .streams import say
 
 
 def add_ignore(command: argparse.ArgumentParser) -> None:
-    """Add the option for what is to be ignored of photos."""
     command.add_argument(
         "--ignore", type=Path, metavar="PATH", dest="ignored",
         help="folder or archive of pictures, white where photos are to be ignored, or one for all",
@@ -36,12 +35,10 @@ def add_capture(command: argparse.ArgumentParser, kinds: str) -> None:
 
 
 def add_events(command: argparse._ActionsContainer) -> None:
-    """Add the option for a run that a program watches."""
     command.add_argument("--events", action="store_true", help="events on stdout, no bar")
 
 
 def add_seed(command: argparse.ArgumentParser, most: int, default: int | None) -> None:
-    """Add the option for the seed."""
     command.add_argument(
         "--seed", type=whole_number(0, most), default=default, metavar="N",
         help="number that fixes all random choices (default 0)",
@@ -49,7 +46,6 @@ def add_seed(command: argparse.ArgumentParser, most: int, default: int | None) -
 
 
 def add_settings(command: argparse.ArgumentParser, form: str, purpose: str) -> None:
-    """Add the option that changes settings."""
     command.add_argument("--set", action="append", default=[], metavar=form, dest="sets", help=purpose)
 
 

@@ -43,11 +43,9 @@ class Watcher:
 
     @property
     def running(self) -> bool:
-        """True while the solver works."""
         return self.process is not None
 
     def cancel(self) -> None:
-        """Ask it to stop."""
         if self.process is not None:
             self.process.cancel()
             self.model.cancelling = True
@@ -321,7 +319,6 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Stop watching."""
     for handlers, handler in _handlers():
         detach(handler, handlers)
     stop_timer(_look_at_open_file)

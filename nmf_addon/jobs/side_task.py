@@ -132,11 +132,9 @@ def _on_load(path: str) -> None:
 
 
 def register() -> None:
-    """Watch for files being opened."""
     bpy.app.handlers.load_post.append(_on_load)
 
 
 def unregister() -> None:
-    """Stop watching."""
     detach(_on_load, bpy.app.handlers.load_post)
     side_task.shut_down()

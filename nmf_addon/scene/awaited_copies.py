@@ -89,7 +89,6 @@ def _handlers() -> tuple[list, ...]:
 
 
 def register() -> None:
-    """Watch for what is awaited."""
     for handlers in _handlers():
         handlers.append(_go_on)
 

@@ -97,5 +97,4 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Stop watching."""
     detach(_on_change, bpy.app.handlers.depsgraph_update_post)

@@ -73,26 +73,20 @@ class SceneSurface:
         return raw.masked_fill_(~self._occupancy.allowed_grid(count), -torch.inf).cpu().numpy()
 
     def raw_level(self, extinction: float) -> float:
-        """The raw density that has an extinction per world unit."""
         return self._field.raw_of(extinction)
 
     @torch.no_grad()
     def normals(self, points: np.ndarray) -> np.ndarray:
-        """Unit outward normals [N, 3]."""
         return self._field.normals(self._box_points(points), self._normal_factors).cpu().numpy()
 
     @torch.no_grad()
     def materials(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Albedo [N, 3], GGX α [N], F0 [N, 3]."""
         materials = self._field.materials(self._field.features(self._box_points(points)))
         return tuple(values.cpu().numpy() for values in materials)
 
     @torch.no_grad()
     def diffuse_response(self, points: np.ndarray, normals: np.ndarray, f0: np.ndarray) -> np.ndarray:
-        """Diffuse radiance [N, 3] that surfaces of an albedo of 1 send; all [N, 3].
-
-        On a turntable, in the mean of its turns.
-        """
+        """On a turntable, in the mean of its turns."""
         scene = self._scene
         some = [self._cameras[i] for i in evenly_taken(len(self._cameras), MOST_TURNS)]
         turns = (None,) if scene.turntable is None else [scene.turn_for(camera) for camera in some]
@@ -108,11 +102,10 @@ class SceneSurface:
         return response
 
     def seen(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """[N] true where enough photos show the surface at points [N, 3] with outward normals [N, 3]."""
         return self._shown(points, normals, lambda cosines: cosines > 0, FEWEST_PHOTOS)
 
     def known(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """[N] true where photos, one that faces it or some at flat angles, tell what it is made of."""
+        """One photo that faces it, or some at flat angles, tell what a surface is made of."""
         return self._shown(points, normals, lambda cosines: cosines, LEAST_COSINES)
 
     def _shown(

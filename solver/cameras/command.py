@@ -33,7 +33,6 @@ MOST_SEED = (1 << 31) - 1
 
 
 def add_solve(commands: argparse._SubParsersAction) -> None:
-    """Add the command to the command line."""
     solve = add_command(commands, "solve", "find the cameras of photos or a video")
     solve.add_argument("photos", type=Path, help="folder of photos, their archive, or a video")
     solve.add_argument(
@@ -68,7 +67,6 @@ def add_solve(commands: argparse._SubParsersAction) -> None:
 
 
 def add_frames(commands: argparse._SubParsersAction) -> None:
-    """Add the command to the command line."""
     command = add_command(commands, "frames", "extract photos from a video")
     command.add_argument("video", type=Path, help="MP4, MOV and others")
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder")

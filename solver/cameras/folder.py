@@ -138,7 +138,6 @@ class SolveFolder:
 
 
 def is_video(path: Path) -> bool:
-    """True for a file that is called like a video."""
     return path.suffix.lower() in VIDEOS and path.is_file()
 
 

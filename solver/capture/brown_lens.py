@@ -54,7 +54,6 @@ def polynomial_lens(
 
 
 def distort(lens: str, distortion: Numbers, directions: np.ndarray) -> Pair:
-    """See `lenses.distort`."""
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     across = np.hypot(x, y)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -71,7 +70,6 @@ def distort(lens: str, distortion: Numbers, directions: np.ndarray) -> Pair:
 
 
 def undistort(lens: str, distortion: Numbers, u: np.ndarray, v: np.ndarray) -> Pair:
-    """See `lenses.undistort`."""
     k1, k2, p1, p2, k3, k4, skew, projection, *_ = _ten(distortion)
     limit = min(fold(distortion), WIDEST)
 

@@ -31,7 +31,6 @@ def is_usable(lens: str, distortion: Numbers) -> bool:
 
 
 def distort(lens: str, distortion: Numbers, directions: np.ndarray) -> Pair:
-    """Image coordinates (x, y) [N] of directions [N, 3] in OpenCV's camera axes; NaN if not seen."""
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     across = np.hypot(x, y)
     with np.errstate(all="ignore"):
@@ -55,7 +54,6 @@ def distort(lens: str, distortion: Numbers, directions: np.ndarray) -> Pair:
 
 
 def undistort(lens: str, distortion: Numbers, x: np.ndarray, y: np.ndarray) -> Pair:
-    """Directions [N, 3] of image coordinates [N], and a mask of those that a direction has."""
     radius = np.hypot(x, y)
     if lens == "fov":
         omega = abs(distortion[0])

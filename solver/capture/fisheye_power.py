@@ -47,7 +47,6 @@ def is_usable(lens: str, distortion: Numbers) -> bool:
 
 
 def distort(lens: str, distortion: Numbers, directions: np.ndarray) -> Pair:
-    """See `lenses.distort`."""
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     across = np.hypot(x, y)
     angle = np.arctan2(across, z)
@@ -58,7 +57,6 @@ def distort(lens: str, distortion: Numbers, directions: np.ndarray) -> Pair:
 
 
 def undistort(lens: str, distortion: Numbers, x: np.ndarray, y: np.ndarray) -> Pair:
-    """See `lenses.undistort`."""
     _, _, _, aside, down = distortion
     a, b = (x - aside * y) / (1 - aside * down), (y - down * x) / (1 - aside * down)
     radius = np.hypot(a, b)

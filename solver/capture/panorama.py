@@ -48,7 +48,6 @@ class Panorama:
 
     @property
     def height(self) -> int:
-        """Rows."""
         return len(self.known)
 
     def smaller(self, height: int) -> "Panorama":

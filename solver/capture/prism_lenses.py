@@ -6,7 +6,7 @@ the plane moves it. Numbers:
     thin_prism_fisheye          k1 k2 p1 p2 k3 k4 sx1 sy1       Weng et al. 1992
     rad_tan_thin_prism_fisheye  k0 k1 k2 k3 k4 k5 p0 p1 s0 s1 s2 s3     Project Aria's Fisheye624
 
-Both see as far as their radial part grows.
+Both see as far as their radial part grows. Coordinates, NaN and masks are as in `lenses`.
 """
 
 from functools import lru_cache
@@ -19,7 +19,6 @@ PRISM = ("thin_prism_fisheye", "rad_tan_thin_prism_fisheye")
 
 
 def distort(lens: str, distortion: Numbers, directions: np.ndarray) -> Pair:
-    """Image coordinates (x, y) [N] of directions [N, 3] in OpenCV's camera axes; NaN if not seen."""
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     across = np.hypot(x, y)
     angle = np.arctan2(across, z)
@@ -30,7 +29,6 @@ def distort(lens: str, distortion: Numbers, directions: np.ndarray) -> Pair:
 
 
 def undistort(lens: str, distortion: Numbers, x: np.ndarray, y: np.ndarray) -> Pair:
-    """Directions [N, 3] of image coordinates [N], and a mask of those that a direction has."""
     radius, limit = np.hypot(x, y), widest_angle(lens, distortion)
     radial = _radial_numbers(lens, distortion)
     angle, _ = invert_growing(lambda a: _radial_image(radial, a), radius, limit)

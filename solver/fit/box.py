@@ -48,7 +48,6 @@ class Box:
 
     @classmethod
     def of(cls, field: MicrofacetField) -> "Box":
-        """A field's."""
         axes = None if field.axes is None else field.axes.cpu().numpy().astype(np.float64)
         return cls(field.centre.cpu().numpy().astype(np.float64), field.half_size, axes)
 

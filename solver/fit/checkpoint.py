@@ -264,7 +264,6 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, Tensor]) -> None:
 
 
 def settings_of(state: dict) -> Settings:
-    """The settings a checkpoint was made with."""
     sections = {}
     for section in dataclasses.fields(Settings):
         values = state["settings"][section.name].items()

@@ -65,7 +65,6 @@ class EventStream:
             self._file.flush()
 
     def close(self) -> None:
-        """Close the file."""
         with self._lock:
             self._file.close()
 

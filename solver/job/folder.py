@@ -60,7 +60,6 @@ class JobFolder:
         return job
 
     def ask(self, request: JobRequest) -> None:
-        """Write what is asked of the solver."""
         write_json_atomic(self.request_path, dataclasses.asdict(request))
 
     @classmethod
@@ -100,7 +99,6 @@ class JobFolder:
 
     @property
     def request(self) -> JobRequest:
-        """What was asked."""
         try:
             content = json.loads(read_replaced(self.request_path))
         except (OSError, ValueError) as error:

@@ -24,7 +24,6 @@ KINDS = "folder, camera file, archive, or a job"
 
 
 def add_check(commands: argparse._SubParsersAction) -> None:
-    """Add the command to the command line."""
     check = add_command(commands, "check", "look for problems in a capture, in seconds")
     add_capture(check, KINDS)
     check.add_argument("--preset", help="draft, standard or paper; default: the job's, or draft")
@@ -36,7 +35,6 @@ def add_check(commands: argparse._SubParsersAction) -> None:
 
 
 def add_pictures(commands: argparse._SubParsersAction) -> None:
-    """Add the command to the command line."""
     pictures = add_command(commands, "pictures", "make JPEGs of HEIC, AVIF and raw photos")
     add_capture(pictures, KINDS)
     pictures.add_argument(

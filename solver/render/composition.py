@@ -47,7 +47,7 @@ class Placement:
 
 
 class Composition(nn.Module):
-    """Scenes placed in one world, with what a renderer asks of a `Scene`.
+    """Scenes placed in one world, with what a renderer asks of a `Scene`, which describes it.
 
     Media are superposed: every part is sampled with its own step, and the samples of all parts are
     sorted along each ray, so parts may interpenetrate. Secondary rays see all parts. The rooms they
@@ -80,7 +80,6 @@ class Composition(nn.Module):
         return [part.normal_tables() for part in self.parts]
 
     def sample(self, origins, directions, start, offset, step_voxels, min_transmittance) -> Steps:
-        """See `Scene.sample`."""
         found = []
         for part, placement in self._placed:
             steps = part.sample(
@@ -98,7 +97,7 @@ class Composition(nn.Module):
         return Steps(depth, distance, ray, offsets, part)
 
     def surface(self, points, part, normal_tables) -> Surface:
-        """See `Scene.surface`; `part` [S] says which part each point belongs to."""
+        """`part` [S] says which part each point belongs to."""
         size = max(scene.field.basis.out_features for scene in self.parts)
         normals = torch.zeros_like(points)
         features = points.new_zeros(len(points), size)
@@ -123,7 +122,6 @@ class Composition(nn.Module):
             yield index, scene, placement, mine, placement.to_local(points[mine], points[mine])[0]
 
     def surface_normals(self, points, part, normal_tables) -> Tensor:
-        """See `Scene.surface_normals`."""
         normals = torch.zeros_like(points)
         for index, scene, placement, mine, local in self._by_part(points, part):
             found = scene.surface_normals(local, None, normal_tables[index])
@@ -131,7 +129,7 @@ class Composition(nn.Module):
         return normals
 
     def neural_term(self, part, features, half, light, alpha) -> Tensor:
-        """See `Scene.neural_term`; every part has its own g, or the shared one."""
+        """Every part has its own g, or the shared one."""
         g = torch.ones_like(half)
         for index, scene in enumerate(self.parts):
             mine = (part == index).nonzero()[:, 0]
@@ -141,7 +139,6 @@ class Composition(nn.Module):
         return g
 
     def grid_transmittance(self, origins, directions, start) -> Tensor:
-        """See `Scene.grid_transmittance`."""
         passing = torch.ones_like(start)
         for scene, placement in self._placed:
             local = placement.to_local(origins, directions)
@@ -149,7 +146,6 @@ class Composition(nn.Module):
         return passing
 
     def irradiance(self, points, part, normals, light) -> Tensor:
-        """See `Scene.irradiance`."""
         if self.probes.arriving is None:
             return irradiance(light.irradiance[0], normals)
         arriving = torch.zeros_like(points)
@@ -167,7 +163,6 @@ class Composition(nn.Module):
         return max(scene.cell * placement.scale for scene, placement in self._placed)
 
     def new_probes(self):
-        """See `Scene.new_probes`."""
         nodes, points, part = [], [], []
         for index, (scene, placement) in enumerate(self._placed):
             first_row = 1 + sum(len(some) for some in points)
@@ -178,7 +173,6 @@ class Composition(nn.Module):
         return nodes, torch.cat(points), torch.cat(part)
 
     def probe_rows(self, hits, directions) -> Tensor:
-        """See `Scene.probe_rows`."""
         rows = torch.zeros(len(hits), dtype=torch.long, device=hits.device)
         for index, (scene, placement) in enumerate(self._placed):
             local = placement.to_local(hits, directions)
@@ -187,7 +181,6 @@ class Composition(nn.Module):
         return rows
 
     def look_around(self, points, directions):
-        """See `Scene.look_around`."""
         passing = points.new_ones(len(points), len(directions))
         distance = torch.full_like(passing, torch.inf)
         for scene, placement in self._placed:

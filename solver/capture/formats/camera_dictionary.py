@@ -28,7 +28,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the cameras of all photos."""
     content, folder = Entry.of_file(path), photo_folder(path.parent, ("image", "images", "rgb"))
     return assemble(path, NAME, [_camera(content, name, folder, photos) for name in content], photos)
 

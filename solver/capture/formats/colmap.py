@@ -33,7 +33,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read a model from any of its files."""
     files = _model_files(path)
     sensors = _module(files["cameras"]).read_cameras(files["cameras"])
     images = _module(files["images"]).read_images(files["images"])

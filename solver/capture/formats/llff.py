@@ -29,7 +29,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the poses of all photos."""
     table = read_npy(path)
     if table.ndim != 2 or table.shape[1] != 17:
         raise CaptureError(path, "", "this is not a table of 17 columns", "give LLFF's poses_bounds.npy")

@@ -39,7 +39,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the cameras of all lines."""
     lines = [line for line in read_lines(path) if line[1]][1:]  # behind the count
     found = [_camera(path, *line, photos) for line in lines]
     return assemble(path, NAME, found, photos)

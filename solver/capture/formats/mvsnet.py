@@ -42,7 +42,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read all cameras of the folder that a camera's file lies in."""
     files = [
         file
         for file in files_in(path.parent, path.suffix)

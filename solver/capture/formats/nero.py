@@ -32,7 +32,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read all cameras of the folder that a camera's file lies in."""
     folder = path.absolute().parent
     files = [file for file in files_in(folder, _ENDING) if _FILE.fullmatch(file.name)]
     cameras = [_camera(file, photos) for file in files]

@@ -59,7 +59,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read all photos of a file of calibrated cameras."""
     lines = (line for line in read_lines(path) if line[1])
     titles = [" ".join(line.lower().split()) for _, line in islice(lines, len(_TITLES))]
     unknown = next((t for t, known in zip(titles, _TITLES, strict=False) if t != known), None)

@@ -35,7 +35,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read all cameras of the folder that a camera's JSON file lies in."""
     found, blurred = [], []
     for file in files_in(path.parent, ".json"):
         content = Entry.of_file(file)

@@ -31,7 +31,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the metadata of a recording."""
     content = Entry.of_file(path)
     poses = content.entries("poses")
     if not poses:
