@@ -32,7 +32,6 @@ class RuntimeMissing(RuntimeError):
 
 
 def environment_python(folder: Path) -> Path:
-    """The Python of a virtual environment."""
     if WINDOWS:
         return folder / "Scripts" / "python.exe"
     return folder / "bin" / "python"

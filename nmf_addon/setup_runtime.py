@@ -312,7 +312,6 @@ def rename(source: Path, target: Path) -> None:
 
 
 def python_of(environment: Path) -> Path:
-    """The Python of a virtual environment."""
     return environment / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
 
 

@@ -38,7 +38,6 @@ def show(path: Path) -> None:
 
 
 def clear() -> None:
-    """Show none."""
     if _pictures is not None:
         _pictures.clear()
 

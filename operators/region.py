@@ -38,7 +38,6 @@ class NMF_OT_select_region_box(Operator):
         return there and context.mode == "OBJECT"
 
     def execute(self, context: Context) -> set[str]:
-        """Select it, also where it is hidden."""
         box = region_box(active_capture(context))
         if box.name in context.view_layer.objects:
             box.hide_set(False)

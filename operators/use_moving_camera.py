@@ -53,7 +53,6 @@ class NMF_OT_use_moving_camera(Operator):
 
     @reporting()
     def execute(self, context: Context) -> set[str] | None:
-        """Make the capture, or take photos from the video first."""
         item = shot_camera(context)
         shot, name, number = shot_of(item, context.scene), item.name, item.session_uid
         scene_number = context.scene.session_uid

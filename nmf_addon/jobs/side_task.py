@@ -80,7 +80,6 @@ class SideTask(Watcher):
         start_timer(_tick, INTERVAL)
 
     def tick(self) -> float | None:
-        """Take in what happened; the seconds until the next call, or None at the end."""
         if self.process is None:
             return None
         events, changed, code = take_in(self.process, self.model)
@@ -107,7 +106,6 @@ class SideTask(Watcher):
             self.model.error = reason_of(error)
 
     def shut_down(self) -> None:
-        """Blender quits or the extension is disabled: hang up on the child."""
         self.hang_up(_tick)
         self.__init__()
 

@@ -54,7 +54,6 @@ def capture_collections(scene: Scene) -> list[Collection]:
 
 
 def is_capture(collection: Collection) -> bool:
-    """True if it holds a camera with a photo."""
     return any(_has_photo(item) for item in collection.all_objects)
 
 
@@ -150,12 +149,10 @@ def write_capture(collection: Collection, folder: Path) -> Path:
 
 
 def photo_paths(collection: Collection) -> set[Path]:
-    """Where the photos of a collection's cameras lie."""
     return {photo_path(photo_of(item)).resolve() for item in photo_cameras(collection)}
 
 
 def photo_cameras(collection: Collection) -> list[Object]:
-    """The collection's camera objects that have a photo behind them."""
     return [item for item in collection.all_objects if _has_photo(item)]
 
 

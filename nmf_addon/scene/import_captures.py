@@ -40,9 +40,8 @@ def import_captures(
     of one model (COLMAP's) are one capture.
 
     Args:
-        photos, masks: their folders, if they are not below the capture's.
+        photos, masks, ignored: as in `read_capture`.
         as_they_stand: the file's coordinates are the scene's; nothing is set upright or scaled.
-        ignored: a folder of pictures that are white where photos are to be ignored, or one for all photos.
 
     Raises:
         CaptureError: with file, field and remedy; the scene is in another file.

@@ -56,7 +56,6 @@ def is_as_placed(box: Object) -> bool:
 
 
 def region_box(collection: Collection) -> Object | None:
-    """The collection's region box."""
     return next(iter(_region_boxes(collection)), None)
 
 

@@ -17,7 +17,7 @@ def export_result(job: JobFolder, out: Path) -> Path:
     The folder has its name once all is there: where there is a manifest, the result is complete.
 
     Raises:
-        JobError: no complete result, or `out` exists and is not empty. OSError: it cannot be written.
+        JobError, OSError: no complete result, or as `new_folder`.
     """
     job.manifest()
     with new_folder(out) as part:

@@ -4,6 +4,8 @@ Walls with one wallpaper, or the sides of a box, match though they are not the s
 the world so that they are (Cai et al., "Doppelgangers", ICCV 2023). Photos taken one after the other do
 show the same things, so their matches can be trusted: a model that contradicts them, or whose camera leaps
 between them, is folded, and what they alone make of the world tells which of the others fit.
+
+`number_of` is each photo's number in the order of the walk, by its name in the database and model.
 """
 
 from collections.abc import Callable
@@ -40,7 +42,6 @@ def walked_model(
     Args:
         database_path: a copy, which is changed.
         in_one_take: as in `misled`.
-        number_of: each photo's number in the order of the walk by its name in the database.
         place: gives the largest model of the copy as it is, or None.
     """
 
@@ -69,7 +70,6 @@ def misled(
     """True if a model contradicts what photos taken one after the other have in common.
 
     Args:
-        number_of: each photo's number in the order in which they were taken, by its name in the database.
         in_one_take: they are of one walk without cuts, so that their camera does not leap either.
     """
     if in_one_take and leaps_of(model, number_of):
@@ -102,11 +102,7 @@ def leaps(steps: dict[int, np.ndarray], distance: float) -> list[int]:
 
 
 def leaps_of(model: Any, number_of: dict[str, int]) -> list[int]:
-    """As `leaps`, of COLMAP's model.
-
-    Args:
-        number_of: each photo's number by its name in the model.
-    """
+    """As `leaps`, of COLMAP's model."""
     placed = [image for image in model.images.values() if image.has_pose]
     steps = {number_of[image.name]: image.projection_center() for image in placed}
     points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)

@@ -22,7 +22,6 @@ _SLACK = 1 + 1e-9  # what comes back from the fold itself is still seen
 
 
 def is_usable(lens: str, distortion: Numbers) -> bool:
-    """False for numbers with which a formula is no lens."""
     if lens == "fov":
         return abs(distortion[0]) < 3.14
     if lens == "eucm":

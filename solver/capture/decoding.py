@@ -202,7 +202,6 @@ def _of_exr(
 
 
 def no_colours(path: Path, decoded: Decoded) -> CaptureError:
-    """The error for an image whose channels are no colours."""
     names = shown(", ".join(decoded.channels))
     return CaptureError(
         path, "channels", f"it has no R, G and B, only {names}", "export an RGB or RGBA image"

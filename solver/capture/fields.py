@@ -106,11 +106,9 @@ class Entry(dict):
         return f"{self.where}.{shown(key)}" if self.where else shown(key)
 
     def error(self, key: str, problem: str, remedy: str = "export it again") -> CaptureError:
-        """An error about a value, to be raised."""
         return CaptureError(self.path, self.field(key), problem, remedy)
 
     def number(self, key: str) -> float:
-        """A finite number."""
         return number(self.path, self.field(key), self.get(key))
 
     def optional(self, key: str, default: float | None = None) -> float | None:

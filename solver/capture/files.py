@@ -89,7 +89,6 @@ def file_below(folder: Path, place: Path, name: str) -> Path | None:
 
 
 def no_access(path: Path, error: OSError) -> CaptureError:
-    """The error that a file cannot be read."""
     return CaptureError(
         path, "", f"it cannot be read ({error.strerror})", "check the path and its permissions"
     )
@@ -152,8 +151,8 @@ def read_text(path: Path) -> str:
 def read_lines(path: Path) -> Iterator[tuple[str, str]]:
     """Lines of a text file in UTF-8, without blanks at their ends, each with its place ("line 1").
 
-    They are read one by one, for lists of sparse points can have gigabytes. Bytes that are no UTF-8
-    (names of photos, in another encoding) stay as Python's file names have them.
+    They are read one by one, for lists of sparse points can have gigabytes; bytes that are no UTF-8 stay as
+    in `read_text`.
 
     Raises:
         CaptureError: it cannot be read, is not text, or has a line longer than any camera file's.

@@ -48,7 +48,6 @@ def read_mask(camera: Camera, orientation: int, field: str = "mask_path") -> np.
 
 
 def no_mask(path: Path, field: str = "mask_path") -> CaptureError:
-    """The error that a mask which the camera file names is not there."""
     return CaptureError(path, field, "the mask does not exist", f"add it or remove {field}")
 
 

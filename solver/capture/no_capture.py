@@ -41,7 +41,6 @@ def no_camera_file(file: Path, known: Sequence[str]) -> CaptureError:
 
 
 def several_in(folder: Path, captures: list[Path]) -> CaptureError:
-    """What to say of a folder around several captures."""
     names = [str(capture.relative_to(folder)) for capture in captures]
     return CaptureError(
         folder, "", f"it holds several captures ({listed(names)})", "give the folder of one of them"

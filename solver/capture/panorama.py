@@ -176,7 +176,6 @@ class Comparison:
         self._cones = np.arccos([_cosine_of_cone(camera) for camera in cameras])
 
     def agreement(self, index: int) -> Agreement:
-        """That of one photo with all others."""
         colour = self.colours[index]
         shape = colour.shape[:2]
         directions = _directions(self.cameras[index], shape)

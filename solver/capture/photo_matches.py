@@ -93,7 +93,6 @@ def quiet_colmap() -> Any:
 
 @contextmanager
 def opened(colmap: Any, path: Path) -> Iterator[Any]:
-    """A database, closed again in the end."""
     database = colmap.Database.open(path)
     try:
         yield database

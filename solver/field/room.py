@@ -66,7 +66,6 @@ class Room(nn.Module):
 
     @property
     def size(self) -> int:
-        """Grid nodes per axis."""
         return self.planes.shape[1]
 
     def parameter_groups(self) -> tuple[list[nn.Parameter], list[nn.Parameter]]:
@@ -94,7 +93,6 @@ class Room(nn.Module):
 
     @torch.no_grad()
     def upsample(self, size: int) -> None:
-        """Move all factors to a grid of `size` nodes per axis."""
         for planes, lines in (("planes", "lines"), ("colour_planes", "colour_lines")):
             moved = upsample(getattr(self, planes), getattr(self, lines), size)
             for name, value in zip((planes, lines), moved, strict=True):

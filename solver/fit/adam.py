@@ -76,7 +76,6 @@ class Adam:
         return tensors
 
     def restore(self, tensors: dict[str, Tensor]) -> None:
-        """From a checkpoint."""
         self.count = int(tensors["count"])
         for index, moments in enumerate(self._moments):
             moments.mean.copy_(tensors[f"{index}.mean"])

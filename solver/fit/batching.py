@@ -111,6 +111,5 @@ class Batching:
         }  # fmt: skip
 
     def restore(self, state: dict) -> None:
-        """From a checkpoint."""
         self.rays_per_sample, self.chunk = state["rays_per_sample"], state["chunk"]
         self.retraced, self.recent = state["retraced"], list(state["recent"])

@@ -54,7 +54,6 @@ class Exposures:
         }
 
     def restore(self, tensors: dict[str, Tensor]) -> None:
-        """From a checkpoint."""
         with torch.no_grad():
             self.log_gain.copy_(tensors["log_gain"])
         self.optimiser.restore(beginning_with("optimiser.", tensors))

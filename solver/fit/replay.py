@@ -59,7 +59,6 @@ class Replay:
         return self._card.stream()
 
     def told_before(self, value: Tensor) -> float:
-        """See `Card.told_before`."""
         return self._card.told_before(value)
 
     def forget(self) -> None:
@@ -78,7 +77,6 @@ class Replay:
         self._card.release()
 
     def begin(self, plan: StepPlan) -> None:
-        """Begin a period."""
         self.forget()
         self.plan, self._lengths, self._refused = plan, None, False
 

@@ -71,7 +71,7 @@ def what_changed(tensors: dict[str, Tensor], now: Tensor, names: Sequence[str]) 
     """What to tell of photos that a job did not begin with, one clause; None: there are none such.
 
     Args:
-        tensors: the checkpoint's. now: mean colours [P, 3] of the photos. names: theirs.
+        tensors, now: as in `check_exposed`. names: of the photos.
     """
     before = len(tensors[COLOURS])
     if before != len(now):

@@ -25,7 +25,6 @@ DARK, LIGHT = 0.25, 0.75
 
 
 def write_standing(path: Path, standing: Standing) -> None:
-    """Write it, renamed into place."""
     ground, colours, places, surface = (
         standing.ground, standing.ground_colours, standing.places, standing.surface
     )  # fmt: skip

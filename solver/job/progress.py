@@ -55,7 +55,6 @@ class Progress:
         self._text = ""
 
     def stage(self, name: str, text: str = "") -> None:
-        """A new stage begins."""
         self._stage, self._stage_began = name, time.monotonic()
         names = list(self._shares)
         self._events.emit("stage", name=name, index=names.index(name), count=len(names))
@@ -89,15 +88,12 @@ class Progress:
             say(line)
 
     def preview(self, file: str) -> None:
-        """A picture was written."""
         self._events.emit("preview", file=file)
 
     def checkpoint(self, step: int) -> None:
-        """A state to resume from was written."""
         self._events.emit("checkpoint", step=step)
 
     def close(self) -> None:
-        """Remove the bar."""
         if self._bar is not None:
             self._bar.close()
 

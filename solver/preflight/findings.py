@@ -24,10 +24,8 @@ class Finding:
 
 
 def warning(text: str, photo: str | None = None) -> Finding:
-    """A finding that is likely to cost quality."""
     return Finding("warning", photo, text)
 
 
 def note(text: str, photo: str | None = None) -> Finding:
-    """A finding that is good to know."""
     return Finding("note", photo, text)

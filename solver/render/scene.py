@@ -251,11 +251,7 @@ class StepTables(NamedTuple):
 
     @classmethod
     def of(cls, scene: Scene, turn: Tensor | None = None) -> "StepTables":
-        """Tables of the current parameters of a scene or a composition.
-
-        Args:
-            turn: [3, 3] by which the light is turned.
-        """
+        """As `SharedTables.of`, under one turn of the light."""
         return SharedTables.of(scene, (turn,)).under(0)
 
     @classmethod

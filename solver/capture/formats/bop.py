@@ -28,7 +28,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the cameras of all photos, and the masks of an object that is alone."""
     cameras, sensor = Entry.of_file(path), path.stem.removeprefix("scene_camera")
     file = path.with_name(f"scene_gt{sensor}.json")
     objects = Entry.of_file(file) if file.is_file() else Entry(file, "", {})

@@ -38,7 +38,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read a `.out` file with the list of photos beside it."""
     lines = (line for line in read_lines(path) if line[1])
     version = next((line for _, line in lines), "")
     if not version.startswith(_HEADER.decode() + "0.3"):

@@ -87,7 +87,6 @@ def read_images(file: Path) -> list[Image]:
 
 
 def read_points(file: Path) -> np.ndarray:
-    """Sparse points [N, 3], world."""
     points = SparsePoints()
     for where, line in read_lines(file):
         if not line or line.startswith("#"):
@@ -101,7 +100,6 @@ def read_points(file: Path) -> np.ndarray:
 
 
 def read_rigs(file: Path) -> Rigs:
-    """Rigs by id; the first sensor is the one the others' poses refer to."""
     rigs: Rigs = {}
     for where, line in _lines(file):
         words = _Words(file, where, line)
@@ -117,7 +115,6 @@ def read_rigs(file: Path) -> Rigs:
 
 
 def read_frames(file: Path) -> Frames:
-    """For each image its rig and the rig's pose."""
     frames: Frames = {}
     for where, line in _lines(file):
         words = _Words(file, where, line)

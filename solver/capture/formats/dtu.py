@@ -63,7 +63,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the projections of all places that there are photos of."""
     kind = _NUMBERED.fullmatch(path.stem)[1]
     files = {}
     for file in files_in(path.parent, path.suffix):

@@ -29,7 +29,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read all cameras, and the sparse points beside the file."""
     found = [_found(entry, photos) for entry in Entry.listed(path)]
     points = None
     if (path.parent / _POINTS).is_file():

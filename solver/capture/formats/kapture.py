@@ -46,7 +46,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the cameras that have records, with rigs and sparse points."""
     sensors_file = path.with_name(_SENSORS)
     if not _KNOWN.match(text_head(sensors_file).lower()):
         raise CaptureError(

@@ -91,7 +91,6 @@ def _has_poses(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read a scene; views without a pose are left out with a warning."""
     if head_of(path, 8)[4:] == _BINARY:
         raise CaptureError(
             path, "", "this is AliceVision's binary form, which is not supported",

@@ -41,7 +41,6 @@ _REMEDY = "export the undistorted photos and their cameras"
 
 
 def kind_of(sensor: Element) -> str:
-    """The type of a sensor, in small letters."""
     return (sensor.get("type") or "frame").strip().lower()
 
 

@@ -32,7 +32,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the cameras of all views whose folders are called as that of a camera's file."""
     files = _views(path)
     return assemble(path, NAME, [_camera(file, photos) for file in files], photos)
 

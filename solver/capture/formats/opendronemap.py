@@ -35,7 +35,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read all shots, with the lenses of `cameras.json`."""
     features, lenses = Entry.of_file(path).objects("features"), _lenses(path)
     read_lenses = {}
     found = []

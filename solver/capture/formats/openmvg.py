@@ -50,7 +50,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read a scene; views without a pose are left out with a warning."""
     content = Entry.of_file(path)
     root = content.get("root_path")
     intrinsics = _intrinsics_by_id(content)

@@ -73,7 +73,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the reconstruction with the most shots."""
     scenes = Entry.listed(path)
     if not scenes:
         raise CaptureError(path, "", "there is no reconstruction in it", "solve the photos again")

@@ -24,7 +24,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read all frames with photos of the folder that a frame's JSON file lies in."""
     found = []
     for file in files_in(path.parent, ".json"):
         photo = photos.find_in(file.parent, f"{file.stem}.jpg")

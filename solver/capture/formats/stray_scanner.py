@@ -49,7 +49,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read the poses of all frames of which there are pictures."""
     rows = _rows(path)
     pictures = _pictures(path, list(rows), photos)
     found = []

@@ -54,7 +54,6 @@ def recognises(file: Path) -> bool:
 
 
 def read(path: Path, photos: PhotoFinder) -> Capture:
-    """Read a transforms file; frames without a pose are left out with a warning."""
     content = Entry.of_file(path)
     if "frames" not in content or "views" in content or "poses" in content:
         raise content.error("frames", "there is no list of frames", "give a transforms.json")

@@ -14,6 +14,7 @@ import numpy as np
 from ..brown_lens import polynomial_lens
 from ..camera import Camera
 from ..fields import Entry
+from ..lens_solve import Lens
 from ..panoramic_lens import EQUIRECTANGULAR, of_whole_sphere
 
 _CUT = "cut the panoramas into perspective photos and solve or export their cameras"
@@ -58,7 +59,7 @@ _KEYS = {
 }
 
 
-def read_lens(values: Entry) -> tuple[str, tuple[float, ...]]:
+def read_lens(values: Entry) -> Lens:
     """A frame's lens and its numbers, as a `Camera` has them.
 
     Raises:
@@ -142,7 +143,7 @@ def _refuse_rational(values: Entry, problem: str, remedy: str) -> None:
             raise values.error(key, problem, remedy)
 
 
-def _fisheye(values: Entry) -> tuple[str, tuple[float, ...]]:
+def _fisheye(values: Entry) -> Lens:
     """An equidistant lens with k1 … k4, and p1 and p2 if they are not 0."""
     _refuse_rational(
         values, "no fisheye has this coefficient, only k1 … k4, p1 and p2",
