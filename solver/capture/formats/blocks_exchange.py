@@ -38,7 +38,6 @@ _WITH_MATRICES = "export it again with rotations as matrices, or as omega, phi a
 
 
 def recognises(file: Path) -> bool:
-    """True for XML with Bentley's root, also if it is cut off."""
     return b"<BlocksExchange" in text_head(file, 1 << 16)
 
 

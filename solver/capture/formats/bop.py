@@ -23,7 +23,6 @@ PATTERNS = ("scene_camera*.json",)
 
 
 def recognises(file: Path) -> bool:
-    """True for JSON whose first photos have such a lens."""
     return json_holds(file, "cam_K", count=1 << 16)
 
 

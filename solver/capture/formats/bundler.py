@@ -33,7 +33,6 @@ _NUMBERS = 15  # of a camera: f k1 k2, rotation, translation
 
 
 def recognises(file: Path) -> bool:
-    """True for files that begin with Bundler's comment."""
     return text_head(file).startswith(_HEADER)
 
 

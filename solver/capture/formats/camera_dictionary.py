@@ -23,7 +23,6 @@ PATTERNS = tuple(
 
 
 def recognises(file: Path) -> bool:
-    """True for JSON whose first camera has such matrices."""
     return json_holds(file, "W2C", "K")
 
 

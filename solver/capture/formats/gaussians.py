@@ -23,7 +23,6 @@ _POINTS = "input.ply"
 
 
 def recognises(file: Path) -> bool:
-    """True for a JSON list of cameras with `img_name` and `rotation`."""
     head = text_head(file, 1 << 14)
     return head[:1] == b"[" and b'"img_name"' in head and b'"rotation"' in head
 

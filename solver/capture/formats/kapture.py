@@ -41,7 +41,6 @@ _Rigs = dict[str, list[tuple[str, np.ndarray]]]
 
 
 def recognises(file: Path) -> bool:
-    """True for the tables of a folder that has one of sensors."""
     return text_head(file).lower().startswith(_BEGINS) and file.with_name(_SENSORS).is_file()
 
 

@@ -36,7 +36,6 @@ _SMALLER = 4
 
 
 def recognises(file: Path) -> bool:
-    """True for text that begins with the word `extrinsic` and has a matrix `intrinsic`."""
     begins = text_head(file)[:9].lower() == b"extrinsic"
     return begins and b"intrinsic" in head_of(file, LARGEST_FILE)[9:].lower()
 

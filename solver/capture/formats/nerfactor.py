@@ -27,7 +27,6 @@ _VIEW = re.compile(r"(.+_)\d+")
 
 
 def recognises(file: Path) -> bool:
-    """True for JSON with such a camera, also if it is cut off."""
     return json_holds(file, "cam_transform_mat", count=1 << 16)
 
 

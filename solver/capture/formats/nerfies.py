@@ -31,7 +31,6 @@ _PHOTOS = "rgb"
 
 
 def recognises(file: Path) -> bool:
-    """True for the JSON of a camera."""
     return json_holds(file, "orientation", "position", "focal_length", "radial_distortion", count=1 << 16)
 
 

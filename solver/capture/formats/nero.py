@@ -27,7 +27,6 @@ _PICKLED = b"\x80"
 
 
 def recognises(file: Path) -> bool:
-    """True for a pickle that is called as such a camera."""
     return _FILE.fullmatch(file.name) is not None and head_of(file, 1) == _PICKLED
 
 

@@ -28,7 +28,6 @@ _PHOTO_FOLDERS = ("image", "images", "rgb")
 
 
 def recognises(file: Path) -> bool:
-    """True for an archive of arrays with one that is called as a camera's."""
     head = head_of(file)
     return head.startswith(b"PK") and re.search(rb"(world|scale|camera)_mat_", head) is not None
 

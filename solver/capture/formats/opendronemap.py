@@ -30,7 +30,6 @@ _UP = (0.0, 0.0, 1.0)
 
 
 def recognises(file: Path) -> bool:
-    """True for GeoJSON whose features are photos with a rotation, also if it is cut off."""
     return json_holds(file, "FeatureCollection", "filename", "rotation", count=1 << 16)
 
 

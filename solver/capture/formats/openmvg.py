@@ -45,7 +45,6 @@ _PANORAMA = "spherical"
 
 
 def recognises(file: Path) -> bool:
-    """True for JSON with OpenMVG's version, also if it is cut off."""
     return json_holds(file, "sfm_data_version")
 
 

@@ -47,7 +47,6 @@ _PAGE = re.compile(r"#page=(\d+)$")
 
 
 def recognises(file: Path) -> bool:
-    """True for JSON that calls itself a project in this format, also if it is cut off."""
     return b"opf-project+json" in json_head(file)
 
 

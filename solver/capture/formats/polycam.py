@@ -30,7 +30,6 @@ _SHARP = 25.0
 
 
 def recognises(file: Path) -> bool:
-    """True for a JSON file with a matrix in twelve numbers."""
     return json_holds(file, "t_00", "fx", count=1 << 16)
 
 

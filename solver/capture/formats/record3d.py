@@ -25,7 +25,6 @@ _PHOTO_FOLDERS = ("rgb", "rgbd")
 
 
 def recognises(file: Path) -> bool:
-    """True for a JSON file with poses and a matrix K."""
     head = json_head(file, 1 << 24)
     return b'"poses"' in head and (b'"K"' in head or b'"perFrameIntrinsicCoeffs"' in head)
 

@@ -19,7 +19,6 @@ PATTERNS = ("frame_*.json", "*/frame_*.json")
 
 
 def recognises(file: Path) -> bool:
-    """True for a JSON file with ARKit's pose of a frame."""
     return json_holds(file, "cameraPoseARFrame", "intrinsics", count=1 << 16)
 
 

@@ -21,7 +21,6 @@ PATTERNS = ("meta_data.json", "*/meta_data.json")
 
 
 def recognises(file: Path) -> bool:
-    """True for JSON whose frames have SDFStudio's matrices, also if it is cut off."""
     return json_holds(file, "frames", "camtoworld", "rgb_path")
 
 

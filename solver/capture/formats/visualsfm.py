@@ -25,7 +25,6 @@ PATTERNS = ("*.nvm", "*/*.nvm")
 
 
 def recognises(file: Path) -> bool:
-    """True for files that begin with VisualSFM's mark."""
     return text_head(file).startswith(b"NVM_V")
 
 
