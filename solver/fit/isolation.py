@@ -24,6 +24,7 @@ from ..job.request import JobError
 from ..light.floor import Floor
 from ..replacing import remove_file
 from .before_far import cut_out_before_far
+from .camera_alignment import aligned
 from .cut_out import backdrop_behind, cut_out
 from .cut_out_standing import before_support, find_on_support, floor_below
 from .far_light import NOTHING_SEEN, ROWS, SeenLight
@@ -58,13 +59,14 @@ class _NoTime(Exception):
 
 def isolated(
     job: JobFolder, settings: Settings, capture: Capture, photos: list[Photo], resumed: bool,
-    progress: Progress, told: Callable[[float], None],
+    progress: Progress, told: Callable[[float], None], device: str = "cpu",
 ) -> Isolated:  # fmt: skip
     """Photos with alpha as far as that can be told, and what a fit without masks begins with.
 
     Args:
         resumed: the fit has begun; then photos are cut out as they were.
         told: is told the share done; what it raises ends the work.
+        device: on which cameras are looked for that fit outlines.
 
     Raises:
         CaptureError: the cameras' poses have another convention. JobError: the job goes on, but its masks
@@ -92,7 +94,11 @@ def isolated(
                 f"the photos have a plain {backdrop} background, but parts of the object are {backdrop} "
                 "too, so no masks can be made from it; add some"
             )
-    if resumed or not starts_from_points(photos, settings):
+    if resumed:
+        return Isolated(capture, photos, light)
+    if not starts_from_points(photos, settings):
+        if settings.fit.refine_cameras and settings.field.hull_start and capture.has_few_points:
+            capture = _by_outlines(job, capture, photos, device, progress, told, POINTS_LIMIT * limit)
         return Isolated(capture, photos, light)
 
     def finding_points(done: float) -> None:
@@ -148,6 +154,25 @@ def _with_better_cameras(
         f"adjusted: {found.refined_beside:.1f} now (fit.refine_cameras=no leaves them as they are)"
     )
     return replace(capture, cameras=tuple(found.refined))
+
+
+def _by_outlines(
+    job: JobFolder, capture: Capture, photos: list[Photo], device: str, progress: Progress,
+    told: Callable[[float], None], seconds: float,
+) -> Capture:  # fmt: skip
+    """The capture with better cameras, if the photos' alpha does not fit them."""
+    found = aligned(
+        capture, photos, region_of(job.request), job.request.seed, device,
+        lambda done: told(FAR + (STANDING - FAR) * done), seconds,
+    )  # fmt: skip
+    if found is None:
+        return capture
+    write_adjusted(job.cameras_path, found.cameras)
+    progress.warning(
+        f"outlines and cameras disagreed by {found.before:.1f} pixels, so cameras were adjusted: "
+        f"{found.after:.1f} now (fit.refine_cameras=no leaves them as they are)"
+    )
+    return replace(capture, cameras=tuple(found.cameras))
 
 
 def _on_support(

@@ -11,6 +11,7 @@ from ..capture.backdrop import LEVELS, TOLERANCE
 from ..capture.camera import Camera
 from ..capture.photos import Photo
 from ..kernels.sending import constant_on, sent
+from ..render.arrays import floats_on
 from ..render.pixels import places_in_pixel
 from ..render.tonemap import linear_to_srgb
 
@@ -54,7 +55,7 @@ class RayBank:
             key = camera.lens_key
             if key not in lenses:
                 lenses[key] = stored
-                directions.append(_camera_space_directions(camera))
+                directions.append(camera_space_directions(camera))
                 stored += camera.width * camera.height
             lens_start.append(lenses[key])
             premultiplied = torch.from_numpy(photo.pixels).reshape(-1, 4)
@@ -71,9 +72,7 @@ class RayBank:
         self.behind = torch.cat(behind).to(device) if behind else None
         self.backdrop = None if photos[0].backdrop is None else LEVELS[photos[0].backdrop]
         self.is_hdr = torch.tensor([photo.is_hdr for photo in photos], device=device)
-        matrices = np.stack([camera.camera_to_world for camera in cameras])
-        self.rotation = torch.from_numpy(matrices[:, :3, :3]).float().to(device)
-        self.position = torch.from_numpy(matrices[:, :3, 3]).float().to(device)
+        self.stand(cameras)
         self.boundaries = torch.tensor(self.first_pixel, device=device)
         self.lens_start = torch.tensor(lens_start, device=device)
         self.told = _told_pixels(photos, device)
@@ -83,6 +82,11 @@ class RayBank:
         self.pixel_angle = torch.tensor(
             [c.pixel_angle for c in cameras], dtype=torch.float32, device=device
         )
+
+    def stand(self, cameras: list[Camera]) -> None:
+        """Let rays come from where cameras are, which are those of the photos but for that."""
+        matrices = np.stack([camera.camera_to_world for camera in cameras])
+        self.rotation, self.position = floats_on(self.device, matrices[:, :3, :3], matrices[:, :3, 3])
 
     @property
     def photo_count(self) -> int:
@@ -197,7 +201,7 @@ def _told_pixels(photos: list[Photo], device: str) -> Tensor | None:
     return torch.from_numpy(np.flatnonzero(np.concatenate(told))).to(device)
 
 
-def _camera_space_directions(camera: Camera) -> Tensor:
+def camera_space_directions(camera: Camera) -> Tensor:
     """Unit directions [H·W, 3] of the pixel centres in camera axes."""
     row, column = np.mgrid[0 : camera.height, 0 : camera.width]
     _, directions = camera.rays(column.ravel() + 0.5, row.ravel() + 0.5)

@@ -109,8 +109,9 @@ def _run(job: JobFolder, progress: Progress, control: Control, began: float) -> 
     if state is not None:
         settings = checkpoint.settings_of(state)
     start = isolated(
-        job, settings, capture, photos, state is not None, progress, lambda done: told(FINDING_SHARE * done)
-    )
+        job, settings, capture, photos, state is not None, progress,
+        lambda done: told(FINDING_SHARE * done), device,
+    )  # fmt: skip
     capture, photos = start.capture, start.photos
     if state is not None:
         scene, state, tensors = checkpoint.load_scene(job.checkpoint_dir, device)

@@ -212,7 +212,7 @@ def trainer_for(
     cameras = [camera.seen_from(scene.origin) for camera in capture.cameras]
     bank = RayBank(cameras, photos, scene.field.centre.device)
     if use_masks:
-        bank.restrict(torch.from_numpy(np.concatenate([_telling(photo) for photo in photos])))
+        bank.restrict(torch.from_numpy(np.concatenate([telling(photo).ravel() for photo in photos])))
     background = _behind(photos, settings, scene.turntable)
     fog = not (use_masks and settings.field.hull_start)
     opened = None
@@ -232,10 +232,10 @@ def trainer_for(
     )  # fmt: skip
 
 
-def _telling(photo: Photo) -> np.ndarray:
-    """[H·W] bool: pixels that show the object, or where it ends."""
+def telling(photo: Photo) -> np.ndarray:
+    """[H, W] bool: pixels that show the object, or where it ends."""
     around = ndimage.maximum_filter(photo.cover > 0.01, LIKELY_MARGIN)
-    return (around if photo.unsure is None else around & ~photo.unsure).ravel()
+    return around if photo.unsure is None else around & ~photo.unsure
 
 
 def background_of(photos: list[Photo], wanted: str = "auto") -> str:
