@@ -31,8 +31,8 @@ from .trainer import Trainer
 
 OBJECT_PIXELS = 64
 """that the object measures in photos made smaller for this: from 100 pixels on it brings nothing"""
-OUTLINES_FIT, CAMERAS_FIT = 0.06, 0.1
-"""pixels up to which outlines may lie outside of the hull, and cameras stay: right ones would move by 0.05,
+OUTLINES_FIT, CAMERAS_FIT = 0.06, 0.2
+"""pixels up to which outlines may lie outside of the hull, and cameras stay: right ones would move by 0.05 to 0.18,
 for plain colours lack lustre"""
 FEWEST_PHOTOS = 8
 QUICK = Settings(
@@ -42,11 +42,13 @@ QUICK = Settings(
     fit=FitSettings(background="white", emission_fade=(2.0, 2.0), grey_light_weight=0.0),
 )
 """all emission: no light, no materials"""
-STEPS, ROUNDS = 100, 6
-ENOUGH = 0.04
+STEPS, ROUNDS = 30, 10
+ENOUGH = 0.05
 """pixels that cameras still move by when no other round is worth its time"""
 INDEPENDENT = 0.02
 """share of what pixels say that counts: neighbours err alike, and colours lack lustre"""
+FURTHER = 1.7
+"""times as far as what a step says: the field holds cameras back, for it blurs to fit where they were"""
 FIRST_GUESS = 0.01
 """by how much cameras may be off at first, rad and shares of the object's distance"""
 
@@ -168,7 +170,7 @@ def _better(motions: np.ndarray, found: list[Evidence | None], guess: float) -> 
         if told is None:
             continue
         variance = np.linalg.inv(INDEPENDENT * told.information + np.eye(6) / guess**2)
-        motions[index] += variance @ (INDEPENDENT * told.towards - motions[index] / guess**2)
+        motions[index] += FURTHER * variance @ (INDEPENDENT * told.towards - motions[index] / guess**2)
         variances.append(np.diag(variance))
     motions -= motions.mean(0)
     uncertain = np.mean(variances) if variances else 0.0

@@ -70,9 +70,9 @@ def painted_ball(views=16, degrees=0.0, seed=0):
 
 def disagreement(cameras):
     """Pixels, root mean square, by which cameras see the ball's middle, which is in the middle of each photo,
-    beside the place on which they agree best."""
+    beside the place on which they agree best; but for what all have in common."""
     rays = [camera.rays(*np.full((2, 1), camera.width / 2)) for camera in cameras]
     across = [np.eye(3) - np.outer(d[0], d[0]) for _, d in rays]
     place = np.linalg.solve(sum(across), sum(a @ o[0] for a, (o, _) in zip(across, rays, strict=True)))
     seen = np.concatenate([camera.project(place[None])[0] for camera in cameras])
-    return float(np.sqrt(((seen - cameras[0].width / 2) ** 2).sum(1).mean()))
+    return float(np.sqrt(((seen - seen.mean(0)) ** 2).sum(1).mean()))
