@@ -32,8 +32,8 @@ from .trainer import Trainer
 OBJECT_PIXELS = 64
 """that the object measures in photos made smaller for this: from 100 pixels on it brings nothing"""
 OUTLINES_FIT, CAMERAS_FIT = 0.06, 0.2
-"""pixels up to which outlines may lie outside of the hull, and cameras stay: right ones would move by 0.05 to 0.18,
-for plain colours lack lustre"""
+"""pixels up to which outlines may lie outside of the hull, and cameras stay: right ones would move by up to
+0.18, for plain colours lack lustre"""
 FEWEST_PHOTOS = 8
 QUICK = Settings(
     field=FieldSettings(sizes=(96,), size_starts=(0.0,), carve_hollows=False, turn_box=False),
