@@ -22,7 +22,7 @@ from ..solver.cameras.folder import (
 )
 from ..solver.capture.archives import ARCHIVES, is_archive
 from ..solver.capture.errors import CaptureError
-from ..solver.capture.ignored import check_ignored
+from ..solver.capture.ignored import check_given
 from ..solver.capture.image_header import EXTENSIONS
 from ..solver.capture.picture_names import VIDEOS
 from .import_capture import IGNORED
@@ -103,7 +103,9 @@ class NMF_OT_solve_cameras(Operator):
         (source,) = unpack_all(context, [source])
         stated = [_stated(source, text.strip()) for text in (self.masks, self.ignored)]
         masks, ignored = unpack_all(context, stated)
-        _check_stated(source, masks, ignored)
+        if of_video:
+            check_of_video(source, masks, ignored)
+        check_given(None, masks, ignored)
         name = source.stem if of_video else source.name
         out = _unfinished(source) or new_job_root(f"{name} cameras", jobs_folder())
         words = ["solve", str(source), "--out", str(out), "--events"]
@@ -149,15 +151,6 @@ def _stated(source: Path, text: str) -> Path | None:
     """A path as seen from the photos' folder or a video's, from the blend file (//), or whole; or None."""
     place = source.parent if is_video(source) else source
     return Path(os.path.normpath(place / bpy.path.abspath(text))) if text else None
-
-
-def _check_stated(source: Path, masks: Path | None, ignored: Path | None) -> None:
-    if is_video(source):
-        check_of_video(source, masks, ignored)
-    if masks is not None and not masks.is_dir():
-        raise CaptureError(masks, "masks", "there is no such folder", "check its path")
-    if ignored is not None:
-        check_ignored(ignored)
 
 
 def _unfinished(photos: Path) -> Path | None:

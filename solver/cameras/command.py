@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..arguments import add_command, add_events, add_ignore, add_seed
 from ..capture.errors import CaptureError
-from ..capture.ignored import check_ignored
+from ..capture.ignored import check_given
 from ..capture.photo_finder import PhotoFinder
 from ..job.begun import Begun
 from ..job.exit_codes import CANCELLED, DONE
@@ -115,16 +115,12 @@ def run_solve(options: argparse.Namespace) -> int:
     photos = Path(os.path.abspath(options.photos))
     beside = photos.with_name(f"{photos.stem} cameras") if is_video(photos) else photos / "cameras"
     folder = SolveFolder(options.out or beside)
-    if options.masks is not None and not options.masks.is_dir():
-        raise CaptureError(options.masks, "masks", "there is no such folder", "check its path")
-    ignored = None
-    if options.ignored is not None:
-        check_ignored(options.ignored)
-        ignored = os.path.abspath(options.ignored)
+    check_given(None, options.masks, options.ignored)
     request = request_of(
         photos, folder, options.video_photos, matcher=options.matcher,
         camera_model=options.camera_model, sharing=options.sharing, seed=options.seed,
-        masks=None if options.masks is None else str(options.masks.absolute()), ignored=ignored,
+        masks=options.masks and str(options.masks.absolute()),
+        ignored=options.ignored and os.path.abspath(options.ignored),
     )  # fmt: skip
     if process_is_alive(read_status(folder.status_path)):
         raise CaptureError(

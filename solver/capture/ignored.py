@@ -32,17 +32,20 @@ def beside_among(pictures: Iterable[Path]) -> set[Path]:
     }
 
 
-def check_ignored(path: Path) -> None:
+def check_given(photos: Path | None, masks: Path | None, ignored: Path | None) -> None:
     """Make sure that what a person gave is there, before a job is made.
 
     Raises:
         CaptureError: there is no such folder, or no such picture.
     """
-    if not path.exists():
-        raise CaptureError(path, "ignore", "there is no such folder or picture", "check its path")
-    if path.is_file():
+    for folder, what in ((photos, "photos"), (masks, "masks")):
+        if folder is not None and not folder.is_dir():
+            raise CaptureError(folder, what, "there is no such folder", "check its path")
+    if ignored is not None and not ignored.exists():
+        raise CaptureError(ignored, "ignore", "there is no such folder or picture", "check its path")
+    if ignored is not None and ignored.is_file():
         with suppress(UnknownSize):
-            image_size(path)
+            image_size(ignored)
 
 
 class IgnoredFinder:

@@ -11,7 +11,7 @@ from .capture import Capture
 from .errors import CaptureError, shown
 from .files import check_readable
 from .formats import co3d, colmap, meshroom, nerfactor
-from .ignored import check_ignored
+from .ignored import check_given
 from .image_header import EXTENSIONS as PICTURES
 from .no_capture import PROJECTS, no_camera_file, nothing_in, several_in
 from .photo_finder import MIN_PHOTOS, MODEL_FOLDERS, PhotoFinder, capture_folder, folder_with_photos
@@ -128,11 +128,7 @@ def read_capture(
     if reader is None:
         check_readable(file)
         raise no_camera_file(file, [known.NAME for known in FORMATS])
-    for folder, what in ((photos, "photos"), (masks, "masks")):
-        if folder is not None and not Path(folder).is_dir():
-            raise CaptureError(folder, what, "there is no such folder", "check its path")
-    if ignored is not None:
-        check_ignored(Path(ignored))
+    check_given(*(None if given is None else Path(given) for given in (photos, masks, ignored)))
     if photos is not None:
         folder = Path(photos)
     else:
