@@ -243,8 +243,9 @@ def camera_of(
         )  # fmt: skip
     aspect = float(data.get(ASPECT, 1.0)) if aspect is None else aspect
     # Blender measures in widths of a pixel, also along a column of them.
-    across = width if _fits_width(data, width, height / aspect) else height / aspect
-    sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
+    fit, tall = data.sensor_fit, height / aspect
+    across = width if fit == "HORIZONTAL" or (fit == "AUTO" and width >= tall) else tall
+    sensor = data.sensor_height if fit == "VERTICAL" else data.sensor_width
     fx = data.lens * across / sensor
     lens = str(data.get(LENS, "pinhole"))
     left = {"lens": lens, "distortion": tuple(data.get(DISTORTION, ())) if lens != "pinhole" else ()}
@@ -253,7 +254,3 @@ def camera_of(
         fy=fx * aspect, cx=0.5 * width - data.shift_x * across,
         cy=0.5 * height + data.shift_y * across * aspect, **(left | others),
     )  # fmt: skip
-
-
-def _fits_width(data: bpy.types.Camera, width: float, height: float) -> bool:
-    return data.sensor_fit == "HORIZONTAL" or (data.sensor_fit == "AUTO" and width >= height)

@@ -2,12 +2,12 @@
 
 import hashlib
 from collections.abc import Iterator
-from pathlib import Path
 
 import bpy
 import numpy as np
 from bpy.types import Image, Material, Mesh, World
 
+from .cameras import photo_path
 from .images import images_of
 
 AS_MADE = "nmf_as_made"
@@ -43,9 +43,8 @@ def is_painted(image: Image) -> bool:
 
 
 def _of_file(image: Image) -> str:
-    path = Path(bpy.path.abspath(image.filepath, library=image.library))
     try:
-        data = image.packed_file.data if image.packed_file else path.read_bytes()
+        data = image.packed_file.data if image.packed_file else photo_path(image).read_bytes()
     except OSError:
         return ""
     return hashlib.sha1(data).hexdigest()

@@ -71,7 +71,9 @@ def _add_capture(
     root[FILE_TO_CAPTURE] = matrix.ravel().tolist()
     root.empty_display_type = "ARROWS"
     collection.objects.link(root)
-    above_cameras = _unseen_empty(f"{collection.name} Cameras", root)
+    # What is many: the outliner folds that away, and no dashed lines lead to what is not shown.
+    above_cameras = bpy.data.objects.new(f"{collection.name} Cameras", None)
+    above_cameras.parent, above_cameras.hide_viewport = root, True
     collection.objects.link(above_cameras)
     frame, awaited = frame_of(context.scene), []
     for camera in capture.cameras:
@@ -94,14 +96,6 @@ def _add_capture(
     return collection
 
 
-def _unseen_empty(name: str, root: Object) -> Object:
-    """An empty under a capture's own for what is many: the outliner folds that away, and no dashed lines
-    lead to what is not shown."""
-    item = bpy.data.objects.new(name, None)
-    item.parent, item.hide_viewport = root, True
-    return item
-
-
 def _load_photos(cameras: list[Camera]) -> dict[Path, Image]:
     """Images of the cameras' photos; those that were loaded go again if one cannot be."""
     images = {}
@@ -117,7 +111,7 @@ def _load_photos(cameras: list[Camera]) -> dict[Path, Image]:
     return images
 
 
-def _add_points(collection: Collection, points: np.ndarray, root: Object) -> Object:
+def _add_points(collection: Collection, points: np.ndarray, root: Object) -> None:
     """Sparse points as a mesh of vertices, to see the object in while fitting the box."""
     points = points[:: max(-(-len(points) // MOST_POINTS), 1)]
     mesh = bpy.data.meshes.new(f"{collection.name} Points")
@@ -127,4 +121,3 @@ def _add_points(collection: Collection, points: np.ndarray, root: Object) -> Obj
     item = bpy.data.objects.new(mesh.name, mesh)
     item.parent, item.hide_render, item.hide_select = root, True, True
     collection.objects.link(item)
-    return item

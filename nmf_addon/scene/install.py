@@ -110,7 +110,9 @@ def _place(
     home = _home(collection, scene, _view_layer(context, scene))
     home.objects.link(item)
     if collection is None:
-        matrix = _upright(manifest)
+        # What stands the mesh upright where its capture is not there to do so.
+        matrix = Matrix(manifest.get("placement", Matrix.Identity(4)))
+        matrix = None if matrix == Matrix.Identity(4) else matrix
     else:
         item.parent = root_of(collection)
         matrix = _in_capture(job, manifest, collection)
@@ -152,12 +154,6 @@ def _is_shown(collection: Collection, layer: LayerCollection) -> bool:
 
 def _view_layer(context: Context, scene: Scene) -> ViewLayer:
     return context.view_layer if scene == context.scene else scene.view_layers[0]
-
-
-def _upright(manifest: dict) -> Matrix | None:
-    """What stands the mesh upright where its capture is not there to do so; None if it does already."""
-    matrix = Matrix(manifest.get("placement", Matrix.Identity(4)))
-    return None if matrix == Matrix.Identity(4) else matrix
 
 
 def _in_capture(job: JobFolder, manifest: dict, collection: Collection) -> Matrix | None:

@@ -14,6 +14,7 @@ import bpy
 
 from ...solver.job.folder import JobFolder
 from ...solver.replacing import read_json, write_json_atomic
+from .cameras import photo_path
 from .edited import is_painted
 from .images import load_picture
 from .result import textures_of
@@ -66,7 +67,7 @@ def _free_stem(name: str, now: dict[str, str], folder: Path, made: dict[str, str
         if _digest(copy) not in (made.get(copy.name), digest)
     }
     for image in bpy.data.images:
-        path = Path(os.path.normpath(bpy.path.abspath(image.filepath, library=image.library)))
+        path = photo_path(image)
         if os.path.realpath(path.parent) != os.path.realpath(folder) or is_painted(image):
             taken.add(path.name)
     stems = (name if number == 1 else f"{name}_{number}" for number in count(1))
