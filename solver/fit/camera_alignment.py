@@ -201,5 +201,6 @@ def _evidence(
     rendered = picture(seen.radiance, seen.opacity)
     directions = camera_space_directions(camera).numpy().reshape(*near.shape, 3).astype(np.float64)
     return evidence(
-        shown, comparable(rendered), rendered[..., 3], picture(seen.distance)[..., 0], directions, away
-    )
+        shown, comparable(rendered), rendered[..., 3], picture(seen.distance)[..., 0], directions, away,
+        photo.told,
+    )  # fmt: skip

@@ -9,6 +9,7 @@ A motion [6] is in camera axes: a turn (rad), then a shift in units of the objec
 a shift the other way, which shows the object from a little aside, pictures tell little.
 """
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -51,7 +52,7 @@ def comparable(premultiplied: np.ndarray) -> np.ndarray:
 
 def evidence(
     photo: np.ndarray, rendered: np.ndarray, opacity: np.ndarray, distance: np.ndarray,
-    directions: np.ndarray, away: float,
+    directions: np.ndarray, away: float, told: np.ndarray | None = None,
 ) -> Evidence | None:  # fmt: skip
     """What a photo says about the motion by which its camera is to be moved; None: it shows too little.
 
@@ -60,9 +61,12 @@ def evidence(
         opacity: [H, W] as rendered. distance: [H, W] along the rays, times opacity, world units.
         directions: [H, W, 3] unit, through the pixels' centres, in camera axes.
         away: the object's distance, world units.
+        told: [H, W] bool, false where the photo says nothing; None: it says something everywhere.
     """
     cover = ndimage.gaussian_filter(opacity, DEPTH_BLUR)
     used = (np.maximum(photo[..., 3], rendered[..., 3]) > LEAST_OPACITY) & (cover > LEAST_OPACITY)
+    if told is not None:
+        used &= ndimage.binary_erosion(told, iterations=math.ceil(2 * BLUR), border_value=1)
     if used.sum() < FEWEST_PIXELS:
         return None
     depth = ndimage.gaussian_filter(distance, DEPTH_BLUR)[used] / cover[used]

@@ -102,6 +102,20 @@ def test_without_time_for_another_round_cameras_are_as_the_first_one_left_them(s
     assert 1.3 * last < first < 0.8 * given
 
 
+def test_what_a_photo_says_nothing_of_moves_no_camera(shaken_ball, short):
+    """A hand before the ball, in each photo elsewhere, that is to be ignored."""
+    capture, photos = shaken_ball
+    behind_hands = []
+    for index, photo in enumerate(photos):
+        told, pixels = np.ones(photo.pixels.shape[:2], bool), photo.pixels.copy()
+        at = slice(20 + 2 * index, 30 + 2 * index)
+        told[at, 36:52] = False
+        pixels[~told] = (1.0, 0.6, 0.4, 1.0)
+        behind_hands.append(replace(photo, pixels=pixels, told=told))
+    found = aligned_to(capture, behind_hands, seconds=0.0)
+    assert disagreement(found.cameras) < 1.15 * disagreement(short.cameras)
+
+
 def test_motions_go_beyond_the_most_likely_ones_and_none_is_common_to_all():
     """Against least squares of all that is said, with the guess as what motions are pulled to."""
     rng = np.random.default_rng(3)
