@@ -31,9 +31,11 @@ from .trainer import Trainer
 
 OBJECT_PIXELS = 64
 """that the object measures in photos made smaller for this: from 100 pixels on it brings nothing"""
-OUTLINES_FIT, CAMERAS_FIT = 0.06, 0.2
-"""pixels up to which outlines may lie outside of the hull, and cameras stay: right ones would move by up to
-0.18, for plain colours lack lustre"""
+OUTLINES_FIT, CAMERAS_FIT = 0.06, 0.1
+"""pixels up to which outlines may lie outside of the hull, and cameras stay: right ones of solid things would
+move by 0.08, for plain colours lack lustre"""
+BETTER = 0.9
+"""of the pixels from outlines to the hull that may be left"""
 FEWEST_PHOTOS = 8
 QUICK = Settings(
     field=FieldSettings(sizes=(96,), size_starts=(0.0,), carve_hollows=False, turn_box=False),
@@ -51,6 +53,8 @@ FURTHER = 1.7
 """times as far as what a step says: the field holds cameras back, for it blurs to fit where they were"""
 FIRST_GUESS = 0.01
 """by how much cameras may be off at first, rad and shares of the object's distance"""
+LIKELY = np.array([1, 1, 1, 1, 1, 0.1])
+"""of a motion, as shares of that guess: masks that are too wide or too narrow look like one along the view"""
 
 
 class Aligned(NamedTuple):
@@ -91,7 +95,7 @@ def aligned(
         return None
     motions, away = found
     after = gap(_all_moved(near.cameras, motions, away))
-    if after is None or after >= before:
+    if after is None or after > BETTER * before:
         return None
     return Aligned(_all_moved(capture.cameras, motions, away), before / factor, after / factor)
 
@@ -165,16 +169,16 @@ def _better(motions: np.ndarray, found: list[Evidence | None], guess: float) -> 
     for all, with how uncertain they are (expectation maximisation). What all cameras have in common is
     taken away, for the field follows it.
     """
-    motions, variances = motions.copy(), []
+    motions, variances, pull = motions.copy(), [], 1 / (guess * LIKELY) ** 2
     for index, told in enumerate(found):
         if told is None:
             continue
-        variance = np.linalg.inv(INDEPENDENT * told.information + np.eye(6) / guess**2)
-        motions[index] += FURTHER * variance @ (INDEPENDENT * told.towards - motions[index] / guess**2)
+        variance = np.linalg.inv(INDEPENDENT * told.information + np.diag(pull))
+        motions[index] += FURTHER * variance @ (INDEPENDENT * told.towards - pull * motions[index])
         variances.append(np.diag(variance))
     motions -= motions.mean(0)
     uncertain = np.mean(variances) if variances else 0.0
-    return motions, float(np.sqrt((motions**2).mean() + uncertain))
+    return motions, float(np.sqrt((motions**2).mean() + uncertain) / np.sqrt((LIKELY**2).mean()))
 
 
 @torch.no_grad()
