@@ -31,9 +31,9 @@ from .trainer import Trainer
 
 OBJECT_PIXELS = 64
 """that the object measures in photos made smaller for this: from 100 pixels on it brings nothing"""
-OUTLINES_FIT, CAMERAS_FIT = 0.06, 0.1
-"""pixels up to which outlines may lie outside of the hull, and cameras stay: right ones of solid things would
-move by 0.08, for plain colours lack lustre"""
+OUTLINES_FIT, CAMERAS_FIT = 0.06, 0.2
+"""pixels up to which outlines may lie outside of the hull, and cameras stay: right ones would
+move by up to 0.18, for plain colours lack lustre"""
 BETTER = 0.9
 """of the pixels from outlines to the hull that may be left"""
 FEWEST_PHOTOS = 8
@@ -53,8 +53,6 @@ FURTHER = 1.7
 """times as far as what a step says: the field holds cameras back, for it blurs to fit where they were"""
 FIRST_GUESS = 0.01
 """by how much cameras may be off at first, rad and shares of the object's distance"""
-LIKELY = np.array([1, 1, 1, 1, 1, 0.1])
-"""of a motion, as shares of that guess: masks that are too wide or too narrow look like one along the view"""
 
 
 class Aligned(NamedTuple):
@@ -169,16 +167,16 @@ def _better(motions: np.ndarray, found: list[Evidence | None], guess: float) -> 
     for all, with how uncertain they are (expectation maximisation). What all cameras have in common is
     taken away, for the field follows it.
     """
-    motions, variances, pull = motions.copy(), [], 1 / (guess * LIKELY) ** 2
+    motions, variances = motions.copy(), []
     for index, told in enumerate(found):
         if told is None:
             continue
-        variance = np.linalg.inv(INDEPENDENT * told.information + np.diag(pull))
-        motions[index] += FURTHER * variance @ (INDEPENDENT * told.towards - pull * motions[index])
+        variance = np.linalg.inv(INDEPENDENT * told.information + np.eye(6) / guess**2)
+        motions[index] += FURTHER * variance @ (INDEPENDENT * told.towards - motions[index] / guess**2)
         variances.append(np.diag(variance))
     motions -= motions.mean(0)
     uncertain = np.mean(variances) if variances else 0.0
-    return motions, float(np.sqrt((motions**2).mean() + uncertain) / np.sqrt((LIKELY**2).mean()))
+    return motions, float(np.sqrt((motions**2).mean() + uncertain))
 
 
 @torch.no_grad()
