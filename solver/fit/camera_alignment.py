@@ -16,6 +16,7 @@ import torch
 
 from ..capture.camera import Camera
 from ..capture.capture import Capture
+from ..capture.errors import CaptureError
 from ..capture.photos import Photo, at_sizes_of, resized
 from ..capture.placement import far_origin, seen_from
 from ..render.arrays import floats_on
@@ -88,7 +89,10 @@ def aligned(
     before = gap(list(near.cameras))
     if before is None or before < OUTLINES_FIT:
         return None
-    found = _motions(near, small, seed, device, told, seconds)
+    try:
+        found = _motions(near, small, seed, device, told, seconds)
+    except CaptureError:  # outlines of small photos have nothing in common
+        return None
     if found is None:
         return None
     motions, away = found

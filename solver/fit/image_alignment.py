@@ -29,7 +29,7 @@ LEAST_OPACITY = 0.02
 """from which on a pixel is of the object"""
 OUTLIER, QUANTIZED = 2.0, 0.02
 """a channel's difference that counts for half: in medians of it, and what is added to that"""
-FEWEST_PIXELS = 50
+FEWEST_PIXELS, NO_STEP = 50, 1e-12
 
 
 class Evidence(NamedTuple):
@@ -90,9 +90,9 @@ def _shifts(directions: np.ndarray, depth: np.ndarray, used: np.ndarray) -> np.n
     none = np.zeros_like(x)
     turns = np.array([[none, z, -y], [-z, none, x], [y, -x, none]]).transpose(2, 0, 1)
     moves = np.concatenate([turns, np.eye(3) / depth[:, None, None]], axis=-1)
-    # A direction's change in steps from pixel to pixel, by least squares.
+    # A direction's change in steps from pixel to pixel, by least squares; beyond a lens there are none.
     back = steps.transpose(0, 2, 1)
-    return np.linalg.solve(back @ steps, back @ moves)
+    return np.linalg.solve(back @ steps + NO_STEP * np.eye(2), back @ moves)
 
 
 def moved(camera: Camera, motion: np.ndarray, away: float) -> Camera:

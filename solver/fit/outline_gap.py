@@ -27,7 +27,7 @@ def outline_gap(
     cameras: list[Camera], masks: Callable[[], Iterable[np.ndarray]], region: np.ndarray
 ) -> float | None:
     """Pixels from outlines to the hull of all, the mean along each photo's and the median of photos; None:
-    they have nothing in common.
+    there are none, or they have nothing in common.
 
     With right cameras solid things that measure some sixty pixels have 0.04; finer cells tell little more.
 
@@ -43,8 +43,9 @@ def outline_gap(
     shell = coarse & ~ndimage.binary_erosion(coarse, iterations=SHELL)
     surface = carve(cameras, masks(), cube, CELLS, within=shell.repeat(2, 0).repeat(2, 1).repeat(2, 2))
     points = cell_centres(cube, CELLS)[surface.ravel()]
-    gaps = [_gap(camera, mask, points) for camera, mask in zip(cameras, masks(), strict=True)]
-    return float(np.median([gap for gap in gaps if gap is not None]))
+    found = [_gap(camera, mask, points) for camera, mask in zip(cameras, masks(), strict=True)]
+    gaps = [gap for gap in found if gap is not None]
+    return float(np.median(gaps)) if gaps else None
 
 
 def _gap(camera: Camera, mask: np.ndarray, points: np.ndarray) -> float | None:

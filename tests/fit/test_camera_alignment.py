@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from solver.capture.errors import CaptureError
 from solver.capture.placement import seen_from
 from solver.fit import camera_alignment
 from solver.fit.camera_alignment import FEWEST_PHOTOS, aligned
@@ -86,6 +87,14 @@ def test_right_cameras_stay_where_outlines_lie_outside_of_the_hull_for_another_r
     monkeypatch.setattr(camera_alignment, "outline_gap", lambda *_: 1.0)
     monkeypatch.setattr(camera_alignment, "ROUNDS", 2)
     assert aligned_to(capture, photos) is None
+
+
+def test_cameras_stay_if_small_photos_have_nothing_in_common(shaken_ball, monkeypatch):
+    def nothing(*_):
+        raise CaptureError("memory", "alpha", "no point lies inside the masks of all", "check them")
+
+    monkeypatch.setattr(camera_alignment, "new_trainer", nothing)
+    assert aligned_to(*shaken_ball) is None
 
 
 def test_cameras_stay_if_outlines_fit_them_no_better_then(shaken_ball, monkeypatch):

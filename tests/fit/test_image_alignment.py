@@ -77,6 +77,18 @@ def test_a_photo_as_rendered_moves_no_camera_and_one_without_the_object_says_not
     assert evidence(none, none, none[..., 3], 0 * distance, directions, AWAY) is None
 
 
+def test_pixels_beyond_what_a_lens_sees_say_nothing():
+    """There all rays are the last that it has."""
+    camera = camera_at([AWAY, 0.4, 0.8])
+    pixels, distance = picture_of(camera)
+    directions = camera_space_directions(camera).numpy().reshape(*distance.shape, 3).astype(np.float64)
+    directions[:, 50:] = directions[:, 50:51]
+    photo = comparable(picture_of(camera_at([AWAY, 0.42, 0.8]))[0])
+    found = evidence(photo, comparable(pixels), pixels[..., 3], distance, directions, AWAY)
+    assert np.isfinite(found.information).all() and np.isfinite(found.shifts).all()
+    assert np.linalg.matrix_rank(found.information) == 6
+
+
 def test_a_lustre_that_is_not_rendered_moves_a_camera_little():
     """A highlight in the photo alone: such pixels count less the more they differ."""
     camera = camera_at([AWAY, 0.2, 0.5])

@@ -37,6 +37,12 @@ def test_masks_without_anything_in_common_have_no_gap():
     assert gap_of(capture, apart) is None
 
 
+def test_masks_without_an_outline_have_no_gap():
+    capture, photos = painted_ball(8)
+    full = [replace(photo, pixels=np.ones_like(photo.pixels)) for photo in photos]
+    assert gap_of(capture, full) is None
+
+
 def test_where_a_photo_ends_is_no_outline():
     """A ball that is partly beyond the frame fits as well as a whole one."""
     capture, photos = painted_ball(16)
