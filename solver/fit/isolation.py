@@ -10,6 +10,7 @@ import numpy as np
 
 from ..apart import ApartError
 from ..capture.agreement import another_convention
+from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
 from ..capture.panorama import panorama_of
@@ -148,12 +149,8 @@ def _with_better_cameras(
         raise CaptureError(capture.source, "camera poses", another_convention(found.beside), found.remedy)
     if found.refined is None:
         return capture
-    write_adjusted(job.cameras_path, found.refined)
-    progress.warning(
-        f"photos and cameras disagreed by {found.beside:.1f} pixels (of {LONGEST}), so cameras were "
-        f"adjusted: {found.refined_beside:.1f} now (fit.refine_cameras=no leaves them as they are)"
-    )
-    return replace(capture, cameras=tuple(found.refined))
+    disagreed = f"photos and cameras disagreed by {found.beside:.1f} pixels (of {LONGEST})"
+    return _adjusted(job, capture, found.refined, disagreed, found.refined_beside, progress)
 
 
 def _by_outlines(
@@ -167,12 +164,19 @@ def _by_outlines(
     )  # fmt: skip
     if found is None:
         return capture
-    write_adjusted(job.cameras_path, found.cameras)
+    disagreed = f"outlines and cameras disagreed by {found.before:.1f} pixels"
+    return _adjusted(job, capture, found.cameras, disagreed, found.after, progress)
+
+
+def _adjusted(
+    job: JobFolder, capture: Capture, cameras: list[Camera], disagreed: str, now: float, progress: Progress
+) -> Capture:
+    """The capture with such cameras, which the job keeps."""
+    write_adjusted(job.cameras_path, cameras)
     progress.warning(
-        f"outlines and cameras disagreed by {found.before:.1f} pixels, so cameras were adjusted: "
-        f"{found.after:.1f} now (fit.refine_cameras=no leaves them as they are)"
+        f"{disagreed}, so cameras were adjusted: {now:.1f} now (fit.refine_cameras=no leaves them as they are)"
     )
-    return replace(capture, cameras=tuple(found.cameras))
+    return replace(capture, cameras=tuple(cameras))
 
 
 def _on_support(
