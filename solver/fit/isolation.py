@@ -174,7 +174,8 @@ def _adjusted(
     """The capture with such cameras, which the job keeps."""
     write_adjusted(job.cameras_path, cameras)
     progress.warning(
-        f"{disagreed}, so cameras were adjusted: {now:.1f} now (fit.refine_cameras=no leaves them as they are)"
+        f"{disagreed}, so cameras were adjusted: {now:.1f} now (fit.refine_cameras=no leaves them as they "
+        "are)"
     )
     return replace(capture, cameras=tuple(cameras))
 
