@@ -35,7 +35,7 @@ from .point_start import found_in_photos, found_in_surroundings
 from .settings import Settings
 from .standing import Outline
 from .standing_file import read_masks, read_standing, write_masks, write_standing
-from .start import starts_from_points
+from .start import starts_from_points, uses_masks
 
 FAR, POINTS, STANDING = 0.3, 0.6, 1.0
 """shares of the time by which it is known whether surroundings are far, where sparse points are, and
@@ -77,6 +77,8 @@ def isolated(
     region, limit = region_of(request), request.time_limit or math.inf
     if settings.fit.refine_cameras and settings.fit.use_masks and not resumed:
         capture = _by_surroundings(job, settings, capture, progress, told, POINTS_LIMIT * limit)
+    # Alpha that is made here depends on cameras, and a job that goes on makes it anew.
+    own_alpha = uses_masks(photos, settings)
     may = settings.fit.use_masks and settings.fit.cut_out
     standing = may and settings.fit.cut_out_standing
     if resumed and standing and job.standing_path.is_file():
@@ -98,7 +100,7 @@ def isolated(
     if resumed:
         return Isolated(capture, photos, light)
     if not starts_from_points(photos, settings):
-        if settings.fit.refine_cameras and settings.field.hull_start and capture.has_few_points:
+        if settings.fit.refine_cameras and own_alpha and capture.has_few_points:
             capture = _by_outlines(job, capture, photos, device, progress, told, POINTS_LIMIT * limit)
         return Isolated(capture, photos, light)
 

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from solver.capture.errors import CaptureError
 from solver.capture.placement import seen_from
-from solver.fit import camera_alignment
+from solver.fit import camera_alignment, isolation
 from solver.fit.camera_alignment import FEWEST_PHOTOS, aligned
 from solver.fit.image_alignment import Evidence
 from solver.fit.isolation import isolated
@@ -176,6 +176,18 @@ def test_a_job_keeps_its_adjusted_cameras_and_says_so(tmp_path, shaken_ball, mon
     for camera in found.capture.cameras:
         np.testing.assert_array_equal(poses[camera.name], camera.camera_to_world)
     assert not np.array_equal(found.capture.cameras[0].position, capture.cameras[0].position)
+
+
+@pytest.mark.usefixtures("never")
+def test_a_job_leaves_cameras_by_which_it_cut_photos_out(tmp_path, shaken_ball, monkeypatch):
+    capture, photos = shaken_ball
+    opaque = [
+        replace(photo, pixels=np.ones_like(photo.pixels), has_alpha=False) for photo in photos
+    ]  # fmt: skip
+    monkeypatch.setattr(isolation, "cut_out", lambda *_: photos)
+    job, heard = job_in(tmp_path), Heard()
+    found = isolated(job, SETTINGS, capture, opaque, False, heard, lambda done: None)
+    assert found.photos is photos and found.capture is capture and not heard.warnings
 
 
 @pytest.mark.usefixtures("never")
