@@ -38,6 +38,8 @@ move by up to 0.18, for plain colours lack lustre"""
 BETTER = 0.9
 """of the pixels from outlines to the hull that may be left"""
 FEWEST_PHOTOS = 8
+WORTH_BEGINNING = 20
+"""times as long as a look at outlines took that there has to be: the first round takes about ten"""
 QUICK = Settings(
     field=FieldSettings(sizes=(96,), size_starts=(0.0,), carve_hollows=False, turn_box=False),
     light=LightSettings(heights=(8,), turntable="no", smoothness=0.0, colour_smoothness=0.0),
@@ -86,8 +88,10 @@ def aligned(
     def gap(cameras: list[Camera]) -> float | None:
         return outline_gap(cameras, lambda: masks_of(small), near.region)
 
+    began = time.monotonic()
     before = gap(list(near.cameras))
-    if before is None or before < OUTLINES_FIT:
+    is_in_time = WORTH_BEGINNING * (time.monotonic() - began) <= seconds
+    if before is None or before < OUTLINES_FIT or not is_in_time:
         return None
     try:
         found = _motions(near, small, seed, device, told, seconds)

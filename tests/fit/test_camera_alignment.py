@@ -25,6 +25,13 @@ def aligned_to(capture, photos, seconds=np.inf):
     return aligned(capture, photos, None, 0, "cpu", lambda done: None, seconds)
 
 
+def after_a_round(capture, photos):
+    """As with no time for another one."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(camera_alignment, "WORTH_BEGINNING", 0)
+        return aligned_to(capture, photos, seconds=0.0)
+
+
 @pytest.fixture(scope="module")
 def shaken_ball():
     return painted_ball(16, DEGREES)
@@ -38,7 +45,7 @@ def found(shaken_ball):
 @pytest.fixture(scope="module")
 def short(shaken_ball):
     """What one round finds."""
-    return aligned_to(*shaken_ball, seconds=0.0)
+    return after_a_round(*shaken_ball)
 
 
 @pytest.fixture
@@ -65,9 +72,14 @@ def test_cameras_that_are_off_come_near_to_where_photos_were_taken(shaken_ball, 
 def test_cameras_far_from_their_world_s_origin_are_moved_alike(shaken_ball, short):
     capture, photos = shaken_ball
     place = np.array([4.0e5, 5.2e6, 120.0])
-    far = aligned_to(seen_from(capture, -place), photos, seconds=0.0)
+    far = after_a_round(seen_from(capture, -place), photos)
     for one, other in zip(short.cameras, far.cameras, strict=True):
         np.testing.assert_allclose(other.seen_from(place).camera_to_world, one.camera_to_world, atol=2e-3)
+
+
+@pytest.mark.usefixtures("never")
+def test_what_there_is_no_time_for_is_not_begun(shaken_ball):
+    assert aligned_to(*shaken_ball, seconds=0.1) is None
 
 
 @pytest.mark.usefixtures("never")
@@ -140,7 +152,7 @@ def test_what_a_photo_says_nothing_of_moves_no_camera(shaken_ball, short):
         told[at, 36:52] = False
         pixels[~told] = (1.0, 0.6, 0.4, 1.0)
         behind_hands.append(replace(photo, pixels=pixels, told=told))
-    found = aligned_to(capture, behind_hands, seconds=0.0)
+    found = after_a_round(capture, behind_hands)
     assert disagreement(found.cameras) < 1.15 * disagreement(short.cameras)
 
 
