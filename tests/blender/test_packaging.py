@@ -49,6 +49,7 @@ def test_blenders_own_tool_finds_no_fault_with_manifest_or_zip(archive):
 def test_the_zip_holds_what_runs_and_nothing_else(archive):
     with zipfile.ZipFile(archive) as file:
         names = file.namelist()
+        size = sum(entry.file_size for entry in file.infolist())
         beside = sum(e.file_size for e in file.infolist() if not e.filename.endswith(".py"))
     for name in (
         "blender_manifest.toml", "__init__.py", "LICENSE", "solver/bootstrap.py",
@@ -67,6 +68,7 @@ def test_the_zip_holds_what_runs_and_nothing_else(archive):
     assert strange == []
     assert not [n for n in names if n.endswith((".pyc", ".nbi", ".nbc", ".exr", ".png"))]
     assert beside < 4e4, "source alone: no wheels, no pictures"
+    assert size < 2.05e6
     assert archive.stat().st_size < 1e6
 
 
