@@ -58,6 +58,16 @@ FIRST_GUESS = 0.01
 """by how much cameras may be off at first, rad and shares of the object's distance"""
 
 
+class _View(NamedTuple):
+    """A small photo, and what stays the same of it while its camera moves."""
+
+    shown: np.ndarray  # [H, W, 4], as `comparable` has it
+    near: np.ndarray  # [H, W] bool: the object may be there
+    told: np.ndarray | None  # [H, W] bool; None: everywhere
+    directions: np.ndarray  # [H, W, 3] unit, in camera axes
+    away: float  # the object's distance, world units
+
+
 class Aligned(NamedTuple):
     """Cameras that were moved, and pixels of their photos from outlines to the hull before and then."""
 
@@ -137,7 +147,7 @@ def _motions(
     trainer.replay = None
     centre = start.scene.field.centre.cpu().numpy().astype(np.float64)
     away = np.array([np.linalg.norm(camera.position - centre) for camera in capture.cameras])
-    shown = [comparable(photo.pixels) for photo in photos]
+    views = [_view_of(*each) for each in zip(capture.cameras, photos, away, strict=True)]
     motions, guess, cameras = np.zeros((len(photos), 6)), FIRST_GUESS, list(capture.cameras)
     for done in range(ROUNDS):
         round_began = time.monotonic()
@@ -146,9 +156,7 @@ def _motions(
             told(0.1 + 0.9 * (done + 0.5 * step / STEPS) / ROUNDS)
         trainer.refresh_occupancy()
         tables = StepTables.of(trainer.scene)
-        found = [
-            _evidence(trainer, tables, *each) for each in zip(cameras, photos, shown, away, strict=True)
-        ]
+        found = [_evidence(trainer, tables, *each) for each in zip(cameras, views, strict=True)]
         before = motions
         motions, guess = _better(motions, found, guess)
         shifts = _shifts(found, motions - before)
@@ -187,11 +195,15 @@ def _better(motions: np.ndarray, found: list[Evidence | None], guess: float) -> 
     return motions, float(np.sqrt((motions**2).mean() + uncertain))
 
 
+def _view_of(camera: Camera, photo: Photo, away: float) -> _View:
+    near = telling(photo)
+    directions = camera_space_directions(camera).numpy().reshape(*near.shape, 3).astype(np.float64)
+    return _View(comparable(photo.pixels), near, photo.told, directions, away)
+
+
 @torch.no_grad()
-def _evidence(
-    trainer: Trainer, tables: StepTables, camera: Camera, photo: Photo, shown: np.ndarray, away: float
-) -> Evidence | None:
-    scene, near = trainer.scene, telling(photo)
+def _evidence(trainer: Trainer, tables: StepTables, camera: Camera, view: _View) -> Evidence | None:
+    scene, near = trainer.scene, view.near
     rows, columns = np.nonzero(near)
     if len(rows) == 0:
         return None
@@ -209,8 +221,7 @@ def _evidence(
         return whole
 
     rendered = picture(seen.radiance, seen.opacity)
-    directions = camera_space_directions(camera).numpy().reshape(*near.shape, 3).astype(np.float64)
     return evidence(
-        shown, comparable(rendered), rendered[..., 3], picture(seen.distance)[..., 0], directions, away,
-        photo.told,
+        view.shown, comparable(rendered), rendered[..., 3], picture(seen.distance)[..., 0],
+        view.directions, view.away, view.told,
     )  # fmt: skip
