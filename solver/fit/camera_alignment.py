@@ -17,21 +17,20 @@ import torch
 from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.errors import CaptureError
-from ..capture.photos import Photo, at_sizes_of, resized
+from ..capture.photos import Photo, at_sizes_of
 from ..capture.placement import far_origin, seen_from
 from ..render.arrays import floats_on
 from ..render.radiance import render_rays
 from ..render.random_numbers import RandomNumbers
 from ..render.scene import RenderSettings, StepTables
 from .image_alignment import Evidence, comparable, evidence, moved
-from .outline_gap import outline_gap
+from .mask_outlines import masks_of
+from .outline_gap import made_small, outline_gap
 from .ray_bank import camera_space_directions
 from .settings import FieldSettings, FitSettings, LightSettings, Settings
-from .start import masks_of, new_trainer, telling
+from .start import new_trainer, telling
 from .trainer import Trainer
 
-OBJECT_PIXELS = 64
-"""that the object measures in photos made smaller for this: from 100 pixels on it brings nothing"""
 OUTLINES_FIT, CAMERAS_FIT = 0.06, 0.2
 """pixels up to which outlines may lie outside of the hull, and cameras stay: right ones would
 move by up to 0.18, for plain colours lack lustre"""
@@ -44,7 +43,9 @@ QUICK = Settings(
     field=FieldSettings(sizes=(96,), size_starts=(0.0,), carve_hollows=False, turn_box=False),
     light=LightSettings(heights=(8,), turntable="no", smoothness=0.0, colour_smoothness=0.0),
     render=RenderSettings(pixel_grid=1),
-    fit=FitSettings(background="white", emission_fade=(2.0, 2.0), grey_light_weight=0.0),
+    fit=FitSettings(
+        background="white", emission_fade=(2.0, 2.0), grey_light_weight=0.0, doubt_outlines=False
+    ),
 )
 """all emission: no light, no materials"""
 STEPS, ROUNDS = 30, 10
@@ -90,7 +91,7 @@ def aligned(
     if len(photos) < FEWEST_PHOTOS or any(camera.is_panoramic for camera in capture.cameras):
         return None
     origin = far_origin(capture)
-    small, factor = _small(photos)
+    small, factor = made_small(photos)
     near = at_sizes_of(small, seen_from(capture, origin))
     if region is not None:
         near = replace(near, region=np.asarray(region, dtype=np.float64) - origin)
@@ -114,21 +115,6 @@ def aligned(
     if after is None or after > BETTER * before:
         return None
     return Aligned(_all_moved(capture.cameras, motions, away), before / factor, after / factor)
-
-
-def _small(photos: list[Photo]) -> tuple[list[Photo], float]:
-    """Photos in which the object measures `OBJECT_PIXELS`, and how large they are of what they were."""
-    longest = []
-    for photo in photos:
-        rows, columns = np.nonzero(photo.cover > 0.5)
-        longest.append(max(np.ptp(rows), np.ptp(columns)) + 1 if len(rows) else 0)
-    factor = min(1.0, OBJECT_PIXELS / max(float(np.median(longest)), 1.0))
-    small = []
-    for photo in photos:
-        width, height = (max(2, round(factor * side)) for side in photo.pixels.shape[1::-1])
-        plain = Photo(photo.pixels, photo.has_alpha, photo.is_hdr, told=photo.told)
-        small.append(resized(plain, width, height))
-    return small, factor
 
 
 def _all_moved(cameras: tuple[Camera, ...], motions: np.ndarray, away: np.ndarray) -> list[Camera]:

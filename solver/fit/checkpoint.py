@@ -31,7 +31,7 @@ from .settings import Settings
 from .trainer import Trainer
 
 TENSORS, STATE = "scene.safetensors", "state.json"
-FORMAT = 1
+FORMAT = 2
 """of a checkpoint; raise it with each change of what one holds"""
 _COUNTS = ("step", "fraction", "level", "steps_at_level", "fraction_at_level", "probe_turn")
 """of a trainer"""
@@ -55,6 +55,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     tensors |= _probe_tensors(scene)
     if trainer.open_detail.share is not None:
         tensors["light.open_detail"] = trainer.open_detail.share
+    tensors["outlines.left_out"] = trainer.outlines.left_out
     tensors |= {COLOURS: trainer.bank.mean_colours, POSES: trainer.bank.poses}
     tensors |= {f"optimiser.{key}": value for key, value in trainer.optimiser.state().items()}
     if trainer.exposures is not None:
@@ -62,6 +63,7 @@ def save_checkpoint(trainer: Trainer, folder: Path, seconds: float, done: bool) 
     state = {
         "format": FORMAT, **{name: getattr(trainer, name) for name in _COUNTS},
         "batching": trainer.batching.state(),
+        "outlines": trainer.outlines.state(),
         "seconds": seconds, "done": done, "seed": trainer.seed, "use_masks": trainer.use_masks,
         "background": trainer.background,
         "field": {
@@ -257,6 +259,7 @@ def restore(trainer: Trainer, state: dict, tensors: dict[str, Tensor]) -> None:
     if trainer.exposures is not None:
         check_exposed(tensors, trainer.bank.mean_colours)
         trainer.exposures.restore(beginning_with("exposures.", tensors))
+    trainer.outlines.restore(state["outlines"], tensors["outlines.left_out"])
     trainer.open_detail.share = tensors.get("light.open_detail")
     trainer.batching.restore(state["batching"])
     # A new trainer refreshes the grid; the interrupted one would have done so only later.

@@ -44,7 +44,7 @@ PAPER = Settings(
         steps=30000, rays=4096, most_rays=8000, samples=200_000, secondary_samples=1_000_000,
         learning_rate_network=1e-3, learning_rate_light=0.02, final_learning_rate=1e-3,
         learning_rate_grid=0.02, restart_schedule=True, warm_up=100, background="white",
-        refine_cameras=False, use_masks=False, mask_weight=0.0, unbiased=False,
+        refine_cameras=False, use_masks=False, doubt_outlines=False, mask_weight=0.0, unbiased=False,
         # The paper sums over the three channels where `losses` takes their mean.
         orientation_weight=0.1 / 3, opacity_weight=6e-4 / 3, bend_weight=0.0,
         unevenness_weight=0.0, palette_weight=0.0, dielectric_weight=0.0, grey_f0_weight=0.0,

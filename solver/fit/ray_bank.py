@@ -76,7 +76,7 @@ class RayBank:
         self.boundaries = torch.tensor(self.first_pixel, device=device)
         self.lens_start = torch.tensor(lens_start, device=device)
         self.told = _told_pixels(photos, device)
-        self.likely = None
+        self.likely = self._all_likely = None
         self.size = torch.tensor([[c.width, c.height] for c in cameras], device=device)
         self.preview_camera, self.preview_photo = cameras[0], photos[0].pixels
         self.pixel_angle = torch.tensor(
@@ -154,7 +154,22 @@ class RayBank:
             told = torch.zeros_like(likely)
             told[self.told.to(likely.device)] = True
             likely = likely & told
-        self.likely = likely.nonzero()[:, 0].to(self.device)
+        self.likely = self._all_likely = likely.nonzero()[:, 0].to(self.device)
+
+    def leave_out(self, pixels: Tensor) -> None:
+        """Draw global pixel indices [K] hardly ever from now on, and what was left out before as often as
+        others again."""
+        counts = torch.ones(len(self), dtype=torch.bool, device=self.device)
+        counts[pixels] = False
+        self.likely = self._all_likely[counts[self._all_likely]]
+
+    def are_likely(self, pixels: np.ndarray) -> np.ndarray:
+        """[K] bool: which of some global pixel indices were drawn mostly, before any was left out."""
+        return np.isin(pixels, self._all_likely.cpu().numpy())
+
+    def counted_by_photo(self, pixels: Tensor) -> np.ndarray:
+        """How many [P] of some global pixel indices are each photo's."""
+        return torch.bincount(self._photo_of(pixels), minlength=self.photo_count).cpu().numpy()
 
     def draw(self, count: int, generator: torch.Generator, photo: int | None = None) -> Tensor:
         """Random global pixel indices [count]; of one photo only, if that is given."""

@@ -146,6 +146,9 @@ def _run(job: JobFolder, progress: Progress, control: Control, began: float) -> 
     short_of = too_few_steps(trainer.step, settings.fit.steps, trainer.fog)
     if short_of is not None:
         progress.warning(short_of)
+    doubts = trainer.outlines.told([camera.name for camera in capture.cameras])
+    if doubts is not None:
+        progress.warning(doubts)
 
     # What is there is not complete from here on, until its manifest is written again.
     remove_file(job.manifest_path)

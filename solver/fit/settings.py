@@ -169,6 +169,9 @@ class FitSettings:
     are the first light, and the light is held to them with `room_light_weight`"""
     cut_out_standing: bool = True
     """and those of something that stands on a table, a floor, a lawn where sparse points are"""
+    doubt_outlines: bool = True
+    """pixels along the outlines of photos' own masks do not count where these do not fit together and the
+    shape says otherwise (docs/decisions/0054)"""
     mask_weight: float = 0.5
     """of (opacity − alpha)², where photos have alpha"""
     orientation_weight: float = 0.1

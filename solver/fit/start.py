@@ -1,7 +1,7 @@
 """The start of a fit: the box, the first density and the first light, from photos and cameras."""
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,6 @@ from ..capture.errors import CaptureError
 from ..capture.panorama import Panorama
 from ..capture.photos import Photo
 from ..capture.placement import far_origin, seen_from
-from ..capture.told import with_untold
 from ..capture.turntable import Turntable
 from ..field.room import EXTENT, Room, expand
 from ..job.folder import JobFolder
@@ -25,9 +24,11 @@ from .box import Box, box_around_hull
 from .checkpoint import load_scene
 from .chunk import SURROUNDED
 from .cut_out import backdrop_behind
+from .doubtful_outlines import doubtful_width, without_outlines
 from .errors import SettingsError
 from .far_light import NOTHING_SEEN, FarLight, SeenLight
 from .hollows import carve_hollows
+from .mask_outlines import masks_of
 from .point_start import start_from_points
 from .ray_bank import RayBank
 from .seen_space import (
@@ -67,9 +68,9 @@ def new_trainer(
 ) -> Trainer:  # fmt: skip
     """A trainer at its start; its settings are those given, but for the grid's sizes if there are no masks.
 
-    With masks (alpha) the density starts as the photos' visual hull in a box around it; without,
-    as a thin fog where several cameras look, and not right before one of them; denser at the capture's
-    sparse points, if it has any.
+    With masks (alpha) the density starts as the photos' visual hull in a box around it, a little wider if
+    their outlines do not fit each other; without, as a thin fog where several cameras look, and not right
+    before one of them; denser at the capture's sparse points, if it has any.
 
     Args:
         region: [2, 3] world box given by the person, or None.
@@ -88,10 +89,13 @@ def new_trainer(
     turntable = turntable_of(near, settings.light.turntable)
     behind = _behind(photos, settings, turntable)
     region = near.region if region is None else np.asarray(region, dtype=np.float64) - origin
+    doubts = use_hull and settings.fit.doubt_outlines
+    width = doubtful_width(near, photos, region) if doubts else 0
+    sure = without_outlines(photos, width)
     if use_masks:
         turn = use_hull and settings.field.turn_box and behind != "room"
         box = box_around_hull(
-            cameras, lambda: masks_of(photos), region, settings.field.box_margin, turn,
+            cameras, lambda: masks_of(sure), region, settings.field.box_margin, turn,
             lambda done: progress(BOXED * done),
         )  # fmt: skip
         if box is None:
@@ -110,10 +114,10 @@ def new_trainer(
     )  # fmt: skip
     if use_hull:
         turned, cells = box.seen_along(cameras), shape.hull_cells
-        hull, reached = whole_hull(turned, lambda: masks_of(photos), box.along_axes, cells)
+        hull, reached = whole_hull(turned, lambda: masks_of(sure), box.along_axes, cells)
         if shape.carve_hollows:
             progress(0.5)
-            hull = carve_hollows(turned, photos, hull, box.along_axes)
+            hull = carve_hollows(turned, sure, hull, box.along_axes)
         distance = torch.from_numpy(signed_distance(hull)) * (2 * box.half_size / hull.shape[0])
         start_from_hull(field, distance, shape.hull_slope / box.half_size, OUTSIDE, INSIDE)
     room = None
@@ -138,6 +142,7 @@ def new_trainer(
     if settings.fit.decoder:
         take_decoder(scene, Path(settings.fit.decoder), device)
     trainer = trainer_for(scene, capture, photos, settings, seed, light.held)
+    trainer.outlines.begin(width)
     if light.first is not None and turntable is None:
         around = FarLight(light.first, scene.device)
         trainer.begin_light(around.begin(environment.height, settings.light.initial))
@@ -181,11 +186,6 @@ def take_decoder(scene: Scene, job: Path, device: str) -> None:
             f"Setting 'fit.decoder': the decoder of {job} has another shape; choose the same "
             "field.feature_size and field.feature_components."
         ) from error
-
-
-def masks_of(photos: list[Photo]) -> Iterator[np.ndarray]:
-    """Booleans [H, W], one at a time: where each photo shows the object, or says nothing of it."""
-    return (with_untold(photo.pixels[..., 3] > 0.5, photo.told) for photo in photos)
 
 
 def uses_masks(photos: list[Photo], settings: Settings) -> bool:

@@ -17,6 +17,7 @@ from .adam import Adam
 from .batching import Batching, room_on
 from .chunk import SURROUNDED, ChunkLoss, Taken
 from .clock import NO_RENEWALS, Renewals
+from .doubtful_outlines import DoubtfulOutlines
 from .exposure import exposures_for
 from .far_light import FarLight
 from .light_colours import colour_coarsely
@@ -79,6 +80,7 @@ class Trainer:
         self.use_masks, self.background = use_masks, background
         self.keep_decoder, self.fog, self.opened, self.turns = keep_decoder, fog, opened, turns
         self.far = far
+        self.outlines = DoubtfulOutlines(bank)
         self.exposures = exposures_for(settings.fit.exposure, bank.photo_count, scene.device)
         self.random = RandomNumbers(seed, scene.device)
         self.loss = ChunkLoss(settings, use_masks, background, fog, far)
@@ -247,6 +249,7 @@ class Trainer:
         began = time.monotonic()
         self.probe_turn = probe_turn(fraction)
         self.refresh_probes()
+        self.outlines.look(self.scene, self.loss.render_settings(fraction), fraction)
         if self.open_detail.wanted(fraction) and not self._light_is_shown:
             pixels = self.some_pixels(self.open_detail.STEPS)
             self.open_detail.look(self.scene, self.loss, pixels)

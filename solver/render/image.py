@@ -113,6 +113,17 @@ def render_view(
 
 
 @torch.no_grad()
+def ray_opacity(scene: Scene, settings: RenderSettings, origins: Tensor, directions: Tensor) -> Tensor:
+    """Opacity [R] of world rays [R, 3], a group of rays after the other."""
+    found = []
+    for some, towards in zip(origins.split(PEAK_RAYS), directions.split(PEAK_RAYS), strict=True):
+        start, offset = some.new_zeros(len(some)), some.new_full((len(some),), 0.5)
+        steps = scene.sample(some, towards, start, offset, settings.step, settings.min_transmittance)
+        found.append(1 - composite(steps.depth, steps.offsets)[1])
+    return torch.cat(found)
+
+
+@torch.no_grad()
 def ray_peaks(
     scene: Scene, settings: RenderSettings, origins: Tensor, directions: Tensor
 ) -> tuple[np.ndarray, np.ndarray]:

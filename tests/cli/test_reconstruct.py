@@ -1,6 +1,7 @@
 """A tiny reconstruction as a person starts it, of captures of every kind."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -8,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageFilter
 
 from solver.capture.formats.transforms import write_transforms
 from solver.capture.frames import pose_opengl_from_opencv
@@ -234,6 +235,22 @@ def test_photos_without_a_mask_among_others_are_told(tmp_path):
     write_small_photos(tmp_path, lambda number, image: image if number else image.convert("RGB"))
     result = solver("reconstruct", tmp_path, "--out", tmp_path / "job", *TINY)
     assert "no mask for 1 of 10 photos (0), so" in result.stderr
+
+
+def test_masks_that_do_not_fit_together_are_told_with_the_worst_photos(tmp_path):
+    def masked(number, image):
+        kind = ImageFilter.MinFilter if number % 2 else ImageFilter.MaxFilter
+        image.putalpha(image.getchannel("A").filter(kind(3 if number else 7)))
+        return image
+
+    write_small_photos(tmp_path, masked)
+    result = solver("reconstruct", tmp_path, "--out", tmp_path / "job", *TINY)
+    assert result.returncode == 0, result.stderr
+    assert re.search(r"outlines of masks do not fit together: \d+% .*\(most in 0[),]", result.stderr)
+    result = solver(
+        "reconstruct", tmp_path, "--out", tmp_path / "all", *TINY, "--set", "fit.doubt_outlines=no"
+    )
+    assert "outlines of masks" not in result.stderr
 
 
 @pytest.fixture(scope="module")
