@@ -57,6 +57,8 @@ FURTHER = 1.7
 """times as far as what a step says: the field holds cameras back, for it blurs to fit where they were"""
 FIRST_GUESS = 0.01
 """by how much cameras may be off at first, rad and shares of the object's distance"""
+LIKELY = np.array([1, 1, 1, 1, 1, 0.1])
+"""of a motion, as shares of that guess: masks that are too wide or narrow look like one along the view"""
 
 
 class _View(NamedTuple):
@@ -165,20 +167,20 @@ def _shifts(found: list[Evidence | None], motions: np.ndarray) -> float:
 def _better(motions: np.ndarray, found: list[Evidence | None], guess: float) -> tuple[np.ndarray, float]:
     """Motions [P, 6] after what was found with them, and how large they are likely to be.
 
-    The most likely ones, if each number is off by `guess` in the root mean square; which is what that was
-    for all, with how uncertain they are (expectation maximisation). What all cameras have in common is
-    taken away, for the field follows it.
+    The most likely ones, if each number is off by `guess` times `LIKELY` in the root mean square; which is
+    what that was for all, with how uncertain they are (expectation maximisation). What all cameras have in
+    common is taken away, for the field follows it.
     """
-    motions, variances = motions.copy(), []
+    motions, variances, pull = motions.copy(), [], 1 / (guess * LIKELY) ** 2
     for index, told in enumerate(found):
         if told is None:
             continue
-        variance = np.linalg.inv(INDEPENDENT * told.information + np.eye(6) / guess**2)
-        motions[index] += FURTHER * variance @ (INDEPENDENT * told.towards - motions[index] / guess**2)
+        variance = np.linalg.inv(INDEPENDENT * told.information + np.diag(pull))
+        motions[index] += FURTHER * variance @ (INDEPENDENT * told.towards - pull * motions[index])
         variances.append(np.diag(variance))
     motions -= motions.mean(0)
     uncertain = np.mean(variances) if variances else 0.0
-    return motions, float(np.sqrt((motions**2).mean() + uncertain))
+    return motions, float(np.sqrt((motions**2).mean() + uncertain) / np.sqrt((LIKELY**2).mean()))
 
 
 def _view_of(camera: Camera, photo: Photo, away: float) -> _View:

@@ -29,8 +29,9 @@ FIT = 0.1
 """pixels, of photos in which the object measures `outline_gap.OBJECT_PIXELS`, that outlines of what is not
 thin may lie outside of the hull of all: of right masks up to 0.08, of those that are off by a hundredth of
 the object 0.14 and more"""
-CELL = 0.33
-"""of those pixels that are hidden by cells of a hull that is narrower than outlines"""
+WIDER, HIDDEN = 2.0, 0.2
+"""what is in doubt, by those pixels: some outlines are farther from the hull than the mean, and what its
+cells hide"""
 AGAIN, EVERY = 0.25, 0.1
 """fractions of the fit from which on pixels that agree count, and from one look to the next"""
 NEVER = 2.0
@@ -61,7 +62,7 @@ def doubtful_width(capture: Capture, photos: list[Photo], region: np.ndarray) ->
     gap = outline_gap(cameras, lambda: masks_of(small), region, lambda: map(_solid_outline, small))
     if gap is None or gap < FIT:
         return 0
-    return max(round((gap + CELL) / factor), 1)
+    return max(round((WIDER * gap + HIDDEN) / factor), 1)
 
 
 def _solid_outline(photo: Photo) -> np.ndarray:
