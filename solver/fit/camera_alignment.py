@@ -31,9 +31,9 @@ from .settings import FieldSettings, FitSettings, LightSettings, Settings
 from .start import new_trainer, telling
 from .trainer import Trainer
 
-OUTLINES_FIT, CAMERAS_FIT = 0.06, 0.2
-"""pixels up to which outlines may lie outside of the hull, and cameras stay: right ones would
-move by up to 0.18, for plain colours lack lustre"""
+OUTLINES_FIT, CAMERAS_FIT = 0.06, 0.12
+"""pixels up to which outlines may lie outside of the hull, and cameras stay: right ones would move by up to
+0.1, for plain colours lack lustre"""
 BETTER = 0.9
 """of the pixels from outlines to the hull that may be left"""
 FEWEST_PHOTOS = 8
