@@ -54,8 +54,8 @@ def doubtful_width(capture: Capture, photos: list[Photo], region: np.ndarray) ->
     Args:
         region: [2, 3] world box that holds the object.
     """
-    own = any(photo.backdrop is not None or photo.behind is not None for photo in photos)
-    if own or any(camera.is_panoramic for camera in capture.cameras):
+    made = any(photo.backdrop is not None or photo.behind is not None for photo in photos)
+    if made or any(camera.is_panoramic for camera in capture.cameras):
         return 0
     small, factor = made_small(photos)
     cameras = list(at_sizes_of(small, capture).cameras)

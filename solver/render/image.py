@@ -13,7 +13,7 @@ from .arrays import floats_on
 from .pixels import keys_of_rays, mean_of_rays, pixels_of, places_in_pixel, secondary_rays_each
 from .radiance import render_rays
 from .random_numbers import RandomNumbers
-from .scene import RenderSettings, Scene, StepTables
+from .scene import RenderSettings, Scene, Steps, StepTables
 from .surroundings import surroundings
 
 RAYS_PER_CHUNK, ON_A_CARD = 4096, 32_768
@@ -115,12 +115,10 @@ def render_view(
 @torch.no_grad()
 def ray_opacity(scene: Scene, settings: RenderSettings, origins: Tensor, directions: Tensor) -> Tensor:
     """Opacity [R] of world rays [R, 3], a group of rays after the other."""
-    found = []
-    for some, towards in zip(origins.split(PEAK_RAYS), directions.split(PEAK_RAYS), strict=True):
-        start, offset = some.new_zeros(len(some)), some.new_full((len(some),), 0.5)
-        steps = scene.sample(some, towards, start, offset, settings.step, settings.min_transmittance)
-        found.append(1 - composite(steps.depth, steps.offsets)[1])
-    return torch.cat(found)
+    groups = zip(origins.split(PEAK_RAYS), directions.split(PEAK_RAYS), strict=True)
+    return torch.cat(
+        [_marched(scene, *group, settings.step, settings.min_transmittance)[1] for group in groups]
+    )
 
 
 @torch.no_grad()
@@ -137,9 +135,18 @@ def ray_peaks(
 def _ray_peaks(
     scene: Scene, settings: RenderSettings, origins: Tensor, directions: Tensor
 ) -> tuple[Tensor, Tensor]:
-    count, half_step = len(origins), 0.5 * settings.step
+    half_step = 0.5 * settings.step
+    steps, opacity = _marched(scene, origins, directions, half_step, 1e-3)
+    deepest = torch.zeros_like(opacity).scatter_reduce(0, steps.ray, steps.depth, "amax")
+    return opacity, deepest / (half_step * scene.field.voxel)
+
+
+def _marched(
+    scene: Scene, origins: Tensor, directions: Tensor, step: float, min_transmittance: float
+) -> tuple[Steps, Tensor]:
+    """Steps along world rays [R, 3] from their origins, and their opacity [R]."""
+    count = len(origins)
     start, offset = origins.new_zeros(count), origins.new_full((count,), 0.5)
-    steps = scene.sample(origins, directions, start, offset, half_step, 1e-3)
+    steps = scene.sample(origins, directions, start, offset, step, min_transmittance)
     _, transmittance = composite(steps.depth, steps.offsets)
-    deepest = origins.new_zeros(count).scatter_reduce(0, steps.ray, steps.depth, "amax")
-    return 1 - transmittance, deepest / (half_step * scene.field.voxel)
+    return steps, 1 - transmittance
