@@ -13,6 +13,7 @@ from unittest.mock import Mock
 import pytest
 
 from solver.cli import main
+from solver.fit.checkpoint import FORMAT
 from solver.fit.reconstruct import run_job
 from solver.job.control import Cancelled
 from solver.job.folder import JobFolder
@@ -169,7 +170,7 @@ def test_cancel_is_heard_while_photos_are_read(tmp_path, duck):
     ("name", "damage"),
     [("state.json", lambda f: os.truncate(f, 1000)), ("scene.safetensors", lambda f: os.truncate(f, 1000)),
      ("scene.safetensors", os.remove), ("state.json", lambda f: f.write_text('{"step": 1}')),
-     ("state.json", lambda f: f.write_text(f.read_text().replace('"format": 1', '"format": 0')))],
+     ("state.json", lambda f: f.write_text(f.read_text().replace(f'"format": {FORMAT}', '"format": 0')))],
 )  # fmt: skip
 def test_a_checkpoint_that_is_damaged_or_of_another_version_is_named_with_the_way_out(
     tmp_path, job, name, damage
